@@ -19,13 +19,16 @@ if TYPE_CHECKING:
     from planners.glide.candidate import fly
     from planners.glide.solve import plan
     from planners.glide.transcription import GlideSettings
+    from planners.hazards.areas import NoGo
+    from planners.hazards.bottom import Bathymetry
     from planners.mission.flight.pilot import Pilot
     from planners.mission.flights import MonteCarloSummary, fly_scenarios
     from planners.mission.odds import MissionOdds, mission_odds, plan_for_odds, with_odds
     from planners.mission.plan import plan_line, plan_mission, plan_mooring
     from planners.mission.scenarios import plan_scenarios
     from planners.mission.timing import best_departure, cut_at_horizon, plan_departures
-    from planners.mission.values import (
+    from planners.mission.waypoints import Waypoints, waypoints_of
+    from planners.request import (
         Line,
         MissionPlan,
         MissionRequest,
@@ -33,9 +36,6 @@ if TYPE_CHECKING:
         Mooring,
         Weights,
     )
-    from planners.mission.waypoints import Waypoints, waypoints_of
-    from planners.route.bottom import Bathymetry
-    from planners.route.hazards import NoGo
     from planners.vehicle import Glider, SteadyFlight, fit_flight
 
 __all__ = [

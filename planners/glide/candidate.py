@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planners.glide.transcription import Glide, GlideTask, approach, solve_glide
-from planners.route.region import Region, locate
+from planners.hazards.domain import Region, locate
 from planners.track import Track, fly_glide, fractions_of_duration, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate

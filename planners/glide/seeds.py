@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, minimum_filter
 
 from planners.glide.transcription import Glide, GlideTask
-from planners.route.region import Region
+from planners.hazards.domain import Region
 from planners.track import rk4_step, velocity_through_water
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate

@@ -16,8 +16,8 @@ from planners.glide.candidate import (
 )
 from planners.glide.seeds import find_seeds
 from planners.glide.transcription import Glide, GlideSettings, GlideTask
-from planners.route.bottom import bottom_of
-from planners.route.region import Region, locate
+from planners.hazards.bottom import bottom_of
+from planners.hazards.domain import Region, locate
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import true_north_halfway
 from replay_kit.core.plan import Place, Plan, PlanStatus

@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 
 from planners.flow import graph_key
-from planners.route.bottom import Bathymetry, Bottom
-from planners.route.region import Region
+from planners.hazards.bottom import Bathymetry, Bottom
+from planners.hazards.domain import Region
 from planners.solver import KM, QUIET, Recent, one_at_a_time
 from planners.track import path_function, velocity_through_water
 from replay_kit.core.arrays import Array

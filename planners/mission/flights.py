@@ -8,15 +8,8 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from planners.flow import graph_key
-from planners.mission.flight.currents import (
-    Currents,
-    Flow,
-    Sample,
-    currents_of,
-    currents_of_samples,
-    flows_of,
-    with_courses,
-)
+from planners.hazards.areas import NoGo
+from planners.hazards.bottom import Bathymetry
 from planners.mission.flight.legs import Flight, Legs, fly_legs, fly_midpoints
 from planners.mission.flight.pilot import Pilot, fly_corrected
 from planners.mission.solve.check import clearances
@@ -29,9 +22,16 @@ from planners.mission.task import (
     steps_needed,
     task_of_plan,
 )
-from planners.mission.values import MissionPlan
-from planners.route.bottom import Bathymetry
-from planners.route.hazards import NoGo
+from planners.request import MissionPlan
+from planners.simulation.currents import (
+    Currents,
+    Flow,
+    Sample,
+    currents_of,
+    currents_of_samples,
+    flows_of,
+    with_courses,
+)
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planners.mission.flight.currents import Currents, Flow, Sample
 from planners.mission.flight.legs import Flight
 from planners.mission.flight.pilot import Pilot
 from planners.mission.flights import (
@@ -29,8 +28,9 @@ from planners.mission.solve.attempt import Attempt, best_of, is_feasible
 from planners.mission.solve.goals import aimed_at, to_all, with_n_legs
 from planners.mission.solve.legs import solve_legs
 from planners.mission.task import MissionTask, mission_task, turns_of
-from planners.mission.values import MissionPlan, MissionRequest, Mooring
 from planners.mission.words import arrival_text, odds_text, violations_text
+from planners.request import MissionPlan, MissionRequest, Mooring
+from planners.simulation.currents import Currents, Flow, Sample
 from replay_kit.core.arrays import Array
 from replay_kit.core.progress import announce
 

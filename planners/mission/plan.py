@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planners.front.current import Route
-from planners.mission.flight.currents import Flow
+from planners.hazards.domain import locate
 from planners.mission.search.depths import solve_in_ranges
 from planners.mission.search.search import solve_attempts
 from planners.mission.solve.attempt import (
@@ -22,10 +21,11 @@ from planners.mission.solve.attempt import (
 )
 from planners.mission.solve.legs import solve_legs
 from planners.mission.task import LEAST_DIVE, MissionTask, mission_task
-from planners.mission.values import Line, MissionPlan, MissionRequest, Mooring, Weights
 from planners.mission.words import attempt_text, outcome_text
-from planners.route.region import locate
+from planners.request import Line, MissionPlan, MissionRequest, Mooring, Weights
+from planners.route.current import Route
 from planners.shooting.program import MissionGuess, along_line, near_place
+from planners.simulation.currents import Flow
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic, true_north_halfway

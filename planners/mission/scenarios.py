@@ -15,7 +15,6 @@ from itertools import islice
 import numpy as np
 from scipy.special import bdtr
 
-from planners.mission.flight.currents import Currents, Flow, Sample
 from planners.mission.flight.pilot import Pilot
 from planners.mission.flights import MonteCarloSummary, currents_of_estimate
 from planners.mission.odds import Trial, as_whole, judged, with_more_legs
@@ -26,7 +25,8 @@ from planners.mission.solve.goals import aimed_at, with_n_legs
 from planners.mission.solve.legs import solve_with_margin
 from planners.mission.solve.optimum import SafetyMargin
 from planners.mission.task import MissionTask, mission_task
-from planners.mission.values import MissionPlan, MissionRequest
+from planners.request import MissionPlan, MissionRequest
+from planners.simulation.currents import Currents, Flow, Sample
 
 # Plans made with wider and wider margins at most; each margin grows by this factor of what is missing, and by so much at least [m].
 _PLANS, _GROWTH, _LEAST = 4, 1.15, 50.0

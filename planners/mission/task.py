@@ -8,15 +8,15 @@ from time import monotonic
 
 import numpy as np
 
-from planners.front.current import Complex
-from planners.front.obstacles import as_complex
-from planners.mission.flight.currents import Currents, Flow, currents_of
-from planners.mission.values import MissionPlan, MissionRequest, MissionSettings
-from planners.route.bottom import DEPTH_TOLERANCE, Bathymetry, Bottom, bottom_of, fixed_rings
-from planners.route.hazards import NoGo, Ring, check_outside
-from planners.route.region import Region, locate_all
+from planners.hazards.areas import NoGo, Ring, check_outside
+from planners.hazards.bottom import DEPTH_TOLERANCE, Bathymetry, Bottom, bottom_of, fixed_rings
+from planners.hazards.domain import Region, locate_all
+from planners.request import MissionPlan, MissionRequest, MissionSettings
+from planners.route.current import Complex
+from planners.route.obstacles import as_complex
 from planners.shooting.program import ReferencePath
 from planners.shooting.spline import FlowSpline, spline_of
+from planners.simulation.currents import Currents, Flow, currents_of
 from planners.track import fractions_of_duration
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array

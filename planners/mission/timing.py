@@ -6,12 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from planners.mission.flight.currents import Flow
 from planners.mission.plan import to_plan
 from planners.mission.search.search import solve_attempts
 from planners.mission.task import apogee_depths, mission_task
-from planners.mission.values import Found, MissionPlan, MissionRequest
 from planners.mission.words import horizon_text
+from planners.request import Found, MissionPlan, MissionRequest
+from planners.simulation.currents import Flow
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection

@@ -13,12 +13,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.mission.flight.currents import Currents
 from planners.mission.flight.legs import Flight, Legs
 from planners.mission.flight.pilot import HeldLeg
 from planners.mission.solve.check import Violation, check, clearances
 from planners.mission.task import MissionTask, leg_depths, steps_needed, turns_of
-from planners.mission.values import MissionPlan
+from planners.request import MissionPlan
+from planners.simulation.currents import Currents
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic, to_local, true_north_halfway
 

@@ -13,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from planners.mission.flight.currents import Currents, Flow, Sample
+from planners.hazards.areas import NoGo, Ring, first_crossing
+from planners.hazards.bottom import Bathymetry
 from planners.mission.flights import (
     currents_of_estimate,
     fly_mission,
@@ -24,10 +25,9 @@ from planners.mission.flights import (
 from planners.mission.solve.check import Violation
 from planners.mission.task import MissionTask, task_of_plan
 from planners.mission.timing import first_legs
-from planners.mission.values import MissionPlan
 from planners.mission.waypoint_flight import Followed, WaypointList, first_currents, follow
-from planners.route.bottom import Bathymetry
-from planners.route.hazards import NoGo, Ring, first_crossing
+from planners.request import MissionPlan
+from planners.simulation.currents import Currents, Flow, Sample
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_geographic, to_local

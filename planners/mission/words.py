@@ -6,7 +6,7 @@ import numpy as np
 
 from planners.mission.solve.attempt import Attempt, above_bound, lacking_energy, overtime
 from planners.mission.task import MissionTask
-from planners.mission.values import MissionPlan
+from planners.request import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.plan import share_interval
 from replay_kit.core.text import place_text, time_text

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from planners.front.front import sea_of, spread
-from planners.front.obstacles import obstacles_of
-from planners.mission.flight.currents import Flow
 from planners.mission.search.passage import longest_time, water_of
 from planners.mission.task import mission_task
-from planners.mission.values import MissionRequest
+from planners.request import MissionRequest
+from planners.route.front import sea_of, spread
+from planners.route.obstacles import obstacles_of
+from planners.simulation.currents import Flow
 from replay_kit.core.arrays import Array
 from replay_kit.core.plan import Place
 

@@ -13,14 +13,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.front.current import Complex
-from planners.mission.flight.currents import Flow, Sample
+from planners.hazards.areas import NoGo
 from planners.mission.flight.pilot import Pilot
 from planners.mission.flights import currents_of_estimate, fly_samples, legs_of_plan, predict
 from planners.mission.plan import plan_mission
 from planners.mission.task import mission_task
-from planners.mission.values import MissionPlan, MissionRequest
-from planners.route.hazards import NoGo
+from planners.request import MissionPlan, MissionRequest
+from planners.route.current import Complex
+from planners.simulation.currents import Flow, Sample
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate

@@ -15,7 +15,7 @@ from planners import (
     plan_for_odds,
     plan_mission,
 )
-from planners.mission.flight.currents import Sample
+from planners.simulation.currents import Sample
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.arrays import Array

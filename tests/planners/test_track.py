@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.route.region import Region
+from planners.hazards.domain import Region
 from planners.track import Track, fly_glide, fractions_of_duration
 from tests.planners.flow_samples import LEVELS, eddying_flow, still_flow
 

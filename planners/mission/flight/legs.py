@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from planners.mission.flight.currents import Currents
 from planners.shooting.layout import frame_function
 from planners.shooting.schedule import DRIFT_STEPS
+from planners.simulation.currents import Currents
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from planners.mission.flight.currents import Currents
 from planners.mission.flight.legs import Flight, LegProfile, Legs, fly_leg, fly_midpoints, leg_frame
+from planners.simulation.currents import Currents
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

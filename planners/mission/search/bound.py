@@ -17,13 +17,13 @@ from math import inf
 
 import numpy as np
 
-from planners.front.current import Complex, CurrentLattice, shares_of_levels
-from planners.front.front import Front, sea_of, spread
-from planners.front.obstacles import as_complex, directions_around, obstacles_of
-from planners.front.relax import relax
 from planners.mission.search.passage import Water, currents_through, longest_time, water_of
 from planners.mission.solve.attempt import Bound, Limit
 from planners.mission.task import LEAST_DIVE, MissionTask, YoDepths
+from planners.route.current import Complex, CurrentLattice, shares_of_levels
+from planners.route.front import Front, sea_of, spread
+from planners.route.obstacles import as_complex, directions_around, obstacles_of
+from planners.route.relax import relax
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.functions import depth_weights
 

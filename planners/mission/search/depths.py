@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planners.front.current import Route
-from planners.front.obstacles import as_complex
 from planners.mission.search.passage import Water, passage_past_goals, water_of
 from planners.mission.search.search import likely_legs, solve_attempts
 from planners.mission.search.turning import Cut, solve_cut
 from planners.mission.solve.attempt import Attempt, best_of, is_feasible, ranking_key
 from planners.mission.task import LEAST_DIVE, MissionTask
-from planners.mission.values import Found, MissionPlan
+from planners.request import Found, MissionPlan
+from planners.route.current import Route
+from planners.route.obstacles import as_complex
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 

@@ -7,22 +7,22 @@ from math import inf
 import numpy as np
 import shapely
 
-from planners.front.current import (
+from planners.hazards.areas import Ring
+from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints
+from planners.mission.flight.pilot import aim
+from planners.mission.solve.attempt import Attempt, GoalSteps, LegsProblem
+from planners.mission.solve.legs import fly_guess
+from planners.mission.task import MissionTask
+from planners.route.current import (
     CurrentLattice,
     Route,
     current_lattice,
     shares_of_levels,
     spacing_over,
 )
-from planners.front.front import sea_of, spread
-from planners.front.obstacles import as_complex, obstacles_of
-from planners.front.relax import relax
-from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints
-from planners.mission.flight.pilot import aim
-from planners.mission.solve.attempt import Attempt, GoalSteps, LegsProblem
-from planners.mission.solve.legs import fly_guess
-from planners.mission.task import MissionTask
-from planners.route.hazards import Ring
+from planners.route.front import sea_of, spread
+from planners.route.obstacles import as_complex, obstacles_of
+from planners.route.relax import relax
 from planners.shooting.program import MissionGuess
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import true_north_halfway

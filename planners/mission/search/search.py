@@ -30,6 +30,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from planners.hazards.areas import Ring
 from planners.mission.search.bound import bound_of
 from planners.mission.search.passage import (
     Passage,
@@ -67,8 +68,7 @@ from planners.mission.solve.goals import (
 )
 from planners.mission.solve.legs import solve_legs
 from planners.mission.task import LEAST_DIVE, MissionTask, turns_of
-from planners.mission.values import MissionPlan
-from planners.route.hazards import Ring
+from planners.request import MissionPlan
 from planners.shooting.program import MissionGuess
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

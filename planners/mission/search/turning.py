@@ -6,7 +6,7 @@ from math import inf
 
 import numpy as np
 
-from planners.front.current import Route
+from planners.hazards.areas import Ring
 from planners.mission.search.passage import (
     Water,
     along_route,
@@ -17,7 +17,7 @@ from planners.mission.search.passage import (
 from planners.mission.solve.attempt import ENOUGH, Attempt, Bound, GoalSteps, effort_of, is_feasible
 from planners.mission.solve.legs import solve_legs
 from planners.mission.task import LEAST_DIVE, MissionTask
-from planners.route.hazards import Ring
+from planners.route.current import Route
 from replay_kit.core.arrays import Array
 
 # Distance between the places of a route whose depth is looked up [m], and the water beside it that counts, in margins.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from planners.mission.flight.legs import Flight, Legs
 from planners.mission.solve.check import Violation
 from planners.mission.task import REFINED, MissionTask, YoDepths, apogee_depths
-from planners.mission.values import Found
+from planners.request import Found
 from planners.shooting.layout import Layout
 from planners.shooting.program import MissionGuess
 from planners.solver import HOUR, KM

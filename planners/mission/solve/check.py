@@ -7,10 +7,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from planners.hazards.areas import Ring, first_crossing
+from planners.hazards.bottom import DEPTH_TOLERANCE
 from planners.mission.flight.legs import Flight
 from planners.mission.task import MissionTask
-from planners.route.bottom import DEPTH_TOLERANCE
-from planners.route.hazards import Ring, first_crossing
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic
 

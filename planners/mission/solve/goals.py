@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from planners.hazards.bottom import DEPTH_TOLERANCE
 from planners.mission.solve.attempt import Attempt, GoalSteps
 from planners.mission.task import MissionTask, turns_of
-from planners.route.bottom import DEPTH_TOLERANCE
 from planners.shooting.program import MissionGuess
 from replay_kit.core.arrays import Array
 

@@ -5,8 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from planners.front.current import Route
-from planners.mission.flight.currents import Currents
 from planners.mission.flight.legs import Flight, Legs, fly_legs
 from planners.mission.solve.attempt import Attempt, GoalSteps, LegsProblem, ranking_key
 from planners.mission.solve.check import check
@@ -19,11 +17,13 @@ from planners.mission.solve.optimum import (
     with_margin,
 )
 from planners.mission.task import REFINED, MissionTask, refine_steps, turns_of
+from planners.route.current import Route
 from planners.shooting.layout import FrameMap
 from planners.shooting.program import MissionGuess, MissionSolution
 from planners.shooting.schedule import DRIFT_STEPS, schedule_of
 from planners.shooting.stream import stream_of
 from planners.shooting.together import fly_together
+from planners.simulation.currents import Currents
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.grid import Projection

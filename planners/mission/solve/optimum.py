@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import nctdtrit, ndtri
 
+from planners.hazards.areas import NearRings, Ring, near_rings
 from planners.mission.solve.attempt import LegsProblem
 from planners.mission.task import MissionTask, turns_of
-from planners.route.hazards import NearRings, Ring, near_rings
 from planners.shooting.functions import MissionCase, Reference
 from planners.shooting.program import MissionGuess, MissionSolution, mission_program, solve_mission
 from planners.shooting.schedule import schedule_of

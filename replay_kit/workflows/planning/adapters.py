@@ -8,11 +8,11 @@ from typing import TypeVar
 import numpy as np
 
 import planners
-from planners.mission.flight.currents import Sample
+from planners.hazards.domain import Region, locate
 from planners.mission.flights import fly_mission, surfacing_ellipses
 from planners.mission.timing import first_legs
 from planners.output.mission import as_plan
-from planners.route.region import Region, locate
+from planners.simulation.currents import Sample
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AsFlown

@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any, TypedDict
 
-from planners.mission.flight.currents import Flow, Sample, local_notes
+from planners.hazards.areas import NoGo
+from planners.hazards.bottom import Bathymetry
 from planners.mission.flight.pilot import Pilot
 from planners.mission.odds import MissionOdds, mission_odds, plan_for_odds, with_odds
 from planners.mission.plan import plan_line, plan_mission, plan_mooring
 from planners.mission.scenarios import plan_scenarios
 from planners.mission.timing import best_departure, cut_at_horizon, plan_departures, to_its_end
-from planners.mission.values import MissionPlan, MissionRequest, MissionSettings
 from planners.mission.waypoints import Waypoints, waypoints_of
-from planners.route.bottom import Bathymetry
-from planners.route.hazards import NoGo
+from planners.request import MissionPlan, MissionRequest, MissionSettings
+from planners.simulation.currents import Flow, Sample, local_notes
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from planners.mission.flight.currents import Flow, Sample
 from planners.mission.odds import mission_odds, with_odds
+from planners.simulation.currents import Flow, Sample
 from planners.together.assignment import assign, times_to_goals
 from planners.together.missions import (
     JointMissions,

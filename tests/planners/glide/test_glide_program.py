@@ -7,7 +7,7 @@ import pytest
 
 from planners import GlideSettings, plan
 from planners.glide.transcription import Glide, GlideTask, solve_glide
-from planners.route.region import Region
+from planners.hazards.domain import Region
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_local
 from replay_kit.core.grid import Projection
 from tests.planners.flow_samples import eddying_flow, place, still_flow

@@ -12,7 +12,7 @@ from planners.glide.candidate import Candidate, fly_candidate
 from planners.glide.seeds import find_seeds, tabulate
 from planners.glide.solve import _remaining, explain
 from planners.glide.transcription import Glide, GlideTask
-from planners.route.region import Region
+from planners.hazards.domain import Region
 from planners.track import fly_glide, fractions_of_duration
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic, true_north_halfway

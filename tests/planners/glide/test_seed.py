@@ -7,7 +7,7 @@ import pytest
 
 from planners.glide.seeds import _fans, _fly_all, find_seeds, tabulate
 from planners.glide.transcription import GlideSettings, GlideTask
-from planners.route.region import Region
+from planners.hazards.domain import Region
 from tests.planners.flow_samples import eddying_flow, still_flow
 
 SPEED, LONGEST = 0.3, 2e5

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from planners import MissionPlan, MissionSettings, plan_mission
-from planners.front.current import shares_of_levels
 from planners.mission.search import search
 from planners.mission.search.bound import _second_order, bound_of
 from planners.mission.search.passage import habit, initial_guess, passage_past_goals, water_of
 from planners.mission.search.search import _fewest_legs, likely_legs
 from planners.mission.solve.attempt import is_feasible
 from planners.mission.task import mission_task
+from planners.route.current import shares_of_levels
 from replay_kit.core.arrays import Array
 from tests.planners.flow_samples import (
     eddying_flow,

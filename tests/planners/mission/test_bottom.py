@@ -14,12 +14,12 @@ from planners import (
     plan_mission,
     plan_mooring,
 )
-from planners.front.current import Route
 from planners.mission.flight.legs import Flight
 from planners.mission.search.turning import _cut
 from planners.mission.solve.check import check, clearances
 from planners.mission.task import mission_task
-from planners.mission.values import Mooring
+from planners.request import Mooring
+from planners.route.current import Route
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic
 from tests.planners.flow_samples import eddying_flow, place, request_between, still_flow

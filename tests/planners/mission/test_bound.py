@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, plan_mission
-from planners.front.current import CurrentLattice
-from planners.front.front import sea_of, spread
 from planners.mission.search.bound import _by_level, bound_of, lead_of
 from planners.mission.task import mission_task
+from planners.route.current import CurrentLattice
+from planners.route.front import sea_of, spread
 from planners.vehicle import SteadyFlight
 from tests.planners.flow_samples import (
     eddying_flow,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from planners.mission.flight.currents import currents_of
 from planners.mission.flight.legs import Legs, fly_legs
 from planners.mission.task import leg_depths
+from planners.simulation.currents import currents_of
 from planners.vehicle import Glider
 from replay_kit.core.geodesy import (
     grid_bearing_of_true_north,

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, plan_mission
-from planners.front.current import Route
-from planners.mission.flight.currents import currents_of, currents_of_samples
 from planners.mission.flight.legs import Legs, fly_legs, fly_midpoints, fly_steps
 from planners.mission.solve.attempt import GoalSteps
 from planners.mission.solve.legs import solve_legs
@@ -18,8 +16,10 @@ from planners.mission.task import (
     step_stops,
     steps_needed,
 )
+from planners.route.current import Route
 from planners.shooting.program import MissionGuess
 from planners.shooting.schedule import DRIFT_STEPS
+from planners.simulation.currents import currents_of, currents_of_samples
 from tests.planners.flow_samples import (
     LEVELS,
     eddying_flow,

@@ -14,13 +14,13 @@ from planners import (
     Weights,
     plan_mission,
 )
-from planners.mission.flight.currents import currents_of, currents_of_samples
+from planners.hazards.areas import NearRings, Ring, near_rings, no_go_rings
 from planners.mission.flight.legs import Flight, Legs, fly_legs, fly_midpoints, fly_steps
 from planners.mission.search.bound import bound_of
 from planners.mission.solve.check import bends
 from planners.mission.solve.goals import add_leg, goal_legs_of
 from planners.mission.task import leg_depths, mission_task, refine_steps, steps_needed
-from planners.route.hazards import NearRings, Ring, near_rings, no_go_rings
+from planners.simulation.currents import currents_of, currents_of_samples
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place

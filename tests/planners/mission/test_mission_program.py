@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionSettings
-from planners.front.current import Route
 from planners.mission.flight.legs import Flight
 from planners.mission.solve.attempt import GoalSteps, LegsProblem
 from planners.mission.solve.legs import _points_along
 from planners.mission.solve.optimum import _PLANE_COST, _reference
 from planners.mission.task import REFINED, mission_task
+from planners.route.current import Route
 from planners.shooting.functions import MissionCase, Reference
 from planners.shooting.layout import Layout
 from planners.shooting.program import (

@@ -19,7 +19,7 @@ from planners.mission.solve.check import Violation
 from planners.mission.solve.optimum import _weights
 from planners.mission.task import mission_task
 from planners.mission.timing import best_departure
-from planners.mission.values import OBJECTIVES, Objective
+from planners.request import OBJECTIVES, Objective
 from planners.shooting.program import near_place
 from planners.vehicle import SteadyFlight
 from replay_kit.core.errors import PlanError
@@ -174,7 +174,7 @@ def test_an_added_objective_ranks_the_missions_that_are_found(solved, monkeypatc
         return float(len(found.yo_depths))
 
     monkeypatch.setitem(OBJECTIVES, "rest", Objective(Weights(time=1.0), surfacings))
-    monkeypatch.setattr("planners.mission.values.is_objective", OBJECTIVES.__contains__)
+    monkeypatch.setattr("planners.request.is_objective", OBJECTIVES.__contains__)
     asked = with_settings(task, objective="rest", legs=None)
     assert best_of(task, [few, many]) is many
     assert best_of(asked, [many, few]) is few

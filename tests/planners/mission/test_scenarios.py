@@ -14,7 +14,6 @@ from planners import (
     plan_mission,
     plan_scenarios,
 )
-from planners.mission.flight.currents import currents_of, currents_of_samples
 from planners.mission.flight.legs import Flight, fly_legs
 from planners.mission.flight.pilot import aim, fly_corrected
 from planners.mission.flights import fly_mission, legs_of_plan, points_at, summarise_flights
@@ -24,6 +23,7 @@ from planners.mission.solve.check import bends, check, clearances
 from planners.mission.solve.goals import with_n_legs
 from planners.mission.solve.optimum import SafetyMargin, tolerance_factor
 from planners.mission.task import mission_task, turns_of
+from planners.simulation.currents import currents_of, currents_of_samples
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import (

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from planners import MissionSettings, plan_mission, waypoints_of
+from planners.hazards.areas import no_go_rings
 from planners.mission.flights import legs_of_plan
 from planners.mission.task import mission_task
 from planners.mission.waypoint_flight import first_currents
 from planners.output.waypoints import waypoint_text
-from planners.route.hazards import no_go_rings
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import forbidden, request_between, still_flow, uniform_flow
 from tests.planners.hazardous import harm_done, harm_of_files, random_mission

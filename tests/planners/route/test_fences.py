@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import MissionSettings, plan_mission
-from planners.route.hazards import no_go_rings
+from planners.hazards.areas import no_go_rings
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import forbidden, request_between, still_flow
 

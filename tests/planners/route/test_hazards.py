@@ -9,11 +9,11 @@ import pytest
 from pyproj import Geod
 
 from planners import MissionRequest, MissionSettings, NoGo, plan_mission
+from planners.hazards.areas import NearRings, Ring, first_crossing, no_go_rings
+from planners.hazards.bottom import Bathymetry
+from planners.hazards.domain import Region
 from planners.mission.search.passage import passage_past_goals, water_of
 from planners.mission.task import mission_task
-from planners.route.bottom import Bathymetry
-from planners.route.hazards import NearRings, Ring, first_crossing, no_go_rings
-from planners.route.region import Region
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionSettings, plan_mission
-from planners.mission.flight.currents import currents_of
 from planners.mission.flight.legs import Legs, fly_legs
 from planners.mission.solve.legs import fly_solution
 from planners.mission.task import leg_depths, refine_steps
 from planners.shooting.program import MissionGuess, MissionSolution
+from planners.simulation.currents import currents_of
 from tests.planners.flow_samples import LEVELS, eddying_flow, request_between
 
 GLIDER, START = Glider(), np.array([2e3, -5e3])

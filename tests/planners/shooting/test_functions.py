@@ -8,8 +8,8 @@ import pytest
 
 from planners import Glider, SteadyFlight
 from planners.flow import latent_over_time
+from planners.hazards.areas import NearRings, Ring
 from planners.mission.task import leg_depths
-from planners.route.hazards import NearRings, Ring
 from planners.shooting.functions import MissionCase, Reference
 from planners.shooting.layout import Layout
 from planners.shooting.program import along_line, mission_program

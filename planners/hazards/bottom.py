@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.route.hazards import NoGo, Ring, no_go_rings
-from planners.route.region import Region, widened
+from planners.hazards.areas import NoGo, Ring, joined, no_go_rings
+from planners.hazards.domain import Region, widened
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import outline, to_local
@@ -155,7 +155,7 @@ class Bottom:
         return "land" if limit < 0.0 else f"the bottom, which allows {limit:.0f} m there"
 
     def rings(self, depth: float) -> tuple[Ring, ...]:
-        """Return the cells that are too shallow for a depth [m] and beside one that is not, each as a ring."""
+        """Return the cells that are too shallow for a depth [m] and beside one that is not, as few rings."""
         if depth not in self._rings:
             self._rings[depth] = self._rings_of(depth)
         return self._rings[depth]
@@ -166,7 +166,7 @@ class Bottom:
             shallow = grid.limit < depth
             cells = np.argwhere(shallow & widened(~shallow, 1))
             name = grid.name or f"shallower than {depth + self.clearance:g} m"
-            rings += [Ring(corners, False, name) for corners in grid.polygons(cells)]
+            rings += joined([Ring(corners, False, name) for corners in grid.polygons(cells)])
         return tuple(rings)
 
 

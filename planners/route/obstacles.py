@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.front.current import Complex
-from planners.route.hazards import Ring
+from planners.hazards.areas import Ring
+from planners.route.current import Complex
 from replay_kit.core.arrays import Array
 
 # Corners lie this much farther out than the line that must not be crossed [m].

@@ -9,8 +9,8 @@ from math import inf
 
 import numpy as np
 
-from planners.route.bottom import Bathymetry
-from planners.route.hazards import NoGo
+from planners.hazards.areas import NoGo
+from planners.hazards.bottom import Bathymetry
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -170,7 +170,6 @@ class MissionSettings:
             )
         names = (
             "depth",
-            "yos",
             "tolerance",
             "legs",
             "max_legs",
@@ -183,7 +182,7 @@ class MissionSettings:
         for name, value in {name: getattr(self, name) for name in names}.items():
             if value is not None and not value > 0:
                 raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
-        for name in ("surface_time", "margin", "clearance", "spline"):
+        for name in ("yos", "surface_time", "margin", "clearance", "spline"):
             if not getattr(self, name) >= 0.0:
                 raise PlanError(
                     f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more"
@@ -231,6 +230,7 @@ class MissionRequest:
         no_go: Areas that must not be entered.
         bathymetry: Bottom depth; without one, the lowest level that is wet in the forecast limits the dives.
         start_time_ns: When it begins [ns, UTC].
+        shape: A line that it follows to its one goal, or a mooring there; None for neither.
     """
 
     start: Place
@@ -240,6 +240,7 @@ class MissionRequest:
     no_go: tuple[NoGo, ...] = ()
     bathymetry: Bathymetry | None = None
     start_time_ns: int = 0
+    shape: "Line | Mooring | None" = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from planners.front.current import Complex, CurrentLattice, Route, edge_durations
-from planners.front.obstacles import Obstacles
-from planners.route.region import widened
+from planners.hazards.domain import widened
+from planners.route.current import Complex, CurrentLattice, Route, edge_durations
+from planners.route.obstacles import Obstacles
 from replay_kit.core.arrays import Array
 
 Numbers = NDArray[np.intp]

@@ -52,14 +52,19 @@ class Courses:
     times: Array
     velocity: Array
 
-    def at(self, time: float) -> Array:
-        """Return the velocities at a time, shape (K, 2) [m/s]."""
-        after = min(max(int(np.searchsorted(self.times, time)), 1), self.times.size - 1)
-        first, last = self.times[after - 1], self.times[after]
-        share = min(max((time - first) / (last - first), 0.0), 1.0)
+    def at(self, times: Array) -> Array:
+        """Return the velocity of each at its own time, shape (K, 2) [m/s]; times: shape (K,) or one for all [s]."""
+        first, share = between(self.times, times)
+        rows, share = np.arange(len(self.velocity)), share[..., None]
         return np.asarray(
-            (1.0 - share) * self.velocity[:, after - 1] + share * self.velocity[:, after]
+            (1.0 - share) * self.velocity[rows, first] + share * self.velocity[rows, first + 1]
         )
+
+
+def between(knots: Array, at: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return the number of the knot before each of some times, and the share of the way to the next: 0 or 1 beyond the ends."""
+    first = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, max(knots.size - 2, 0))
+    return first, np.clip((at - knots[first]) / (knots[first + 1] - knots[first]), 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +101,23 @@ class Currents:
             beside=None if beside is None else replace(beside, times=beside.times - begin),
         )
 
+    def through(self, begin: float, lasts: float) -> tuple[Array, Array]:
+        """Return the times that one flow may be met, shape (T,) [s] since it begins to be, and its latent values then, shape (M, Z T).
+
+        Args:
+            begin: On the clock of ``times`` [s].
+            lasts: For how long at most [s].
+        """
+        if self.times is None:
+            return np.zeros(1), self.latent[0]
+        times, levels = self.times - begin, np.arange(self.flow.levels.size)
+        # what lies before or after counts through the nearest time alone
+        keep = np.flatnonzero(
+            (np.append(times[1:], np.inf) > 0.0) & (np.append(-np.inf, times[:-1]) < lasts)
+        )
+        taken = (keep[:, None] * levels.size + levels).ravel()
+        return times[keep], self.latent[0][:, taken]
+
     def some(self, numbers: NDArray[np.intp]) -> "Currents":
         """Return the currents at places in some of these, by their numbers, without a copy of the flows."""
         beside, pace = self.beside, self.pace
@@ -118,39 +140,34 @@ class Currents:
         """Return the weights of the levels, shape (n, Z), at depths [m]."""
         return depth_weights(self.flow.depth_functions, depths, self.flow.levels)
 
-    def velocity(self, place: Array, of_levels: Array, time: float) -> Array:
+    def velocity(self, place: Array, of_levels: Array, time: Array | float) -> Array:
         """Return the current of each flow [m/s], shape (K, 2), at its own place, shape (K, 2) [m]; one flow serves any number of places.
 
         Args:
             place: shape (K, 2) [m].
             of_levels: shape (Z,), the weights of the levels at the depth; shape (K, Z) where each is at a depth of its own.
-            time: On the clock of ``times`` [s].
+            time: On the clock of ``times`` [s], one or shape (K,).
         """
-        flowing = self._flowing(place, of_levels, time)
-        return flowing if self.beside is None else flowing + self.beside.at(time)
-
-    def _flowing(self, place: Array, of_levels: Array, time: float) -> Array:
-        """Return the velocity of each flow without the current beside it."""
-        weights = of_levels
-        if self.times is not None:
-            weights = np.asarray(
-                np.kron(
-                    [np.interp(time, self.times, one) for one in np.eye(self.times.size)], of_levels
-                ),
-                dtype=np.float64,
-            )
-        used, functions = np.flatnonzero(np.atleast_2d(weights).any(axis=0)), self.flow.horizontal
+        now, count = np.broadcast_to(time, len(place)), len(place)
+        weights = np.broadcast_to(of_levels, (count, of_levels.shape[-1]))
+        if self.times is not None and self.times.size > 1:
+            (first, share), rows = between(self.times, now), np.arange(count)
+            of_times = np.zeros((count, self.times.size, weights.shape[1]))
+            of_times[rows, first] = (1.0 - share)[:, None] * weights
+            of_times[rows, first + 1] = share[:, None] * weights
+            weights = of_times.reshape(count, -1)
+        used = np.flatnonzero(weights.any(axis=0))
+        parts = [(weights[:, i, None], self.columns[i]) for i in used]
+        parts = parts or [(np.zeros(1), self.columns[0])]
+        numbers = np.arange(len(self.latent)) if self.numbers is None else self.numbers
+        numbers, functions = np.broadcast_to(numbers, count), self.flow.horizontal
         if isinstance(functions, StreamFunctionLattice):
-            numbers = np.arange(len(self.latent)) if self.numbers is None else self.numbers
-            flows = np.broadcast_to(numbers, len(place))
-            parts = [(weights[..., i, None], self.columns[i]) for i in used]
-            parts = parts or [(np.zeros(1), self.columns[0])]
-            return functions.velocity_of_each(place, flows, parts)
-        assert isinstance(functions, NodeKernel)
-        each = slice(None) if self.numbers is None else self.numbers
-        return _from_nodes(
-            functions, place, sum(weights[..., i, None] * self.columns[i][each] for i in used)
-        )
+            flowing = functions.velocity_of_each(place, numbers, parts)
+        else:
+            assert isinstance(functions, NodeKernel)
+            latent = sum(weight * values[numbers] for weight, values in parts)
+            flowing = _from_nodes(functions, place, np.asarray(latent))
+        return flowing if self.beside is None else flowing + self.beside.at(now)
 
 
 def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:

@@ -17,6 +17,8 @@ from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Area
 
+# Width of the frame around what must not be left [m].
+_FRAME = 1e5
 # Offset of a half-plane that forbids nothing [m].
 _FAR = 1e9
 # A point of a ring this near to a corner is the corner [m].
@@ -102,6 +104,15 @@ class Ring:
         line = shapely.MultiLineString(rings) if self.holes else rings[0]
         shapely.prepare(line)
         return line
+
+    @cached_property
+    def solid(self) -> Any:
+        """What it forbids, as a polygon: of one whose outside is forbidden a wide frame around it."""
+        if not self.outside:
+            return self.area
+        frame = shapely.difference(shapely.buffer(self.area.envelope, _FRAME), self.area)
+        shapely.prepare(frame)
+        return frame
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 2) [m], lie within the ring, by the even-odd rule."""
@@ -189,6 +200,23 @@ def _densified(corners: Array) -> tuple[Array, ...]:
         shortest.append(np.array([begin, *between]))
     longest = len(corners) < sum(map(len, straight))
     return (np.concatenate(straight), np.concatenate(shortest)) if longest else (corners,)
+
+
+def joined(rings: Sequence[Ring]) -> tuple[Ring, ...]:
+    """Return rings whose insides are forbidden as few that enclose the same, with one name."""
+    if not rings:
+        return ()
+    parts = shapely.get_parts(shapely.union_all([ring.area for ring in rings]))
+    return tuple(
+        Ring(
+            shapely.get_coordinates(part.exterior)[:-1],
+            False,
+            rings[0].name,
+            holes=tuple(shapely.get_coordinates(hole)[:-1] for hole in part.interiors),
+        )
+        for part in parts
+        if part.geom_type == "Polygon"
+    )
 
 
 def check_outside(rings: Sequence[Ring], name: str, point: Array) -> None:

@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from planners.front.current import Complex, Route, edge_durations
-from planners.front.front import Sea
-from planners.front.obstacles import as_complex
+from planners.route.current import Complex, Route, edge_durations
+from planners.route.front import Sea
+from planners.route.obstacles import as_complex
 from replay_kit.core.arrays import Array
 
 # Pieces of a stretch, doubled until each is no longer than so many lattice lines, and sweeps over the points between them.
