@@ -27,6 +27,8 @@ _LOST = 1e3
 _SOLVED = "Solve_Succeeded", "Solved_To_Acceptable_Level"
 # Shares of a kernel length over which Simpson's rule holds along a leg of one segment, and of two; segments and steps of a glide.
 _ONE, _TWO, _OF_GLIDE, _GLIDE_STEPS = 0.8, 1.6, 8, 240
+# Tolerances beyond which a goal is missed for good.
+_OFF = 2.0
 # Points of a flown segment, and of the drift after it.
 _POINTS, _ADRIFT = 13, 2
 # Cost of a kilometre that a goal is missed by in hours; along a line, or where it alone counts.
@@ -296,7 +298,7 @@ class _Rounds:
             gap, moved = self._fly(*found)
             settled = self._settled(gap, moved, walled, number)
             solved, off = status in _SOLVED, KM * float(np.max(np.hypot(*self.missed)))
-            lost = not solved and float(np.max(np.hypot(*gap))) > _LOST
+            lost = not solved and float(np.max(np.linalg.norm(gap, axis=1))) > _LOST
             astray = (
                 number > 0 and not (solved and walled) and off > 2.0 * self.task.settings.tolerance
             )
@@ -313,6 +315,11 @@ class _Rounds:
             straight = number == 0 and self.start.defect is None
             given["walls"] = self.walls.planes(self.flown, _AHEAD + self.extra, straight)
         least, most = self._limits()
+        if number > _PATIENT:
+            # limits that rise and fall from round to round only fall
+            most = np.minimum(most, self.most)
+            least = np.minimum(least, most)
+        self.most = most
         angles = (1e-3, inf) if task.is_glide else task.vehicle.angles
         slowest, fastest = task.settings.speeds or (task.vehicle.speed, task.vehicle.speed)
         paces = slowest / task.vehicle.speed, fastest / task.vehicle.speed

@@ -9,7 +9,7 @@ from planners.program.solve import Solution, Solver, Start
 from planners.request import Found
 from planners.route.bound import Bound, bound_of
 from planners.route.current import Route
-from planners.route.passage import Passage, passage, wider
+from planners.route.passage import Passage, by_rays, passage, wider
 from planners.task import LEAST_DIVE, Task, yo_depths
 from replay_kit.core.arrays import Array
 from replay_kit.core.progress import announce
@@ -152,24 +152,29 @@ def ranking(task: Task, found: Solution) -> tuple[bool, float, float]:
 
 
 def search(task: Task) -> tuple[list[Solution], Bound | None]:
-    water, bound = bound_of(task)
-    if bound.goal >= 0:
+    """Return solutions, in turn, and the bound."""
+    mean, bound = bound_of(task)
+    rays = None if bound.is_tight else by_rays(task, mean)
+    if bound.goal >= 0 and rays is None:
         return [], bound
     one = Search(task)
-    route = passage(task, water)
+    route = passage(task, mean)
     places = np.vstack([task.start, task.goals])[:, :2]
     full = task.bottom.limit_at(places).min() >= task.settings.depth
-    if full and route.route.arrives:
-        ways = [("front", route)]
-        wide = wider(task, water, route)
-        if wide is not None:
+    ways = [] if rays is None else [("rays", rays)]
+    if route.route.arrives:
+        ways.append(("front", route))
+        if (wide := wider(task, mean, route)) is not None:
             ways.append(("wide", wide))
+    if full and ways:
         one.sweep(ways, task.settings.depth)
         if task.settings.depths is not None:
             one.sweep(ways, max(task.settings.depths[0], 20.0))
     if task.bottom.shallowest < task.settings.depth:
-        across = passage(task, water, LEAST_DIVE)
-        if across.route.arrives and (one.best is None or across.passed[-1] < _ACROSS * one.best.seconds):
+        across = passage(task, mean, LEAST_DIVE)
+        if across.route.arrives and (
+            one.best is None or across.passed[-1] < _ACROSS * one.best.seconds
+        ):
             points = across.route.at(np.linspace(0, across.route.times[-1], _LOOKED_UP))
             limits = np.minimum(task.bottom.limit_at(points, 60.0), task.settings.depth)
             depth = float(max(1.0 / np.mean(1.0 / np.maximum(limits, 20.0)), 20.0))

@@ -1,6 +1,7 @@
 """The mean current of a mission's dives, and routes past its goals in it."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -14,6 +15,7 @@ from planners.route.current import (
 )
 from planners.route.front import sea_of, spread
 from planners.route.obstacles import obstacles_of
+from planners.route.rays import ray_to
 from planners.route.relax import relax
 from planners.task import Task
 from replay_kit.core.arrays import Array
@@ -110,3 +112,18 @@ def wider(task: Task, mean: MeanCurrent, quickest: Passage) -> Passage | None:
             if found.route.arrives and found.passed[-1] <= (1.0 + _MAY_COST) * quickest.passed[-1]:
                 return found
     return None
+
+
+def by_rays(task: Task, mean: MeanCurrent) -> Passage | None:
+    """Return the passage of rays past all goals, for a current that may be faster than the vehicle; None where they do not arrive."""
+    obstacles = obstacles_of(task.solid(task.settings.depth), task.settings.margin, task.places)
+    points, times, passed = [task.start[None, :2]], [np.zeros(1)], [0.0]
+    for begin, end in pairwise(task.places.tolist()):
+        now, until = passed[-1], task.longest
+        found = ray_to(mean.current, mean.speed, (begin, end), (now, until), obstacles)
+        if found is None:
+            return None
+        points.append(found.points[1:])
+        times.append(now + found.times[1:])
+        passed.append(now + float(found.times[-1]))
+    return Passage(Route(np.concatenate(points), np.concatenate(times), True), np.array(passed[1:]))
