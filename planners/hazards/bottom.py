@@ -14,6 +14,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import outline, to_local
 
+# Water beside a path whose depth counts where dives turn above the bottom [m].
+_BESIDE = 60.0
 # Depths are compared to this [m].
 DEPTH_TOLERANCE = 1e-3
 
@@ -101,6 +103,13 @@ class Bottom:
         point, cell = tree.query(shapely.points(points), predicate="dwithin", distance=within)
         np.minimum.at(found, point, limits[cell])
         return found
+
+    def limit_beside(self, points: Array, least: float) -> Array:
+        """Return the greatest depth allowed at points and some way beside them [m]; at them alone where that is less than a depth."""
+        beside = self.limit_at(points, _BESIDE)
+        close = np.flatnonzero(beside < least)
+        beside[close] = self.limit_at(points[close])
+        return beside
 
     def check(self, name: str, point: Array) -> None:
         """Raise PlanError when a point, shape (3,) [m], of a path is deeper than allowed.

@@ -10,7 +10,7 @@ from planners.program.graph import PLANES, Program, Shape, program
 from planners.program.walls import Segments, Walls, depth_limits
 from planners.request import Line, Mooring
 from planners.simulation.clearance import Violation, check
-from planners.simulation.fly import DRIFT_STEPS, FINE, Flight, Legs, Path, fly, fly_leg
+from planners.simulation.fly import COARSE, DRIFT_STEPS, Flight, Legs, Path, fly, fly_leg
 from planners.solver import one_at_a_time
 from planners.task import Task, apogee_depths, yo_depths
 from planners.vehicle import Glider
@@ -27,6 +27,8 @@ _LOST = 1e3
 _SOLVED = "Solve_Succeeded", "Solved_To_Acceptable_Level"
 # Shares of a kernel length over which Simpson's rule holds along a leg of one segment, and of two; segments and steps of a glide.
 _ONE, _TWO, _OF_GLIDE, _GLIDE_STEPS = 0.8, 1.6, 8, 240
+# Longest step of a flown dive or climb [s].
+_LONGEST = 600.0
 # Tolerances beyond which a goal is missed for good.
 _OFF = 2.0
 # Points of a flown segment, and of the drift after it.
@@ -423,8 +425,11 @@ class _Rounds:
 
     @property
     def steps(self) -> int:
-        """Of a dive or climb at least."""
-        return _GLIDE_STEPS if self.task.is_glide else FINE
+        """Parts of a dive or climb, none longer than some minutes."""
+        if self.task.is_glide:
+            return _GLIDE_STEPS
+        lasts = float(np.max(self.depths)) / float(self.vehicle.speeds(np, np.min(self.angles))[1])
+        return max(int(np.ceil(lasts / _LONGEST)), COARSE)
 
     def _blend(self, path: Path, since: Array, cuts: Array) -> float:
         """Take for each goal below the surface that is met within a leg the nearest place at its depth; return how far that moved [m]."""
@@ -487,7 +492,7 @@ def flown(
     clearance: float = inf,
     iterations: int = 0,
     status: str = "",
-    steps: int = FINE,
+    steps: int = COARSE,
 ) -> Solution:
     """Return legs with where they lead one after the other, each goal met at its leg's end or nearest to it at its depth within the leg."""
     begin, clock, deep = task.start[:2], task.start_time, task.goals[:, 2]

@@ -11,13 +11,18 @@ from planners.route.bound import Bound, bound_of
 from planners.route.current import Route
 from planners.route.passage import Passage, by_rays, passage, wider
 from planners.task import LEAST_DIVE, Task, yo_depths
+from planners.water import HOUR
 from replay_kit.core.arrays import Array
 from replay_kit.core.progress import announce
 
-# Points of each leg of a route, and of the route at which its depth is looked up.
-_POINTS, _LOOKED_UP = 9, 60
-# A multiple of the likely number of legs that is tried where one or two more do not hold either; legs at most.
-_MORE, _MOST_LEGS = 1.3, 150
+# Points of each leg of a route.
+_POINTS = 9
+# Distance between places of a route whose depth is looked up, and between depths of dives [m].
+_SPACING, _STEP = 50.0, 5.0
+# Numbers of legs that are tried until one holds; share of them that is added at once at most; legs at most.
+_TRIES, _AT_ONCE, _MOST_LEGS = 5, 0.3, 150
+# By how much a mission may be quicker with a leg less.
+_SPARE = 1.01
 # Share of its time that a way across shallows takes at most to be tried beside the way round them.
 _ACROSS = 0.97
 # Of missions that miss: one that violates a constraint ranks behind all that do not [m].
@@ -34,6 +39,7 @@ class Search:
     """
 
     task: Task
+    bound: Bound | None
     found: list[Solution] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -47,61 +53,124 @@ class Search:
         good = [one for one in self.found if is_feasible(self.task, one)]
         return min(good, key=lambda one: ranking(self.task, one), default=None)
 
-    def attempt(self, name: str, way: Passage, count: int, depth: float, across: bool) -> Solution:
-        """Return what the program finds from a route cut into so many legs."""
-        self.tried.add((name, count))
+    def attempt(self, start: Start) -> Solution:
+        """Return what the program finds from a start."""
+        count = len(start.angles)
+        self.tried.add((start.name, count))
         announce(f"planning: {count} legs")
-        start = cut(self.task, name, way, count, depth, across)
         self.found.append(self.solver.solve(start))
         return self.found[-1]
 
-    def sweep(self, ways: Sequence[tuple[str, Passage]], depth: float, across: bool = False) -> None:
+    def sweep(self, ways: Sequence[tuple[str, Passage]], depth: float) -> None:
         """Try ways with the likely number of legs and more until one holds, then fewer."""
         task, settings = self.task, self.task.settings
-        goals, most = len(task.goals), int(min(settings.most_legs, _MOST_LEGS))
-        likely = int(np.clip(np.ceil(ways[0][1].passed[-1] / task.leg_time(depth=depth) - 1e-6), goals, max(most, goals)))
-        counts = [likely, likely + 1, likely + 2, int(np.ceil(_MORE * likely))]
-        if settings.legs is not None:
-            counts = [settings.legs]
-        held: list[Solution] = []
-        for count in dict.fromkeys(min(count, most) for count in counts):
-            held = [
-                one
-                for name, way in ways
-                if is_feasible(task, one := self.attempt(name, way, count, depth, across))
-            ]
-            if held or task.is_late:
+        least = len(task.goals)
+        most = max(int(min(settings.most_legs, _MOST_LEGS)), least)
+        likely = int(np.ceil(ways[0][1].passed[-1] / task.leg_time(depth=depth) - 1e-6))
+        count, held = settings.legs or max(min(likely, most), least), list[Solution]()
+        for _ in range(_TRIES):
+            made = [self.attempt(cut(task, name, way, count, depth)) for name, way in ways]
+            held = [one for one in made if is_feasible(task, one)]
+            if held or settings.legs is not None or task.is_late or count == most:
                 break
-        if not held or settings.legs is not None:
-            return
-        best = min(held, key=lambda one: ranking(task, one))
-        count = best.count - 1
-        while count >= goals and not task.is_late and best.seconds <= 1.01 * count * task.leg_time(depth=depth):
+            count = min(count + lacking(min(made, key=lambda one: ranking(task, one))), most)
+        best = min(held, key=lambda one: ranking(task, one), default=None)
+        while best is not None and settings.legs is None and not task.is_late:
             assert best.start is not None
-            name = best.start.name
-            if (name, count) in self.tried:
+            count = best.count - 1
+            if count < max(least, self.fewest(best, depth)) or (best.start.name, count) in self.tried:
                 break
-            fewer = self.attempt(name, as_passage(task, best), count, depth, across)
-            if not is_feasible(task, fewer):
-                break
-            best = min(best, fewer, key=lambda one: ranking(task, one))
-            count -= 1
+            fewer = self.attempt(cut(task, best.start.name, as_passage(best), count, depth))
+            better = is_feasible(task, fewer) and ranking(task, fewer) < ranking(task, best)
+            best = fewer if better else None
+
+    def fewest(self, best: Solution, depth: float) -> int:
+        """Return the fewest legs that may do where some do: a leg less takes no drift, and the goal's disc is enough."""
+        longest, task = self.task.leg_time(depth=depth), self.task
+        needed = best.seconds * (1.0 - task.settings.tolerance / length_of(best))
+        if self.bound is not None and self.bound.is_tight:
+            needed = max(needed - 2.0 * task.settings.surface_time, self.bound.time)
+        return int(np.ceil(needed / longest / _SPARE))
+
+    def turn(self, way: Passage) -> None:
+        """Try a way through all water with legs that are as deep as it lets them be, shorter ones until they hold."""
+        pace, task = 1.0, self.task
+        for _ in range(_TRIES):
+            start = cut_by_depth(task, "across", way, pace)
+            if start is None:
+                return
+            one = self.attempt(start)
+            if is_feasible(task, one) or task.is_late or task.settings.legs is not None:
+                return
+            pace *= 1.0 - min(max(1.2 * float(np.max(one.miss)) / length_of(one), 0.04), 0.3)
 
 
-def cut(
-    task: Task, name: str, way: Passage, count: int, depth: float, across: bool
-) -> Start:
+def length_of(found: Solution) -> float:
+    """Return how far a solution leads over ground [m]."""
+    return max(float(np.sum(np.linalg.norm(np.diff(found.flight.place[0], axis=0), axis=1))), 1.0)
+
+
+def lacking(found: Solution) -> int:
+    """Return how many legs more a solution needs to lead over what it misses, one at least."""
+    missed = float(np.max(found.miss)) / (length_of(found) / found.count)
+    return max(int(np.ceil(min(missed, _AT_ONCE * found.count))), 1)
+
+
+def cut(task: Task, name: str, way: Passage, count: int, depth: float) -> Start:
     """Return a route cut into legs of equal time."""
     lasts = float(way.route.times[-1])
-    ends = lasts * np.arange(count + 1) / count
-    at = np.linspace(ends[:-1], ends[1:], _POINTS)
-    lines = way.route.at(at.ravel()).reshape(_POINTS, count, 2).transpose(1, 0, 2)
+    angles = np.full(count, task.angle_of(lasts / count, depth))
     if task.is_glide:
-        angles = np.array([lasts / 3600.0])
-    else:
-        angles = np.full(count, task.angle_of(lasts / count, depth))
-    of = None if across else depth
-    return Start(name, lines, angles, np.full(count, depth), goal_legs(way.passed, count), of)
+        angles = np.array([lasts / HOUR])
+    lines = lines_of(way.route, lasts * np.arange(count + 1) / count)
+    return Start(name, lines, angles, np.full(count, depth), goal_legs(way.passed, count), depth)
+
+
+def lines_of(route: Route, ends: Array) -> Array:
+    """Return a route between some times, shape (L + 1,) [s], as lines of the legs, shape (L, n, 2) [m]."""
+    at = np.linspace(ends[:-1], ends[1:], _POINTS)
+    return route.at(at.ravel()).reshape(_POINTS, -1, 2).transpose(1, 0, 2)
+
+
+def cut_by_depth(task: Task, name: str, way: Passage, pace: float) -> Start | None:
+    """Return a route cut into legs that are as deep as the water along them allows; None where they are more than are allowed.
+
+    Args:
+        task: The mission.
+        name: Of the start.
+        way: Past all goals.
+        pace: Share of the longest legs.
+    """
+    route, settings = way.route, task.settings
+    length = float(np.sum(np.linalg.norm(np.diff(route.points, axis=0), axis=1)))
+    times = np.linspace(0.0, route.times[-1], int(length / _SPACING) + 2)
+    limits = task.bottom.limit_beside(route.at(times), LEAST_DIVE)
+    deepest = settings.depth if settings.depths is None else settings.depths[1]
+    tried = np.append(np.arange(deepest, LEAST_DIVE, -_STEP), LEAST_DIVE)
+    drift, most = settings.surface_time, int(min(settings.most_legs, _MOST_LEGS))
+    # the route's speed allows for drifts after full dives
+    spans = np.array([task.leg_time(depth=depth) - drift for depth in tried])
+    spans *= pace / (1.0 - drift / task.leg_time())
+    ends, depths, legs = [0.0], list[float](), list[int]()
+    for goal in way.passed:
+        while ends[-1] < goal - 1e-6:
+            until = np.minimum(ends[-1] + spans, goal)
+            first = int(np.searchsorted(times, ends[-1], side="right")) - 1
+            lows = np.minimum.accumulate(limits[first:])
+            least = lows[np.searchsorted(times[first:], until)]
+            fits = np.flatnonzero(least >= tried)
+            chosen = int(fits[0]) if fits.size else tried.size - 1
+            ends.append(float(until[chosen]))
+            depths.append(float(tried[chosen]))
+            if len(depths) > most:
+                return None
+        legs.append(max(len(depths), len(legs) + 1))
+    deep = np.array(depths)
+    at = np.array(legs) - 1
+    deep[at] = np.maximum(deep[at], task.goals[:, 2])
+    lasts = np.diff(ends)
+    angles = np.array([task.angle_of(float(t), float(d)) for t, d in zip(lasts, deep, strict=True)])
+    return Start(name, lines_of(route, np.array(ends)), angles, deep, tuple(legs), None)
 
 
 def goal_legs(passed: Array, count: int) -> tuple[int, ...]:
@@ -118,7 +187,7 @@ def goal_legs(passed: Array, count: int) -> tuple[int, ...]:
     return tuple(numbers)
 
 
-def as_passage(task: Task, found: Solution) -> Passage:
+def as_passage(found: Solution) -> Passage:
     """Return where a solution leads as a route."""
     flight = found.flight
     passed = flight.time[0, found.points]
@@ -157,7 +226,7 @@ def search(task: Task) -> tuple[list[Solution], Bound | None]:
     rays = None if bound.is_tight else by_rays(task, mean)
     if bound.goal >= 0 and rays is None:
         return [], bound
-    one = Search(task)
+    one = Search(task, bound)
     route = passage(task, mean)
     places = np.vstack([task.start, task.goals])[:, :2]
     full = task.bottom.limit_at(places).min() >= task.settings.depth
@@ -175,8 +244,5 @@ def search(task: Task) -> tuple[list[Solution], Bound | None]:
         if across.route.arrives and (
             one.best is None or across.passed[-1] < _ACROSS * one.best.seconds
         ):
-            points = across.route.at(np.linspace(0, across.route.times[-1], _LOOKED_UP))
-            limits = np.minimum(task.bottom.limit_at(points, 60.0), task.settings.depth)
-            depth = float(max(1.0 / np.mean(1.0 / np.maximum(limits, 20.0)), 20.0))
-            one.sweep([("across", across)], depth, True)
+            one.turn(across)
     return one.found, bound

@@ -16,8 +16,8 @@ from replay_kit.core.arrays import Array
 
 # Distance within which a ring counts [m]; half-planes of a segment that are kept from round to round.
 _NEAR, _KEPT = 5e3, 2
-# Water beside a segment whose depth counts [m], and points of each of its steps at which it is looked up.
-_BESIDE, _POINTS = 60.0, 4
+# Points of each step of a segment at which its depth is looked up.
+_POINTS = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,5 +146,5 @@ def depth_limits(bottom: Bottom, segments: Segments, most: float) -> Array:
     shares = np.linspace(0.0, 1.0, _POINTS + 1)[:, None, None]
     fine = lines[:, :-1] + shares[..., None] * (lines[:, 1:] - lines[:, :-1])
     points = np.moveaxis(fine, 0, 1).reshape(-1, 2)
-    limits = bottom.limit_at(points, _BESIDE).reshape(len(lines), -1).min(axis=1)
+    limits = bottom.limit_beside(points, LEAST_DIVE).reshape(len(lines), -1).min(axis=1)
     return np.clip(limits, LEAST_DIVE, most)

@@ -17,9 +17,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import rate_in_frame
 from replay_kit.core.grid import Projection
 
-# Steps of a drift; parts of a dive or climb at least, of plans and of flights in many currents.
-DRIFT_STEPS = 2
-FINE, COARSE = 12, 4
+#: Steps of a drift; parts of a dive or climb at least.
+DRIFT_STEPS, COARSE = 2, 4
 #: Where gliders are, shape (K, 2) [m], when, shape (K,) [s], and the number of the leg -> heading, glide angle, shape (K,) [rad].
 Steer = Callable[[Array, Array, int], tuple[Array, Array]]
 
@@ -82,7 +81,7 @@ def fly(
     legs: Legs,
     start_time: float = 0.0,
     steer: Steer | None = None,
-    parts: int = FINE,
+    parts: int = COARSE,
     stops: Array | None = None,
 ) -> Flight:
     """Return the flights of legs, one after the other, in K currents.
