@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.program.graph import PLANES, Program, Shape, program
-from planners.program.walls import Segments, Walls, depth_limits
+from planners.program.walls import Segments, Walls
 from planners.request import Line, Mooring
 from planners.simulation.clearance import Violation, check
 from planners.simulation.fly import COARSE, DRIFT_STEPS, Flight, Legs, Path, fly, fly_leg
@@ -45,9 +45,8 @@ class Start:
         name: Of it.
         lines: shape (L, n, 2) [m], a way cut into legs.
         angles: shape (L,), glide angles [rad]; of a glide its duration [h].
-        depths: shape (L,), of the dives [m].
+        depths: shape (L,), of the dives [m]; each leg stays in water deep enough for its own.
         goal_legs: In which leg each goal is met, counted from 1.
-        depth: Of the water that the legs need [m]; None for dives that turn above the bottom.
         defect: shape (2, N) [km], what an earlier solution's legs ended beside the program; None without.
     """
 
@@ -56,7 +55,6 @@ class Start:
     angles: Array
     depths: Array
     goal_legs: tuple[int, ...]
-    depth: float | None
     defect: Array | None = None
 
 
@@ -229,7 +227,7 @@ class _Rounds:
         self.solver, self.task, self.start = solver, solver.task, start
         self.legs, self.segments = len(start.angles), solver.segments
         self.n = self.legs * self.segments
-        self.walls = Walls(self.task.solid(start.depth), self.task.settings.margin)
+        self.walls = self._walls()
         self.angles, self.depths = start.angles, start.depths
         self.headings, self.drift = start.angles, self.task.drifts(self.legs)
         lines = _cut(start.lines, self.segments)
@@ -242,6 +240,15 @@ class _Rounds:
         self.missed = (self._points().T @ self.met - self.task.goals[:, :2].T) / KM
         self.beyond, self.pace, self.extra = 0.0, 1.0, 0.0
         self.given = self.solver.terms.given | self._profile()
+
+    def _walls(self) -> Walls:
+        """Return what all segments keep clear of, and what those of legs of one depth do."""
+        task, of_segments = self.task, np.repeat(self.start.depths, self.segments)
+        rings = [(ring, np.arange(self.n)) for ring in task.rings]
+        for depth in np.unique(of_segments).tolist():
+            rows = np.flatnonzero(of_segments == depth)
+            rings += [(ring, rows) for ring in task.bottom.rings(depth)]
+        return Walls(rings, task.settings.margin)
 
     def _points(self) -> Array:
         return np.vstack([self.task.start[None, :2], self.ends])
@@ -316,12 +323,8 @@ class _Rounds:
         if walled:
             straight = number == 0 and self.start.defect is None
             given["walls"] = self.walls.planes(self.flown, _AHEAD + self.extra, straight)
-        least, most = self._limits()
-        if number > _PATIENT:
-            # limits that rise and fall from round to round only fall
-            most = np.minimum(most, self.most)
-            least = np.minimum(least, most)
-        self.most = most
+        most, settings = self.start.depths, task.settings
+        least = most if settings.depths is None else np.minimum(settings.depths[0], most)
         angles = (1e-3, inf) if task.is_glide else task.vehicle.angles
         slowest, fastest = task.settings.speeds or (task.vehicle.speed, task.vehicle.speed)
         paces = slowest / task.vehicle.speed, fastest / task.vehicle.speed
@@ -358,16 +361,6 @@ class _Rounds:
         through, lasts, end = (np.asarray(value) for value in asked.result(x, parameters))
         status, iterations = str(told["return_status"]), int(told["iter_count"])
         return status, iterations, (through, lasts.ravel(), end.ravel())
-
-    def _limits(self) -> tuple[Array, Array]:
-        """Return least and greatest depth of each leg's dives [m]."""
-        settings = self.task.settings
-        least, greatest = settings.depths or (settings.depth, settings.depth)
-        most = np.full(self.legs, greatest)
-        if self.start.depth is None:
-            limits = depth_limits(self.task.bottom, self.flown, greatest)
-            most = limits.reshape(self.legs, self.segments).min(axis=1)
-        return np.minimum(least, most), most
 
     @property
     def vehicle(self) -> Glider:
@@ -459,13 +452,12 @@ class _Rounds:
         self.defect = self.defect + gap.T / KM
         margin = self.task.settings.margin
         lacks = margin - (self.walls.clearance(self.flown) if walled else inf)
-        deep = bool(np.all(self.depths <= self._limits()[1] + 0.05))
         if number >= _PATIENT and _LACKING < lacks < margin:
             self.extra = min(self.extra + _ADDED * lacks, _MOST_ADDED)
         summed = float(np.max(np.linalg.norm(np.cumsum(gap, axis=0), axis=1)))
         near = lacks > -2.0 * margin
         return (
-            summed < (_SETTLED if near else _FREE) and moved < _FREE and deep and lacks < _LACKING
+            summed < (_SETTLED if near else _FREE) and moved < _FREE and lacks < _LACKING
         )
 
     def _solution(self, status: str, iterations: int) -> Solution:

@@ -93,7 +93,7 @@ class Search:
         return int(np.ceil(needed / longest / _SPARE))
 
     def turn(self, way: Passage) -> None:
-        """Try a way through all water with legs that are as deep as it lets them be, shorter ones until they hold."""
+        """Try a way through all water with legs each of a depth that it allows, shorter ones until they hold."""
         pace, task = 1.0, self.task
         for _ in range(_TRIES):
             start = cut_by_depth(task, "across", way, pace)
@@ -123,7 +123,7 @@ def cut(task: Task, name: str, way: Passage, count: int, depth: float) -> Start:
     if task.is_glide:
         angles = np.array([lasts / HOUR])
     lines = lines_of(way.route, lasts * np.arange(count + 1) / count)
-    return Start(name, lines, angles, np.full(count, depth), goal_legs(way.passed, count), depth)
+    return Start(name, lines, angles, np.full(count, depth), goal_legs(way.passed, count))
 
 
 def lines_of(route: Route, ends: Array) -> Array:
@@ -170,7 +170,7 @@ def cut_by_depth(task: Task, name: str, way: Passage, pace: float) -> Start | No
     deep[at] = np.maximum(deep[at], task.goals[:, 2])
     lasts = np.diff(ends)
     angles = np.array([task.angle_of(float(t), float(d)) for t, d in zip(lasts, deep, strict=True)])
-    return Start(name, lines_of(route, np.array(ends)), angles, deep, tuple(legs), None)
+    return Start(name, lines_of(route, np.array(ends)), angles, deep, tuple(legs))
 
 
 def goal_legs(passed: Array, count: int) -> tuple[int, ...]:

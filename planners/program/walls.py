@@ -6,18 +6,17 @@ from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from planners.hazards.areas import Ring
-from planners.hazards.bottom import Bottom
 from planners.program.graph import FAR, PLANES
-from planners.task import LEAST_DIVE
 from planners.water import KM
 from replay_kit.core.arrays import Array
 
 # Distance within which a ring counts [m]; half-planes of a segment that are kept from round to round.
 _NEAR, _KEPT = 5e3, 2
-# Points of each step of a segment at which its depth is looked up.
-_POINTS = 4
+# Cosine between a segment and the shortest way out of what it crosses above which that leads along it.
+_ALONG = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,19 +45,22 @@ class Walls:
     """What flown segments must keep clear of: mutable, as each segment keeps the nearest half-planes of the round before.
 
     Attributes:
-        rings: What is forbidden.
+        rings: What is forbidden, each with the numbers of the segments for which it is.
         margin: Distance kept from them [m].
         kept: Half-planes of each segment.
     """
 
-    rings: Sequence[Ring]
+    rings: Sequence[tuple[Ring, NDArray[np.intp]]]
     margin: float
     kept: dict[int, list[Array]] = field(default_factory=dict)
 
     def near(self, segments: Segments) -> bool:
         """Return whether any segment is near a ring."""
-        whole = shapely.MultiLineString(list(segments.lines))
-        return any(shapely.dwithin(ring.solid, whole, _NEAR) for ring in self.rings)
+        return any(self._close(segments, ring, rows).size for ring, rows in self.rings)
+
+    def _close(self, segments: Segments, ring: Ring, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the numbers of the segments near a ring, of those for which it counts."""
+        return rows[shapely.dwithin(ring.solid, segments.taken(ring)[rows], _NEAR)]
 
     def planes(self, segments: Segments, extra: float, straight: bool) -> Array:
         """Return half-planes, shape (4, N PLANES): normal, offset [km], and share of the chord at which they count.
@@ -69,9 +71,9 @@ class Walls:
             straight: Whether the segments are those of a route, which are not bent against their chords.
         """
         found: dict[int, list[tuple[float, Array]]] = {}
-        for ring in self.rings:
+        for ring, rows in self.rings:
             taken = segments.taken(ring)
-            for k in np.flatnonzero(shapely.dwithin(ring.solid, taken, _NEAR)).tolist():
+            for k in self._close(segments, ring, rows).tolist():
                 touched = _touched(ring, taken[k])
                 for inside, at, nearest in touched:
                     away = nearest - at if not inside else at - nearest
@@ -91,20 +93,19 @@ class Walls:
         planes[:, :, 2] = FAR
         for k in range(len(planes)):
             new = [plane for _, plane in sorted(found.get(k, []), key=lambda one: one[0])]
-            rows = (new[: PLANES - 1] + self.kept.get(k, []))[:PLANES]
+            held = (new[: PLANES - 1] + self.kept.get(k, []))[:PLANES]
             self.kept[k] = new[:_KEPT]
-            for j, row in enumerate(rows):
+            for j, row in enumerate(held):
                 planes[k, j] = row
         return planes.reshape(-1, 4).T
 
     def clearance(self, segments: Segments) -> float:
         """Return the least distance of the segments from any ring [m]; infinite without one near."""
         least = np.inf
-        for ring in self.rings:
-            taken = segments.taken(ring)
-            near = shapely.dwithin(ring.solid, taken, _NEAR)
-            if near.any():
-                least = min(least, float(np.min(shapely.distance(ring.solid, taken[near]))))
+        for ring, rows in self.rings:
+            near = segments.taken(ring)[self._close(segments, ring, rows)]
+            if near.size:
+                least = min(least, float(np.min(shapely.distance(ring.solid, near))))
         return least
 
 
@@ -121,14 +122,20 @@ def _touched(ring: Ring, taken: Any) -> list[tuple[bool, Array, Array]]:
         return [(False, at, nearest)]
     found = []
     for part in parts:
-        middle = (
-            part
-            if part.geom_type == "Point"
-            else shapely.line_interpolate_point(part, 0.5, normalized=True)
-            if part.geom_type == "LineString"
-            else shapely.centroid(part)
+        points = shapely.get_coordinates(part)
+        middle = points.mean(axis=0)
+        nearest, at = shapely.get_coordinates(
+            shapely.shortest_line(ring.line, shapely.Point(middle))
         )
-        nearest, at = shapely.get_coordinates(shapely.shortest_line(ring.line, middle))
+        way, out = points[-1] - points[0], nearest - at
+        if abs(way @ out) > _ALONG * np.linalg.norm(way) * np.linalg.norm(out) and not ring.outside:
+            # across something narrow: past its end on the nearer side
+            left = np.array([-way[1], way[0]]) / max(float(np.linalg.norm(way)), 1e-9)
+            corners = shapely.get_coordinates(ring.solid)
+            beside = (corners - middle) @ left
+            end = float(min(beside.max(), -beside.min()))
+            side = 1.0 if beside.max() <= -beside.min() else -1.0
+            nearest, at = middle + side * end * left, middle
         found.append((True, at, nearest))
     return found
 
@@ -138,13 +145,3 @@ def _share(line: Array, at: Array) -> float:
     return float(
         shapely.line_locate_point(shapely.LineString(line), shapely.Point(at), normalized=True)
     )
-
-
-def depth_limits(bottom: Bottom, segments: Segments, most: float) -> Array:
-    """Return the greatest depth of dives along each segment that stay above the bottom, shape (N,), at most a depth [m]."""
-    lines = segments.lines
-    shares = np.linspace(0.0, 1.0, _POINTS + 1)[:, None, None]
-    fine = lines[:, :-1] + shares[..., None] * (lines[:, 1:] - lines[:, :-1])
-    points = np.moveaxis(fine, 0, 1).reshape(-1, 2)
-    limits = bottom.limit_beside(points, LEAST_DIVE).reshape(len(lines), -1).min(axis=1)
-    return np.clip(limits, LEAST_DIVE, most)
