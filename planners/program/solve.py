@@ -243,12 +243,13 @@ class _Rounds:
 
     def _walls(self) -> Walls:
         """Return what all segments keep clear of, and what those of legs of one depth do."""
-        task, of_segments = self.task, np.repeat(self.start.depths, self.segments)
+        task, start = self.task, self.start
+        of_segments = np.repeat(start.depths, self.segments)
         rings = [(ring, np.arange(self.n)) for ring in task.rings]
         for depth in np.unique(of_segments).tolist():
             rows = np.flatnonzero(of_segments == depth)
             rings += [(ring, rows) for ring in task.bottom.rings(depth)]
-        return Walls(rings, task.settings.margin)
+        return Walls(rings, task.settings.margin, _cut(start.lines, self.segments))
 
     def _points(self) -> Array:
         return np.vstack([self.task.start[None, :2], self.ends])

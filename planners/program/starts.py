@@ -21,6 +21,8 @@ _POINTS = 9
 _SPACING, _STEP = 50.0, 5.0
 # Numbers of legs that are tried until one holds; share of them that is added at once at most; legs at most.
 _TRIES, _AT_ONCE, _MOST_LEGS = 5, 0.3, 150
+# A mission this near to walls [m] that takes so many times as long as its route is tried with a leg more.
+_BESIDE, _DETOUR, _AGAIN = 500.0, 1.005, " again"
 # By how much a mission may be quicker with a leg less.
 _SPARE = 1.01
 # Share of its time that a way across shallows takes at most to be tried beside the way round them.
@@ -75,14 +77,24 @@ class Search:
                 break
             count = min(count + lacking(min(made, key=lambda one: ranking(task, one))), most)
         best = min(held, key=lambda one: ranking(task, one), default=None)
-        while best is not None and settings.legs is None and not task.is_late:
-            assert best.start is not None
-            count = best.count - 1
-            if count < max(least, self.fewest(best, depth)) or (best.start.name, count) in self.tried:
-                break
-            fewer = self.attempt(cut(task, best.start.name, as_passage(best), count, depth))
-            better = is_feasible(task, fewer) and ranking(task, fewer) < ranking(task, best)
-            best = fewer if better else None
+        if best is None or settings.legs is not None:
+            return
+        better = best
+        while better is not None and not task.is_late:
+            best, better = better, self.recut(better, better.count - 1, self.fewest(better, depth))
+        if best.clearance < _BESIDE and best.seconds > _DETOUR * float(ways[0][1].passed[-1]):
+            # legs that bend more often may be quicker beside walls
+            self.recut(best, best.count + 1, least)
+
+    def recut(self, best: Solution, count: int, least: int) -> Solution | None:
+        """Return the solution with so many legs along the way of another; None where there are too few or it is not better."""
+        task = self.task
+        assert best.start is not None
+        name = f"{best.start.name.removesuffix(_AGAIN)}{_AGAIN}"
+        if count < least or (name, count) in self.tried:
+            return None
+        found = self.attempt(cut(task, name, as_passage(best), count, float(best.start.depths[0])))
+        return found if is_feasible(task, found) and ranking(task, found) < ranking(task, best) else None
 
     def fewest(self, best: Solution, depth: float) -> int:
         """Return the fewest legs that may do where some do: a leg less takes no drift, and the goal's disc is enough."""

@@ -15,8 +15,6 @@ from replay_kit.core.arrays import Array
 
 # Distance within which a ring counts [m]; half-planes of a segment that are kept from round to round.
 _NEAR, _KEPT = 5e3, 2
-# Cosine between a segment and the shortest way out of what it crosses above which that leads along it.
-_ALONG = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,11 +45,13 @@ class Walls:
     Attributes:
         rings: What is forbidden, each with the numbers of the segments for which it is.
         margin: Distance kept from them [m].
+        reference: shape (N, n, 2) [m], a way clear of them.
         kept: Half-planes of each segment.
     """
 
     rings: Sequence[tuple[Ring, NDArray[np.intp]]]
     margin: float
+    reference: Array
     kept: dict[int, list[Array]] = field(default_factory=dict)
 
     def near(self, segments: Segments) -> bool:
@@ -74,7 +74,7 @@ class Walls:
         for ring, rows in self.rings:
             taken = segments.taken(ring)
             for k in self._close(segments, ring, rows).tolist():
-                touched = _touched(ring, taken[k])
+                touched = _touched(ring, taken[k], segments.lines[k], self.reference[k])
                 for inside, at, nearest in touched:
                     away = nearest - at if not inside else at - nearest
                     depth = float(np.hypot(*away))
@@ -109,7 +109,7 @@ class Walls:
         return least
 
 
-def _touched(ring: Ring, taken: Any) -> list[tuple[bool, Array, Array]]:
+def _touched(ring: Ring, taken: Any, line: Array, reference: Array) -> list[tuple[bool, Array, Array]]:
     """Return whether points of a segment are forbidden, these and the nearest of the ring [m]: one where it is clear of the ring."""
     overlap = shapely.intersection(ring.solid, taken)
     parts = [
@@ -127,15 +127,18 @@ def _touched(ring: Ring, taken: Any) -> list[tuple[bool, Array, Array]]:
         nearest, at = shapely.get_coordinates(
             shapely.shortest_line(ring.line, shapely.Point(middle))
         )
-        way, out = points[-1] - points[0], nearest - at
-        if abs(way @ out) > _ALONG * np.linalg.norm(way) * np.linalg.norm(out) and not ring.outside:
-            # across something narrow: past its end on the nearer side
+        # what lies between the segment and the way that it came from is passed on the side of that way
+        loop = shapely.make_valid(shapely.Polygon(np.vstack([line, reference[::-1]])))
+        corners = shapely.get_coordinates(ring.solid)
+        between = corners[shapely.intersects_xy(loop, *corners.T)]
+        if len(between):
+            way = points[-1] - points[0]
             left = np.array([-way[1], way[0]]) / max(float(np.linalg.norm(way)), 1e-9)
-            corners = shapely.get_coordinates(ring.solid)
-            beside = (corners - middle) @ left
-            end = float(min(beside.max(), -beside.min()))
-            side = 1.0 if beside.max() <= -beside.min() else -1.0
-            nearest, at = middle + side * end * left, middle
+            beside = (between - middle) @ left
+            farthest = int(np.argmax(np.abs(beside)))
+            if abs(beside[farthest]) > 1e-3:
+                nearest = between[farthest]
+                at = nearest - beside[farthest] * left
         found.append((True, at, nearest))
     return found
 
