@@ -26,7 +26,7 @@ from planners.water import HOUR, KM, Water
 from replay_kit.core.arrays import Array
 
 #: Half-planes of each segment, and the offset of one that forbids nothing [km].
-PLANES, FAR = 4, 1e7
+PLANES, FAR = 3, 1e7
 # Cost of a kilometre behind a wall, and of what the other goals are missed by within which it is rounded [h/km, km^2].
 _BEYOND, _ROUNDED = 200.0, 1e-4
 _OPTIONS = {
@@ -37,7 +37,7 @@ _OPTIONS = {
     "ipopt.tol": 1e-5,
     "ipopt.acceptable_tol": 1e-4,
     "ipopt.acceptable_iter": 4,
-    "ipopt.mu_init": 1e-2,
+    "ipopt.mu_init": 1e-3,
     "ipopt.bound_push": 1e-4,
     "ipopt.bound_frac": 1e-4,
     "ipopt.max_iter": 80,

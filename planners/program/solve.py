@@ -74,6 +74,7 @@ class Solution:
         clearance: Least distance from what is forbidden nearby [m].
         iterations: IPOPT's.
         status: IPOPT's last.
+        steps: Parts of a dive or climb that were flown.
     """
 
     task: Task
@@ -87,6 +88,7 @@ class Solution:
     clearance: float = inf
     iterations: int = 0
     status: str = ""
+    steps: int = COARSE
 
     @property
     def seconds(self) -> float:
@@ -300,7 +302,7 @@ class _Rounds:
 
     def run(self) -> Solution:
         """Return what they end with."""
-        iterations, status, walled = 0, "", False
+        iterations, status, walled, settled = 0, "", False, False
         for number in range(_ROUNDS):
             walled = walled or self.walls.near(self.flown)
             status, more, found = self._solve(number, walled)
@@ -314,7 +316,8 @@ class _Rounds:
             )
             if settled or lost or astray:
                 break
-        return self._solution(status, iterations)
+        found = self._solution(status, iterations)
+        return found if settled else again(found)
 
     def _solve(self, number: int, walled: bool) -> tuple[str, int, tuple[Array, Array, Array]]:
         """Solve the program; return IPOPT's status and iterations, and displacements, durations and ends of the segments."""
@@ -390,7 +393,9 @@ class _Rounds:
             task.turns(self.depths),
             self.drift,
             self.steps,
+            task.goals[:, 2],
         )
+        self.path = path
         since, wet = path.times - path.times[0], len(path.times) - 1 - DRIFT_STEPS
         cuts = np.cumsum(lasts.reshape(-1, segments), axis=1) * HOUR
         cuts[:, -1] = since[wet]
@@ -473,23 +478,34 @@ class _Rounds:
             depths=self.depths,
             defect=self.defect,
         )
-        told = (self.walls.clearance(self.flown), iterations, status)
-        return flown(task, start, legs, self.start.goal_legs, *told, steps=self.steps)
+        flight = _joined(self.path, self.task.start_time)
+        told = self.walls.clearance(self.flown), iterations, status
+        return judged(task, start, legs, flight, self.start.goal_legs, *told, steps=self.steps)
 
 
-def flown(
+def again(found: Solution) -> Solution:
+    """Return a solution with its legs flown one after the other, as the vehicle will fly them."""
+    task, legs = found.task, found.legs
+    begin, clock, deep = task.start[:2], task.start_time, task.goals[:, 2]
+    flight = fly(
+        task.currents, task.vehicle, begin, legs, clock, parts=found.steps, stops=deep
+    )
+    told = found.clearance, found.iterations, found.status
+    return judged(task, found.start, legs, flight, found.goal_legs, *told, steps=found.steps)
+
+
+def judged(
     task: Task,
     start: Start | None,
     legs: Legs,
+    flight: Flight,
     goal_legs: tuple[int, ...],
     clearance: float = inf,
     iterations: int = 0,
     status: str = "",
     steps: int = COARSE,
 ) -> Solution:
-    """Return legs with where they lead one after the other, each goal met at its leg's end or nearest to it at its depth within the leg."""
-    begin, clock, deep = task.start[:2], task.start_time, task.goals[:, 2]
-    flight = fly(task.currents, task.vehicle, begin, legs, clock, parts=steps, stops=deep)
+    """Return legs with what comes of their flight, each goal met at its leg's end or, below the surface, nearest to it at its depth."""
     ends = np.concatenate([[0], flight.ends])
     points = ends[np.array(goal_legs)]
     for j, leg in enumerate(goal_legs[:-1]):
@@ -499,10 +515,21 @@ def flown(
             away = np.linalg.norm(flight.place[0, close] - task.goals[j, :2], axis=1)
             points[j] = close[np.argmin(away)]
     miss = np.linalg.norm(flight.place[0, points] - task.goals[:, :2], axis=1)
-    found = check(task, flight)
-    return Solution(
-        task, start, legs, flight, goal_legs, points, miss, found, clearance, iterations, status
-    )
+    found, known = check(task, flight), (clearance, iterations, status, steps)
+    return Solution(task, start, legs, flight, goal_legs, points, miss, found, *known)
+
+
+def _joined(path: Path, start_time: float) -> Flight:
+    """Return legs flown all at once as one flight, of which each leg begins where the one before nearly ends."""
+    count, legs = path.times.shape
+    keep = np.ones((count, legs), dtype=bool)
+    keep[1:] = np.diff(path.times, axis=0) > 0.0
+    keep[0, 1:] = False
+    numbers = np.broadcast_to(np.arange(legs), (count, legs)).T[keep.T]
+    flat = [values.T[keep.T] for values in (path.times - start_time, path.depths)]
+    places = path.places.transpose(1, 0, 2)[keep.T]
+    ends = np.cumsum(np.bincount(numbers, minlength=legs)) - 1
+    return Flight(flat[0][None], flat[1], places[None], numbers, ends)
 
 
 def _along(path: Path, since: Array, k: int, at: Array) -> Array:

@@ -134,8 +134,30 @@ def cut(task: Task, name: str, way: Passage, count: int, depth: float) -> Start:
     angles = np.full(count, task.angle_of(lasts / count, depth))
     if task.is_glide:
         angles = np.array([lasts / HOUR])
-    lines = lines_of(way.route, lasts * np.arange(count + 1) / count)
+    ends = lasts * np.arange(count + 1) / count
+    lines = lines_of(way.route, ends if name.endswith(_AGAIN) else snapped(way.route, ends))
     return Start(name, lines, angles, np.full(count, depth), goal_legs(way.passed, count))
+
+
+def snapped(route: Route, ends: Array) -> Array:
+    """Return times at which legs begin and end, the nearest moved to each corner of a route."""
+    way = np.diff(route.points[:, 0] + 1j * route.points[:, 1])
+    turn = np.abs(np.angle(way[1:] * way[:-1].conj()))
+    ends = ends.copy()
+    free = np.ones(ends.size, dtype=bool)
+    free[[0, -1]] = False
+    for k in np.argsort(-turn):
+        if turn[k] < _CORNER or not free.any():
+            break
+        at = route.times[k + 1]
+        near = int(np.argmin(np.where(free, np.abs(ends - at), np.inf)))
+        if ends[near - 1] < at < ends[near + 1]:
+            ends[near] = at
+            free[near] = False
+    return ends
+
+
+_CORNER = 0.15
 
 
 def lines_of(route: Route, ends: Array) -> Array:
