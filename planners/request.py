@@ -315,6 +315,7 @@ class MissionPlan:
         track: shape (n, 3) [m], predicted local east, north, depth.
         message: The outcome in words, with the constraint or limit that binds if there is one.
         statistics: Counts and figures of the search.
+        shape: The line that it follows, or its mooring; None for neither.
     """
 
     status: PlanStatus
@@ -338,6 +339,12 @@ class MissionPlan:
     track: Array
     message: str
     statistics: Mapping[str, float | int | str] = field(default_factory=dict)
+    shape: Line | Mooring | None = None
+
+    @property
+    def is_moored(self) -> bool:
+        """Whether it stays near its goal."""
+        return isinstance(self.shape, Mooring)
 
     def legs_flown(self, time_ns: int) -> int:
         """Return the number of legs that count as flown at a time [ns, UTC]: those that are more than half over.

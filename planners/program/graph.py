@@ -1,7 +1,7 @@
 """The program of a mission of L legs as a CasADi graph.
 
-Unknowns: the ends of N = L M segments X [km], the glide angle A [rad] and depth H [km] of each leg, what each goal is missed by S [km], what
-walls are passed by z [km], the speed over the vehicle's v. The heading is a result: what the current leaves of a segment is its displacement
+Unknowns: the ends of N = L M segments X [km], glide angle A [rad] and depth H [km] of each leg, what each goal is missed by S [km], what walls
+are passed by z [km], the speed over the vehicle's v. The heading is a result: what the current leaves of a segment is its displacement
 through water q.
 
     q_k = X_k - X_(k-1) - sum_c (J_ck / w + D_k s_c) U_ck - b_k,    |q_1|^2 = (V cos A T_1)^2,    q_m T_1 = q_1 T_m within a leg,

@@ -462,9 +462,7 @@ class _Rounds:
             self.extra = min(self.extra + _ADDED * lacks, _MOST_ADDED)
         summed = float(np.max(np.linalg.norm(np.cumsum(gap, axis=0), axis=1)))
         near = lacks > -2.0 * margin
-        return (
-            summed < (_SETTLED if near else _FREE) and moved < _FREE and lacks < _LACKING
-        )
+        return summed < (_SETTLED if near else _FREE) and moved < _FREE and lacks < _LACKING
 
     def _solution(self, status: str, iterations: int) -> Solution:
         """Return the legs flown one after the other, and what comes of them."""
@@ -487,9 +485,7 @@ def again(found: Solution) -> Solution:
     """Return a solution with its legs flown one after the other, as the vehicle will fly them."""
     task, legs = found.task, found.legs
     begin, clock, deep = task.start[:2], task.start_time, task.goals[:, 2]
-    flight = fly(
-        task.currents, task.vehicle, begin, legs, clock, parts=found.steps, stops=deep
-    )
+    flight = fly(task.currents, task.vehicle, begin, legs, clock, parts=found.steps, stops=deep)
     told = found.clearance, found.iterations, found.status
     return judged(task, found.start, legs, flight, found.goal_legs, *told, steps=found.steps)
 

@@ -1,18 +1,22 @@
 """The search: routes cut into some number of legs, the program from each in turn, until no fewer legs do and nothing else is quicker."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from planners.program.solve import Solution, Solver, Start
-from planners.request import Found
-from planners.route.bound import Bound, bound_of
+from planners.hazards.bottom import DEPTH_TOLERANCE
+from planners.program.solve import Solution, Solver, Start, again
+from planners.request import Found, Line, MissionPlan, Mooring
+from planners.route.bound import Bound, Limit, bound_of
 from planners.route.current import Route
-from planners.route.passage import Passage, by_rays, passage, wider
+from planners.route.passage import MeanCurrent, Passage, by_rays, mean_current, passage, wider
+from planners.simulation.fly import Flight, Legs
 from planners.task import LEAST_DIVE, Task, yo_depths
-from planners.water import HOUR
+from planners.water import HOUR, KM
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import to_local
 from replay_kit.core.progress import announce
 
 # Points of each leg of a route.
@@ -20,7 +24,13 @@ _POINTS = 9
 # Distance between places of a route whose depth is looked up, and between depths of dives [m].
 _SPACING, _STEP = 50.0, 5.0
 # Numbers of legs that are tried until one holds; share of them that is added at once at most; legs at most.
-_TRIES, _AT_ONCE, _MOST_LEGS = 5, 0.3, 150
+_TRIES, _AT_ONCE, _MOST_LEGS, _CRAWLING, _MOORED = 5, 0.3, 150, 24, 60
+# The rest of an earlier plan that takes so many times as long as the route is reconsidered; durations of glides, in those of the route.
+_RECONSIDERED, _GLIDES = 1.02, (1.0, 1.1, 0.9, 1.3, 1.7)
+# Depths over which a mooring's mean current is taken, glide angles tried for it; turn of a route at a corner [rad].
+_DEPTHS, _ANGLES, _CORNER = 51, 64, 0.15
+# Clearance that may be lacking of the margin [m].
+_KEPT = 3.0
 # A mission this near to walls [m] that takes so many times as long as its route is tried with a leg more.
 _BESIDE, _DETOUR, _AGAIN = 500.0, 1.005, " again"
 # By how much a mission may be quicker with a leg less.
@@ -86,6 +96,18 @@ class Search:
             # legs that bend more often may be quicker beside walls
             self.recut(best, best.count + 1, least)
 
+    def approach(self, way: Passage, deep: bool, limit: Limit = "") -> None:
+        """Try the way that comes nearest to a goal out of reach; more legs than some only crawl against a current."""
+        task, settings = self.task, self.task.settings
+        likely = max(int(np.ceil(way.passed[-1] / task.leg_time() - 1e-6)), 1)
+        most = int(
+            min(settings.most_legs, _MOST_LEGS if limit in ("duration", "legs") else _CRAWLING)
+        )
+        count = settings.legs or max(min(likely, most), len(task.goals))
+        start = cut(task, "nearest", way, count, settings.depth) if deep else None
+        start = start or cut_by_depth(task, "nearest", way, 1.0)
+        self.attempt(start or cut(task, "nearest", way, count, LEAST_DIVE))
+
     def recut(self, best: Solution, count: int, least: int) -> Solution | None:
         """Return the solution with so many legs along the way of another; None where there are too few or it is not better."""
         task = self.task
@@ -94,7 +116,11 @@ class Search:
         if count < least or (name, count) in self.tried:
             return None
         found = self.attempt(cut(task, name, as_passage(best), count, float(best.start.depths[0])))
-        return found if is_feasible(task, found) and ranking(task, found) < ranking(task, best) else None
+        return (
+            found
+            if is_feasible(task, found) and ranking(task, found) < ranking(task, best)
+            else None
+        )
 
     def fewest(self, best: Solution, depth: float) -> int:
         """Return the fewest legs that may do where some do: a leg less takes no drift, and the goal's disc is enough."""
@@ -155,9 +181,6 @@ def snapped(route: Route, ends: Array) -> Array:
             ends[near] = at
             free[near] = False
     return ends
-
-
-_CORNER = 0.15
 
 
 def lines_of(route: Route, ends: Array) -> Array:
@@ -230,53 +253,302 @@ def as_passage(found: Solution) -> Passage:
 
 def is_feasible(task: Task, found: Solution) -> bool:
     """Return whether a solution violates no constraint, is in time and meets its goals, unless their miss is weighed against a cost."""
-    met = task.settings.weighs_distance or goals_met(task, found)
+    met = task.settings.weighs_distance or arrives(task, found)
     return found.violation is None and met and overtime(task, found) == 0.0
 
 
-def goals_met(task: Task, found: Solution) -> bool:
-    """Return whether every miss distance is within the tolerance."""
-    return bool(np.all(found.miss <= task.settings.tolerance))
+def arrives(task: Task, found: Solution) -> bool:
+    """Return whether every goal is met within the tolerance, and the track stays near enough to its line or mooring."""
+    if isinstance(task.shape, Mooring):
+        return deviation(task, found)[0] <= task.shape.radius
+    near = task.shape is None or deviation(task, found)[0] <= task.shape.width
+    return near and bool(np.all(found.miss <= task.settings.tolerance))
+
+
+def deviation(task: Task, found: Solution) -> tuple[float, float]:
+    """Return the largest distance from the line or the mooring and its root mean square over time [m]; zeros without."""
+    flight, goal = found.flight, task.goals[-1, :2]
+    off = flight.place[0] - goal
+    if isinstance(task.shape, Line):
+        way = goal - task.line_begin
+        away = np.abs(off @ np.array([-way[1], way[0]])) / float(np.linalg.norm(way))
+    elif isinstance(task.shape, Mooring):
+        away = np.linalg.norm(off, axis=1)
+    else:
+        return 0.0, 0.0
+    lasts = np.diff(flight.time[0])
+    mean = float(np.sum(0.5 * (away[1:] ** 2 + away[:-1] ** 2) * lasts)) / max(found.seconds, 1.0)
+    ends = isinstance(task.shape, Mooring) and task.shape.surfacings_only
+    return float(np.max(away[flight.ends] if ends else away)), float(np.sqrt(mean))
 
 
 def overtime(task: Task, found: Solution) -> float:
-    """Return how much longer than the longest mission a solution lasts [s]."""
-    return max(found.seconds - task.settings.max_duration, 0.0)
+    """Return how much longer than the longest mission a solution lasts [s]; 0 of a mooring, which has a duration of its own."""
+    late = found.seconds - task.settings.max_duration
+    return 0.0 if isinstance(task.shape, Mooring) else max(late, 0.0)
+
+
+def lacking_energy(task: Task, found: Solution) -> float:
+    """Return by how much a solution takes more energy than the battery holds [J]."""
+    return max(found.energy - task.settings.battery, 0.0)
 
 
 def ranking(task: Task, found: Solution) -> tuple[bool, float, float]:
-    """Return the key that solutions are sorted by."""
-    feasible = is_feasible(task, found)
-    lacks = feasible and found.clearance < task.settings.margin - 3.0
-    missing = 0.0 if feasible else float(np.max(found.miss)) + _UNSAFE * (found.violation is not None)
-    depths = yo_depths(found.legs.turns)
-    cost = task.settings.aim.cost(Found(task.vehicle, found.legs.angles, depths, found.seconds, found.energy, float(np.sum(found.miss))))
-    return not feasible, missing + lacks * 1.0, cost
+    """Return the key that solutions are sorted by: feasible ones that the battery allows first, by cost; the others by what is missing."""
+    feasible, aim, lacking = (
+        is_feasible(task, found),
+        task.settings.aim,
+        lacking_energy(task, found),
+    )
+    missing = overtime(task, found) + lacking / 1e3
+    if not feasible or aim.distance_first:
+        missing += float(np.max(found.miss)) + _UNSAFE * (found.violation is not None)
+    # the margin is kept first
+    missing += float(found.clearance < task.settings.margin - _KEPT)
+    depths, miss = yo_depths(found.legs.turns), float(np.sum(found.miss))
+    one = Found(task.vehicle, found.legs.angles, depths, found.seconds, found.energy, miss)
+    cost = aim.cost(one)
+    if isinstance(task.shape, Line):
+        cost += task.shape.weight * found.seconds / HOUR * (deviation(task, found)[1] / KM) ** 2
+    elif isinstance(task.shape, Mooring):
+        cost = deviation(task, found)[1]
+    return not feasible or lacking > 0.0, missing, cost
 
 
-def search(task: Task) -> tuple[list[Solution], Bound | None]:
-    """Return solutions, in turn, and the bound."""
-    mean, bound = bound_of(task)
-    rays = None if bound.is_tight else by_rays(task, mean)
-    if bound.goal >= 0 and rays is None:
-        return [], bound
-    one = Search(task, bound)
-    route = passage(task, mean)
+def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
+    """Return the best mission found, and what is known of goals out of reach.
+
+    Args:
+        task: The mission.
+        warm: An earlier plan, whose rest is tried first.
+    """
+    if met := _met_at_start(task):
+        if met == len(task.goals):
+            return Answer(staying(task), [], None)
+        kept = tuple(range(met, len(task.goals)))
+        return _to_all(task, kept, search(_to_some(task, kept), warm))
+    if isinstance(task.shape, Mooring):
+        return _moored(task)
+    if task.is_glide:
+        return _glide(task)
+    before = [] if warm is None else _rest(task, warm)
+    bounded = not (task.settings.weighs_distance or task.shape is not None or before)
+    mean, bound = bound_of(task) if bounded else (mean_current(task), None)
+    one = Search(task, bound, before)
+    if before and is_feasible(task, before[0]):
+        route = passage(task, mean)
+        if before[0].seconds > _RECONSIDERED * float(route.passed[-1]) and route.route.arrives:
+            one.sweep([("front", route)], task.settings.depth)
+        return Answer(_taken(task, one.found), one.found, None)
+    tight = bound is None or bound.is_tight
+    rays = None if tight and bound is not None else by_rays(task, mean)
+    if bound is not None and bound.goal >= 0 and rays is None:
+        return _without(task, mean, bound)
+    _anew(one, mean, rays)
+    best = _taken(task, one.found)
+    if not is_feasible(task, best) and len(task.goals) > 1 and not task.is_late:
+        # the goal missed by most takes the time that others need
+        kept = tuple(k for k in range(len(best.miss)) if k != int(np.argmax(best.miss)))
+        fewer = _to_all(task, kept, search(_to_some(task, kept)))
+        reached = [
+            int(np.sum(found.miss <= task.settings.tolerance)) for found in (fewer.best, best)
+        ]
+        if reached[0] > reached[1] and fewer.best.violation is None:
+            return fewer
+    return Answer(best, one.found, bound)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What the search found.
+
+    Attributes:
+        best: The solution to take.
+        tried: All solutions, in turn.
+        bound: What no vehicle of the same speed can do better; None where it is not known.
+        beyond: What is known of each goal out of reach.
+    """
+
+    best: Solution
+    tried: list[Solution]
+    bound: Bound | None
+    beyond: tuple[Bound, ...] = ()
+
+
+def _taken(task: Task, found: Sequence[Solution]) -> Solution:
+    """Return the best solution, flown leg after leg."""
+    for one in sorted(found, key=lambda one: ranking(task, one)):
+        flown = again(one)
+        if is_feasible(task, flown) or not is_feasible(task, one):
+            return flown
+    return again(min(found, key=lambda one: ranking(task, one)))
+
+
+def _anew(one: Search, mean: MeanCurrent, rays: Passage | None) -> None:
+    """Try the routes of a mission, round shallows and across them."""
+    task, depth = one.task, one.task.settings.depth
     places = np.vstack([task.start, task.goals])[:, :2]
-    full = task.bottom.limit_at(places).min() >= task.settings.depth
     ways = [] if rays is None else [("rays", rays)]
-    if route.route.arrives:
-        ways.append(("front", route))
-        if (wide := wider(task, mean, route)) is not None:
-            ways.append(("wide", wide))
-    if full and ways:
-        one.sweep(ways, task.settings.depth)
-        if task.settings.depths is not None:
-            one.sweep(ways, max(task.settings.depths[0], 20.0))
-    if task.bottom.shallowest < task.settings.depth:
+    deep = bool(task.bottom.limit_at(places).min() >= depth)
+    if deep:
+        route = passage(task, mean)
+        if route.route.arrives:
+            ways.append(("front", route))
+            if (wide := wider(task, mean, route)) is not None:
+                ways.append(("wide", wide))
+        if ways:
+            one.sweep(ways, depth)
+            if task.settings.depths is not None:
+                one.sweep(
+                    ways, max(task.settings.depths[0], LEAST_DIVE, float(task.goals[:, 2].max()))
+                )
+    best = one.best
+    if task.bottom.shallowest < depth and not task.is_late:
         across = passage(task, mean, LEAST_DIVE)
-        if across.route.arrives and (
-            one.best is None or across.passed[-1] < _ACROSS * one.best.seconds
-        ):
+        quicker = best is None or across.passed[-1] < _ACROSS * best.seconds
+        if across.route.arrives and quicker:
             one.turn(across)
-    return one.found, bound
+    if not one.found:
+        # as near as the quickest way comes
+        nearest = passage(task, mean, None if deep else LEAST_DIVE)
+        one.approach(nearest, deep)
+
+
+def _without(task: Task, mean: MeanCurrent, bound: Bound) -> Answer:
+    """Return the best mission to the goals but for one out of reach; as near to that as it comes where no other is within reach."""
+    others = tuple(k for k in range(len(task.goals)) if k != bound.goal)
+    if others:
+        found = _to_all(task, others, search(_to_some(task, others)))
+        beyond = tuple(sorted((bound, *found.beyond), key=lambda one: one.goal))
+        if len(beyond) < len(task.goals):
+            return replace(found, bound=None, beyond=beyond)
+    this = (bound.goal,)
+    alone = _to_some(task, this)
+    one = Search(alone, None)
+    places = np.vstack([alone.start, alone.goals])[:1, :2]
+    deep = bool(task.bottom.limit_at(places).min() >= task.settings.depth)
+    one.approach(passage(alone, mean, None if deep else LEAST_DIVE), deep, bound.limit)
+    found = _to_all(task, this, Answer(_taken(alone, one.found), one.found, None))
+    beyond = (bound,) if not others else beyond
+    return replace(found, beyond=beyond)
+
+
+def _rest(task: Task, warm: MissionPlan) -> list[Solution]:
+    """Return what is solved from the rest of an earlier plan; nothing where none of it is left, or not the number of legs asked for."""
+    flown = warm.legs_flown(task.request.start_time_ns)
+    left = len(warm.headings_deg) - flown
+    goals = len(warm.goals) == len(task.goals) and all(leg > flown for leg in warm.goal_legs)
+    if left < max(len(task.goals), 1) or not goals or task.settings.legs not in (None, left):
+        return []
+    projection = task.region.grid.projection
+    ends = np.column_stack(to_local(projection, *warm.surfacings[flown:].T))
+    points = np.vstack([task.start[None, :2], ends])
+    share = np.linspace(0.0, 1.0, _POINTS)[None, :, None]
+    lines = points[:-1, None] + share * np.diff(points, axis=0)[:, None]
+    depths = np.array([max(leg[1:]) for leg in warm.yo_depths[flown:]])
+    if np.any(depths < task.settings.depth) and len(depths) > 1 and task.settings.depths is None:
+        depths = np.minimum(depths, task.settings.depth)
+    angles = np.clip(np.deg2rad(warm.glide_angles_deg[flown:]), *task.vehicle.angles)
+    legs = tuple(leg - flown for leg in warm.goal_legs)
+    return [Solver(task).solve(Start("rest", lines, angles, depths, legs))]
+
+
+def _moored(task: Task) -> Answer:
+    """Return the mission near a place: legs at the glide angle at which the glider holds its place, from two guesses."""
+    shape, settings, place = task.shape, task.settings, task.goals[0, :2]
+    assert isinstance(shape, Mooring)
+    weights = task.currents.weights(np.linspace(0.0, settings.depth, _DEPTHS)).mean(axis=0)
+    at, now = place[None], task.start_time + 0.5 * shape.duration
+    current = task.currents.velocity(at, weights, now)[0]
+    angles = np.linspace(*task.vehicle.angles, _ANGLES)
+    # a drift at the surface has to be made up for under water
+    lasts = np.array([task.leg_time(float(angle)) for angle in angles])
+    along = (1.0 - settings.surface_time / lasts) * np.asarray(task.vehicle.speeds(np, angles)[0])
+    speed = float(np.linalg.norm(current))
+    best = int(np.argmin(np.abs(along - speed)))
+    needed = int(np.ceil((shape.duration + settings.surface_time) / lasts[best] - 1e-6))
+    count, most = settings.legs or needed, settings.max_legs or _MOORED
+    if count > most:
+        raise PlanError(
+            f"a mooring of {shape.duration / 3600.0:g} h takes {count} legs, but max_legs = {most}; allow more, or more dives a leg"
+        )
+    one = Search(task, None)
+    for hop in (0.0, 0.5 * max(along[best] - speed, 0.0) * lasts[best]):
+        side = hop * (-1.0) ** np.arange(count)
+        ends = place + np.column_stack([side, np.zeros(count)])
+        points = np.vstack([task.start[None, :2], ends])
+        lines = (
+            points[:-1, None]
+            + np.linspace(0.0, 1.0, _POINTS)[None, :, None] * np.diff(points, axis=0)[:, None]
+        )
+        flat = np.full(count, angles[best]), np.full(count, settings.depth)
+        one.attempt(Start("held" if hop == 0.0 else "hops", lines, *flat, (count,)))
+    return Answer(_taken(task, one.found), one.found, None)
+
+
+def _glide(task: Task) -> Answer:
+    """Return the glide that ends at its goal, of the quickest route's duration or some multiple of it."""
+    mean = mean_current(task)
+    one, way = Search(task, None), passage(task, mean, 0.0)
+    for share in _GLIDES:
+        times = way.route.times * share
+        longer = Passage(Route(way.route.points, times, True), way.passed * share)
+        one.attempt(cut(task, f"glide {share:g}", longer, 1, task.settings.depth))
+        if is_feasible(task, one.found[-1]):
+            break
+    return Answer(_taken(task, one.found), one.found, None)
+
+
+def staying(task: Task) -> Solution:
+    """Return the mission without legs, which stays at its start."""
+    none, nothing = np.zeros(0), np.zeros(0, dtype=int)
+    at = task.start[None, None, :2]
+    flight = Flight(np.zeros((1, 1)), task.start[2:], at, np.zeros(1, dtype=int), nothing)
+    legs = Legs(none, none, np.zeros((2, 0)), none)
+    goals = np.zeros(len(task.goals), dtype=int)
+    return Solution(task, None, legs, flight, tuple(goals.tolist()), goals, task.from_start, None)
+
+
+def _met_at_start(task: Task) -> int:
+    """Return how many of the first goals lie within the tolerance of the start.
+
+    Where others follow, a goal at another depth is not met: a dive passes it on the way.
+    """
+    if task.shape is not None or task.is_glide:
+        return 0
+    near = task.from_start <= task.settings.tolerance
+    if near.all():
+        return near.size
+    return int(np.argmin(near & (np.abs(task.goals[:, 2] - task.start[2]) <= DEPTH_TOLERANCE)))
+
+
+def _to_some(task: Task, kept: tuple[int, ...]) -> Task:
+    """Return the mission to some of its goals, by their numbers."""
+    goals = tuple(task.request.goals[k] for k in kept)
+    return replace(task, request=replace(task.request, goals=goals), goals=task.goals[list(kept)])
+
+
+def _to_all(task: Task, kept: tuple[int, ...], answer: Answer) -> Answer:
+    """Return an answer for some of the goals as one for all: each of the others counts where a leg comes nearest to it, in their order."""
+    found = answer.best
+    ends = np.concatenate([[0], found.flight.ends])
+    places, met, legs, points = (
+        found.flight.place[0, ends],
+        dict(zip(kept, range(len(kept)), strict=True)),
+        list[int](),
+        list[int](),
+    )
+    for k, goal in enumerate(task.goals):
+        if k in met:
+            legs.append(found.goal_legs[met[k]])
+            points.append(int(found.points[met[k]]))
+            continue
+        before = legs[-1] if legs else 0
+        after = next((found.goal_legs[met[j]] for j in kept if j > k), ends.size - 1)
+        away = np.linalg.norm(places[before : after + 1] - goal[:2], axis=1)
+        legs.append(before + int(np.argmin(away)))
+        points.append(int(ends[legs[-1]]))
+    miss = np.linalg.norm(found.flight.place[0, points] - task.goals[:, :2], axis=1)
+    whole = replace(found, goal_legs=tuple(legs), points=np.array(points), miss=miss)
+    beyond = tuple(replace(bound, goal=kept[bound.goal]) for bound in answer.beyond)
+    return replace(answer, best=whole, bound=None, beyond=beyond)

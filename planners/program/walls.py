@@ -109,7 +109,9 @@ class Walls:
         return least
 
 
-def _touched(ring: Ring, taken: Any, line: Array, reference: Array) -> list[tuple[bool, Array, Array]]:
+def _touched(
+    ring: Ring, taken: Any, line: Array, reference: Array
+) -> list[tuple[bool, Array, Array]]:
     """Return whether points of a segment are forbidden, these and the nearest of the ring [m]: one where it is clear of the ring."""
     overlap = shapely.intersection(ring.solid, taken)
     parts = [

@@ -101,7 +101,7 @@ def passage(
 
 
 def wider(task: Task, mean: MeanCurrent, quickest: Passage) -> Passage | None:
-    """Return the passage farthest from what it keeps clear of that takes little longer than the quickest; None where that is clear of all."""
+    """Return the passage farthest from what it keeps clear of that takes little longer; None where the quickest is clear of all."""
     line = shapely.linestrings(quickest.route.points)
     solid = [ring for ring in task.solid(task.settings.depth) if not ring.outside]
     if not any(shapely.dwithin(ring.area, line, _WIDER[0]) for ring in solid):

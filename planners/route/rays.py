@@ -1,4 +1,4 @@
-"""The quickest way in a current faster than the vehicle: Zermelo's rays from a place, as a front whose gaps are filled and whose laggards end.
+"""The quickest way in a current faster than the vehicle: Zermelo's rays, as a front whose gaps are filled and whose laggards end.
 
 A lattice leads only in some directions, of which few are open where the current is faster than the vehicle. A ray's heading t, from east,
 turns by dt/dt = sin^2 t v_x + sin t cos t (u_x - v_y) - cos^2 t u_y, so that no other way leads farther (Zermelo 1931). A ray between
@@ -38,7 +38,7 @@ def ray_to(
     step = spacing / _A_LINE / (current.fastest + speed)
     at = np.full(_FIRST, start)
     headings = 2.0 * np.pi * np.arange(_FIRST) / _FIRST
-    begun, cell = now, _CELL * spacing
+    cell = _CELL * spacing
     late, corner = _LATE * cell / speed + 2.0 * step, complex(*current.origin)
     shape = [int(np.ceil(span / cell)) + 2 for span in _span(current)]
     first = np.full(shape, np.inf)
@@ -50,7 +50,9 @@ def ray_to(
         if np.min(near) < _NEAR * spacing:
             history.append((at, np.arange(at.size)))
             return _traced(history, int(np.argmin(near)), goal, (step, speed))
-        rows, columns = ((part / cell).astype(int) for part in ((at - corner).real, (at - corner).imag))
+        rows, columns = (
+            (part / cell).astype(int) for part in ((at - corner).real, (at - corner).imag)
+        )
         inside = (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])
         rows, columns = np.where(inside, rows, 0), np.where(inside, columns, 0)
         np.minimum.at(first, (rows[inside], columns[inside]), now)
@@ -94,7 +96,9 @@ def _filled(
     after = np.roll(kept, -1)
     gap = (np.abs(at[after] - at[kept]) > apart) & ((kept + 1) % at.size == after)
     turned = np.angle(np.exp(1j * (headings[after] - headings[kept])))
-    order = np.argsort(np.concatenate([np.arange(kept.size), np.flatnonzero(gap) + 0.5]), kind="stable")
+    order = np.argsort(
+        np.concatenate([np.arange(kept.size), np.flatnonzero(gap) + 0.5]), kind="stable"
+    )
     middle = 0.5 * (at[kept] + at[after])[gap]
     between = (headings[kept] + 0.5 * turned)[gap]
     return (
@@ -119,5 +123,8 @@ def _traced(
     places = np.array(chain[::-1])
     seconds = step * np.arange(places.size)
     left = abs(goal - places[-1])
-    places, seconds = np.append(places, goal), np.append(seconds, seconds[-1] + max(left / speed * 0.3, 1.0))
+    places, seconds = (
+        np.append(places, goal),
+        np.append(seconds, seconds[-1] + max(left / speed * 0.3, 1.0)),
+    )
     return Route(np.column_stack([places.real, places.imag]), seconds, True)

@@ -7,6 +7,7 @@ current are passed, as it bends there in depth.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -179,7 +180,7 @@ def steps_of(turns: Array, levels: Array, parts: int) -> Array:
     Gliders have the same number of steps; those of one that passes fewer levels have no length.
     """
     found = [turns[:1]]
-    for begin, end in zip(turns[:-1], turns[1:], strict=True):
+    for begin, end in pairwise(turns):
         low, high = np.minimum(begin, end), np.maximum(begin, end)
         met = levels[(levels > low.min()) & (levels < high.max())]
         way = np.abs(np.clip(met[:, None], low, high) - begin)
