@@ -151,7 +151,10 @@ class Task:
 
     def leg_time(self, angle: float | None = None, depth: float | None = None) -> float:
         """Return the duration of a leg with its drift [s], by default at the shallowest glide angle [rad] to the depth of the settings."""
-        down = float(self.vehicle.speeds(np, self.shallowest_angle if angle is None else angle)[1])
+        if self.is_glide:
+            return self.settings.max_duration
+        chosen = self.shallowest_angle if angle is None else angle
+        down = float(self.vehicle.speeds(np, chosen)[1])
         deep = self.settings.depth if depth is None else depth
         return 2.0 * self.settings.yos * deep / down + self.settings.surface_time
 

@@ -18,8 +18,8 @@ from planners.water import HOUR, KM, Water
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import true_north_halfway
 
-# Rounds at most; what legs end beside the program, added up, that is left in the last one, near walls and else [m].
-_ROUNDS, _SETTLED, _FREE = 12, 1.0, 8.0
+# Rounds at most; what legs end beside the program, added up, that is left in the last one: near walls, else, and of glides [m].
+_ROUNDS, _SETTLED, _FREE, _EXACT = 12, 1.0, 8.0, 0.02
 # Distance kept beside the margin, lack of clearance that may be left, and share of it that is added after so many rounds, at most [m].
 _AHEAD, _LACKING, _ADDED, _PATIENT, _MOST_ADDED = 0.5, 1.0, 0.7, 3, 200.0
 # Where legs end farther beside the program than this [m], a start whose program is not solved is given up.
@@ -133,7 +133,8 @@ def terms_of(task: Task) -> Terms:
         given = {"weights": np.array([1e-5, 0.0, 0.0, 0.0, 1.0]), "within": within}
         return Terms(none | given, shape.duration / HOUR, 1e6)
     hour = weights.time + weights.energy * task.vehicle.power * HOUR / 1e3
-    miss = _MISS_FIRST if aim.distance_first or shape is not None else _MISS
+    first = aim.distance_first or shape is not None or task.is_glide
+    miss = _MISS_FIRST if first else _MISS
     if weights.closest is not None and hour > 0.0:
         miss = weights.closest / hour
     each = np.array([weights.time, weights.energy, 0.0]) / (hour or 1.0)
@@ -461,8 +462,8 @@ class _Rounds:
         if number >= _PATIENT and _LACKING < lacks < margin:
             self.extra = min(self.extra + _ADDED * lacks, _MOST_ADDED)
         summed = float(np.max(np.linalg.norm(np.cumsum(gap, axis=0), axis=1)))
-        near = lacks > -2.0 * margin
-        return summed < (_SETTLED if near else _FREE) and moved < _FREE and lacks < _LACKING
+        left = _SETTLED if lacks > -2.0 * margin else _EXACT if self.task.is_glide else _FREE
+        return summed < left and moved < _FREE and lacks < _LACKING
 
     def _solution(self, status: str, iterations: int) -> Solution:
         """Return the legs flown one after the other, and what comes of them."""

@@ -29,6 +29,8 @@ _TRIES, _AT_ONCE, _MOST_LEGS, _CRAWLING, _MOORED = 5, 0.3, 150, 24, 60
 _RECONSIDERED, _GLIDES = 1.02, (1.0, 1.1, 0.9, 1.3, 1.7)
 # Depths over which a mooring's mean current is taken, glide angles tried for it; turn of a route at a corner [rad].
 _DEPTHS, _ANGLES, _CORNER = 51, 64, 0.15
+# Share of the best mission's cost below which the route of a lesser depth is tried.
+_AT_LEAST = 0.995
 # Clearance that may be lacking of the margin [m].
 _KEPT = 3.0
 # A mission this near to walls [m] that takes so many times as long as its route is tried with a leg more.
@@ -398,10 +400,7 @@ def _anew(one: Search, mean: MeanCurrent, rays: Passage | None) -> None:
                 ways.append(("wide", wide))
         if ways:
             one.sweep(ways, depth)
-            if task.settings.depths is not None:
-                one.sweep(
-                    ways, max(task.settings.depths[0], LEAST_DIVE, float(task.goals[:, 2].max()))
-                )
+            _in_range(one)
     best = one.best
     if task.bottom.shallowest < depth and not task.is_late:
         across = passage(task, mean, LEAST_DIVE)
@@ -412,6 +411,27 @@ def _anew(one: Search, mean: MeanCurrent, rays: Passage | None) -> None:
         # as near as the quickest way comes
         nearest = passage(task, mean, None if deep else LEAST_DIVE)
         one.approach(nearest, deep)
+
+
+def _in_range(one: Search) -> None:
+    """Try lesser depths of a range whose own route may be better than the best mission found."""
+    task, settings = one.task, one.task.settings
+    if settings.depths is None:
+        return
+    least = max(settings.depths[0], LEAST_DIVE, float(np.max(task.goals[:, 2])))
+    for depth in (least, float(np.sqrt(least * settings.depth))):
+        of = replace(settings, depth=depth)
+        shallow = replace(task, request=replace(task.request, settings=of))
+        way, best = passage(shallow, mean_current(shallow)), one.best
+        lasts = float(way.passed[-1])
+        count = int(np.ceil(lasts / task.leg_time(depth=depth)))
+        energy = float(task.vehicle.energy(lasts, count * settings.yos * depth))
+        legs = ((0.0, *(depth, 0.0) * settings.yos),) * count
+        angles = np.full(count, task.shallowest_angle)
+        cost = settings.aim.cost(Found(task.vehicle, angles, legs, lasts, energy, 0.0))
+        worth = best is None or cost < _AT_LEAST * ranking(task, best)[2]
+        if way.route.arrives and count <= _MOST_LEGS and worth and not task.is_late:
+            one.sweep([("shallower", way)], depth)
 
 
 def _without(task: Task, mean: MeanCurrent, bound: Bound) -> Answer:
@@ -489,11 +509,12 @@ def _moored(task: Task) -> Answer:
 def _glide(task: Task) -> Answer:
     """Return the glide that ends at its goal, of the quickest route's duration or some multiple of it."""
     mean = mean_current(task)
-    one, way = Search(task, None), passage(task, mean, 0.0)
+    deepest = float(max(task.start[2], task.goals[-1, 2]))
+    one, way = Search(task, None), passage(task, mean, deepest)
     for share in _GLIDES:
         times = way.route.times * share
         longer = Passage(Route(way.route.points, times, True), way.passed * share)
-        one.attempt(cut(task, f"glide {share:g}", longer, 1, task.settings.depth))
+        one.attempt(cut(task, f"glide {share:g}", longer, 1, deepest))
         if is_feasible(task, one.found[-1]):
             break
     return Answer(_taken(task, one.found), one.found, None)
