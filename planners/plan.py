@@ -100,6 +100,7 @@ def _statistics(task: Task, answer: Answer) -> Statistics:
         "iterations": sum(one.iterations for one in tried),
         "tried": "; ".join(map(tried_text, tried)),
         "longest_met_h": max(feasible, default=float("nan")),
+        "steps": answer.best.steps,
     }
     if bound is not None and bound.is_tight and np.isfinite(bound.time):
         statistics |= {"bound_h": bound.time / 3600.0}

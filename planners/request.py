@@ -111,7 +111,7 @@ def objective_named(name: str) -> Objective:
     if name in OBJECTIVES:
         return OBJECTIVES[name]
     found: Objective = additions(
-        "objectives", lambda value: isinstance(value, Objective), "a planners.mission Objective"
+        "objectives", lambda value: isinstance(value, Objective), "a planners Objective"
     )[name]
     return found
 

@@ -48,7 +48,8 @@ class Water:
 
     def weights(self, depths: Array) -> Array:
         """Return the weights of the levels, shape (n, C), at depths [m]."""
-        return depth_weights(self._functions, depths, self._levels)[:, : self.count]
+        found = depth_weights(self._functions, depths, self._levels)
+        return np.asarray(found[:, : self.count])
 
     def integral(self, depth: float) -> Array:
         """Return the integrals of the levels' weights from the surface to a depth, shape (C,) [m]; odd in it."""
@@ -107,4 +108,5 @@ def spline(axes: list[Array], values: Array) -> ca.Function:
 def _knots(axis: Array, degree: int) -> list[float]:
     """Return the knots at which a spline of a degree passes through values; of a cubic one there is none beside the ends."""
     inner = axis[2:-2] if degree == 3 else axis[1:-1] if degree == 1 else axis[:0]
-    return [float(axis[0])] * (degree + 1) + inner.tolist() + [float(axis[-1])] * (degree + 1)
+    ends = [float(axis[0])] * (degree + 1), [float(axis[-1])] * (degree + 1)
+    return [*ends[0], *map(float, inner), *ends[1]]

@@ -1,4 +1,4 @@
-"""Where a path may not go: rings in the local frame, half-planes that keep a path clear of them, the test of its segments."""
+"""Where a path may not go: rings in the local frame, and the test of a path's segments."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from pyproj import Geod
-from scipy.spatial import cKDTree
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -19,10 +18,6 @@ from replay_kit.core.plan import Area
 
 # Width of the frame around what must not be left [m].
 _FRAME = 1e5
-# Offset of a half-plane that forbids nothing [m].
-_FAR = 1e9
-# A point of a ring this near to a corner is the corner [m].
-_AT_CORNER = 1e-3
 # Largest distance between the corners of an area's edges [m]: on it a parallel of latitude is straight to a few centimetres.
 _EDGE = 1000.0
 _ELLIPSOID = Geod(ellps="WGS84")
@@ -121,14 +116,6 @@ class Ring:
     def forbids(self, points: Array) -> NDArray[np.bool_]:
         """Return which points, shape (n, 2) [m], the ring forbids."""
         return np.asarray(self.inside(points) != self.outside)
-
-    @cached_property
-    def _tree(self) -> cKDTree:
-        return cKDTree(np.concatenate([self.corners, *self.holes]))
-
-    def is_corner(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points of the ring, shape (n, 2) [m], are corners."""
-        return np.asarray(self._tree.query(points)[0] < _AT_CORNER)
 
     def clearance(self, points: Array) -> Array:
         """Return the distance of points, shape (n, 2) [m], from the ring [m]: negative where it forbids them."""
@@ -261,86 +248,3 @@ def first_crossing(
         return None
     number, share, name = min(found)
     return name, number, share
-
-
-@dataclass(frozen=True, eq=False)
-class NearRings:
-    """One ring for each of some places, which keeps clear of it.
-
-    Attributes:
-        rings: All rings.
-        which: shape (n,), the ring of each place; -1 for none.
-        margin: Distance kept [m].
-    """
-
-    rings: tuple[Ring, ...]
-    which: NDArray[np.intp]
-    margin: float
-
-    @cached_property
-    def _shapes(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_]]:
-        """The line and the area of each ring, and whether its outside is forbidden."""
-        lines, areas = (
-            np.array([getattr(ring, name) for ring in self.rings]) for name in ("line", "area")
-        )
-        return lines, areas, np.array([ring.outside for ring in self.rings], dtype=bool)
-
-    def clearance(self, points: Array) -> Array:
-        """Return the distance of each point, shape (n, 2) [m], from its ring, shape (n,) [m]; negative inside, infinite without one."""
-        found = np.full(len(points), np.inf)
-        for number in np.unique(self.which[self.which >= 0]):
-            at = self.which == number
-            found[at] = self.rings[number].clearance(points[at])
-        return found
-
-    def planes(self, points: Array) -> tuple[Array, Array]:
-        """Return the half-plane in which each point may move freely, and how it turns as the point moves.
-
-        It touches, less the margin, the point of the ring that is nearest. A forbidden point gets the half-plane that leads out.
-
-        Args:
-            points: shape (n, 2) [m].
-
-        Returns:
-            shape (n, 3), normal (east, north) and offset [m]; shape (n,), curvature of the line of equal distance from the ring [1/m]: that
-            of a circle round a corner, 0 beside an edge.
-        """
-        # those without a ring forbid nothing
-        planes, bend = np.tile([0.0, 0.0, _FAR], (len(points), 1)), np.zeros(len(points))
-        kept = np.flatnonzero(self.which >= 0)
-        which = self.which[kept]
-        lines, areas, outside = (each[which] for each in self._shapes)
-        shortest = shapely.shortest_line(lines, shapely.points(points[kept]))
-        nearest = shapely.get_coordinates(shortest)[::2]
-        away = nearest - points[kept]
-        signed = np.hypot(*away.T)
-        signed[shapely.contains_xy(areas, *points[kept].T) != outside] *= -1.0
-        counts = signed != 0.0
-        at, which, nearest, signed = kept[counts], which[counts], nearest[counts], signed[counts]
-        normal = away[counts] / signed[:, None]
-        planes[at] = np.column_stack([normal, np.sum(normal * nearest, axis=1) - self.margin])
-        for number in np.unique(which):
-            own = which == number
-            corner = self.rings[number].is_corner(nearest[own])
-            bend[at[own]] = np.where(corner, 1.0 / signed[own], 0.0)
-        return planes, bend
-
-
-def near_rings(
-    rings: Sequence[Ring], points: Array, surfacing: NDArray[np.bool_], count: int
-) -> NDArray[np.intp]:
-    """Return the numbers of the rings nearest to some places, shape (n, count), nearest first; -1 where there are fewer.
-
-    Args:
-        rings: What is forbidden.
-        points: shape (n, 2) [m].
-        surfacing: shape (n,), whether the point is at the surface.
-        count: Rings for each point.
-    """
-    distances = np.full((len(points), len(rings) + count), np.inf)
-    for k, ring in enumerate(rings):
-        signed = ring.clearance(points)
-        counts = (surfacing | (not ring.surface_only)) & (signed != 0.0)
-        distances[counts, k] = signed[counts]
-    order = np.argsort(distances, axis=1, kind="stable")[:, :count]
-    return np.where(np.isfinite(np.take_along_axis(distances, order, axis=1)), order, -1)

@@ -170,7 +170,7 @@ class Bottom:
         return self._rings[depth]
 
     def _rings_of(self, depth: float) -> tuple[Ring, ...]:
-        rings = []
+        rings = list[Ring]()
         for grid in self.grids:
             shallow = grid.limit < depth
             cells = np.argwhere(shallow & widened(~shallow, 1))

@@ -91,19 +91,6 @@ class Region:
         """Return whether points, shape (n, 3) [m], are inside and water."""
         return self.inside(points) & self.wet(points)
 
-    def sides(self) -> Array:
-        """Return the outline's four sides as parabolas, shape (4, 7): outward normal, tangent, and c with n.p <= c0 + c1 t.p + c2 (t.p)^2.
-
-        A parallel of latitude is a parabola in the local frame to a few metres over hundreds of kilometres; what the fit leaves out
-        is added outward, so that no part of the grid is cut off. Lengths are in kilometres.
-        """
-        east, north = self.grid.east / 1e3, self.grid.north / 1e3
-        centre = np.array([east.mean(), north.mean()])
-        edges = (np.s_[0, :], np.s_[:, -1], np.s_[-1, :], np.s_[:, 0])
-        return np.array(
-            [_parabola(np.column_stack([east[edge], north[edge]]), centre) for edge in edges]
-        )
-
 
 def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
     """Return which entries, shape (J, I), have one that is set within a number of rows and columns."""
@@ -114,18 +101,6 @@ def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
         count = count.swapaxes(0, axis)
         mask = (count[2 * by + 1 :] > count[: -2 * by - 1]).swapaxes(0, axis)
     return mask
-
-
-def _parabola(points: Array, centre: Array) -> Array:
-    tangent = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
-    normal = np.array([tangent[1], -tangent[0]])
-    normal *= np.sign((points.mean(axis=0) - centre) @ normal)
-    along, out = points @ tangent, points @ normal
-    fit = np.zeros(3)
-    degree = min(2, len(points) - 1)
-    fit[: degree + 1] = np.polynomial.polynomial.polyfit(along, out, degree)
-    fit[0] += max(0.0, float(np.max(out - np.polynomial.polynomial.polyval(along, fit))))
-    return np.concatenate([normal, tangent, fit])
 
 
 def locate(region: Region, place: Place, role: str) -> Array:

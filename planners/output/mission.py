@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from planners.mission.odds import MissionOdds
+from planners.odds import MissionOdds
 from planners.request import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic

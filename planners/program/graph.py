@@ -1,8 +1,8 @@
 """The program of a mission of L legs as a CasADi graph.
 
-Unknowns: the ends of N = L M segments X [km], glide angle A [rad] and depth H [km] of each leg, what each goal is missed by S [km], what walls
-are passed by z [km], the speed over the vehicle's v. The heading is a result: what the current leaves of a segment is its displacement
-through water q.
+Unknowns: the ends of N = L M segments X [km], glide angle A [rad] and depth H [km] of each leg, what each goal is missed by S [km], what
+walls are passed by z [km], the speed over the vehicle's v. The heading is a result: what the current leaves of a segment is its
+displacement through water q.
 
     q_k = X_k - X_(k-1) - sum_c (J_ck / w + D_k s_c) U_ck - b_k,    |q_1|^2 = (V cos A T_1)^2,    q_m T_1 = q_1 T_m within a leg,
     T_k = (p_k H - o_k) / w,    w = V sin A,    J_ck = a_k I_c(H) + a'_k I_c(H / 2) - j_ck,
@@ -29,7 +29,7 @@ from replay_kit.core.arrays import Array
 PLANES, FAR = 3, 1e7
 # Cost of a kilometre behind a wall, and of what the other goals are missed by within which it is rounded [h/km, km^2].
 _BEYOND, _ROUNDED = 200.0, 1e-4
-_OPTIONS = {
+_OPTIONS: dict[str, Any] = {
     "print_time": False,
     "show_eval_warnings": False,
     "ipopt.print_level": 0,
@@ -207,7 +207,7 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
     )
     unknowns = ca.veccat(ends, angles, depths, missed, beyond, pace)
     parameters = ca.veccat(*p.values())
-    problem = {"x": unknowns, "p": parameters, "f": cost, "g": constraints}
+    problem: dict[str, Any] = {"x": unknowns, "p": parameters, "f": cost, "g": constraints}
     solver = ca.nlpsol("mission", "ipopt", problem, _OPTIONS)
     result = ca.Function("result", [unknowns, parameters], [through, lasts, end])
     return Program(shape, water.count, solver, result)

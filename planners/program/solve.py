@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from math import inf
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ _SOLVED = "Solve_Succeeded", "Solved_To_Acceptable_Level"
 # Shares of a kernel length over which Simpson's rule holds along a leg of one segment, and of two; segments and steps of a glide.
 _ONE, _TWO, _OF_GLIDE, _GLIDE_STEPS = 0.8, 1.6, 8, 240
 # Longest step of a flown dive or climb [s].
-_LONGEST = 600.0
+_LONGEST = 300.0
 # Tolerances beyond which a goal is missed for good.
 _OFF = 2.0
 # Points of a flown segment, and of the drift after it.
@@ -317,8 +318,8 @@ class _Rounds:
             )
             if settled or lost or astray:
                 break
-        found = self._solution(status, iterations)
-        return found if settled else again(found)
+        answer = self._solution(status, iterations)
+        return answer if settled else again(answer)
 
     def _solve(self, number: int, walled: bool) -> tuple[str, int, tuple[Array, Array, Array]]:
         """Solve the program; return IPOPT's status and iterations, and displacements, durations and ends of the segments."""
@@ -344,8 +345,8 @@ class _Rounds:
                 [self.beyond, pace],
             ]
         )
-        low = [-open_, np.full(legs, angles[0]), least / KM, -goals, [0.0, paces[0]]]
-        high = [open_, np.full(legs, angles[1]), most / KM, goals, [inf, paces[1]]]
+        low: list[Any] = [-open_, np.full(legs, angles[0]), least / KM, -goals, [0.0, paces[0]]]
+        high: list[Any] = [open_, np.full(legs, angles[1]), most / KM, goals, [inf, paces[1]]]
         equal = np.zeros(legs + 2 * (n - legs) + goals.size)
         free = np.full(n * (PLANES * walled + 1), inf)
         parameters = asked.parameters(**given)
@@ -526,7 +527,7 @@ def _joined(path: Path, start_time: float) -> Flight:
     flat = [values.T[keep.T] for values in (path.times - start_time, path.depths)]
     places = path.places.transpose(1, 0, 2)[keep.T]
     ends = np.cumsum(np.bincount(numbers, minlength=legs)) - 1
-    return Flight(flat[0][None], flat[1], places[None], numbers, ends)
+    return Flight(flat[0][None], flat[1], np.asarray(places)[None], np.asarray(numbers), ends)
 
 
 def _along(path: Path, since: Array, k: int, at: Array) -> Array:

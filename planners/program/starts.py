@@ -34,7 +34,7 @@ _AT_LEAST = 0.995
 # Clearance that may be lacking of the margin [m].
 _KEPT = 3.0
 # A mission this near to walls [m] that takes so many times as long as its route is tried with a leg more.
-_BESIDE, _DETOUR, _AGAIN = 500.0, 1.005, " again"
+_BESIDE, _DETOUR, AGAIN = 500.0, 1.005, " again"
 # By how much a mission may be quicker with a leg less.
 _SPARE = 1.01
 # Share of its time that a way across shallows takes at most to be tried beside the way round them.
@@ -91,9 +91,11 @@ class Search:
         best = min(held, key=lambda one: ranking(task, one), default=None)
         if best is None or settings.legs is not None:
             return
-        better = best
-        while better is not None and not task.is_late:
-            best, better = better, self.recut(better, better.count - 1, self.fewest(better, depth))
+        while not task.is_late:
+            fewer = self.recut(best, best.count - 1, self.fewest(best, depth))
+            if fewer is None:
+                break
+            best = fewer
         if best.clearance < _BESIDE and best.seconds > _DETOUR * float(ways[0][1].passed[-1]):
             # legs that bend more often may be quicker beside walls
             self.recut(best, best.count + 1, least)
@@ -114,7 +116,7 @@ class Search:
         """Return the solution with so many legs along the way of another; None where there are too few or it is not better."""
         task = self.task
         assert best.start is not None
-        name = f"{best.start.name.removesuffix(_AGAIN)}{_AGAIN}"
+        name = f"{best.start.name.removesuffix(AGAIN)}{AGAIN}"
         if count < least or (name, count) in self.tried:
             return None
         found = self.attempt(cut(task, name, as_passage(best), count, float(best.start.depths[0])))
@@ -163,7 +165,7 @@ def cut(task: Task, name: str, way: Passage, count: int, depth: float) -> Start:
     if task.is_glide:
         angles = np.array([lasts / HOUR])
     ends = lasts * np.arange(count + 1) / count
-    lines = lines_of(way.route, ends if name.endswith(_AGAIN) else snapped(way.route, ends))
+    lines = lines_of(way.route, ends if name.endswith(AGAIN) else snapped(way.route, ends))
     return Start(name, lines, angles, np.full(count, depth), goal_legs(way.passed, count))
 
 

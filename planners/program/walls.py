@@ -60,7 +60,8 @@ class Walls:
 
     def _close(self, segments: Segments, ring: Ring, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return the numbers of the segments near a ring, of those for which it counts."""
-        return rows[shapely.dwithin(ring.solid, segments.taken(ring)[rows], _NEAR)]
+        near = shapely.dwithin(ring.solid, segments.taken(ring)[rows], _NEAR)
+        return np.asarray(rows[near])
 
     def planes(self, segments: Segments, extra: float, straight: bool) -> Array:
         """Return half-planes, shape (4, N PLANES): normal, offset [km], and share of the chord at which they count.

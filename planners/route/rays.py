@@ -115,13 +115,12 @@ def _traced(
     pace: tuple[float, float],
 ) -> Route:
     """Return the way to the last place of a ray, and from there to the goal."""
-    step, speed = pace
-    chain = []
+    (step, speed), chain = pace, list[complex]()
     for at, parents in reversed(history):
-        chain.append(at[number])
+        chain.append(complex(at[number]))
         number = int(parents[number])
     places = np.array(chain[::-1])
-    seconds = step * np.arange(places.size)
+    seconds = step * np.arange(places.size, dtype=np.float64)
     left = abs(goal - places[-1])
     places, seconds = (
         np.append(places, goal),

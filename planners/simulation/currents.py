@@ -1,6 +1,6 @@
 """The currents that a mission is flown in: one, or many at once on the same functions, each of which may change; with local ones."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil
@@ -8,14 +8,14 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.flow import graph_key, latent_over_time
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.flow.functions import NodeKernel, depth_weights
+from replay_kit.core.flow.functions import DepthFunctions, NodeKernel, depth_weights
 from replay_kit.core.flow.lattice import StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.geodesy import heading_deg
+from replay_kit.core.grid import Projection
 
 #: A current that does not change, or its flows at increasing times.
 Flow = FlowEstimate | Sequence[FlowEstimate]
@@ -185,6 +185,45 @@ def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:
     u = np.sum(k * east, axis=1) / kernel.length_north**2 - np.sum(sy * turning, axis=1)
     v = np.sum(k * north, axis=1) / kernel.length_east**2 + np.sum(sx * turning, axis=1)
     return np.column_stack([u, v])
+
+
+def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
+    """Return (times [s] since the first, latent values (M, Z T)) of one flow at several times.
+
+    Args:
+        flows: The flow at increasing times, each with its ``time_ns``, all of the same levels and functions.
+
+    Raises:
+        PlanError: There are fewer than two, a time is missing or does not increase, or their functions differ.
+    """
+    if len(flows) < 2:
+        raise PlanError(
+            f"a flow that changes needs two times or more, but {len(flows)} came; give one flow alone for one that does not"
+        )
+    for k, flow in enumerate(flows):
+        before = flows[max(k - 1, 0)].time_ns
+        if flow.time_ns is None or before is None or (k > 0 and flow.time_ns <= before):
+            raise PlanError(
+                f"flow {k} of a sequence has the time {flow.time_ns} ns after {before} ns; expected increasing times"
+            )
+        if graph_key(flow) != graph_key(flows[0]):
+            raise PlanError(
+                f"flow {k} of a sequence is not on the nodes, levels, kernel and depth functions of the first"
+            )
+    first = flows[0].time_ns or 0
+    return np.array([((flow.time_ns or 0) - first) / 1e9 for flow in flows]), np.hstack(
+        [flow.latent for flow in flows]
+    )
+
+
+def graph_key(flow: FlowEstimate) -> tuple[Hashable, bytes, DepthFunctions, Projection]:
+    """Return what makes two estimates share one graph: functions in the horizontal and in depth, levels and frame; no latent values."""
+    return (
+        flow.horizontal.key,
+        np.ascontiguousarray(flow.levels).tobytes(),
+        flow.depth_functions,
+        flow.grid.projection,
+    )
 
 
 def currents_of(flow: Flow) -> Currents:

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from planners.simulation.currents import Currents
 from planners.vehicle import Glider
@@ -71,8 +72,8 @@ class Flight:
     time: Array
     depth: Array
     place: Array
-    leg: Array
-    ends: Array
+    leg: NDArray[np.intp]
+    ends: NDArray[np.intp]
 
 
 def fly(

@@ -13,14 +13,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from planners.flights import currents_of_estimate, fly_samples, legs_of_plan, predict
 from planners.hazards.areas import NoGo
-from planners.mission.flight.pilot import Pilot
-from planners.mission.flights import currents_of_estimate, fly_samples, legs_of_plan, predict
-from planners.mission.plan import plan_mission
-from planners.mission.task import mission_task
+from planners.plan import plan_mission
 from planners.request import MissionPlan, MissionRequest
 from planners.route.current import Complex
 from planners.simulation.currents import Flow, Sample
+from planners.simulation.steer import Pilot
+from planners.task import task_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -260,8 +260,8 @@ def _flown(
     if len(plan.headings_deg) == 0:
         still = motion_of(plan, _first(flow).grid.projection)
         return Motion(still.times, np.repeat(still.places, len(samples), axis=0))
-    task = mission_task(flow, replace(request, settings=replace(plan.settings, spline=0)))
-    legs = legs_of_plan(plan, task.flow, 1)
+    task = task_of(flow, replace(request, vehicle=plan.vehicle, settings=plan.settings))
+    legs = legs_of_plan(plan)
     currents = currents_of_estimate(flow, samples)
     flight = fly_samples(task, currents, legs, predict(task, legs), Pilot())
     return Motion(

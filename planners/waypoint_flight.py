@@ -6,19 +6,18 @@ waypoints is flown with several of these.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.mission.flight.legs import Flight, Legs
-from planners.mission.flight.pilot import HeldLeg
-from planners.mission.solve.check import Violation, check, clearances
-from planners.mission.task import MissionTask, leg_depths, steps_needed, turns_of
 from planners.request import MissionPlan
+from planners.simulation.clearance import Violation, check, clearances
 from planners.simulation.currents import Currents
+from planners.simulation.fly import DRIFT_STEPS, Flight, Legs, Path, fly_leg
+from planners.simulation.steer import mean_current
+from planners.task import Task
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic, to_local, true_north_halfway
 
@@ -62,11 +61,14 @@ class WaypointList:
 
     @classmethod
     def of(
-        cls, task: MissionTask, plan: MissionPlan, kept: tuple[int, ...], radius: float
+        cls, task: Task, plan: MissionPlan, kept: tuple[int, ...], radius: float
     ) -> "WaypointList":
         """Return the list of some legs' ends, with their mean glide angle and the shallowest of their dives."""
         ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
-        angles, turns = np.deg2rad(plan.glide_angles_deg), np.array(turns_of(plan.yo_depths))
+        angles, turns = (
+            np.deg2rad(plan.glide_angles_deg),
+            np.array([max(leg[1:]) for leg in plan.yo_depths]),
+        )
         spans = list(pairwise([0, *kept]))
         return cls(
             kept,
@@ -96,7 +98,7 @@ class Followed:
     violation: Violation | None
 
 
-def first_currents(task: MissionTask, plan: MissionPlan, legs: Legs) -> list[Array]:
+def first_currents(task: Task, plan: MissionPlan, legs: Legs) -> list[Array]:
     """Return the currents that a glider may expect in its first dive [m/s], each shape (2,), local east and north.
 
     First that of the plan's first leg; then none, as of a glider that was just put to sea; then, where the estimate knows its errors, what
@@ -104,13 +106,13 @@ def first_currents(task: MissionTask, plan: MissionPlan, legs: Legs) -> list[Arr
     """
     begin = task.start[None, :2]
     end = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings[:1].T))
-    drift = float(legs.drifts[0])
-    leg = HeldLeg(plan.vehicle, legs.depths[0], drift, legs.headings[:1], legs.angles[:1])
-    lasts = plan.surfacing_times[:1, None]
-    planned = leg.mean_current(task.region.grid.projection, begin, end, lasts)[0]
+    height = float(np.sum(np.abs(np.diff(legs.turns[:, 0]))))
+    flown = plan.vehicle, (legs.headings[:1], legs.angles[:1]), height
+    lasts, projection = plan.surfacing_times[:1], task.region.grid.projection
+    planned = mean_current(projection, flown, (begin, end), lasts)[0]
     if not task.flow.n_modes:
         return [planned, np.zeros(2)]
-    depths = np.linspace(0.0, float(np.max(legs.depths[0])), _DEPTHS)
+    depths = np.linspace(0.0, float(np.max(legs.turns[:, 0])), _DEPTHS)
     of_points = task.flow.velocity_covariance(begin[0, 0], begin[0, 1], depths).reshape(
         2, _DEPTHS, 2, _DEPTHS
     )
@@ -120,7 +122,7 @@ def first_currents(task: MissionTask, plan: MissionPlan, legs: Legs) -> list[Arr
 
 
 def follow(
-    task: MissionTask,
+    task: Task,
     plan: MissionPlan,
     lists: Sequence[WaypointList],
     first_currents: Sequence[Array],
@@ -154,19 +156,24 @@ def follow(
             break
         these, begin = under_way, plan.yo_depths[0][0] if number == 0 else 0.0
         headings, depths = _steered(task, plan, few, at[these], target[these], current[these])
-        steps = _profiles(plan, begin, np.maximum(depths, begin), task.flow.levels)
-        angles = few.angles[target[these]]
-        leg = HeldLeg(plan.vehicle, steps, settings.surface_time, headings, angles)
+        turns = np.zeros((2 * settings.yos + 1, these.size))
+        turns[0], turns[1::2] = begin, np.maximum(depths, begin)
+        angles, drift = few.angles[target[these]], np.full(these.size, settings.surface_time)
         meets = met if currents is None else met.some(these)
-        flown = leg.fly(meets, (at[these], clock + now[these]))
-        found = _violations(task, steps, (at[these], flown), margin, currents is None)
-        surfaced, drifted = flown[len(steps) - 2], flown[-1]
+        whole = at[these], clock + now[these]
+        path = fly_leg(meets, plan.vehicle, whole, (headings, angles), turns, drift)
+        found = _violations(task, path, turns, margin, currents is None)
+        since = path.times - path.times[0]
+        surfaced, drifted = ((path.places[k], since[k][:, None]) for k in (-1 - DRIFT_STEPS, -1))
         away = np.linalg.norm(surfaced[0] - few.places[target[these]], axis=1)
         arrived = away <= radius[these]
         last = arrived & (target[these] == len(few.kept) - 1)
         # the last drift does not count
         ends, lasts = (np.where(last[:, None], surfaced[i], drifted[i]) for i in (0, 1))
-        current[these] = counts[these] * leg.mean_current(projection, at[these], ends, lasts)
+        heights = np.sum(np.abs(np.diff(turns, axis=0)), axis=0)
+        held = plan.vehicle, (headings, angles), heights
+        own = mean_current(projection, held, (at[these], ends), lasts[:, 0])
+        current[these] = counts[these] * own
         reached = now[these] + surfaced[1][:, 0]
         times[these[arrived], target[these[arrived]]] = reached[arrived]
         for k, one, end, then in zip(these, found, ends, now[these] + lasts[:, 0], strict=True):
@@ -184,22 +191,8 @@ def follow(
     ]
 
 
-def _profiles(plan: MissionPlan, begin: float, depths: Array, levels: Array) -> Array:
-    """Return the depths of the steps of dives from a depth to others, shape (K,) [m]: shape (n + 1, K), or (n + 1,) where all are alike."""
-    each, which = np.unique(depths, return_inverse=True)
-    turns = [(begin, *(float(depth), 0.0) * plan.settings.yos) for depth in each]
-    count = max(steps_needed(one, levels, plan.settings.steps) for one in turns)
-    profiles = np.column_stack([_profile(one, tuple(levels.tolist()), count) for one in turns])
-    return profiles[:, 0] if each.size == 1 else profiles[:, which]
-
-
-@lru_cache(maxsize=256)
-def _profile(turns: tuple[float, ...], levels: tuple[float, ...], count: int) -> Array:
-    return leg_depths(turns, np.array(levels), count)
-
-
 def _steered(
-    task: MissionTask,
+    task: Task,
     plan: MissionPlan,
     few: WaypointList,
     at: Array,
@@ -217,58 +210,52 @@ def _steered(
 
 
 def _violations(
-    task: MissionTask,
-    steps: Array,
-    flown: tuple[Array, list[tuple[Array, Array]]],
-    margin: float,
-    exactly: bool,
+    task: Task, path: Path, turns: Array, margin: float, exactly: bool
 ) -> list[Violation | None]:
     """Return what each of K gliders crosses in a leg; of samples, not exactly, without the margin and where it begins."""
-    begin, path = flown
-    places = np.stack([begin, *(place for place, _ in path)], axis=1)
-    time = np.append(0.0, [float(np.mean(at)) for _, at in path])
-    deepest = steps if steps.ndim == 1 else steps.max(axis=1)
-    depth = np.append(deepest, np.zeros(time.size - len(steps)))
-    whole = Flight(time, depth, places, np.zeros(time.size, dtype=int), np.array([time.size - 1]))
-    near = _near_hazards(task, whole, margin)
-    if not near.any():
-        return [None] * len(near)
-    if steps.ndim > 1:
-        found: list[Violation | None] = [None] * len(near)
-        for profile in np.unique(steps, axis=1).T:
-            alike = np.flatnonzero(np.all(steps == profile[:, None], axis=0))
-            part = begin[alike], [(place[alike], at[alike]) for place, at in path]
-            for k, one in zip(
-                alike, _violations(task, profile, part, margin, exactly), strict=True
-            ):
-                found[k] = one
-        return found
-    if exactly:
-        return [
-            check(task, replace(whole, place=one[None]), margin) if may else None
-            for one, may in zip(places, near, strict=True)
-        ]
-    clear = clearances(task, whole)
-    crossed = [
-        next((name for name in clear if clear[name][k] <= 0.0), None) for k in range(len(begin))
-    ]
-    where = to_geographic(task.region.grid.projection, *begin.T)
+    found: list[Violation | None] = [None] * turns.shape[1]
+    for profile in np.unique(turns, axis=1).T:
+        alike = np.flatnonzero(np.all(turns == profile[:, None], axis=0))
+        places, times = path.places[:, alike].transpose(1, 0, 2), path.times[:, alike].T
+        depth, count = path.depths[:, alike[0]], times.shape[1]
+        numbers, ends = np.zeros(count, dtype=int), np.array([count - 1])
+        whole = Flight(times - times[:, :1], depth, places, numbers, ends)
+        near = np.flatnonzero(_near_hazards(task, whole, margin))
+        if not near.size:
+            continue
+        part = replace(whole, time=whole.time[near], place=places[near])
+        each = _exactly(task, part, margin) if exactly else _roughly(task, part)
+        for k, one in zip(alike[near], each, strict=True):
+            found[k] = one
+    return found
+
+
+def _exactly(task: Task, flight: Flight, margin: float) -> list[Violation | None]:
     return [
-        None if what is None else Violation(what, 0.0, 1, float(x), float(y))
-        for what, x, y in zip(crossed, *where, strict=True)
+        check(task, replace(flight, time=time[None], place=place[None]), margin)
+        for time, place in zip(flight.time, flight.place, strict=True)
     ]
 
 
-def _near_hazards(task: MissionTask, flight: Flight, margin: float) -> NDArray[np.bool_]:
+def _roughly(task: Task, flight: Flight) -> list[Violation | None]:
+    clear, found = clearances(task, flight), list[Violation | None]()
+    where = to_geographic(task.region.grid.projection, *flight.place[:, 0].T)
+    for k, (x, y) in enumerate(zip(*where, strict=True)):
+        what = next((name for name in clear if clear[name][k] <= 0.0), None)
+        found.append(None if what is None else Violation(what, 0.0, 1, float(x), float(y)))
+    return found
+
+
+def _near_hazards(task: Task, flight: Flight, margin: float) -> NDArray[np.bool_]:
     """Return which of K flights may come as near as a margin [m] to a hazard, shape (K,), by the boxes around them."""
     if flight.depth.max() > task.region.deepest:
         return np.ones(len(flight.place), dtype=bool)
-    steps, lasts = np.linalg.norm(np.diff(flight.place, axis=1), axis=2), np.diff(flight.time)
+    steps, lasts = np.linalg.norm(np.diff(flight.place, axis=1), axis=2), np.diff(flight.time[0])
     # no step bends by more than this at the fastest of all speeds
     wide = margin + 0.5 * float((steps / np.where(lasts > 0.0, lasts, np.inf)).max() * lasts.max())
     low, high = flight.place.min(axis=1) - wide, flight.place.max(axis=1) + wide
     boxes, near = shapely.box(*low.T, *high.T), ~np.isfinite(low + high).all(axis=1)
-    for ring in task.rings_at(float(flight.depth.max())):
+    for ring in task.solid(float(flight.depth.max())):
         near |= (
             ~shapely.covers(ring.area, boxes)
             if ring.outside
@@ -277,7 +264,7 @@ def _near_hazards(task: MissionTask, flight: Flight, margin: float) -> NDArray[n
     return np.asarray(near)
 
 
-def _unchecked(task: MissionTask, target: int, path: list[tuple[Array, float]]) -> Violation:
+def _unchecked(task: Task, target: int, path: list[tuple[Array, float]]) -> Violation:
     """Return that the way to a waypoint could not be checked, as it is never reached."""
     place, time = path[-1]
     what = f"water that was not checked, as waypoint {target + 1} is not reached in {len(path) - 1} legs,"
@@ -285,12 +272,12 @@ def _unchecked(task: MissionTask, target: int, path: list[tuple[Array, float]]) 
     return Violation(what, time, len(path) - 1, *where)
 
 
-def _has_hazards(task: MissionTask, depth: float) -> bool:
+def _has_hazards(task: Task, depth: float) -> bool:
     """Return whether there is anything that dives to a depth [m] may cross."""
-    return any(not ring.outside for ring in task.rings_at(depth))
+    return any(not ring.outside for ring in task.solid(depth))
 
 
-def _margin(task: MissionTask, margin: float, given: Array) -> float:
+def _margin(task: Task, margin: float, given: Array) -> float:
     """Return the distance that a flight keeps from areas [m]: most of the plan's margin, less where a place it must pass is nearer.
 
     A glider that heads for waypoints surfaces some tens of metres elsewhere than predicted, so a track just beside an area may cross it.

@@ -7,22 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
-from planners.flow import graph_key
 from planners.hazards.areas import NoGo
 from planners.hazards.bottom import Bathymetry
-from planners.mission.flight.legs import Flight, Legs, fly_legs, fly_midpoints
-from planners.mission.flight.pilot import Pilot, fly_corrected
-from planners.mission.solve.check import clearances
-from planners.mission.task import (
-    REFINED,
-    MissionTask,
-    leg_depths,
-    refine_steps,
-    step_stops,
-    steps_needed,
-    task_of_plan,
-)
-from planners.request import MissionPlan
+from planners.request import MissionPlan, MissionRequest
+from planners.simulation.clearance import clearances
 from planners.simulation.currents import (
     Currents,
     Flow,
@@ -30,8 +18,12 @@ from planners.simulation.currents import (
     currents_of,
     currents_of_samples,
     flows_of,
+    graph_key,
     with_courses,
 )
+from planners.simulation.fly import COARSE, Flight, Legs, fly
+from planners.simulation.steer import Correction, Pilot
+from planners.task import Task, task_of, turns_of
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -63,6 +55,8 @@ class MonteCarloSummary:
     arrival_90_percent: float = float("nan")
 
 
+# Share of a glide by which it goes on.
+_MORE = 0.5
 # Share of the surfacings that an ellipse holds.
 _SHARE = 0.9
 
@@ -102,43 +96,76 @@ def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> Mi
     currents = currents_of_samples([flows] if isinstance(flows, FlowEstimate) else flows)
     if len(currents.latent) > 1:
         currents = with_paces(currents, plan.vehicle, len(plan.headings_deg))
-    legs, projection = legs_of_plan(plan, currents.flow), currents.flow.grid.projection
+    legs, projection = legs_of_plan(plan), currents.flow.grid.projection
     start = np.array(
         to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64
     )
-    flight = fly_legs(currents, plan.vehicle, start, legs, currents.clock(plan.start_time_ns))
+    clock, parts = currents.clock(plan.start_time_ns), parts_for(plan)
+    deep = np.array([goal.depth for goal in plan.goals])
+    flight = fly(currents, plan.vehicle, start, legs, clock, parts=parts, stops=deep)
     ends = flight.place[:, flight.ends]
-    met = flight.place[:, np.searchsorted(flight.time, plan.goal_times - 1e-6)]
+    met = flight.place[:, np.searchsorted(flight.time[0], plan.goal_times - 1e-3)]
     goals = np.column_stack(
         to_local(projection, *np.array([[goal.longitude, goal.latitude] for goal in plan.goals]).T)
     )
     miss = np.linalg.norm(met - goals, axis=2)
     surfacings = np.stack(to_geographic(projection, ends[..., 0], ends[..., 1]), axis=-1)
-    return MissionFlights(flight.time, flight.depth, flight.place, surfacings, miss, projection)
+    return MissionFlights(flight.time[0], flight.depth, flight.place, surfacings, miss, projection)
 
 
-def legs_of_plan(plan: MissionPlan, flow: FlowEstimate, refinement: int = REFINED) -> Legs:
+def closest_approach(flow: Flow, plan: MissionPlan) -> float:
+    """Return how near a plan's track comes to its last goal when it is flown in a flow, three-dimensionally [m].
+
+    Its last leg goes on for half as long again.
+    """
+    longer = _longer(plan)
+    flights = fly_mission([flow], longer)
+    goal, projection = plan.goals[-1], flights.projection
+    at = np.array([*to_local(projection, goal.longitude, goal.latitude), goal.depth])
+    track = np.column_stack([flights.place[0], flights.depth])
+    begin, way = track[:-1], np.diff(track, axis=0)
+    share = np.sum((at - begin) * way, axis=1) / np.maximum(np.sum(way**2, axis=1), 1e-9)
+    nearest = begin + np.clip(share, 0.0, 1.0)[:, None] * way
+    return float(np.min(np.linalg.norm(nearest - at, axis=1)))
+
+
+def _longer(plan: MissionPlan) -> MissionPlan:
+    """Return a glide that goes on, as far as its depth allows; other plans as they are."""
+    if plan.settings.yos > 0:
+        return plan
+    first, last = plan.yo_depths[0][0], plan.yo_depths[0][-1]
+    return replace(plan, yo_depths=((first, max(last + _MORE * (last - first), 0.0)),))
+
+
+def legs_of_plan(plan: MissionPlan) -> Legs:
     """Return the commands of a mission.
 
-    Args:
-        plan: The mission.
-        flow: Any flow on the levels that it is flown in.
-        refinement: Steps for each of the optimiser's.
-
     Raises:
-        PlanError: The mission has no legs.
+        PlanError: It has no legs.
     """
     if len(plan.headings_deg) == 0:
         raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
-    levels = step_stops(flow.levels, np.array([goal.depth for goal in plan.goals]))
-    depths = tuple(
-        refine_steps(
-            leg_depths(leg, levels, steps_needed(leg, levels, plan.settings.steps)), refinement
-        )
-        for leg in plan.yo_depths
-    )
     drifts = np.append(np.full(len(plan.yo_depths) - 1, plan.settings.surface_time), 0.0)
-    return Legs(np.deg2rad(plan.headings_deg), np.deg2rad(plan.glide_angles_deg), depths, drifts)
+    return Legs(
+        np.deg2rad(plan.headings_deg),
+        np.deg2rad(plan.glide_angles_deg),
+        turns_of(plan.yo_depths),
+        drifts,
+    )
+
+
+def parts_for(plan: MissionPlan) -> int:
+    """Return the parts of a dive or climb that a plan's track has."""
+    return int(plan.statistics.get("steps", COARSE))
+
+
+def task_for(
+    flow: Flow, plan: MissionPlan, no_go: tuple[NoGo, ...], bathymetry: Bathymetry | None
+) -> Task:
+    """Return the task of a mission that is planned, in a flow that may be another and with what it must keep clear of."""
+    places = plan.start, plan.goals, plan.vehicle, plan.settings
+    begin = plan.start_time_ns
+    return task_of(flow, MissionRequest(*places, no_go, bathymetry, begin, plan.shape))
 
 
 def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:
@@ -157,7 +184,7 @@ def surfacing_ellipses(flights: MissionFlights, plan: MissionPlan) -> Array:
         raise PlanError(
             f"an ellipse needs three flights or more, but there are {len(flights.place)}"
         )
-    numbers = np.searchsorted(flights.time, plan.surfacing_times - 1e-6)
+    numbers = np.searchsorted(flights.time, plan.surfacing_times - 1e-3)
     # in the local frame: longitudes have no mean across the antimeridian
     centre = np.column_stack(
         to_geographic(flights.projection, *np.mean(flights.place[:, numbers], axis=0).T)
@@ -210,8 +237,8 @@ def fly_scenarios(
     Raises:
         PlanError: The mission has no legs, it does not fit the flow, or the samples are not on the nodes of the estimate.
     """
-    legs = legs_of_plan(plan, flow if isinstance(flow, FlowEstimate) else flow[0], 1)
-    task = task_of_plan(flow, plan, no_go, bathymetry)
+    legs = legs_of_plan(plan)
+    task = task_for(flow, plan, no_go, bathymetry)
     predicted = predict(task, legs)
     flight = fly_samples(task, currents_of_estimate(flow, samples), legs, predicted, pilot)
     return summarise_flights(task, flight, points_at(predicted, plan.goal_times))[0]
@@ -219,11 +246,11 @@ def fly_scenarios(
 
 def points_at(predicted: Flight, times: Array) -> NDArray[np.intp]:
     """Return the numbers of a flight's points at some times, shape (G,) [s]; all flights of the same legs have the same points."""
-    return np.asarray(np.argmin(np.abs(predicted.time - times[:, None]), axis=1))
+    return np.asarray(np.argmin(np.abs(predicted.time[0] - times[:, None]), axis=1))
 
 
 def summarise_flights(
-    task: MissionTask, flight: Flight, points: NDArray[np.intp]
+    task: Task, flight: Flight, points: NDArray[np.intp]
 ) -> tuple[MonteCarloSummary, Array]:
     """Return the summary of K flights and the least clearance of each [m], shape (K,): 0 or less where it violates a constraint.
 
@@ -239,7 +266,7 @@ def summarise_flights(
         name: float(np.mean(one <= 0.0)) for name, one in by_name.items() if np.any(one <= 0.0)
     }
     median, ninety = (float(np.quantile(miss[:, -1], share)) for share in (0.5, 0.9))
-    when = np.broadcast_to(np.atleast_2d(flight.time)[:, points[-1]], len(miss))
+    when = flight.time[:, points[-1]]
     arrives = np.all(miss <= task.settings.tolerance, axis=1)
     arrives &= when <= task.settings.arrive_by
     last = np.quantile(np.where(arrives, when, np.inf), 0.9, method="higher")
@@ -254,20 +281,24 @@ def summarise_flights(
     ), clear
 
 
-def predict(task: MissionTask, legs: Legs) -> Flight:
+def predict(task: Task, legs: Legs) -> Flight:
     """Return the flight of legs in the estimate."""
-    return fly_legs(task.currents, task.vehicle, task.start[:2], legs, task.start_time)
+    begin, deep = task.start[:2], task.goals[:, 2]
+    return fly(task.currents, task.vehicle, begin, legs, task.start_time, stops=deep)
 
 
 def fly_samples(
-    task: MissionTask, currents: Currents, legs: Legs, predicted: Flight, pilot: Pilot | None
+    task: Task, currents: Currents, legs: Legs, predicted: Flight, pilot: Pilot | None
 ) -> Flight:
-    """Return the flights of legs in K currents, by the midpoint method; a pilot leads them where the prediction goes."""
+    """Return the flights of legs in K currents; a pilot leads them where the prediction goes."""
     currents = with_paces(currents, task.vehicle, len(legs.headings))
-    known, met = (one.since(task.request.start_time_ns) for one in (task.currents, currents))
-    if pilot is None:
-        return fly_legs(met, task.vehicle, task.start[:2], legs, 0.0, fly_midpoints)
-    return fly_corrected(known, met, task.vehicle, predicted, legs, pilot).flight
+    begin, deep = task.start[:2], task.goals[:, 2]
+    clock = currents.clock(task.request.start_time_ns)
+    steer = None
+    if pilot is not None:
+        targets, known = predicted.place[0, predicted.ends], task.currents
+        steer = Correction(pilot, known, task.vehicle, legs, targets, task.start_time)
+    return fly(currents, task.vehicle, begin, legs, clock, steer, stops=deep)
 
 
 def with_paces(currents: Currents, vehicle: Glider, n_legs: int) -> Currents:

@@ -6,12 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from planners.mission.plan import to_plan
-from planners.mission.search.search import solve_attempts
-from planners.mission.task import apogee_depths, mission_task
-from planners.mission.words import horizon_text
+from planners.plan import plan_mission
 from planners.request import Found, MissionPlan, MissionRequest
 from planners.simulation.currents import Flow
+from planners.task import apogee_depths
+from planners.words import horizon_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection
@@ -44,8 +43,8 @@ def plan_departures(
             for plan in plans[-1:]
             if plan.status == "reached" and plan.settings.weights.time > 0.0
         ]
-        task = mission_task(flow, replace(request, start_time_ns=start_ns))
-        plans.append(to_plan(task, solve_attempts(task, *warm)))
+        asked = replace(request, start_time_ns=start_ns)
+        plans.append(plan_mission(flow, asked, warm=next(iter(warm), None)))
     return tuple(plans)
 
 

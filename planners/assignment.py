@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from planners.mission.search.passage import longest_time, water_of
-from planners.mission.task import mission_task
 from planners.request import MissionRequest
 from planners.route.front import sea_of, spread
 from planners.route.obstacles import obstacles_of
+from planners.route.passage import mean_current
 from planners.simulation.currents import Flow
+from planners.task import task_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.plan import Place
 
@@ -33,17 +33,17 @@ def times_to_goals(
     """
     times = np.empty((len(requests), len(goals)))
     for k, request in enumerate(requests):
-        settings = replace(request.settings, spline=0, legs=None)
-        task = mission_task(flow, replace(request, goals=goals, settings=settings))
-        water, dives = water_of(task), task.rings_at(task.settings.depth)
+        settings = replace(request.settings, legs=None)
+        task = task_of(flow, replace(request, goals=goals, settings=settings))
+        mean, dives = mean_current(task), task.solid(task.settings.depth)
         sea = sea_of(
-            water.current,
-            water.speed,
+            mean.current,
+            mean.speed,
             task.places,
             obstacles_of(dives, task.settings.margin, task.places),
         )
-        start, nowhere = np.array([water.current.places.size]), np.zeros(0, dtype=np.intp)
-        front = spread(sea, start, np.zeros(1), longest_time(task), nowhere)
+        start, nowhere = np.array([mean.current.places.size]), np.zeros(0, dtype=np.intp)
+        front = spread(sea, start, np.zeros(1), task.longest, nowhere)
         times[k] = front.times[start[0] + 1 : start[0] + 1 + len(goals)]
     return times
 

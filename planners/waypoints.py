@@ -13,21 +13,22 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from planners.hazards.areas import NoGo, Ring, first_crossing
-from planners.hazards.bottom import Bathymetry
-from planners.mission.flights import (
+from planners.departures import first_legs
+from planners.flights import (
     currents_of_estimate,
     fly_mission,
     legs_of_plan,
     surfacing_ellipses,
+    task_for,
     with_paces,
 )
-from planners.mission.solve.check import Violation
-from planners.mission.task import MissionTask, task_of_plan
-from planners.mission.timing import first_legs
-from planners.mission.waypoint_flight import Followed, WaypointList, first_currents, follow
+from planners.hazards.areas import NoGo, Ring, first_crossing
+from planners.hazards.bottom import Bathymetry
 from planners.request import MissionPlan
+from planners.simulation.clearance import Violation
 from planners.simulation.currents import Currents, Flow, Sample
+from planners.task import Task
+from planners.waypoint_flight import Followed, WaypointList, first_currents, follow
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_geographic, to_local
@@ -146,12 +147,12 @@ def waypoints_of(
     Raises:
         PlanError: The mission has no legs, or it is a mooring, which is a single waypoint.
     """
-    if plan.settings.weights.closest == 0.0:
+    if plan.is_moored:
         raise PlanError("a mooring has no waypoints: give the glider the place of the mooring")
-    task = task_of_plan(flow, plan, no_go, bathymetry)
+    task = task_for(flow, plan, no_go, bathymetry)
     ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
     places, wanted = np.vstack([task.start[None, :2], ends]), plan.settings.tolerance
-    firsts = first_currents(task, plan, legs_of_plan(plan, task.flow))
+    firsts = first_currents(task, plan, legs_of_plan(plan))
     fewest = kept_surfacings(plan, places, wanted if tolerance is None else tolerance, task.rings)
     best, whole = _best_radius(task, plan, firsts, fewest), tuple(range(1, len(ends) + 1))
     if not _serves(plan, best):
@@ -198,7 +199,7 @@ def _worst_first(plan: MissionPlan, flown: Sequence[Followed]) -> list[Followed]
 
 
 def _flown(
-    task: MissionTask, plan: MissionPlan, lists: Sequence[WaypointList], firsts: Sequence[Array]
+    task: Task, plan: MissionPlan, lists: Sequence[WaypointList], firsts: Sequence[Array]
 ) -> list[Followed]:
     """Return the flights of each list with each first current in the estimate, list by list."""
     each = [few for few in lists for _ in firsts]
@@ -206,7 +207,7 @@ def _flown(
 
 
 def _best_radius(
-    task: MissionTask, plan: MissionPlan, firsts: Sequence[Array], kept: tuple[int, ...]
+    task: Task, plan: MissionPlan, firsts: Sequence[Array], kept: tuple[int, ...]
 ) -> list[Followed]:
     """Return the flights with all first currents, the worst first, of the list of some legs' ends within the radius that serves best.
 
@@ -230,7 +231,7 @@ def _best_radius(
 
 
 def list_risk(
-    task: MissionTask,
+    task: Task,
     plan: MissionPlan,
     few: WaypointList,
     firsts: Sequence[Array],
@@ -252,7 +253,7 @@ def list_risk(
 
 
 def _waypoints(
-    task: MissionTask,
+    task: Task,
     plan: MissionPlan,
     flown: Sequence[Followed],
     places: Array,
