@@ -1,6 +1,6 @@
 """Trajectory planning with CasADi over a ``FlowEstimate``.
 
-* ``plan_mission`` makes a mission for a ``MissionRequest``: past goals, along a ``Line``, near a ``Mooring``, or as one glide.
+* ``plan_mission`` makes a mission for a ``MissionRequest``: past goals, along a line, near a mooring, or one glide.
 * ``plan_scenarios`` makes one that violates no constraint in most samples of an estimate, ``plan_for_odds`` the one that most samples arrive
   with; ``mission_odds`` flies a mission in samples, ``with_odds`` says in its status and message how likely it arrives.
 * ``fly_scenarios`` summarises a mission flown in samples, with headings that are held or corrected by a ``Pilot``.

@@ -10,7 +10,7 @@ from scipy.special import fdtri
 from planners.hazards.areas import NoGo
 from planners.hazards.bottom import Bathymetry
 from planners.request import MissionPlan, MissionRequest
-from planners.simulation.clearance import clearances
+from planners.clearance import clearances
 from planners.simulation.currents import (
     Currents,
     Flow,

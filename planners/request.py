@@ -125,7 +125,7 @@ class MissionSettings:
         depths: Least and greatest depth [m] between which a mission to goals chooses the depth of each leg; None for ``depth``.
         speeds: Lowest and highest speed [m/s] between which a vehicle with a propeller chooses; None for its own.
         battery: Energy that it may take [J].
-        yos: Dives between surfacings; heading and glide angle are held between surfacings.
+        yos: Dives between surfacings, between which heading and glide angle are held; 0 for a glide from the start to the goal.
         surface_time: Drift time at each surfacing [s].
         objective: ``time`` and ``energy`` are minimised on the way to the goals, ``odds`` is for ``plan_for_odds`` and else as ``time``,
             ``closest`` minimises the miss distance alone; or weights
@@ -137,9 +137,6 @@ class MissionSettings:
         max_duration: Longest mission considered [s].
         margin: Distance kept from land, areas, shallows and the edge of the region [m].
         clearance: Least height of the dives above the bottom of the bathymetry [m].
-        steps: Steps of the optimiser per dive and climb, besides one per level crossed.
-        spline: Coefficients per kernel length of a B-spline of the flow that the optimiser uses; 0 for the flow itself. Its error is in
-            ``statistics``, and the plan is checked in the flow itself.
         arrive_by: Time since the start after which a sample that comes to the goals does not count as arrived [s].
         time_limit: After which no other number of legs, way or margin is tried [s]; what is being solved is finished.
     """
@@ -154,8 +151,6 @@ class MissionSettings:
     max_duration: float = 1.2e6
     margin: float = 50.0
     clearance: float = 20.0
-    steps: int = 1
-    spline: int = 4
     time_limit: float = inf
     depths: tuple[float, float] | None = None
     speeds: tuple[float, float] | None = None
@@ -174,7 +169,6 @@ class MissionSettings:
             "legs",
             "max_legs",
             "max_duration",
-            "steps",
             "time_limit",
             "battery",
             "arrive_by",
@@ -182,7 +176,7 @@ class MissionSettings:
         for name, value in {name: getattr(self, name) for name in names}.items():
             if value is not None and not value > 0:
                 raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
-        for name in ("yos", "surface_time", "margin", "clearance", "spline"):
+        for name in ("yos", "surface_time", "margin", "clearance"):
             if not getattr(self, name) >= 0.0:
                 raise PlanError(
                     f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more"

@@ -49,7 +49,7 @@ class Water:
     def weights(self, depths: Array) -> Array:
         """Return the weights of the levels, shape (n, C), at depths [m]."""
         found = depth_weights(self._functions, depths, self._levels)
-        return np.asarray(found[:, : self.count])
+        return np.array(found[:, : self.count], dtype=np.float64)
 
     def integral(self, depth: float) -> Array:
         """Return the integrals of the levels' weights from the surface to a depth, shape (C,) [m]; odd in it."""

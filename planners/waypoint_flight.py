@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from planners.request import MissionPlan
-from planners.simulation.clearance import Violation, check, clearances
+from planners.clearance import Violation, check, clearances
 from planners.simulation.currents import Currents
 from planners.simulation.fly import DRIFT_STEPS, Flight, Legs, Path, fly_leg
 from planners.simulation.steer import mean_current

@@ -25,7 +25,7 @@ from planners.flights import (
 from planners.hazards.areas import NoGo, Ring, first_crossing
 from planners.hazards.bottom import Bathymetry
 from planners.request import MissionPlan
-from planners.simulation.clearance import Violation
+from planners.clearance import Violation
 from planners.simulation.currents import Currents, Flow, Sample
 from planners.task import Task
 from planners.waypoint_flight import Followed, WaypointList, first_currents, follow

@@ -183,7 +183,8 @@ def as_plan(plan: MissionPlan, projection: Projection, odds: MissionOdds | None 
         track=plan.track,
         message=plan.message,
         statistics=plan.statistics,
-        legs=tuple(legs_table(plan, ellipses)),
+        # a glide is told by its heading and glide angle alone
+        legs=tuple(legs_table(plan, ellipses)) if plan.settings.yos else (),
         energy=plan.energy,
         odds=None if odds is None else _odds(odds),
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from planners.program.graph import PLANES, Program, Shape, program
 from planners.program.walls import Segments, Walls
 from planners.request import Line, Mooring
-from planners.simulation.clearance import Violation, check
+from planners.clearance import Violation, check
 from planners.simulation.fly import COARSE, DRIFT_STEPS, Flight, Legs, Path, fly, fly_leg
 from planners.solver import one_at_a_time
 from planners.task import Task, apogee_depths, yo_depths

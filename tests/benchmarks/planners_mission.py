@@ -10,16 +10,16 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-
-from planners import Glider, MissionSettings
 from planners.flow import field_function
-from planners.mission.task import leg_depths, steps_needed
 from planners.shooting.functions import MissionCase
 from planners.shooting.layout import Layout
 from planners.shooting.program import MissionGuess, _programs, mission_program, solve_mission
 from planners.shooting.schedule import schedule_of
 from planners.shooting.spline import _splines, spline_of
+
+from planners import Glider, MissionSettings
 from planners.solver import HOUR, KM, OPTIONS
+from planners.task import leg_depths, steps_needed
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from tests.benchmarks.measure import Row, row, seconds

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from planners.track import rk4_step
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -251,3 +251,18 @@ def in_water(grid: Grid, longitude: Array, latitude: Array, depth: Array) -> NDA
     level = np.clip(np.searchsorted(grid.levels, depth, side="right") - 1, 0, grid.levels.size - 1)
     wet = grid.wet.reshape(grid.levels.size, -1)[level, nearest]
     return np.asarray(np.all(wet & inside_grid(grid, east, north), axis=0))
+
+
+def rk4_step(rate: Callable[[Any], Any], position: Any, step: Any, first: Any) -> Any:
+    """Return the position one classical Runge-Kutta step later.
+
+    Args:
+        rate: Velocity over ground at a position.
+        position: Where the step begins; a vector or a stack of them.
+        step: Length of the step [s].
+        first: ``rate(position)``.
+    """
+    second = rate(position + step / 2.0 * first)
+    third = rate(position + step / 2.0 * second)
+    fourth = rate(position + step * third)
+    return position + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)

@@ -14,7 +14,7 @@ from planners import (
     plan_scenarios,
     waypoints_of,
 )
-from planners.mission.timing import cut_at_horizon
+from planners.departures import cut_at_horizon
 from planners.output.mission import as_plan
 from planners.route.current import CurrentLattice, Route
 from planners.route.front import sea_of

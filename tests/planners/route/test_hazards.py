@@ -9,17 +9,16 @@ import pytest
 from pyproj import Geod
 
 from planners import MissionRequest, MissionSettings, NoGo, plan_mission
-from planners.hazards.areas import NearRings, Ring, first_crossing, no_go_rings
+from planners.hazards.areas import Ring, first_crossing, no_go_rings
 from planners.hazards.bottom import Bathymetry
 from planners.hazards.domain import Region
-from planners.mission.search.passage import passage_past_goals, water_of
-from planners.mission.task import mission_task
+from planners.route.passage import mean_current, passage
+from planners.task import task_of
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from tests.planners.flow_samples import forbidden, place, still_flow
 from tests.planners.route.all_rings import all_rings
-from tests.reference import polygon
 
 
 def _rings():
@@ -39,22 +38,6 @@ def _distance(corners, point):
         along = float((point - begin) @ (end - begin) / ((end - begin) @ (end - begin)))
         best = min(best, math.dist(point, begin + min(max(along, 0.0), 1.0) * (end - begin)))
     return best
-
-
-@pytest.mark.parametrize("ring", _rings())
-def test_a_ring_is_its_slow_twin_point_by_point(ring):
-    points = np.random.default_rng(1).uniform(-1.2e3, 1.2e3, (200, 2))
-    inside = np.array([polygon.inside(ring.corners.tolist(), point) for point in points.tolist()])
-    away = np.array([_distance(ring.corners, point) for point in points])
-    np.testing.assert_array_equal(ring.inside(points), inside)
-    np.testing.assert_array_equal(ring.forbids(points), inside != ring.outside)
-    np.testing.assert_allclose(
-        ring.clearance(points), np.where(inside != ring.outside, -away, away), rtol=1e-10, atol=1e-9
-    )
-    planes = NearRings((ring,), np.zeros(len(points), dtype=np.intp), 0.0).planes(points)[0]
-    np.testing.assert_allclose(
-        planes[:, 2] - np.sum(planes[:, :2] * points, axis=1), ring.clearance(points), atol=1e-8
-    )
 
 
 def test_land_and_shallows_are_the_dry_cells_beside_water():
@@ -149,8 +132,8 @@ def _beside_a_sliver():
 
 def test_a_route_leads_round_areas_with_a_sliver_between_them_and_through_no_edge_of_theirs():
     asked = _beside_a_sliver()
-    task = mission_task(FLOW, asked)
-    route = passage_past_goals(task, water_of(task), task.rings).route
+    task = task_of(FLOW, asked)
+    route = passage(task, mean_current(task), task.rings).route
     assert route.arrives
     legs = np.array(list(pairwise(route.points)))
     drawn = [ring for ring in task.rings if ring.drawn]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, mission_odds, plan_mission
-from planners.mission.flights import currents_of_estimate as currents_around
-from planners.mission.flights import fly_mission
+from planners.flights import currents_of_estimate as currents_around
+from planners.flights import fly_mission
 from planners.simulation.currents import (
     LocalSample,
     currents_of_samples,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planners import MissionSettings, Weights
-from planners.mission.flights import surfacing_ellipses
+from planners.flights import surfacing_ellipses
 from replay_kit.config.plan import PlanRequest
 from replay_kit.core.grid import Projection
 from replay_kit.show.text import SafeConsole
