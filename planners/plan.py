@@ -115,6 +115,8 @@ def _statistics(task: Task, answer: Answer) -> Statistics:
 def above_bound(task: Task, answer: Answer) -> float | None:
     """Return how much later than any vehicle of its speed could a mission arrives [%]; None where the bound does not hold or is 0."""
     bound, best = answer.bound, answer.best
+    if not best.count:
+        return None
     # shallower dives than those asked for meet another mean current
     full = np.array_equal(best.legs.turns, task.turns(np.full(best.count, task.settings.depth)))
     if bound is None or not bound.is_tight or not 0.0 < bound.time < inf or not full:

@@ -222,6 +222,14 @@ def task_of(flow: Flow, request: MissionRequest) -> Task:
     # a region that is less deep everywhere needs no search for how deep each dive may be
     room = max(bottom.deepest, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2]))
     settings = replace(settings, depth=min(settings.depth, room))
+    if settings.depths is not None:
+        least, most = settings.depths
+        needed = max(least, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2]))
+        if needed > min(most, settings.depth):
+            raise PlanError(
+                f"dives of {least:g} to {most:g} m: expected a depth from {needed:g} m, the least of the range, the start and the goals, to "
+                f"{min(most, settings.depth):g} m, the most that range and bottom allow; choose a wider range"
+            )
     clock, deadline = currents.clock(request.start_time_ns), monotonic() + settings.time_limit
     request = replace(request, settings=settings)
     return Task(request, currents, region, rings, bottom, start, goals, clock, line_begin, deadline)

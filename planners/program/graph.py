@@ -90,6 +90,7 @@ def _sizes(shape: Shape, levels: int) -> dict[str, tuple[int, int]]:
         "mooring": (2, 1),
         "within": (3, 1),  # whether the line and the mooring count, and how far off [km]
         "glide": (1, 1),  # depth passed [km]
+        "battery": (1, 1),  # one over its energy [1/kJ]
     }
 
 
@@ -180,12 +181,16 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
     on_line, moored, radius = ca.vertsplit(p["within"])
     away = on_line * off_line(ends) + moored * off_mooring(ends)
     within = (away.T - radius**2) / radius - beyond
+    power = vehicle.hotel + vehicle.thrust * (pace * vehicle.speed) ** 3
+    pumped = vehicle.pump_work(KM) * ca.dot(p["pumps"], depths)
+    taken = (power * HOUR * end[-1] + pumped) / 1e3
     constraints = ca.vertcat(
         (_squares(through[:, firsts]).T - reach[firsts]) / 10.0,
         same,
         ca.vec(ca.mtimes(points, p["met"]) + p["bend"] - p["goals"] - missed),
         walls,
         within,
+        p["battery"] * taken - 1.0 - beyond,
         end[-1],
     )
     time, energy, miss, line, mooring = ca.vertsplit(p["weights"])
@@ -194,12 +199,9 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
         """Return Simpson's integral over time of a function of places."""
         return ca.sum2((lasts + p["drift"]).T * (of(begins) + 4.0 * of(middles) + of(ends))) / 6.0
 
-    power = vehicle.hotel + vehicle.thrust * (pace * vehicle.speed) ** 3
     cost = (
         time * end[-1]
-        + energy
-        * (power * HOUR * end[-1] + vehicle.pump_work(KM) * ca.dot(p["pumps"], depths))
-        / 1e3
+        + energy * taken
         + miss * ca.sum2(ca.sqrt(_squares(missed) + _ROUNDED))
         + _BEYOND * beyond
         + line * integral(off_line)

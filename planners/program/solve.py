@@ -30,6 +30,8 @@ _SOLVED = "Solve_Succeeded", "Solved_To_Acceptable_Level"
 _ONE, _TWO, _OF_GLIDE, _GLIDE_STEPS = 0.8, 1.6, 8, 240
 # Longest step of a flown dive or climb [s].
 _LONGEST = 300.0
+# A little more than a battery holds counts as all of it.
+_FULL = 1.001
 # Tolerances beyond which a goal is missed for good.
 _OFF = 2.0
 # Points of a flown segment, and of the drift after it.
@@ -299,6 +301,7 @@ class _Rounds:
             "fixed": fixed,
             "drift": drift,
             "pumps": pumps,
+            "battery": np.array(_FULL * 1e3 / task.settings.battery),
             "glide": np.array(abs(float(np.ptp(task.turns(self.depths)[:, 0]))) / KM),
         }
 
@@ -348,7 +351,7 @@ class _Rounds:
         low: list[Any] = [-open_, np.full(legs, angles[0]), least / KM, -goals, [0.0, paces[0]]]
         high: list[Any] = [open_, np.full(legs, angles[1]), most / KM, goals, [inf, paces[1]]]
         equal = np.zeros(legs + 2 * (n - legs) + goals.size)
-        free = np.full(n * (PLANES * walled + 1), inf)
+        free = np.full(n * (PLANES * walled + 1) + 1, inf)
         parameters = asked.parameters(**given)
         answer = asked.solver(
             x0=x0,
@@ -363,7 +366,9 @@ class _Rounds:
             x, np.cumsum([2 * n, legs, legs, goals.size])
         )
         self.ends, self.depths = ends.reshape(n, 2) * KM, depths * KM
-        self.missed, (self.beyond, self.pace) = missed.reshape(2, -1, order="F"), rest
+        self.missed, self.beyond = missed.reshape(2, -1, order="F"), float(rest[0])
+        # on a limit but for the barrier
+        self.pace = round(float(rest[1]), 5)
         through, lasts, end = (np.asarray(value) for value in asked.result(x, parameters))
         status, iterations = str(told["return_status"]), int(told["iter_count"])
         return status, iterations, (through, lasts.ravel(), end.ravel())

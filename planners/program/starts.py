@@ -27,6 +27,8 @@ _SPACING, _STEP = 50.0, 5.0
 _TRIES, _AT_ONCE, _MOST_LEGS, _CRAWLING, _MOORED = 5, 0.3, 150, 24, 60
 # The rest of an earlier plan that takes so many times as long as the route is reconsidered; durations of glides, in those of the route.
 _RECONSIDERED, _GLIDES = 1.02, (1.0, 1.1, 0.9, 1.3, 1.7)
+# Shares of a route to a goal out of reach that are cut, one after the other until the legs are enough.
+_PARTS = 1.0, 0.5, 0.25, 0.1
 # Depths over which a mooring's mean current is taken, glide angles tried for it; turn of a route at a corner [rad].
 _DEPTHS, _ANGLES, _CORNER = 51, 64, 0.15
 # Share of the best mission's cost below which the route of a lesser depth is tried.
@@ -58,7 +60,7 @@ class Search:
 
     def __post_init__(self) -> None:
         """Make what solves."""
-        self.solver = Solver(self.task)
+        self.solver, self.short = Solver(self.task), False
         self.tried: set[tuple[str, int]] = set()
 
     @property
@@ -104,13 +106,23 @@ class Search:
         """Try the way that comes nearest to a goal out of reach; more legs than some only crawl against a current."""
         task, settings = self.task, self.task.settings
         likely = max(int(np.ceil(way.passed[-1] / task.leg_time() - 1e-6)), 1)
-        most = int(
-            min(settings.most_legs, _MOST_LEGS if limit in ("duration", "legs") else _CRAWLING)
-        )
-        count = settings.legs or max(min(likely, most), len(task.goals))
-        start = cut(task, "nearest", way, count, settings.depth) if deep else None
-        start = start or cut_by_depth(task, "nearest", way, 1.0)
-        self.attempt(start or cut(task, "nearest", way, count, LEAST_DIVE))
+        crawling = _MOST_LEGS if limit in ("duration", "legs") else _CRAWLING
+        count = min(likely, int(min(settings.most_legs, crawling)))
+        if limit == "legs" and settings.max_legs is not None:
+            count = settings.max_legs
+        count = settings.legs or max(count, len(task.goals))
+        if deep:
+            self.attempt(cut(task, "nearest", way, count, settings.depth))
+            return
+        for part in _PARTS:
+            lasts = part * float(way.passed[-1])
+            times = np.append(way.route.times[way.route.times < lasts], lasts)
+            route = Route(way.route.at(times), times, False)
+            nearer = Passage(route, np.minimum(way.passed, lasts))
+            if (start := cut_by_depth(task, "nearest", nearer, 1.0)) is not None:
+                self.attempt(start)
+                return
+        self.attempt(cut(task, "nearest", way, count, LEAST_DIVE))
 
     def recut(self, best: Solution, count: int, least: int) -> Solution | None:
         """Return the solution with so many legs along the way of another; None where there are too few or it is not better."""
@@ -140,6 +152,7 @@ class Search:
         for _ in range(_TRIES):
             start = cut_by_depth(task, "across", way, pace)
             if start is None:
+                self.short = True
                 return
             one = self.attempt(start)
             if is_feasible(task, one) or task.is_late or task.settings.legs is not None:
@@ -282,8 +295,10 @@ def deviation(task: Task, found: Solution) -> tuple[float, float]:
         return 0.0, 0.0
     lasts = np.diff(flight.time[0])
     mean = float(np.sum(0.5 * (away[1:] ** 2 + away[:-1] ** 2) * lasts)) / max(found.seconds, 1.0)
-    ends = isinstance(task.shape, Mooring) and task.shape.surfacings_only
-    return float(np.max(away[flight.ends] if ends else away)), float(np.sqrt(mean))
+    if isinstance(task.shape, Mooring) and task.shape.surfacings_only:
+        away = away[flight.ends]
+        mean = float(np.mean(away**2))
+    return float(np.max(away)), float(np.sqrt(mean))
 
 
 def overtime(task: Task, found: Solution) -> float:
@@ -330,7 +345,8 @@ def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
         if met == len(task.goals):
             return Answer(staying(task), [], None)
         kept = tuple(range(met, len(task.goals)))
-        return _to_all(task, kept, search(_to_some(task, kept), warm))
+        rest = search(_to_some(task, kept), warm)
+        return replace(_to_all(task, kept, rest), bound=rest.bound)
     if isinstance(task.shape, Mooring):
         return _moored(task)
     if task.is_glide:
@@ -359,6 +375,9 @@ def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
         ]
         if reached[0] > reached[1] and fewer.best.violation is None:
             return fewer
+    if one.short and not is_feasible(task, best):
+        bounds = (Bound(np.inf, task.longest, 0, limit="legs"),)
+        return Answer(best, one.found, None, bounds)
     return Answer(best, one.found, bound)
 
 
@@ -403,6 +422,14 @@ def _anew(one: Search, mean: MeanCurrent, rays: Passage | None) -> None:
         if ways:
             one.sweep(ways, depth)
             _in_range(one)
+    lanes = any(ring.surface_only for ring in task.rings)
+    if deep and lanes and one.best is None and not task.is_late:
+        # an area too wide to be passed under water between two surfacings must be rounded
+        rings = tuple(replace(ring, surface_only=False) for ring in task.rings)
+        around = Search(replace(task, rings=rings), one.bound, one.found)
+        route = passage(around.task, mean)
+        if route.route.arrives:
+            around.sweep([("round", route)], depth)
     best = one.best
     if task.bottom.shallowest < depth and not task.is_late:
         across = passage(task, mean, LEAST_DIVE)

@@ -134,7 +134,7 @@ def _touched(
         loop = shapely.make_valid(shapely.Polygon(np.vstack([line, reference[::-1]])))
         corners = shapely.get_coordinates(ring.solid)
         between = corners[shapely.intersects_xy(loop, *corners.T)]
-        if len(between):
+        if len(between) and not ring.surface_only:
             way = points[-1] - points[0]
             left = np.array([-way[1], way[0]]) / max(float(np.linalg.norm(way)), 1e-9)
             beside = (between - middle) @ left

@@ -147,7 +147,13 @@ def test_shallows_count_for_the_legs_that_dive_too_deep_for_them():
     east, shift = np.array([-4.2e3, -3e3, -1.8e3, 100.0, 2e3]), np.array([0.0, -400.0])
     place_ = np.stack([np.column_stack([east + d, np.zeros(5)]) for d in shift])
     leg, ends = np.array([0, 0, 0, 1, 1]), np.array([2, 4])
-    first = Flight(np.arange(5) * 3600.0, np.array([0.0, 300.0, 0.0, 60.0, 0.0]), place_, leg, ends)
+    first = Flight(
+        np.tile(np.arange(5) * 3600.0, (len(place_), 1)),
+        np.array([0.0, 300.0, 0.0, 60.0, 0.0]),
+        place_,
+        leg,
+        ends,
+    )
     rings = shapely.unary_union([ring.area for ring in task.bottom.rings(300.0)])
     apart = [shapely.distance(rings, shapely.linestrings(path[:3])) for path in place_]
     assert apart[0] < 1.2e3 < apart[1] == pytest.approx(apart[0] + 400.0)

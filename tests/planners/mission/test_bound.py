@@ -118,7 +118,7 @@ def test_no_plan_is_below_its_bound_where_the_shear_comes_later():
 
 
 def test_whole_legs_of_a_current_without_shear_are_not_ahead():
-    def task_of(flow, **settings):
+    def asked(flow, **settings):
         how = replace(MissionSettings(depth=300.0), **settings)
         return task_of(
             flow,
@@ -126,7 +126,7 @@ def test_whole_legs_of_a_current_without_shear_are_not_ahead():
         )
 
     flow = uniform_flow(0.1, 0.05)
-    still, drifting = task_of(flow), task_of(flow, surface_time=600.0)
+    still, drifting = asked(flow), asked(flow, surface_time=600.0)
     flat = still.vehicle.angles[0]
     lead = lead_of(still, _by_level(still))
     assert (lead.speed, lead.start, lead.goals.tolist()) == (

@@ -334,6 +334,6 @@ def test_a_step_without_a_duration_bends_no_path():
     time, places = np.array([0.0, 10.0, 10.0, 20.0]), np.array([[0.0, 0.0]] * 4)
     places[1:3, 0], places[3, 0] = 3.0, 6.0
     flight = Flight(
-        time, np.array([0.0, 9.0, 9.0, 0.0]), places[None], np.zeros(4, int), np.array([3])
+        time[None], np.array([0.0, 9.0, 9.0, 0.0]), places[None], np.zeros(4, int), np.array([3])
     )
     np.testing.assert_array_equal(bends(flight), np.zeros(3))

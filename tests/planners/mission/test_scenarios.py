@@ -79,7 +79,7 @@ def test_a_path_bends_between_its_points_as_its_velocity_changes_from_step_to_st
     leg = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2, 2])
     time = np.cumsum(rng.uniform(50.0, 150.0, count))
     place_ = rng.uniform(-500.0, 500.0, (1, count, 2))
-    flight = Flight(time, depth, place_, leg, np.array([7, 9, 11]))
+    flight = Flight(time[None], depth, place_, leg, np.array([7, 9, 11]))
     steps = range(count - 1)
     velocity = [(place_[0, k + 1] - place_[0, k]) / (time[k + 1] - time[k]) for k in steps]
     part = [(leg[k + 1], depth[k] == depth[k + 1] == 0.0) for k in steps]
@@ -95,7 +95,7 @@ def test_a_path_bends_between_its_points_as_its_velocity_changes_from_step_to_st
     # on a circle twice the sagitta of each chord
     angle, times = np.linspace(0.0, 1.0, 101), np.linspace(0.0, 1e3, 101)
     circle = Flight(
-        times,
+        times[None],
         np.full(101, 50.0),
         1e3 * np.stack([np.cos(angle), np.sin(angle)], 1)[None],
         np.zeros(101, int),
@@ -165,7 +165,7 @@ def test_chances_count_every_goal_and_the_last_goal_s_misses():
     places[:, 1] = task.goals[0, :2] - np.column_stack([np.zeros(5), off_first])
     places[:, 2] = task.goals[1, :2] - np.column_stack([np.zeros(5), off_last])
     flight = Flight(
-        np.array([0.0, 1e4, 2e4]),
+        np.tile([0.0, 1e4, 2e4], (5, 1)),
         np.array([0.0, 0.0, 0.0]),
         places,
         np.array([0, 0, 1]),
@@ -192,7 +192,7 @@ def test_nine_in_ten_have_arrived_by_the_time_that_says_so():
 
 def test_points_are_those_nearest_in_time():
     flight = Flight(
-        np.array([0.0, 10.0, 20.0, 30.0]),
+        np.array([[0.0, 10.0, 20.0, 30.0]]),
         np.zeros(4),
         np.zeros((1, 4, 2)),
         np.zeros(4, dtype=int),

@@ -132,7 +132,7 @@ def test_first_currents_are_spread_over_those_of_samples():
     flow, std = with_errors(uniform_flow(0.1, -0.05), 0.04), 0.04
     plan = plan_mission(flow, REQUEST)
     task = task_of(flow, REQUEST)
-    planned, none, *others = first_currents(task, plan, legs_of_plan(plan, task.flow))
+    planned, none, *others = first_currents(task, plan, legs_of_plan(plan))
     np.testing.assert_allclose(planned, planned_current(Sea([flow], 0), plan), atol=1e-3)
     np.testing.assert_array_equal(none, np.zeros(2))
     away = np.linalg.norm(np.array(others) - planned, axis=1) / std
