@@ -49,12 +49,13 @@ class Water:
     def weights(self, depths: Array) -> Array:
         """Return the weights of the levels, shape (n, C), at depths [m]."""
         found = depth_weights(self._functions, depths, self._levels)
-        return np.array(found[:, : self.count], dtype=np.float64)
+        held: Array = np.ascontiguousarray(found[:, : self.count])
+        return held
 
     def integral(self, depth: float) -> Array:
         """Return the integrals of the levels' weights from the surface to a depth, shape (C,) [m]; odd in it."""
         found = [np.interp(abs(depth), self._depths, of) for of in self._summed.T]
-        return np.sign(depth) * np.array(found)
+        return np.asarray(np.sign(depth) * np.array(found))
 
     def _currents(self, task: Task) -> ca.Function:
         flow, kernel, grid = task.flow, task.flow.horizontal.kernel, task.flow.grid

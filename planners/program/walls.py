@@ -35,7 +35,11 @@ class Segments:
         """Return the lines that count for a ring: of one that forbids surfacing alone the drifts."""
         if not ring.surface_only:
             return shapely.linestrings(self.lines)
-        return shapely.linestrings(np.stack([self.up, self.lines[:, -1]], axis=1))
+        ends = self.lines[:, -1]
+        drifts = shapely.linestrings(np.stack([self.up, ends], axis=1))
+        # a line without a length is nowhere
+        still = np.all(self.up == ends, axis=1)
+        return np.where(still, shapely.points(ends), drifts)
 
 
 @dataclass(eq=False)

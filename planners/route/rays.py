@@ -44,9 +44,13 @@ def ray_to(
     first = np.full(shape, np.inf)
     history: list[tuple[Complex, NDArray[np.intp]]] = [(at, np.arange(_FIRST))]
     while now < until and at.size:
+        before = at
         at, headings = _stepped(current, speed, at, headings, now, step)
         now += step
-        near = np.abs(at - goal)
+        # how near the way of this step comes
+        way = at - before
+        share = np.clip(((goal - before) * way.conj()).real / np.abs(way) ** 2, 0.0, 1.0)
+        near = np.abs(before + share * way - goal)
         if np.min(near) < _NEAR * spacing:
             history.append((at, np.arange(at.size)))
             return _traced(history, int(np.argmin(near)), goal, (step, speed))
