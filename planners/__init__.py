@@ -1,7 +1,7 @@
 """Trajectory planning with CasADi over a ``FlowEstimate``.
 
 * ``plan_mission`` makes a mission for a ``MissionRequest``: past goals, along a line, near a mooring, or one glide.
-* ``plan_scenarios`` makes one that violates no constraint in most samples of an estimate, ``plan_for_odds`` the one that most samples arrive
+* ``plan_scenarios`` makes one that violates no constraint in most samples of an estimate, ``plan_for_odds`` one that most samples arrive
   with; ``mission_odds`` flies a mission in samples, ``with_odds`` says in its status and message how likely it arrives.
 * ``fly_scenarios`` summarises a mission flown in samples, with headings that are held or corrected by a ``Pilot``.
 * ``plan_departures`` plans a mission for several departures, ``best_departure`` is the best of them; ``cut_at_horizon`` ends a mission

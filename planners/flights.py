@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
+from planners.clearance import clearances
 from planners.hazards.areas import NoGo
 from planners.hazards.bottom import Bathymetry
 from planners.request import MissionPlan, MissionRequest
-from planners.clearance import clearances
 from planners.simulation.currents import (
     Currents,
     Flow,

@@ -227,8 +227,8 @@ def task_of(flow: Flow, request: MissionRequest) -> Task:
         needed = max(least, LEAST_DIVE, float(np.max(goals[:, 2])), float(start[2]))
         if needed > min(most, settings.depth):
             raise PlanError(
-                f"dives of {least:g} to {most:g} m: expected a depth from {needed:g} m, the least of the range, the start and the goals, to "
-                f"{min(most, settings.depth):g} m, the most that range and bottom allow; choose a wider range"
+                f"dives of {least:g} to {most:g} m: expected a depth from {needed:g} m, the least of the range, the start and the goals, "
+                f"to {min(most, settings.depth):g} m, the most that range and bottom allow; choose a wider range"
             )
     clock, deadline = currents.clock(request.start_time_ns), monotonic() + settings.time_limit
     request = replace(request, settings=settings)
@@ -240,7 +240,9 @@ def _check_place(
 ) -> None:
     """Raise PlanError where a mission may not begin or end: in an area, or where the bottom leaves no room for a dive."""
     surfacing = name != "start" and point[2] == 0.0
-    check_outside([ring for ring in rings if surfacing or not ring.surface_only], name, point)
+    forbidden = [ring for ring in rings if surfacing or not ring.surface_only]
+    # a glide may begin and end on the edge
+    check_outside([ring for ring in forbidden if not (glides and ring.outside)], name, point)
     deepest = float(bottom.limit_at(point[None, :2])[0])
     needed = max(float(point[2]), 0.0 if glides else LEAST_DIVE)
     if deepest < needed - DEPTH_TOLERANCE:

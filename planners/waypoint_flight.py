@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.request import MissionPlan
 from planners.clearance import Violation, check, clearances
+from planners.request import MissionPlan
 from planners.simulation.currents import Currents
 from planners.simulation.fly import DRIFT_STEPS, Flight, Legs, Path, fly_leg
 from planners.simulation.steer import mean_current

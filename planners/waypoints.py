@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
+from planners.clearance import Violation
 from planners.departures import first_legs
 from planners.flights import (
     currents_of_estimate,
@@ -25,7 +26,6 @@ from planners.flights import (
 from planners.hazards.areas import NoGo, Ring, first_crossing
 from planners.hazards.bottom import Bathymetry
 from planners.request import MissionPlan
-from planners.clearance import Violation
 from planners.simulation.currents import Currents, Flow, Sample
 from planners.task import Task
 from planners.waypoint_flight import Followed, WaypointList, first_currents, follow

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.clearance import Violation, check
 from planners.program.graph import PLANES, Program, Shape, program
 from planners.program.walls import Segments, Walls
 from planners.request import Line, Mooring
-from planners.clearance import Violation, check
 from planners.simulation.fly import COARSE, DRIFT_STEPS, Flight, Legs, Path, fly, fly_leg
 from planners.solver import one_at_a_time
 from planners.task import Task, apogee_depths, yo_depths

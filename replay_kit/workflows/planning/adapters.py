@@ -44,7 +44,7 @@ def planner_of(config: PlannerConfig, region: Grid) -> Planner:
         ForecastError: The bathymetry is unusable.
         PlanError: The vehicle's numbers are such that nothing glides.
     """
-    bound = MissionPlanner.of(config)
+    bound = MissionPlanner.of(config, glides=config.kind != "mission")
     if config.bathymetry_path is None:
         return bound
     bottom = read_bathymetry(config.bathymetry_path, region)
@@ -92,18 +92,17 @@ class MissionPlanner:
     seabed: Seabed | None = None
 
     @classmethod
-    def of(cls, config: PlannerConfig) -> "MissionPlanner":
-        """Return the planner of a configuration.
+    def of(cls, config: PlannerConfig, glides: bool = False) -> "MissionPlanner":
+        """Return the planner of a configuration, of missions of dives or of glides.
 
         Raises:
             PlanError: The vehicle's numbers are such that nothing glides.
         """
-        kind = "mission" if config.kind == "mission" else "glide"
-        config = config.model_copy(update={"kind": kind})
+        config = config.model_copy(update={"kind": "glide" if glides else "mission"})
         dives = config.diving()
         settings = planners.MissionSettings(
             depth=dives.depth,
-            yos=config.dives if kind == "mission" else 0,
+            yos=0 if glides else config.dives,
             surface_time=dives.surface_time,
             objective=config.objective,
             tolerance=config.tolerance,
