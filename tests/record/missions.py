@@ -58,8 +58,8 @@ class Case:
     def planned(self) -> MissionPlan:
         """Return what answers it."""
         flow = self.flow if len(self.flow) > 1 else self.flow[0]
-        shapes = {"line": Line(), "mooring": Mooring(3000.0, 48 * 3600.0)}
-        return plan_mission(flow, replace(self.request, shape=shapes.get(self.kind)))
+        shapes = {"line": Line(), "mooring": Mooring(3e3, 48 * 3600.0), "": None}
+        return plan_mission(flow, replace(self.request, shape=shapes[self.kind]))
 
 
 @cache

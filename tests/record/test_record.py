@@ -138,7 +138,6 @@ def test_a_sea_is_estimated_as_well(name):
 def test_missions_are_planned_as_well(name, number):
     today = missions.answers(name, {number})
     assert list(today) == [str(number)]
-    kept, one = record.load("missions")[name][str(number)], today[str(number)]
-    assert (one["status"], one["hours"] < 1.005 * kept["hours"]) == (kept["status"], True)
-    assert abs(one["miss"] - one["stated_miss"]) < 5.0
-    assert min(one.get("clearance", 50.0) - 45.0, one.get("above_bottom", 20.0) - 19.9) > 0.0
+    # what other optima differ in
+    for one in record.difference("missions", {name: today}):
+        assert one.at[2] in ("legs", "clearance", "above_bottom")
