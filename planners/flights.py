@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtri
 
 from planners.clearance import clearances
 from planners.hazards.areas import NoGo
@@ -208,11 +207,9 @@ def ellipse_factor(count: int) -> float:
     References:
         Hotelling (1931); Chew (1966), Confidence, prediction, and tolerance regions for the multivariate normal distribution.
     """
-    return float(
-        np.sqrt(
-            2.0 * (count - 1) * (count + 1) * fdtri(2, count - 2, _SHARE) / (count * (count - 2))
-        )
-    )
+    # the quantile of Fisher's distribution of two degrees of freedom and some
+    quantile = 0.5 * (count - 2) * ((1.0 - _SHARE) ** (-2.0 / (count - 2)) - 1.0)
+    return float(np.sqrt(2.0 * (count - 1) * (count + 1) * quantile / (count * (count - 2))))
 
 
 def fly_scenarios(

@@ -6,9 +6,9 @@ It is flown with headings corrected at each surfacing and with headings held.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
+from math import comb
 
 import numpy as np
-from scipy.special import bdtr
 
 from planners.flights import (
     MissionFlights,
@@ -321,7 +321,10 @@ def passes_binomial_test(violations: int, count: int, allowed: float) -> bool:
 
     No violation always passes.
     """
-    return violations == 0 or float(bdtr(violations, count, allowed)) <= _SIGNIFICANCE
+    terms = (
+        comb(count, k) * allowed**k * (1.0 - allowed) ** (count - k) for k in range(violations + 1)
+    )
+    return violations == 0 or sum(terms) <= _SIGNIFICANCE
 
 
 def most_violations_allowed(count: int, allowed: float) -> int:

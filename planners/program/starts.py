@@ -10,7 +10,15 @@ from planners.program.solve import Solution, Solver, Start, again
 from planners.request import Found, Line, MissionPlan, Mooring
 from planners.route.bound import Bound, Limit, bound_of
 from planners.route.current import Route
-from planners.route.passage import MeanCurrent, Passage, by_rays, mean_current, passage, wider
+from planners.route.passage import (
+    MeanCurrent,
+    Passage,
+    by_rays,
+    is_beside,
+    mean_current,
+    passage,
+    wider,
+)
 from planners.simulation.fly import Flight, Legs
 from planners.task import LEAST_DIVE, Task, yo_depths
 from planners.water import HOUR, KM
@@ -413,7 +421,10 @@ def _anew(one: Search, mean: MeanCurrent, rays: Passage | None) -> None:
     places = np.vstack([task.start, task.goals])[:, :2]
     ways = [] if rays is None else [("rays", rays)]
     deep = bool(task.bottom.limit_at(places).min() >= depth)
-    if deep:
+    if deep and rays is not None and not is_beside(task, rays):
+        one.sweep(ways, depth)
+        ways = []
+    if deep and one.best is None:
         route = passage(task, mean)
         if route.route.arrives:
             ways.append(("front", route))
@@ -421,7 +432,8 @@ def _anew(one: Search, mean: MeanCurrent, rays: Passage | None) -> None:
                 ways.append(("wide", wide))
         if ways:
             one.sweep(ways, depth)
-            _in_range(one)
+    if deep and one.found:
+        _in_range(one)
     lanes = any(ring.surface_only for ring in task.rings)
     if deep and lanes and one.best is None and not task.is_late:
         # an area too wide to be passed under water between two surfacings must be rounded

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from planners.hazards.domain import widened
 from planners.route.current import Complex, CurrentLattice, Route, edge_durations
@@ -183,18 +182,7 @@ def sea_of(
     near = np.full(places.size, obstacles is not None)
     if obstacles is not None:
         near[: lattice.size] = _near(current, obstacles)
-    points = np.column_stack([places.real, places.imag])
-    tree, ends = cKDTree(points), points[lattice.size :]
-    pairs = [
-        (k + lattice.size, np.array(found))
-        for k, found in enumerate(tree.query_ball_point(ends, reach))
-    ]
-    begin = (
-        np.concatenate([np.full(found.size, k) for k, found in pairs])
-        if pairs
-        else np.zeros(0, dtype=np.intp)
-    )
-    end = np.concatenate([found for _, found in pairs]) if pairs else np.zeros(0, dtype=np.intp)
+    begin, end = _neighbours(current, off, reach)
     back = end < lattice.size
     begin, end = np.concatenate([begin, end[back]]), np.concatenate([end, begin[back]])
     order = np.argsort(begin, kind="stable")
@@ -211,6 +199,23 @@ def sea_of(
         waits,
         speed + current.fastest,
     )
+
+
+def _neighbours(current: CurrentLattice, off: Complex, reach: float) -> tuple[Numbers, Numbers]:
+    """Return the numbers of the points off a lattice and of all points within a reach [m] of each, in pairs."""
+    rows, columns = current.shape
+    at = (off - complex(*current.origin)) / current.spacing
+    around = np.arange(-_REACH - 1, _REACH + 2)
+    row = np.round(at.imag).astype(int)[:, None, None] + around[:, None]
+    column = np.round(at.real).astype(int)[:, None, None] + around
+    row, column = np.broadcast_arrays(row, column)
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    inside &= np.abs(column + 1j * row - at[:, None, None]) * current.spacing <= reach
+    begin = np.nonzero(inside)[0] + rows * columns
+    end = (row * columns + column)[inside]
+    one, other = np.nonzero(np.abs(off[:, None] - off) <= reach)
+    both = np.concatenate([begin, one + rows * columns])
+    return both, np.concatenate([end, other + rows * columns])
 
 
 def _near(current: CurrentLattice, obstacles: Obstacles) -> NDArray[np.bool_]:

@@ -100,11 +100,16 @@ def passage(
     return Passage(Route(np.concatenate(points), np.concatenate(times), arrives), np.array(passed))
 
 
+def is_beside(task: Task, way: Passage) -> bool:
+    """Return whether a passage leads beside an area, land or shallows, so that a wider one may differ from it."""
+    line = shapely.linestrings(way.route.points)
+    solid = [ring for ring in task.solid(task.settings.depth) if not ring.outside]
+    return any(bool(shapely.dwithin(ring.area, line, _WIDER[0])) for ring in solid)
+
+
 def wider(task: Task, mean: MeanCurrent, quickest: Passage) -> Passage | None:
     """Return the passage farthest from what it keeps clear of that takes little longer; None where the quickest is clear of all."""
-    line = shapely.linestrings(quickest.route.points)
-    solid = [ring for ring in task.solid(task.settings.depth) if not ring.outside]
-    if not any(shapely.dwithin(ring.area, line, _WIDER[0]) for ring in solid):
+    if not is_beside(task, quickest):
         return None
     for margin in _WIDER:
         if margin > task.settings.margin:
