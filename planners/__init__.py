@@ -1,11 +1,9 @@
 """Trajectory planning with CasADi over a ``FlowEstimate``.
 
-* ``plan`` makes one glide; ``fly`` flies it in another flow.
-* ``plan_mission`` makes a glider's mission of many dives for a ``MissionRequest``; ``plan_mooring`` one that stays near a place,
-  ``plan_line`` one that follows a line, ``plan_scenarios`` one that violates no constraint in most samples of an estimate.
+* ``plan_mission`` makes a mission for a ``MissionRequest``: past goals, along a line, near a mooring, or one glide.
+* ``plan_scenarios`` makes one that violates no constraint in most samples of an estimate, ``plan_for_odds`` one that most samples arrive
+  with; ``mission_odds`` flies a mission in samples, ``with_odds`` says in its status and message how likely it arrives.
 * ``fly_scenarios`` summarises a mission flown in samples, with headings that are held or corrected by a ``Pilot``.
-  ``plan_for_odds`` the one that most samples arrive with.
-* ``mission_odds`` flies a mission in samples of the estimate; ``with_odds`` says in its status and message how likely it arrives.
 * ``plan_departures`` plans a mission for several departures, ``best_departure`` is the best of them; ``cut_at_horizon`` ends a mission
   where the forecast does.
 * ``waypoints_of`` reduces a mission to a list of few waypoints.
@@ -16,16 +14,13 @@ from typing import TYPE_CHECKING
 from replay_kit.core.extensions import on_demand
 
 if TYPE_CHECKING:
-    from planners.glide.candidate import fly
-    from planners.glide.solve import plan
-    from planners.glide.transcription import GlideSettings
-    from planners.mission.flight.pilot import Pilot
-    from planners.mission.flights import MonteCarloSummary, fly_scenarios
-    from planners.mission.odds import MissionOdds, mission_odds, plan_for_odds, with_odds
-    from planners.mission.plan import plan_line, plan_mission, plan_mooring
-    from planners.mission.scenarios import plan_scenarios
-    from planners.mission.timing import best_departure, cut_at_horizon, plan_departures
-    from planners.mission.values import (
+    from planners.departures import best_departure, cut_at_horizon, plan_departures
+    from planners.flights import MonteCarloSummary, closest_approach, fly_mission, fly_scenarios
+    from planners.hazards.areas import NoGo
+    from planners.hazards.bottom import Bathymetry
+    from planners.odds import MissionOdds, mission_odds, plan_for_odds, plan_scenarios, with_odds
+    from planners.plan import plan_mission
+    from planners.request import (
         Line,
         MissionPlan,
         MissionRequest,
@@ -33,14 +28,12 @@ if TYPE_CHECKING:
         Mooring,
         Weights,
     )
-    from planners.mission.waypoints import Waypoints, waypoints_of
-    from planners.route.bottom import Bathymetry
-    from planners.route.hazards import NoGo
+    from planners.simulation.steer import Pilot
     from planners.vehicle import Glider, SteadyFlight, fit_flight
+    from planners.waypoints import Waypoints, waypoints_of
 
 __all__ = [
     "Bathymetry",
-    "GlideSettings",
     "Glider",
     "Line",
     "MissionOdds",
@@ -55,17 +48,15 @@ __all__ = [
     "Waypoints",
     "Weights",
     "best_departure",
+    "closest_approach",
     "cut_at_horizon",
     "fit_flight",
-    "fly",
+    "fly_mission",
     "fly_scenarios",
     "mission_odds",
-    "plan",
     "plan_departures",
     "plan_for_odds",
-    "plan_line",
     "plan_mission",
-    "plan_mooring",
     "plan_scenarios",
     "waypoints_of",
     "with_odds",

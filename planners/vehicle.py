@@ -10,10 +10,10 @@ g - a (Graver 2005; Merckelbach, Smeed, Griffiths 2010, J. Atmos. Oceanic Techno
 
 from dataclasses import dataclass, field, replace
 from math import inf
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
@@ -119,7 +119,8 @@ class Glider:
 
     def paces(self, count: int, n_legs: int) -> Array:
         """Return the mean speed of legs over ``speed`` in each of ``count`` flights: quantiles of its errors in a fixed random order."""
-        quantiles = ndtri((np.arange(count) + 0.5) / count)
+        normal = NormalDist()
+        quantiles = np.array([normal.inv_cdf((k + 0.5) / count) for k in range(count)])
         std = np.hypot(self.speed_error, self.speed_spread / np.sqrt(max(n_legs, 1)))
         drawn = np.random.default_rng(count).permutation(quantiles)
         return np.asarray(np.maximum(1.0 + std * drawn, 0.0))

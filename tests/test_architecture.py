@@ -46,10 +46,10 @@ def test_planners_see_the_core_alone():
 WRONG = [
     ("replay_kit/workflows/replay/replay.py", "from planners import plan"),
     ("replay_kit/cli/plan.py", "from planners import plan"),
-    ("replay_kit/results/slices.py", "import planners.route.region as region"),
+    ("replay_kit/results/slices.py", "import planners.hazards.domain as region"),
     ("replay_kit/core/geodesy.py", "from casadi import SX"),
     (
-        "planners/route/region.py",
+        "planners/hazards/domain.py",
         "from replay_kit.workflows.replay.statistics import RunStatistics",
     ),
     ("replay_kit/estimator/filter.py", "import replay_kit.results.outcome.run"),

@@ -64,7 +64,7 @@ def installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("installed")
 def test_each_kind_is_found_where_the_project_looks_for_it():
-    from planners.mission.values import MissionSettings
+    from planners.request import MissionSettings
 
     assert dialect_of(["JULD", "CURRENT_EAST", "CURRENT_NORTH"], {}).name == "ego"
     assert [check.__name__ for check in added_checks().values()] == ["repeated_times"]

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from planners.mission.odds import MissionOdds
-from planners.mission.values import MissionPlan
+from planners.odds import MissionOdds
+from planners.request import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
 from replay_kit.core.grid import Projection
@@ -183,7 +183,8 @@ def as_plan(plan: MissionPlan, projection: Projection, odds: MissionOdds | None 
         track=plan.track,
         message=plan.message,
         statistics=plan.statistics,
-        legs=tuple(legs_table(plan, ellipses)),
+        # a glide is told by its heading and glide angle alone
+        legs=tuple(legs_table(plan, ellipses)) if plan.settings.yos else (),
         energy=plan.energy,
         odds=None if odds is None else _odds(odds),
     )

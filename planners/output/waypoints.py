@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from planners.mission.waypoints import Waypoints
+from planners.waypoints import Waypoints
 from replay_kit.core.errors import PlanError
 from replay_kit.core.region import collection_file, feature, positions
 from replay_kit.core.text import csv_text

@@ -1,1 +1,1 @@
-"""The region, what lies in the way, and the flow in a table."""
+"""Routes: the quickest way of a front round obstacles, and the bound of the time that a mission takes."""

@@ -97,11 +97,6 @@ class PlanRequest(Section):
         default=None,
         description="Largest distance of the track from the line at which the goal counts as reached [m]. Default: 2000.",
     )
-    spline: Annotated[int, Option("--spline", None, _OPTIONS)] = Field(
-        default=4,
-        ge=0,
-        description="B-spline points per kernel length in the optimisation; 0 optimises on the estimate itself.",
-    )
     risk: Annotated[float | None, Option("--risk", "SHARE", _OPTIONS)] = Field(
         default=None,
         description="Plan with a margin such that at most this fraction of samples violates a constraint.",

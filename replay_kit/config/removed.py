@@ -34,6 +34,7 @@ SETTINGS: dict[str, dict[str, str]] = {
             ("then", "blind", "survey", "box", "profiles", "profile_error", "others"), _SAMPLING
         ),
         "policy": _BLIND,
+        "spline": "plans are always flown and checked in the estimate itself",
     },
 }
 #: Values of an option.

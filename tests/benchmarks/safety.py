@@ -14,8 +14,6 @@ import numpy as np
 from planners import plan_mission, waypoints_of
 from replay_kit.core.errors import PlanError
 from tests.benchmarks.measure import Row, row
-from tests.benchmarks.safety_odds import one_mission as one_uncertain
-from tests.benchmarks.safety_odds import uncertain_row
 from tests.benchmarks.safety_reach import one_mission as one_reached
 from tests.benchmarks.safety_reach import reach_row
 from tests.planners.hazardous import MISSED, harm_done, harm_of_files, random_mission
@@ -47,8 +45,6 @@ def rows(tiny: bool, count: int = 300) -> list[Row]:
         made.append(
             row(name, float(np.median(took)), "", error=errors, slowest_s=max(took), **found)
         )
-    numbers = range(1 if tiny else count)
-    made.append(uncertain_row([one_uncertain(seed, not tiny and seed % 3 > 0) for seed in numbers]))
     return [*made, reach_row([one_reached(seed) for seed in range(2 if tiny else 2 * count // 3)])]
 
 

@@ -141,7 +141,7 @@ def test_a_plan_loads_no_more_than_it_needs(tmp_path):
     found = loaded(f"{line}152.55,-40,0")
     slow = "scipy.interpolate scipy.ndimage scipy.optimize xarray mcap replay_kit.estimator"
     assert not found.intersection(slow.split())
-    assert {"planners.front.front", "scipy.spatial"} <= found
+    assert {"planners.route.front", "scipy.spatial"} <= found
 
 
 def slow_libraries(line: str) -> str:

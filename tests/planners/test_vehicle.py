@@ -6,14 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from planners import (
-    Glider,
-    GlideSettings,
-    MissionRequest,
-    MissionSettings,
-    plan,
-    plan_mission,
-)
+from planners import Glider, MissionRequest, MissionSettings, plan_mission
 from planners.vehicle import DENSITY, GRAVITY, SteadyFlight, angle_of_pitch, fit_flight
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import forbidden, place, still_flow
@@ -112,19 +105,6 @@ def test_a_mission_s_dives_end_at_the_vehicle_s_limit():
             FLOW,
             replace(asked, vehicle=Glider(max_depth=1000.0), settings=MissionSettings(depth=500.0)),
         )
-
-
-def test_a_glide_passes_no_deeper_than_the_vehicle_s_limit():
-    settings = GlideSettings(max_depth=150.0)
-    with pytest.raises(
-        PlanError,
-        match=r"goal at .*, 160 m is not between the surface and the vehicle's limit, 150 m",
-    ):
-        plan(FLOW, HERE, replace(THERE, depth=160.0), settings=settings)
-    assert (
-        plan(FLOW, HERE, replace(THERE, depth=140.0), settings=settings).track[:, 2].max()
-        <= 150.0 + 1e-3
-    )
 
 
 @pytest.mark.parametrize(("east", "named"), [(-3e3, "start"), (3e3, "goal")])

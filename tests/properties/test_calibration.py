@@ -136,10 +136,10 @@ def test_fewer_flights_stay_within_a_mooring_s_median_than_within_its_nine_in_te
     flow, (lon, lat, _) = replayed(sea()), places(np.zeros(2), HERE)
     here = rk.Place(float(lon), float(lat), 0.0)
     request = planners.MissionRequest(here, (here,), GLIDER, planners.MissionSettings(depth=250.0))
-    mooring = planners.Mooring(3e3, 6 * 3600.0)
-    plan, samples = planners.plan_mooring(flow, request, mooring), flow.sample(10, 1)
-    odds = planners.mission_odds(flow, samples, plan, request, mooring).held
+    mooring, samples = planners.Mooring(3e3, 6 * 3600.0), flow.sample(10, 1)
+    plan = planners.plan_mission(flow, replace(request, shape=mooring))
+    odds = planners.mission_odds(flow, samples, plan, request).held
     for radius, share in ((odds.miss_median, 0.5), (odds.miss_90_percent, 0.9)):
-        within = replace(mooring, radius=radius)
-        reached = planners.mission_odds(flow, samples, plan, request, within).held.reached
+        within = replace(plan, shape=replace(mooring, radius=radius))
+        reached = planners.mission_odds(flow, samples, within, request).held.reached
         assert reached == pytest.approx(share)

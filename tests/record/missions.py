@@ -25,10 +25,8 @@ from planners import (
     MissionSettings,
     Mooring,
     NoGo,
-    plan_line,
-    plan_mission,
-    plan_mooring,
 )
+from planners.plan import plan_mission
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.plan import Place
@@ -60,11 +58,8 @@ class Case:
     def planned(self) -> MissionPlan:
         """Return what answers it."""
         flow = self.flow if len(self.flow) > 1 else self.flow[0]
-        if self.kind == "line":
-            return plan_line(flow, self.request, Line())
-        if self.kind == "mooring":
-            return plan_mooring(flow, self.request, Mooring(3000.0, 48 * 3600.0))
-        return plan_mission(flow, self.request)
+        shapes = {"line": Line(), "mooring": Mooring(3e3, 48 * 3600.0), "": None}
+        return plan_mission(flow, replace(self.request, shape=shapes[self.kind]))
 
 
 @cache

@@ -8,11 +8,11 @@ from typing import TypeVar
 import numpy as np
 
 import planners
-from planners.mission.flight.currents import Sample
-from planners.mission.flights import fly_mission, surfacing_ellipses
-from planners.mission.timing import first_legs
+from planners.departures import first_legs
+from planners.flights import fly_mission, surfacing_ellipses
+from planners.hazards.domain import Region, locate
 from planners.output.mission import as_plan
-from planners.route.region import Region, locate
+from planners.simulation.currents import Sample
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AsFlown
@@ -44,9 +44,7 @@ def planner_of(config: PlannerConfig, region: Grid) -> Planner:
         ForecastError: The bathymetry is unusable.
         PlanError: The vehicle's numbers are such that nothing glides.
     """
-    bound: GlidePlanner | MissionPlanner = (
-        MissionPlanner.of(config) if config.kind == "mission" else GlidePlanner.of(config)
-    )
+    bound = MissionPlanner.of(config, glides=config.kind != "mission")
     if config.bathymetry_path is None:
         return bound
     bottom = read_bathymetry(config.bathymetry_path, region)
@@ -72,73 +70,6 @@ def with_origin(plan: PlanOrMission, origin: str) -> PlanOrMission:
 
 
 @dataclass(frozen=True, slots=True)
-class GlidePlanner:
-    """The glide planner bound to a configuration.
-
-    Attributes:
-        settings: How it is planned.
-        config: What the settings state.
-        flown: How the vehicle flew its dives so far; None where that is not known.
-        bathymetry: Bottom depth, which a glide keeps above; None leaves it out of account.
-        seabed: It, as results hold it.
-    """
-
-    settings: planners.GlideSettings
-    config: PlannerConfig
-    flown: AsFlown | None = None
-    bathymetry: planners.Bathymetry | None = None
-    seabed: Seabed | None = None
-
-    @classmethod
-    def of(cls, config: PlannerConfig) -> "GlidePlanner":
-        """Return the planner of a configuration."""
-        config = config.model_copy(update={"kind": "glide"})
-        settings = planners.GlideSettings(
-            speed=config.diving().speed,
-            tolerance=config.tolerance,
-            max_duration=config.max_duration,
-            max_depth=config.depth_limit,
-            clearance=config.clearance,
-        )
-        return cls(settings, config)
-
-    def as_flown(self, flown: AsFlown) -> "GlidePlanner":
-        """Return the planner of a vehicle that flies as its dives so far, where the settings state nothing else."""
-        return replace(self, flown=flown)
-
-    def plan(self, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
-        """Return the best glide found from start towards goal."""
-        before = None if query.warm is None else query.warm.plan
-        dives = self.config.diving(self.flown)
-        settings = replace(self.settings, speed=dives.speed, bathymetry=self.bathymetry)
-        made = with_origin(
-            planners.plan(
-                flow,
-                query.start,
-                query.goal,
-                settings=settings,
-                start_time_ns=query.start_time_ns,
-                warm=before,
-            ),
-            dives.origin,
-        )
-        return PlanResult(over_bottom(made, self.bathymetry, flow.grid.projection))
-
-    def check(self, flow: HasGrid, goal: Place) -> None:
-        """Raise PlanError when the goal is outside the region, on land or below the vehicle's limit."""
-        locate(Region(flow.grid, self.settings.max_depth), goal, "goal")
-
-    def with_odds(self) -> "GlidePlanner":
-        """Return the planner: a glide has no odds."""
-        return self
-
-    def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
-        """Return how close [m] a plan passes its goal when it is flown in a flow."""
-        _, _, closest_approach = planners.fly(flow, planned.plan)
-        return closest_approach
-
-
-@dataclass(frozen=True, slots=True)
 class MissionPlanner:
     """The mission planner bound to a configuration.
 
@@ -161,17 +92,17 @@ class MissionPlanner:
     seabed: Seabed | None = None
 
     @classmethod
-    def of(cls, config: PlannerConfig) -> "MissionPlanner":
-        """Return the planner of a configuration.
+    def of(cls, config: PlannerConfig, glides: bool = False) -> "MissionPlanner":
+        """Return the planner of a configuration, of missions of dives or of glides.
 
         Raises:
             PlanError: The vehicle's numbers are such that nothing glides.
         """
-        config = config.model_copy(update={"kind": "mission"})
+        config = config.model_copy(update={"kind": "glide" if glides else "mission"})
         dives = config.diving()
         settings = planners.MissionSettings(
             depth=dives.depth,
-            yos=config.dives,
+            yos=0 if glides else config.dives,
             surface_time=dives.surface_time,
             objective=config.objective,
             tolerance=config.tolerance,
@@ -213,14 +144,23 @@ class MissionPlanner:
             speed_spread=dives.speed_spread,
             speed_error=dives.speed_error,
         )
-        settings = replace(
-            self.settings,
-            depth=dives.depth,
-            depths=dives.depths,
-            speeds=dives.speeds,
-            surface_time=dives.surface_time,
+        settings = (
+            self.settings
+            if self.glides
+            else replace(
+                self.settings,
+                depth=dives.depth,
+                depths=dives.depths,
+                speeds=dives.speeds,
+                surface_time=dives.surface_time,
+            )
         )
         return replace(self, vehicle=vehicle, settings=settings), dives.origin
+
+    @property
+    def glides(self) -> bool:
+        """Whether it plans glides: one leg from depth to depth, in the current as it is when it begins, without odds."""
+        return self.settings.yos == 0
 
     def request(
         self,
@@ -247,9 +187,9 @@ class MissionPlanner:
             # the rest of it would be flown by other dives
             before = None
         known, seconds = KnownCurrent((flow,), self.config.flow_step), bound.span(start, (goal,))
-        currents = known.flow(start_time_ns, seconds)
+        currents = flow if self.glides else known.flow(start_time_ns, seconds)
         mission = with_origin(planners.plan_mission(currents, request, warm=before), origin)
-        stated = self.config.samples
+        stated = None if self.glides else self.config.samples
         count = sample_count(flow, stated) if self.judges else stated or 0
         drawn = known.samples(
             start_time_ns, seconds, count if len(mission.headings_deg) else 0, self.config.seed
@@ -269,6 +209,8 @@ class MissionPlanner:
         """Raise PlanError when the goal is outside the region or on land, or a mission's dives do not fit."""
         region = Region(flow.grid, self.vehicle.max_depth)
         locate(region, goal, "goal")
+        if self.glides:
+            return
         depth = self.bound(flow, (goal,))[0].settings.depth
         if not goal.depth <= depth <= region.deepest:
             raise PlanError(
@@ -277,13 +219,15 @@ class MissionPlanner:
 
     def with_odds(self) -> "MissionPlanner":
         """Return the planner of missions that are judged as those of the command ``plan`` are."""
-        return replace(self, judges=True)
+        return self if self.glides else replace(self, judges=True)
 
     def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
         """Return how far from its goal [m] a mission ends when it is flown in a flow, as it changes where it does."""
         mission: planners.MissionPlan = planned.memory
         if len(mission.headings_deg) == 0:
             return float(mission.closest_approach[-1])
+        if self.glides:
+            return planners.closest_approach(flow, mission)
         met = KnownCurrent((flow,), self.config.flow_step).flow(
             mission.start_time_ns, mission.duration
         )
@@ -321,7 +265,8 @@ def _next_surfacing(
     projection: Projection, mission: planners.MissionPlan, drawn: Sequence[Sample]
 ) -> Surfacing | None:
     """Return where the first leg ends at the surface, with an ellipse where there are samples; None when no leg does."""
-    if len(mission.headings_deg) == 0 or mission.yo_depths[0][-1] > 0.0:
+    glides = mission.settings.yos == 0
+    if glides or len(mission.headings_deg) == 0 or mission.yo_depths[0][-1] > 0.0:
         return None
     first = first_legs(mission, 1, projection)
     (longitude, latitude), seconds = first.surfacings[0], float(first.surfacing_times[0])

@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import shapely
 
-from planners.route.hazards import NoGo
+from planners.hazards.areas import NoGo
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.geodesy import unwrap_longitude

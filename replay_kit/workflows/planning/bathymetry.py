@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.route.bottom import Bathymetry
+from planners.hazards.bottom import Bathymetry
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from planners.flow import graph_key
-from planners.mission.flight.currents import Flow, Sample, is_noticed, with_local
+from planners.simulation.currents import Flow, Sample, graph_key, is_noticed, with_local
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError

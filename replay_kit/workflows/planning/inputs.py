@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from planners.route.region import Region, locate_all
+from planners.hazards.domain import Region, locate_all
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AsFlown
@@ -20,8 +20,8 @@ from replay_kit.core.region import bounds_of, inside
 
 # the planners and what reads results load slowly: a place outside of an estimate is refused without them
 if TYPE_CHECKING:
-    from planners.route.bottom import Bathymetry
-    from planners.route.hazards import NoGo
+    from planners.hazards.areas import NoGo
+    from planners.hazards.bottom import Bathymetry
     from replay_kit.show.status.held import Held
     from replay_kit.workflows.planning.currents import KnownCurrent
 

@@ -5,16 +5,15 @@ from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Any, TypedDict
 
-from planners.mission.flight.currents import Flow, Sample, local_notes
-from planners.mission.flight.pilot import Pilot
-from planners.mission.odds import MissionOdds, mission_odds, plan_for_odds, with_odds
-from planners.mission.plan import plan_line, plan_mission, plan_mooring
-from planners.mission.scenarios import plan_scenarios
-from planners.mission.timing import best_departure, cut_at_horizon, plan_departures, to_its_end
-from planners.mission.values import MissionPlan, MissionRequest, MissionSettings
-from planners.mission.waypoints import Waypoints, waypoints_of
-from planners.route.bottom import Bathymetry
-from planners.route.hazards import NoGo
+from planners.departures import best_departure, cut_at_horizon, plan_departures, to_its_end
+from planners.hazards.areas import NoGo
+from planners.hazards.bottom import Bathymetry
+from planners.odds import MissionOdds, mission_odds, plan_for_odds, plan_scenarios, with_odds
+from planners.plan import plan_mission
+from planners.request import MissionPlan, MissionRequest, MissionSettings
+from planners.simulation.currents import Flow, Sample, local_notes
+from planners.simulation.steer import Pilot
+from planners.waypoints import Waypoints, waypoints_of
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.arrays import Array
@@ -193,7 +192,8 @@ def _request(
             f"--horizon: expected at most {(last - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last)}, got "
             f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out to plan the rest in the last current known"
         )
-    return bound.request(job.start_place, job.goals, begin_ns, on.no_go), notes
+    asked = bound.request(job.start_place, job.goals, begin_ns, on.no_go)
+    return replace(asked, shape=mooring_of(job) or line_of(job)), notes
 
 
 def _seconds(job: PlanRequest, bound: MissionPlanner) -> float:
@@ -241,10 +241,6 @@ def _planned(
     if job.departures_ns:
         plans = plan_departures(flow, request, job.departures_ns)
         return plans[best_departure(plans)], plans
-    if (mooring := mooring_of(job)) is not None:
-        return plan_mooring(flow, request, mooring), ()
-    if (line := line_of(job)) is not None:
-        return plan_line(flow, request, line), ()
     if job.risk is not None:
         made, *_ = plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())
     elif for_odds:
@@ -266,7 +262,7 @@ def _judged(
     """Return a mission with its odds in its status and message, and the odds; one that was cut is to come to where it was cut."""
     flown = to_its_end(made) if made.status == "partial" else made
     asked = replace(request, goals=flown.goals, start_time_ns=made.start_time_ns)
-    odds = mission_odds(*currents, flown, asked, mooring_of(job))
+    odds = mission_odds(*currents, flown, asked)
     return with_odds(made, odds, job.arrive, job.accepted_risk), odds
 
 
@@ -323,7 +319,6 @@ def mission_planner(
     settings = replace(
         planner.settings,
         objective=planner.settings.objective if objective is None else objective_of(objective),
-        spline=job.spline,
         # a plan by itself may be longer than those of a replay, unless that is configured
         max_duration=config.max_duration
         if "max_duration" in config.model_fields_set

@@ -9,7 +9,6 @@ from typing import Any
 
 from rich.console import Console
 
-from planners.mission.waypoints import Waypoints
 from planners.output.mission import (
     as_plan,
     legs_table,
@@ -18,6 +17,7 @@ from planners.output.mission import (
     to_json,
 )
 from planners.output.waypoints import waypoint_json, waypoint_text
+from planners.waypoints import Waypoints
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
 from replay_kit.core.text import time_text
@@ -47,7 +47,7 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
     if planned.waypoints is not None:
         console.print(planned.waypoints.message)
     if figures is not None:
-        moored = made.settings.weights.closest == 0.0
+        moored = made.is_moored
         off = "farthest from the mooring" if moored else "miss"
         console.print(
             f"in the samples: {off} in the median {figures['miss_median_m']:.0f} m, 90 % within {figures['miss_90_percent_m']:.0f} m; with "

@@ -12,7 +12,7 @@ from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.extensions import is_objective, objective_names
 
 if TYPE_CHECKING:
-    from planners.mission.values import Line, Mooring, Weights
+    from planners.request import Line, Mooring, Weights
 
 
 def checked(request: PlanRequest) -> PlanRequest:
@@ -26,7 +26,7 @@ def checked(request: PlanRequest) -> PlanRequest:
         objective_of(request.objective)
     if not request.line:
         return request
-    from planners.mission.values import Line
+    from planners.request import Line
 
     usual = {"line_weight": Line().weight, "line_width": Line().width}
     return request.model_copy(
@@ -195,7 +195,7 @@ def objective_of(text: str) -> "str | Weights":
         pairs = [part.partition("=") for part in text.split(",")]
         weights = {name: float(value) for name, _, value in pairs}
 
-        from planners.mission.values import Weights
+        from planners.request import Weights
 
         return Weights(**weights)
     except (TypeError, ValueError, PlanError) as error:
@@ -207,7 +207,7 @@ def objective_of(text: str) -> "str | Weights":
 
 def mooring_of(request: PlanRequest) -> "Mooring | None":
     """Return the mooring that is asked for; None for another mission."""
-    from planners.mission.values import Mooring
+    from planners.request import Mooring
 
     if (numbers := request.mooring_numbers) is None:
         return None
@@ -217,7 +217,7 @@ def mooring_of(request: PlanRequest) -> "Mooring | None":
 
 def line_of(request: PlanRequest) -> "Line | None":
     """Return the line that a checked request follows; None where none is."""
-    from planners.mission.values import Line
+    from planners.request import Line
 
     weight, width = request.line_weight, request.line_width
     return None if weight is None or width is None else Line(weight=weight, width=width)

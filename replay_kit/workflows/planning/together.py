@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from planners.mission.flight.currents import Flow, Sample
-from planners.mission.odds import mission_odds, with_odds
-from planners.together.assignment import assign, times_to_goals
-from planners.together.missions import (
+from planners.assignment import assign, times_to_goals
+from planners.odds import mission_odds, with_odds
+from planners.separation import (
     JointMissions,
     Nearness,
     plan_missions,
     share_of_nearer,
 )
+from planners.simulation.currents import Flow, Sample
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig

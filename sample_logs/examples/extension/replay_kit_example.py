@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from planners.mission.values import Objective, Weights
+from planners.request import Objective, Weights
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import LinearMeasurement, Observation

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from planners.front.current import CurrentLattice, current_lattice, edge_durations, shares_of_levels
-from planners.front.front import Route, sea_of, spread
-from planners.front.obstacles import directions_around, obstacles_of
-from planners.front.relax import _swept, _times, relax
-from planners.route.hazards import Ring
+from planners.hazards.areas import Ring
+from planners.route.current import CurrentLattice, current_lattice, edge_durations, shares_of_levels
+from planners.route.front import Route, sea_of, spread
+from planners.route.obstacles import directions_around, obstacles_of
+from planners.route.relax import _swept, _times, relax
 from tests.planners.flow_samples import eddying_flow
 from tests.reference.front import arrivals, current_at, edge_duration, touches
 

@@ -14,11 +14,11 @@ from planners import (
     plan_scenarios,
     waypoints_of,
 )
-from planners.front.current import CurrentLattice, Route
-from planners.front.front import sea_of
-from planners.front.relax import relax
-from planners.mission.timing import cut_at_horizon
+from planners.departures import cut_at_horizon
 from planners.output.mission import as_plan
+from planners.route.current import CurrentLattice, Route
+from planners.route.front import sea_of
+from planners.route.relax import relax
 from replay_kit.core.arrays import Array
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 from tests.planners.mission.test_bottom import bathymetry, least_height, request, turns

@@ -5,14 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import MissionPlan, MissionSettings, plan_mission
-from planners.front.current import shares_of_levels
-from planners.mission.search import search
-from planners.mission.search.bound import _second_order, bound_of
-from planners.mission.search.passage import habit, initial_guess, passage_past_goals, water_of
-from planners.mission.search.search import _fewest_legs, likely_legs
-from planners.mission.solve.attempt import is_feasible
-from planners.mission.task import mission_task
+from planners import MissionSettings, plan_mission
+from planners.route.bound import _second_order, bound_of
+from planners.route.current import shares_of_levels
+from planners.task import task_of
 from replay_kit.core.arrays import Array
 from tests.planners.flow_samples import (
     eddying_flow,
@@ -52,7 +48,7 @@ def test_the_shear_that_raises_the_bounds_speed_is_that_of_the_region(monkeypatc
         np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max)
     )
     begin, end = (tuple(share * high) for share in (0.9, 0.2))
-    task = mission_task(flow, request_in(flow, begin, end))
+    task = task_of(flow, request_in(flow, begin, end))
     seen, kind = list[Array](), type(flow.horizontal)
     velocity = kind.velocity
     monkeypatch.setattr(
@@ -68,7 +64,7 @@ def test_the_shear_that_raises_the_bounds_speed_is_that_of_the_region(monkeypatc
 
 def test_in_a_uniform_current_the_bound_is_zermelos_to_the_disc_less_the_lattices_error():
     flow = uniform_flow(0.08, 0.05)
-    task = mission_task(flow, request_in(flow, (-10e3, -2e3), (10e3, 4e3)))
+    task = task_of(flow, request_in(flow, (-10e3, -2e3), (10e3, 4e3)))
     _, bound = bound_of(task)
     way, current = task.goals[0, :2] - task.start[:2], np.array([0.08, 0.05])
     share = SETTINGS.surface_time / task.leg_time(task.vehicle.angles[0])
@@ -81,18 +77,16 @@ def test_in_a_uniform_current_the_bound_is_zermelos_to_the_disc_less_the_lattice
 
 
 def test_what_shear_gives_grows_with_its_square_and_a_dive_s_time_and_is_none_without():
-    task = mission_task(eddying_flow(1), request_in(eddying_flow(1), (-10e3, -2e3), (10e3, 4e3)))
+    task = task_of(eddying_flow(1), request_in(eddying_flow(1), (-10e3, -2e3), (10e3, 4e3)))
     gain = _second_order(task)
     assert 0.0 < gain < 0.1
     assert (
-        _second_order(
-            mission_task(still_flow(), request_in(still_flow(), (-10e3, -2e3), (10e3, 4e3)))
-        )
+        _second_order(task_of(still_flow(), request_in(still_flow(), (-10e3, -2e3), (10e3, 4e3))))
         == 0.0
     )
     twice = replace(eddying_flow(1), latent=2.0 * eddying_flow(1).latent)
     assert _second_order(
-        mission_task(twice, request_in(twice, (-10e3, -2e3), (10e3, 4e3)))
+        task_of(twice, request_in(twice, (-10e3, -2e3), (10e3, 4e3)))
     ) == pytest.approx(4.0 * gain)
     # Wirtinger's bound of the largest mean square deviation anywhere, looked for place by place
     flow, share = task.flow, SETTINGS.surface_time / task.leg_time(task.vehicle.angles[0])
@@ -117,53 +111,4 @@ def test_a_goal_by_a_wall_is_reached_though_the_margin_would_forbid_it():
     area = forbidden(flow, 11.0, -4e3, 3e3, 4e3)
     asked = request_in(flow, (-8e3, 1e3), (0.0, 0.0), no_go=(area,))
     assert plan_mission(flow, asked).status == "reached"
-    assert np.isfinite(bound_of(mission_task(flow, asked))[1].time)
-
-
-def test_the_front_gives_the_number_of_legs_and_the_bound_the_fewest():
-    flow = still_flow()
-    task = mission_task(flow, request_in(flow, (-10e3, 0.0), (10e3, 0.0)))
-    water, bound = bound_of(task)
-    likely = likely_legs(task, passage_past_goals(task, water, task.rings).passed[-1])
-    # a leg leads as far as a glide to 300 m and back at 15 degrees
-    assert likely == int(np.ceil(20e3 / (600.0 / np.tan(np.deg2rad(15.0)))))
-    assert likely - 1 <= _fewest_legs(task, bound) <= likely
-
-
-def test_a_guess_is_the_route_cut_into_legs_of_equal_time():
-    flow = eddying_flow(2, speed=0.1)
-    task = mission_task(flow, request_in(flow, (-10e3, -4e3), (10e3, 4e3)))
-    water = water_of(task)
-    route = passage_past_goals(task, water, task.rings).route
-    guess = initial_guess(task, route, water, np.linspace(0.0, route.times[-1], 6))
-    np.testing.assert_allclose(guess.places[-1], task.goals[0, :2], atol=1e-6)
-    np.testing.assert_allclose(guess.places, route.at(np.linspace(0.0, route.times[-1], 6)[1:]))
-
-
-@pytest.mark.parametrize("seed", [1, 4])
-def test_no_mission_is_later_than_one_that_heads_at_the_goal_at_each_surfacing(seed):
-    flow = eddying_flow(seed, speed=0.12)
-    asked = request_in(flow, (-9e3, 5e3), (8e3, -4e3))
-    task, plan = mission_task(flow, asked), plan_mission(flow, asked)
-    flown = habit(task, water_of(task), 30, 1e6)
-    assert flown is not None
-    assert is_feasible(task, flown)
-    assert plan.duration <= float(flown.flight.time[-1])
-    assert habit(task, water_of(task), 30, 0.9 * float(flown.flight.time[-1])) is None
-
-
-def test_the_rest_of_a_plan_with_too_many_legs_is_replaced_by_one_with_as_many_as_the_front_suggests(
-    monkeypatch,
-):
-    flow = eddying_flow(3, speed=0.1)
-    asked = request_in(flow, (-12e3, 0.0), (6e3, 2e3))
-    crowded = plan_mission(flow, replace(asked, settings=replace(SETTINGS, legs=16)))
-    cold = plan_mission(flow, asked)
-    assert len(crowded.headings_deg) == 16 > len(cold.headings_deg) + 3
-    said = list[str]()
-    monkeypatch.setattr(search, "announce", said.append)
-    again: MissionPlan = plan_mission(flow, asked, warm=crowded)
-    # the first number that meets the goals is the last one tried
-    assert said == [f"planning: {len(again.headings_deg)} legs"]
-    assert again.duration <= 1.001 * cold.duration
-    assert len(again.headings_deg) < 16
+    assert np.isfinite(bound_of(task_of(flow, asked))[1].time)

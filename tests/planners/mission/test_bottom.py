@@ -8,21 +8,13 @@ import pytest
 import shapely
 from scipy.interpolate import RegularGridInterpolator
 
-from planners import (
-    Bathymetry,
-    MissionSettings,
-    plan_mission,
-    plan_mooring,
-)
-from planners.front.current import Route
-from planners.mission.flight.legs import Flight
-from planners.mission.search.turning import _cut
-from planners.mission.solve.check import check, clearances
-from planners.mission.task import mission_task
-from planners.mission.values import Mooring
+from planners import Bathymetry, MissionSettings, plan_mission
+from planners.clearance import check, clearances
+from planners.simulation.fly import Flight
+from planners.task import task_of
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_geographic
-from tests.planners.flow_samples import eddying_flow, place, request_between, still_flow
+from tests.planners.flow_samples import eddying_flow, request_between, still_flow
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 121), np.linspace(-40.45, -39.55, 91)
 
@@ -151,11 +143,17 @@ def test_the_clearance_is_the_one_asked_for():
 
 def test_shallows_count_for_the_legs_that_dive_too_deep_for_them():
     flow, bottom = still_flow(), bathymetry(lambda x, y: np.where(x < 152.5, 900.0, 100.0))
-    task = mission_task(flow, request(flow, -3e3, 6e3, 300.0, bottom))
+    task = task_of(flow, request(flow, -3e3, 6e3, 300.0, bottom))
     east, shift = np.array([-4.2e3, -3e3, -1.8e3, 100.0, 2e3]), np.array([0.0, -400.0])
     place_ = np.stack([np.column_stack([east + d, np.zeros(5)]) for d in shift])
     leg, ends = np.array([0, 0, 0, 1, 1]), np.array([2, 4])
-    first = Flight(np.arange(5) * 3600.0, np.array([0.0, 300.0, 0.0, 60.0, 0.0]), place_, leg, ends)
+    first = Flight(
+        np.tile(np.arange(5) * 3600.0, (len(place_), 1)),
+        np.array([0.0, 300.0, 0.0, 60.0, 0.0]),
+        place_,
+        leg,
+        ends,
+    )
     rings = shapely.unary_union([ring.area for ring in task.bottom.rings(300.0)])
     apart = [shapely.distance(rings, shapely.linestrings(path[:3])) for path in place_]
     assert apart[0] < 1.2e3 < apart[1] == pytest.approx(apart[0] + 400.0)
@@ -173,66 +171,5 @@ def test_shallows_count_for_the_legs_that_dive_too_deep_for_them():
     assert set(deep) == {edge, shallows, "shallower than 220 m"}
     assert np.all(deep["shallower than 220 m"] <= 0.0)
     # over all the region's shallows, where no cell is beside a deeper one
-    flat = mission_task(
-        flow, request(flow, -3e3, 6e3, 50.0, bathymetry(lambda x, y: 100.0 + 0.0 * x))
-    )
+    flat = task_of(flow, request(flow, -3e3, 6e3, 50.0, bathymetry(lambda x, y: 100.0 + 0.0 * x)))
     np.testing.assert_array_equal(clearances(flat, first)["the bottom"], 0.0)
-
-
-@pytest.mark.parametrize("legs", [None, 9])
-def test_a_route_is_cut_into_legs_as_deep_as_the_water_along_it_and_no_longer_than_their_dives_last(
-    legs,
-):
-    flow, bottom = still_flow(), bathymetry(lambda x, y: 280.0 + 240.0 * np.sin(50.0 * x))
-    asked = request(flow, -9e3, 0.0, 250.0, bottom)
-    goals = replace(asked.goals[0], depth=35.0), place(flow, 8e3, 3e3)
-    task = mission_task(
-        flow,
-        replace(
-            asked, goals=goals, settings=replace(asked.settings, legs=legs, surface_time=600.0)
-        ),
-    )
-    points = np.array([[-9e3, 0.0], [-4e3, 1e3], [0.0, 0.0], [8e3, 3e3]])
-    times = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))) / 0.25
-    route, passed, drift = Route(points, times, True), times[2:], 600.0
-    cut = _cut(task, route, passed, 0.9)
-    assert cut is not None
-    ends, turns, goal_legs = cut
-    assert (ends[0], ends[-1], len(turns)) == (0.0, pytest.approx(times[-1]), len(ends) - 1)
-
-    def deepest(begin, end):
-        places = route.at(np.linspace(begin, end, 400))
-        least = min(task.bottom.limit_at(places, 2.0 * task.settings.margin).min(), 250.0)
-        return least if least == 250.0 else max(5.0 * np.floor(least / 5.0), 10.0)
-
-    # a leg is first tried as long as the deepest dives take, and made shorter to the depth that this allows
-    tried = 0.0 if legs else 0.9 * task.leg_time(task.vehicle.angles[0])
-    water = [
-        (deepest(a - 400.0, max(a + tried, b) + 400.0), deepest(a, b)) for a, b in pairwise(ends)
-    ]
-    for k, (turn, (least, most)) in enumerate(zip(turns, water, strict=True)):
-        goal = max((goals[i].depth for i, leg in enumerate(goal_legs) if leg == k + 1), default=0.0)
-        assert max(least, goal) <= turn <= max(most, goal)
-    assert min(turns) < 100.0 < 250.0 == max(turns)
-    if legs is None:
-        np.testing.assert_allclose(ends[list(goal_legs)], passed)
-        lasts = np.array([task.leg_time(task.vehicle.angles[0], turn) - drift for turn in turns])
-        longest = 0.9 * lasts / (1.0 - drift / task.leg_time(task.vehicle.angles[0]))
-        free = np.setdiff1d(np.arange(len(turns)), np.array(goal_legs) - 1)
-        np.testing.assert_allclose(np.diff(ends)[free], longest[free])
-        assert np.all(np.diff(ends) <= longest + 1e-6)
-        for most, found in ((len(turns) - 1, False), (len(turns), True)):
-            limited = replace(task.request, settings=replace(task.settings, max_legs=most))
-            assert (_cut(replace(task, request=limited), route, passed, 0.9) is not None) == found
-    else:
-        equal = np.linspace(0.0, times[-1], legs + 1)
-        np.testing.assert_allclose(ends, equal)
-        assert goal_legs == (int(np.argmin(np.abs(equal - passed[0]))), legs)
-
-
-def test_a_mooring_dives_no_deeper_than_the_bottom_around_it():
-    flow, bottom = still_flow(), bathymetry(lambda x, y: np.where(x < 152.5, 120.0, 900.0))
-    asked = request(flow, 800.0, 800.0, 390.0, bottom)
-    plan = plan_mooring(flow, asked, Mooring(2000.0, 3600.0))
-    assert set(turns(plan)) == {100.0}
-    assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3

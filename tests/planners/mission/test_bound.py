@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, plan_mission
-from planners.front.current import CurrentLattice
-from planners.front.front import sea_of, spread
-from planners.mission.search.bound import _by_level, bound_of, lead_of
-from planners.mission.task import mission_task
+from planners.route.bound import _by_level, bound_of, lead_of
+from planners.route.current import CurrentLattice
+from planners.route.front import sea_of, spread
+from planners.task import task_of
 from planners.vehicle import SteadyFlight
 from tests.planners.flow_samples import (
     eddying_flow,
@@ -22,7 +22,7 @@ from tests.planners.flow_samples import (
 
 def bounded(flow, asked):
     """Return a plan and the bound of its arrival, after having compared them."""
-    plan, bound = plan_mission(flow, asked), bound_of(mission_task(flow, asked))[1]
+    plan, bound = plan_mission(flow, asked), bound_of(task_of(flow, asked))[1]
     assert plan.status == "reached"
     assert bound.time <= plan.goal_times[-1]
     assert float(plan.statistics.get("above_bound_percent", 0.0)) >= 0.0
@@ -112,21 +112,21 @@ def test_no_plan_is_below_its_bound_where_the_shear_comes_later():
     asked = MissionRequest(*ends, settings=settings, start_time_ns=day)
     bounded(through, asked)
     # none of it is there when the mission begins
-    at_first, always = (_by_level(mission_task(flow, asked)) for flow in (through[0], through))
+    at_first, always = (_by_level(task_of(flow, asked)) for flow in (through[0], through))
     assert np.max(np.abs(at_first)) == 0.0
     assert np.max(np.abs(always)) > 0.15
 
 
 def test_whole_legs_of_a_current_without_shear_are_not_ahead():
-    def task_of(flow, **settings):
+    def asked(flow, **settings):
         how = replace(MissionSettings(depth=300.0), **settings)
-        return mission_task(
+        return task_of(
             flow,
             request_between(flow, (-5e3, 0.0), (5e3, 0.0), settings=how),
         )
 
     flow = uniform_flow(0.1, 0.05)
-    still, drifting = task_of(flow), task_of(flow, surface_time=600.0)
+    still, drifting = asked(flow), asked(flow, surface_time=600.0)
     flat = still.vehicle.angles[0]
     lead = lead_of(still, _by_level(still))
     assert (lead.speed, lead.start, lead.goals.tolist()) == (

@@ -6,10 +6,6 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from planners.mission.flight.currents import currents_of
-from planners.mission.flight.legs import Legs, fly_legs
-from planners.mission.task import leg_depths
-from planners.vehicle import Glider
 from replay_kit.core.geodesy import (
     grid_bearing_of_true_north,
     rate_in_frame,
@@ -19,7 +15,6 @@ from replay_kit.core.geodesy import (
     true_north_halfway,
 )
 from replay_kit.core.grid import Projection
-from tests.planners.flow_samples import eddying_flow
 
 ELLIPSOID = Geod(ellps="WGS84")
 
@@ -66,33 +61,6 @@ def test_the_rate_in_the_frame_is_that_of_a_metre_on_the_ellipsoid(latitude):
         there = np.array(to_local(frame, *stepped(*at, through + water, 1.0)))
         rate = np.array(rate_in_frame(frame, east, north, tuple(through), tuple(current)))
         np.testing.assert_allclose(rate, there - [east, north], atol=5e-6)
-
-
-@pytest.mark.parametrize("heading", [0.0, 60.0, 200.0, 315.0])
-def test_a_leg_at_the_region_s_edge_ends_within_a_metre_of_one_held_by_a_compass(heading):
-    # 300 km from the centre, at 60 degrees north, where true north turns by half a degree within 20 km
-    flow = moved(eddying_flow(1), Projection(10.0, 60.0), 250e3, 165e3)
-    frame = Projection(10.0, 60.0)
-    vehicle = Glider()
-    depths = leg_depths((0.0, *(400.0, 0.0) * 2), flow.levels, 40)
-    legs = Legs(
-        np.array([np.deg2rad(heading)]), np.array([np.deg2rad(5.0)]), (depths,), np.zeros(1)
-    )
-    start = np.array([250e3, 165e3])
-    flight = fly_legs(currents_of(flow), vehicle, start, legs)
-    along = float(vehicle.speeds(np, legs.angles[0])[0])
-    at = tuple(float(value) for value in to_geographic(frame, *start))
-    through = along * np.array([np.sin(legs.headings[0]), np.cos(legs.headings[0])])
-    for first, last in zip(
-        np.arange(flight.time.size - 1), np.arange(1, flight.time.size), strict=True
-    ):
-        steps, duration = 16, flight.time[last] - flight.time[first]
-        for share in (np.arange(steps) + 0.5) / steps:
-            depth = flight.depth[first] + share * (flight.depth[last] - flight.depth[first])
-            halfway = stepped(*at, through + water_at(flow, at, depth), 0.5 * duration / steps)
-            at = stepped(*at, through + water_at(flow, halfway, depth), duration / steps)
-    assert flight.time[-1] * along > 15e3
-    np.testing.assert_allclose(flight.place[0, -1], to_local(frame, *at), atol=1.0)
 
 
 def test_the_turn_of_a_leg_is_that_of_true_north_halfway():

@@ -10,10 +10,6 @@ from planners import (
     plan_scenarios,
     waypoints_of,
 )
-from planners.mission.search import search
-from planners.mission.search.search import _more_legs
-from planners.mission.solve.attempt import Bound
-from planners.mission.task import mission_task
 from tests.planners.flow_samples import (
     eddying_flow,
     forbidden,
@@ -60,21 +56,6 @@ def test_legs_grow_with_the_way_and_a_limit_of_them_is_named_where_it_binds():
     assert "current" not in few.message
     # as near as these legs lead
     assert few.closest_approach[0] == pytest.approx(50e3 - 60 * LEG / 3.0, abs=10.0)
-
-
-def test_the_limit_of_legs_is_named_too_where_it_is_a_little_too_low():
-    # the bound leaves room for eight legs, which end 20 m outside of the tolerance
-    plan = planned(STILL, (-20e3 + 8.0 * LEG + 270.0, 0.0), max_legs=8)
-    assert (plan.status, len(plan.headings_deg)) == ("unreachable", 8)
-    assert plan.message.endswith("; limit: max_legs = 8 (--max-legs)")
-    asked = request_between(STILL, (-9e3, 0.0), (9e3, 0.0), settings=SETTINGS)
-    task = mission_task(STILL, asked)
-    limited = replace(task, request=replace(task.request, settings=replace(SETTINGS, max_legs=14)))
-    assert (_more_legs(task, 8), _more_legs(limited, 8), _more_legs(limited, 14)) == (
-        [9, 10, 12, 16],
-        [9, 10, 12, 14],
-        [],
-    )
 
 
 def test_the_longest_duration_the_current_or_a_wall_are_named_where_they_bind():
@@ -162,16 +143,3 @@ def test_legs_over_a_shelf_that_are_too_few_are_named():
     more = plan_between(STILL, *way, settings=SETTINGS, bathymetry=bottom)
     assert more.status == "reached"
     assert len(more.headings_deg) > 30
-
-
-def test_a_goal_that_no_bound_tells_to_be_out_of_reach_does_not_spoil_the_others(monkeypatch):
-    # as in a current of about the vehicle's own speed, in which the bound is not to be trusted
-    unknown = Bound(0.0, np.inf, is_tight=False)
-    monkeypatch.setattr(search, "bound_of", lambda task: (search.water_of(task), unknown))
-    goals = (3e3, 0.0), (32e3, 0.0), (6e3, 0.0)
-    settings = MissionSettings(depth=300.0, max_legs=6)
-    plan = plan_between(still_flow(), (0.0, 0.0), *goals, settings=settings)
-    met = plan.closest_approach <= settings.tolerance
-    assert met.tolist() == [True, False, True]
-    assert plan.status == "unreachable"
-    assert "misses goal 2 by" in plan.message

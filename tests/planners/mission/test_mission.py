@@ -14,13 +14,11 @@ from planners import (
     Weights,
     plan_mission,
 )
-from planners.mission.flight.currents import currents_of, currents_of_samples
-from planners.mission.flight.legs import Flight, Legs, fly_legs, fly_midpoints, fly_steps
-from planners.mission.search.bound import bound_of
-from planners.mission.solve.check import bends
-from planners.mission.solve.goals import add_leg, goal_legs_of
-from planners.mission.task import leg_depths, mission_task, refine_steps, steps_needed
-from planners.route.hazards import NearRings, Ring, near_rings, no_go_rings
+from planners.clearance import bends
+from planners.hazards.areas import no_go_rings
+from planners.route.bound import bound_of
+from planners.simulation.fly import Flight
+from planners.task import task_of
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import Place
@@ -32,7 +30,6 @@ from tests.planners.flow_samples import (
     still_flow,
     uniform_flow,
 )
-from tests.reference.mission import fly_leg_slowly
 
 GLIDER = Glider()
 SETTINGS = MissionSettings(depth=300.0)
@@ -41,67 +38,6 @@ FLAT, STEEP = np.deg2rad([15.0, 35.0])
 
 def _local(flow, plan):
     return np.column_stack(to_local(flow.grid.projection, *plan.surfacings.T))
-
-
-def test_a_leg_is_flown_as_by_an_adaptive_method():
-    flow = eddying_flow(3)
-    for yo_depths in ((0.0, 300.0, 0.0), (60.0, 350.0, 0.0, 200.0)):
-        depths = leg_depths(yo_depths, flow.levels, steps_needed(yo_depths, flow.levels, 1))
-        assert set(yo_depths) <= set(depths)
-        flight = fly_legs(
-            currents_of(flow),
-            GLIDER,
-            np.array([3e3, -4e3]),
-            Legs(np.array([1.0]), np.array([0.3]), (depths,), np.zeros(1)),
-        )
-        slowly = fly_leg_slowly(flow, np.array([3e3, -4e3]), 1.0, 0.3, GLIDER.speed, yo_depths)
-        np.testing.assert_allclose(flight.place[0, -1], slowly, atol=0.05)
-        assert flight.time[-1] == pytest.approx(
-            np.sum(np.abs(np.diff(yo_depths))) / (0.3 * np.sin(0.3)), rel=1e-12
-        )
-
-
-def test_the_integrators_have_their_order():
-    flow, start = eddying_flow(3), np.array([3e3, -4e3])
-    steps = leg_depths((40.0, 110.0), flow.levels, 1)
-    velocity = currents_of(flow)
-
-    def end(method, cut):
-        depths = refine_steps(steps, cut)
-
-        def rate(at, depth, _):
-            return (
-                np.array([0.2, 0.1])
-                + velocity.velocity(at[None], velocity.weights(np.array([depth]))[0], 0.0)[0]
-            )
-
-        return method(rate, start, 0.0, depths, np.full(cut, 4e4 / cut), cut)[-1][0]
-
-    for method, order in ((fly_steps, 4), (fly_midpoints, 2)):
-        exact, cuts = end(fly_steps, 160), np.array([4, 8, 16])
-        errors = [float(np.linalg.norm(end(method, int(cut)) - exact)) for cut in cuts]
-        assert order - 0.4 < -np.polyfit(np.log(cuts), np.log(errors), 1)[0] < order + 1.0
-
-
-def test_many_currents_are_flown_at_once_and_a_drift_is_the_surface_current():
-    flows = [eddying_flow(seed) for seed in (4, 5)]
-    depths = leg_depths((0.0, 300.0, 0.0), flows[0].levels, 8)
-    legs = Legs(
-        np.array([0.3, 2.0]), np.array([0.3, 0.5]), (depths, depths), np.array([900.0, 0.0])
-    )
-    both = fly_legs(currents_of_samples(flows), GLIDER, np.zeros(2), legs)
-    for k, flow in enumerate(flows):
-        alone = fly_legs(currents_of(flow), GLIDER, np.zeros(2), legs)
-        np.testing.assert_allclose(both.place[k], alone.place[0], rtol=1e-12, atol=1e-9)
-    up, down = both.ends[0] - 2, both.ends[0]
-    assert both.time[down] - both.time[up] == pytest.approx(900.0)
-    np.testing.assert_allclose(
-        both.place[1, down] - both.place[1, up],
-        900.0 * flows[1].velocity(*both.place[1, up], 0.0),
-        atol=0.5,
-    )
-    with pytest.raises(PlanError, match="sample 1"):
-        currents_of_samples([flows[0], eddying_flow(4, levels=(5.0, 50.0))])
 
 
 def test_still_water_is_crossed_straight_at_the_shallowest_angle_that_fits():
@@ -207,14 +143,6 @@ def test_weights_are_a_sum_and_cannot_be_anything():
             Weights(**wrong)
 
 
-def test_each_goal_has_a_leg_of_its_own():
-    assert goal_legs_of(np.array([10.0, 11.0, 40.0]), 4) == (1, 2, 4)
-    assert goal_legs_of(np.array([38.0, 39.0, 40.0]), 5) == (3, 4, 5)
-    assert goal_legs_of(np.array([1.0, 40.0]), 2) == (1, 2)
-    # the way that is flown flattest gets the leg more
-    assert add_leg((1, 3, 4), np.array([0.4, 0.3, 0.3, 0.5])) == (1, 4, 5)
-
-
 def test_a_single_dive_from_below_the_surface_may_end_at_the_depth_it_began():
     flow = still_flow()
     ends = (-0.4e3, 0.0, 150.0), (1.2e3, 0.0, 150.0)
@@ -300,7 +228,7 @@ def test_what_is_out_of_reach_is_told_from_what_is_not_and_takes_no_iterations()
     def task(east, settings):
         flow = uniform_flow(east, 0.0)
         asked = request_between(flow, (-20e3, 0.0), (-30e3, 0.0), settings=settings)
-        return mission_task(flow, asked)
+        return task_of(flow, asked)
 
     def is_out_of_reach(east, settings):
         return bound_of(task(east, settings))[1].goal == 0
@@ -389,21 +317,6 @@ def test_settings_that_cannot_be_are_refused(wrong):
         no_go_rings(still_flow().grid.projection, NoGo(((152.0, -40.0), (152.1, -40.0)), "line"))
 
 
-def test_half_planes_keep_a_point_on_its_side_and_lead_out():
-    ring = Ring(np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]]), False, "square")
-    points = np.array([[-30.0, 50.0], [10.0, 50.0]])
-    nearest = near_rings((ring,), points, np.zeros(2, dtype=bool), 2)
-    planes = (
-        NearRings((ring,), nearest.ravel(), 5.0)
-        .planes(np.repeat(points, 2, axis=0))[0]
-        .reshape(2, 2, 3)
-    )
-    for point, (plane, nothing) in zip(points, planes, strict=True):
-        np.testing.assert_allclose(plane, [1.0, 0.0, -5.0], atol=1e-12)
-        assert point @ nothing[:2] <= nothing[2]
-    np.testing.assert_array_equal(replace(ring, outside=True).forbids(points), [True, False])
-
-
 @pytest.mark.full
 def test_a_sliver_between_two_areas_does_not_hide_the_way_round_them():
     flow = still_flow()
@@ -421,6 +334,6 @@ def test_a_step_without_a_duration_bends_no_path():
     time, places = np.array([0.0, 10.0, 10.0, 20.0]), np.array([[0.0, 0.0]] * 4)
     places[1:3, 0], places[3, 0] = 3.0, 6.0
     flight = Flight(
-        time, np.array([0.0, 9.0, 9.0, 0.0]), places[None], np.zeros(4, int), np.array([3])
+        time[None], np.array([0.0, 9.0, 9.0, 0.0]), places[None], np.zeros(4, int), np.array([3])
     )
     np.testing.assert_array_equal(bends(flight), np.zeros(3))

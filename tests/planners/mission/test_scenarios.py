@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 
 from planners import (
     MissionRequest,
@@ -14,16 +13,12 @@ from planners import (
     plan_mission,
     plan_scenarios,
 )
-from planners.mission.flight.currents import currents_of, currents_of_samples
-from planners.mission.flight.legs import Flight, fly_legs
-from planners.mission.flight.pilot import aim, fly_corrected
-from planners.mission.flights import fly_mission, legs_of_plan, points_at, summarise_flights
-from planners.mission.scenarios import most_violations_allowed, passes_binomial_test
-from planners.mission.search.search import solve_attempts
-from planners.mission.solve.check import bends, check, clearances
-from planners.mission.solve.goals import with_n_legs
-from planners.mission.solve.optimum import SafetyMargin, tolerance_factor
-from planners.mission.task import mission_task, turns_of
+from planners.clearance import bends
+from planners.flights import fly_mission, points_at, summarise_flights
+from planners.odds import most_violations_allowed, passes_binomial_test
+from planners.simulation.fly import Flight
+from planners.simulation.steer import aim
+from planners.task import task_of
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import (
@@ -78,32 +73,13 @@ def test_a_risk_is_kept_on_the_way_to_a_goal_within_reach_and_not_by_flying_past
     assert again.reached > 0.5
 
 
-def test_a_flight_is_clear_where_the_dense_check_finds_nothing():
-    plan = plan_mission(FLOW, ASKED)
-    lane = replace(forbidden(FLOW, 2e3, -4e3, 5e3, -2e3), name="lane", surface_only=True)
-    task = mission_task(FLOW, replace(ASKED, no_go=(AREA, lane)))
-    flight = fly_legs(
-        currents_of_samples(_drawn(40, 3)),
-        task.vehicle,
-        task.start[:2],
-        legs_of_plan(plan, task.flow, 1),
-    )
-    _, clear = summarise_flights(task, flight, points_at(flight, plan.goal_times))
-    found = [check(task, replace(flight, place=flight.place[k : k + 1])) for k in range(40)]
-    assert [one is None for one in found] == (clear > 0.0).tolist()
-    assert set(np.sign(clear)) == {-1.0, 1.0}
-    by_name = clearances(task, flight)
-    assert any(by_name["lane"] <= 0.0)
-    assert all(by_name[one.what][k] <= 0.0 for k, one in enumerate(found) if one is not None)
-
-
 def test_a_path_bends_between_its_points_as_its_velocity_changes_from_step_to_step_of_one_part():
     rng, count = np.random.default_rng(8), 12
     depth = np.array([0.0, 0.0, 80.0, 160.0, 80.0, 0.0, 0.0, 0.0, 90.0, 0.0, 70.0, 0.0])
     leg = np.array([0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2, 2])
     time = np.cumsum(rng.uniform(50.0, 150.0, count))
     place_ = rng.uniform(-500.0, 500.0, (1, count, 2))
-    flight = Flight(time, depth, place_, leg, np.array([7, 9, 11]))
+    flight = Flight(time[None], depth, place_, leg, np.array([7, 9, 11]))
     steps = range(count - 1)
     velocity = [(place_[0, k + 1] - place_[0, k]) / (time[k + 1] - time[k]) for k in steps]
     part = [(leg[k + 1], depth[k] == depth[k + 1] == 0.0) for k in steps]
@@ -119,7 +95,7 @@ def test_a_path_bends_between_its_points_as_its_velocity_changes_from_step_to_st
     # on a circle twice the sagitta of each chord
     angle, times = np.linspace(0.0, 1.0, 101), np.linspace(0.0, 1e3, 101)
     circle = Flight(
-        times,
+        times[None],
         np.full(101, 50.0),
         1e3 * np.stack([np.cos(angle), np.sin(angle)], 1)[None],
         np.zeros(101, int),
@@ -153,35 +129,6 @@ def test_a_leg_is_aimed_so_that_it_ends_where_it_should():
     assert (headings[2], angles[2]) == (pytest.approx(np.pi / 2), glider.angles[0])
 
 
-def test_a_pilot_who_is_right_changes_nothing_and_one_who_errs_corrects():
-    flow = eddying_flow(5, speed=0.1)
-    settings = replace(SETTINGS, legs=6, surface_time=600.0)
-    wanted = request_between(flow, (-7e3, -3e3), (6e3, 2e3), settings=settings)
-    plan, task = plan_mission(flow, wanted), mission_task(flow, wanted)
-    legs, here = legs_of_plan(plan, task.flow, 1), task.start[:2]
-    asked = fly_legs(currents_of(flow), task.vehicle, here, legs)
-    same = fly_corrected(currents_of(flow), currents_of(flow), task.vehicle, asked, legs, Pilot())
-    np.testing.assert_allclose(same.flight.place[0], asked.place[0], atol=10.0)
-    np.testing.assert_allclose(same.flight.time[0], asked.time, rtol=5e-3)
-    np.testing.assert_allclose(same.headings[0], legs.headings, atol=0.01)
-    rng = np.random.default_rng(6)
-    drawn = [
-        replace(
-            flow,
-            latent=flow.latent + 0.5 * rng.standard_normal() * eddying_flow(7, speed=0.1).latent,
-        )
-        for _ in range(60)
-    ]
-    held, placed, told = (
-        fly_scenarios(flow, drawn, plan, pilot=pilot)
-        for pilot in (None, Pilot(persistence=0.0), Pilot())
-    )
-    assert told.miss_90_percent < placed.miss_90_percent < 0.5 * held.miss_90_percent
-    assert told.reached >= placed.reached > held.reached
-    with pytest.raises(PlanError, match="persistence"):
-        Pilot(persistence=1.5)
-
-
 def test_a_certain_current_needs_no_margin_and_no_samples_are_refused():
     plan, summary = plan_scenarios(FLOW, [FLOW] * 3, FREE)
     assert plan.statistics["extra_margin_m"] == 0.0
@@ -209,7 +156,7 @@ def test_as_many_may_trespass_as_are_few_enough():
 def test_chances_count_every_goal_and_the_last_goal_s_misses():
     settings = MissionSettings(depth=390.0, tolerance=100.0)
     goals = place(FLOW, -3e3, -3e3), GOAL
-    task = mission_task(FLOW, replace(ASKED, goals=goals, settings=settings))
+    task = task_of(FLOW, replace(ASKED, goals=goals, settings=settings))
     # five flights of two points after the start: off the first goal and off the last one by so much, all south of the area
     off_first = np.array([0.0, 100.0, 101.0, 0.0, 0.0])
     off_last = np.array([10.0, 20.0, 30.0, 40.0, 500.0])
@@ -218,7 +165,7 @@ def test_chances_count_every_goal_and_the_last_goal_s_misses():
     places[:, 1] = task.goals[0, :2] - np.column_stack([np.zeros(5), off_first])
     places[:, 2] = task.goals[1, :2] - np.column_stack([np.zeros(5), off_last])
     flight = Flight(
-        np.array([0.0, 1e4, 2e4]),
+        np.tile([0.0, 1e4, 2e4], (5, 1)),
         np.array([0.0, 0.0, 0.0]),
         places,
         np.array([0, 0, 1]),
@@ -233,7 +180,7 @@ def test_chances_count_every_goal_and_the_last_goal_s_misses():
 
 
 def test_nine_in_ten_have_arrived_by_the_time_that_says_so():
-    task = mission_task(FLOW, FREE)
+    task = task_of(FLOW, FREE)
     ways = [np.broadcast_to(at[:2], (20, 2)) for at in (task.start, task.goals[-1])]
     places = np.stack(ways, axis=1)
     ends = 2e4 + 1e2 * np.random.default_rng(1).permutation(20)
@@ -245,116 +192,13 @@ def test_nine_in_ten_have_arrived_by_the_time_that_says_so():
 
 def test_points_are_those_nearest_in_time():
     flight = Flight(
-        np.array([0.0, 10.0, 20.0, 30.0]),
+        np.array([[0.0, 10.0, 20.0, 30.0]]),
         np.zeros(4),
         np.zeros((1, 4, 2)),
         np.zeros(4, dtype=int),
         np.array([3]),
     )
     assert points_at(flight, np.array([0.0, 14.0, 16.0, 99.0])).tolist() == [0, 1, 2, 3]
-
-
-@pytest.fixture(scope="module")
-def solved():
-    task = mission_task(FLOW, FREE)
-    return task, solve_attempts(task)[0]
-
-
-def test_a_way_cut_anew_has_legs_of_equal_time_on_the_same_path(solved):
-    task, before = solved
-    same, more = (with_n_legs(task, before, n_legs) for n_legs in (5, 6))
-    # five legs of a current that hardly changes last the same: cut in five they are what they were
-    np.testing.assert_allclose(same.guess.places, before.guess.places, atol=150.0)
-    np.testing.assert_allclose(same.guess.headings, before.legs.headings, atol=1e-3)
-    np.testing.assert_allclose(same.guess.angles, before.legs.angles, atol=0.01)
-    lasts = before.flight.time[-1]
-    for k, at in enumerate(more.guess.places, start=1):
-        np.testing.assert_allclose(
-            at,
-            [
-                np.interp(lasts * k / 6, before.flight.time, before.flight.place[0, :, i])
-                for i in (0, 1)
-            ],
-        )
-    # six in the time of five are steeper
-    np.testing.assert_allclose(
-        [task.leg_time(angle) for angle in more.guess.angles], lasts / 6, rtol=0.02
-    )
-    assert (same.goals.legs, more.goals.legs) == ((5,), (6,))
-
-
-def test_headings_of_a_way_cut_anew_are_those_at_the_middle_of_each_leg_the_short_way_round(solved):
-    task, before = solved
-    # five legs of an hour, known where each ends alone, from a little west of north to a little east of it
-    hours, turning = 3600.0 * np.arange(6), np.array([-0.1, 0.1, 0.2, 0.3, 0.4])
-    flight = Flight(
-        hours, np.zeros(6), np.zeros((1, 6, 2)), np.array([0, 0, 1, 2, 3, 4]), np.arange(1, 6)
-    )
-    legs = replace(before.legs, headings=turning % (2.0 * np.pi))
-    headings = with_n_legs(task, replace(before, flight=flight, legs=legs), 4).guess.headings
-    # the middles of four legs are after 0.625, 1.875, 3.125 and 4.375 hours
-    expected = np.interp([0.625, 1.875, 3.125, 4.375], np.arange(6), turning[flight.leg])
-    np.testing.assert_allclose(
-        np.column_stack([np.sin(headings), np.cos(headings)]),
-        np.column_stack([np.sin(expected), np.cos(expected)]),
-    )
-
-
-def test_dives_of_a_way_cut_anew_turn_as_high_as_the_highest_that_they_replace(solved):
-    task, before = solved
-    hours = Flight(
-        3600.0 * np.arange(6),
-        np.zeros(6),
-        before.flight.place[:, :6],
-        np.array([0, 0, 1, 2, 3, 4]),
-        np.arange(1, 6),
-    )
-    turns = (300.0, 250.0, 200.0, 280.0, 300.0)
-    limited = replace(before, flight=hours, yo_depths=tuple((0.0, turn, 0.0) for turn in turns))
-    # legs of 50 minutes: the second lies over hours 0 and 1, ..., the last within hour 4
-    assert turns_of(with_n_legs(task, limited, 6).yo_depths) == (
-        300.0,
-        250.0,
-        200.0,
-        200.0,
-        280.0,
-        300.0,
-    )
-    assert turns_of(with_n_legs(task, limited, 5).yo_depths) == turns
-
-
-def test_margins_are_the_mean_deviation_towards_a_half_plane_and_so_many_standard_deviations():
-    # two places of the flights, four of the half-planes: between the flights' it is interpolated, before the first it is the first
-    east = np.array([[10.0, 30.0], [20.0, 50.0], [60.0, 10.0]])
-    deviations = np.stack([east, np.zeros_like(east)], axis=2)
-    normals = np.tile([1.0, 0.0], (4, 1, 1))
-    factor = tolerance_factor(3, 0.8)
-    at = np.column_stack([east[:, 0], east[:, 0], 0.5 * (east[:, 0] + east[:, 1]), east[:, 1]])
-    expected = at.mean(axis=0) + factor * at.std(axis=0, ddof=1) + 7.0
-    np.testing.assert_allclose(SafetyMargin(deviations, 0.8, 7.0).margins(normals)[:, 0], expected)
-    # what leads away from a half-plane needs no margin, but does not make up for what was added
-    away = SafetyMargin(-100.0 * np.ones((3, 2, 2)), 0.8, 7.0)
-    np.testing.assert_allclose(away.margins(normals), 7.0)
-    assert np.all(SafetyMargin(deviations, 0.8, 7.0).margins(-normals)[[0, 3]] >= 7.0)
-    # a half-plane that holds nothing is not moved
-    assert not SafetyMargin(deviations, 0.8, 7.0).margins(0.0 * normals).any()
-
-
-def test_one_sample_has_no_spread_and_two_have_little_to_tell():
-    one = SafetyMargin(np.full((1, 2, 2), 12.0), 0.9, 1.0)
-    np.testing.assert_allclose(one.margins(np.tile([0.0, 1.0], (2, 1, 1))), 13.0)
-    assert tolerance_factor(1, 0.9) == pytest.approx(norm.ppf(0.9))
-    assert tolerance_factor(10**6, 0.9) == pytest.approx(norm.ppf(0.9), abs=0.01)
-    # so many standard deviations above the mean of a sample, 99 in 100 are above the quantile of all
-    rng = np.random.default_rng(9)
-    for count in (2, 5, 20):
-        drawn = rng.standard_normal((40_000, count))
-        held = drawn.mean(axis=1) + tolerance_factor(count, 0.9) * drawn.std(
-            axis=1, ddof=1
-        ) >= norm.ppf(0.9)
-        assert np.mean(held) == pytest.approx(0.99, abs=0.002)
-    # all of a normal distribution has no bound
-    assert np.isfinite(tolerance_factor(20, 1.0))
 
 
 def test_samples_that_change_are_flown_as_they_change_and_on_the_clock_of_the_mission():

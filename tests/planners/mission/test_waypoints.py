@@ -5,19 +5,14 @@ import io
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from planners import MissionRequest, MissionSettings, Mooring, plan_mission, plan_mooring
-from planners.mission import waypoints
-from planners.mission.flight.pilot import HeldLeg
-from planners.mission.flights import legs_of_plan
-from planners.mission.task import mission_task
-from planners.mission.waypoint_flight import heading_for
-from planners.mission.waypoints import _distance_to_legs, kept_surfacings, waypoints_of
+from planners import MissionRequest, MissionSettings, plan_mission
 from planners.output.waypoints import waypoint_json, waypoint_text
+from planners.waypoint_flight import heading_for
+from planners.waypoints import _distance_to_legs, kept_surfacings, waypoints_of
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import (
@@ -69,79 +64,10 @@ def test_in_a_uniform_current_one_waypoint_loses_nothing(depth):
     assert "1 waypoints for" in one.message
 
 
-def test_what_eddies_and_another_flow_cost_is_measured_by_flying(monkeypatch):
-    few, alone = waypoints_of(FLOW, PLAN), []
-    task = mission_task(FLOW, MissionRequest(PLAN.start, PLAN.goals, settings=PLAN.settings))
-    firsts = waypoints.first_currents
-    for first in firsts(task, PLAN, legs_of_plan(PLAN, FLOW)):
-        monkeypatch.setattr(waypoints, "first_currents", lambda *_, first=first: [first])
-        alone.append(waypoints_of(FLOW, PLAN))
-    monkeypatch.setattr(waypoints, "first_currents", firsts)
-    for one in alone:
-        assert np.all(np.diff(one.times) > 0.0)
-        last = np.column_stack(to_local(FLOW.grid.projection, *one.surfacings[-1]))[0]
-        assert np.linalg.norm(last - PLACES[-1]) == pytest.approx(one.off_end, abs=1e-3)
-        assert one.off_end <= one.radius == few.radius
-        assert one.times[-1] - PLAN.duration == pytest.approx(one.delay)
-    # of two first currents, the plan's and none, at worst
-    assert len(alone) == 2
-    for name in ("off_end", "delay", "off_track"):
-        assert getattr(few, name) == max(getattr(one, name) for one in alone)
-    assert alone[1].off_track > alone[0].off_track + 300.0
-    assert few.message.endswith(
-        "m off the plan's legs, whatever current it expects in its first dive"
-    )
-    against = waypoints_of(uniform_flow(-0.4, 0.0), PLAN)
-    assert np.isnan(against.times[-1])
-    assert "; 0 reached within" in against.message
-    assert (
-        json.loads(json.dumps(waypoint_json(against), allow_nan=False))["waypoints"][-1][
-            "reached_s"
-        ]
-        is None
-    )
-
-
-def test_the_way_that_a_list_leaves_to_the_plan_s_end_costs_time_too():
-    near, far = (
-        waypoints.Followed(
-            SimpleNamespace(places=PLACES, angles=np.full(2, np.deg2rad(25.0))),
-            np.zeros(2),
-            np.array([9e3]),
-            [(PLACES[-1] + off, 9e3)],
-            None,
-        )
-        for off in (np.zeros(2), np.array([300.0, -400.0]))
-    )
-    level = float(PLAN.vehicle.speeds(np, np.deg2rad(25.0))[0])
-    assert waypoints._lost(PLAN, near) == (False, 0, False, 9e3)
-    assert waypoints._lost(PLAN, far)[1:3] == (0, PLAN.settings.tolerance < 500.0)
-    assert waypoints._lost(PLAN, far)[3] == pytest.approx(9e3 + 500.0 / level)
-
-
 def test_in_a_somewhat_stronger_current_a_wider_radius_is_better():
     found = waypoints_of(replace(FLOW, latent=1.2 * FLOW.latent), PLAN)
     assert found.radius == 4.0 * PLAN.settings.tolerance
     assert np.all(np.isfinite(found.times))
-
-
-def test_in_still_water_no_leg_reckons_a_current(monkeypatch):
-    flow, found = still_flow(), []
-    asked = MissionRequest(
-        place(flow, -20e3, 15e3, 0.0), (place(flow, 20e3, 15e3, 0.0),), settings=SETTINGS
-    )
-
-    reckoned = HeldLeg.mean_current
-
-    def noting(*given):
-        found.extend(reckoned(*given))
-        return reckoned(*given)
-
-    monkeypatch.setattr(HeldLeg, "mean_current", noting)
-    waypoints_of(flow, plan_mission(flow, asked))
-    assert len(found) > 4
-    # true north turns by 0.0004 rad in half a leg, and a compass heading is held
-    assert np.abs(found).max() < 2e-5
 
 
 def test_files_hold_the_waypoints():
@@ -162,18 +88,6 @@ def test_files_hold_the_waypoints():
     assert json.loads(waypoint_text(few, Path("a.json")))["off_end_m"] == few.off_end
     with pytest.raises(PlanError, match=r"one of \.csv"):
         waypoint_text(few, Path("a.txt"))
-
-
-def test_a_mooring_and_a_mission_without_legs_have_no_waypoints():
-    flow = still_flow()
-    here = place(flow, 0.0, 0.0)
-    with pytest.raises(PlanError, match="a mooring has no waypoints"):
-        waypoints_of(
-            flow,
-            plan_mooring(flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(2e3, 6e3)),
-        )
-    with pytest.raises(PlanError, match="without legs"):
-        waypoints_of(flow, replace(PLAN, headings_deg=np.zeros(0)))
 
 
 def test_a_heading_counts_the_drift_at_the_surface_on_the_way_and_the_current_ahead_in_the_last_dive():
@@ -224,28 +138,6 @@ def test_a_dive_that_begins_below_the_surface_ends_at_it_and_the_last_drift_is_n
     assert few.times[0] == pytest.approx(first + 600.0 + second, rel=1e-3)
     assert few.delay == pytest.approx(few.times[0] - plan.duration, abs=1e-6)
     assert few.off_end < 5.0
-
-
-@pytest.mark.parametrize(("seed", "tolerances"), [(5, 1.0), (6, 2.0)])
-def test_the_radius_that_ends_within_the_tolerance_and_then_the_one_that_loses_least_time_is_chosen(
-    monkeypatch, seed, tolerances
-):
-    flow = replace(FLOW, latent=FLOW.latent + eddying_flow(seed, speed=0.08).latent)
-    tolerance = PLAN.settings.tolerance
-    chosen, alone = waypoints_of(flow, PLAN), {}
-    for radii in (1.0, 2.0, 8.0):
-        monkeypatch.setattr(waypoints, "_RADII", np.array([radii]))
-        alone[radii] = waypoints_of(flow, PLAN)
-    assert chosen.radius == tolerances * tolerance
-    assert chosen.off_end <= tolerance
-    # as few waypoints with the widest one lead too far away, so that it takes all surfacings or ends there; of those that end near enough
-    # with as few of them the chosen one is the quickest
-    assert alone[8.0].off_end > tolerance or alone[8.0].times.size > chosen.times.size
-    assert chosen.delay == min(
-        one.delay
-        for one in alone.values()
-        if one.off_end <= tolerance and one.times.size == chosen.times.size
-    )
 
 
 def test_a_list_is_judged_in_samples_with_and_without_the_gliders_own_correction():

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from planners import MissionSettings, plan_mission, waypoints_of
-from planners.mission.flights import legs_of_plan
-from planners.mission.task import mission_task
-from planners.mission.waypoint_flight import first_currents
+from planners.flights import legs_of_plan
+from planners.hazards.areas import no_go_rings
 from planners.output.waypoints import waypoint_text
-from planners.route.hazards import no_go_rings
+from planners.task import task_of
+from planners.waypoint_flight import first_currents
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import forbidden, request_between, still_flow, uniform_flow
 from tests.planners.hazardous import harm_done, harm_of_files, random_mission
@@ -131,8 +131,8 @@ def test_a_list_is_flown_with_the_first_currents_that_the_estimate_allows():
 def test_first_currents_are_spread_over_those_of_samples():
     flow, std = with_errors(uniform_flow(0.1, -0.05), 0.04), 0.04
     plan = plan_mission(flow, REQUEST)
-    task = mission_task(flow, REQUEST)
-    planned, none, *others = first_currents(task, plan, legs_of_plan(plan, task.flow))
+    task = task_of(flow, REQUEST)
+    planned, none, *others = first_currents(task, plan, legs_of_plan(plan))
     np.testing.assert_allclose(planned, planned_current(Sea([flow], 0), plan), atol=1e-3)
     np.testing.assert_array_equal(none, np.zeros(2))
     away = np.linalg.norm(np.array(others) - planned, axis=1) / std

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission
-from planners.mission.flights import MissionFlights, ellipse_factor, fly_mission, surfacing_ellipses
+from planners.flights import MissionFlights, ellipse_factor, fly_mission, surfacing_ellipses
 from planners.output.mission import (
     as_plan,
     ellipse_outline,

@@ -1,8 +1,8 @@
 """All that a vehicle at a depth must keep clear of, put together as missions and paths do."""
 
-from planners.route.bottom import Bathymetry, bottom_of, fixed_rings
-from planners.route.hazards import NoGo, Ring
-from planners.route.region import Region
+from planners.hazards.areas import NoGo, Ring
+from planners.hazards.bottom import Bathymetry, bottom_of, fixed_rings
+from planners.hazards.domain import Region
 
 
 def all_rings(

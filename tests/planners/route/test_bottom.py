@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners.route.bottom import Bathymetry, Bottom, DepthCells, _cell_corners, bottom_of
-from planners.route.hazards import NoGo, Ring, first_crossing, no_go_rings
-from planners.route.region import Region
+from planners.hazards.areas import NoGo, Ring, first_crossing, no_go_rings
+from planners.hazards.bottom import Bathymetry, Bottom, DepthCells, _cell_corners, bottom_of
+from planners.hazards.domain import Region
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection

@@ -5,7 +5,6 @@ import io
 import json
 import math
 from dataclasses import asdict, fields, replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -38,21 +37,15 @@ from tests.studies.results import experiment, final
 
 MEMBERS = synthetic.ensemble(n_members=6, shape=(8, 9))
 CONFIG = EstimatorConfig()
-# one start with coarse steps: plans are tested elsewhere
-PLAN = partial(planners.plan, settings=planners.GlideSettings(n_steps=8, starts=1))
 JOB = PaperJob(leave_out="2", most_modes=12, plan_modes=12, pings=(3, 10), pairs=2)
 
 
 @pytest.fixture(scope="module")
 def study():
     seen = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(planners, "plan", PLAN)
-        tables = final(
-            run_paper(
-                MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total))
-            )
-        )
+    tables = final(
+        run_paper(MEMBERS, None, CONFIG, JOB, lambda done, total, what: seen.append((done, total)))
+    )
     return tables, seen
 
 

@@ -13,7 +13,7 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.errors import ForecastError, PlanError
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Grid, Projection
-from replay_kit.workflows.planning.adapters import GlidePlanner, MissionPlanner, planner_of
+from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of
 from replay_kit.workflows.planning.bathymetry import (
     bathymetry_notes,
     depth_along,
@@ -209,13 +209,13 @@ def test_a_replay_s_missions_turn_above_the_bottom(tmp_path):
 
 def test_a_glide_ends_above_the_bottom(tmp_path):
     flow, planner = above_flat_bottom(tmp_path)
-    assert isinstance(planner, GlidePlanner)
+    assert planner.glides
     start = place(flow, -2e3, 0.0, 0.0)
     above = planner.plan(flow, PlanQuery(start, place(flow, 2e3, 0.0, 69.0), 0)).plan
     assert (above.status, above.track[-1, 2]) == ("reached", pytest.approx(69.0, abs=0.1))
     np.testing.assert_allclose(above.bottom, 100.0, rtol=1e-12)
     with pytest.raises(
-        PlanError, match="goal at 71 m is below the bottom less the clearance of 30 m; move it up"
+        PlanError, match="the bottom less a clearance of 30 m leaves 70 m; move it to deeper water"
     ):
         planner.plan(flow, PlanQuery(start, place(flow, 2e3, 0.0, 71.0), 0))
 

@@ -16,8 +16,8 @@ from planners import (
     plan_departures,
     plan_mission,
 )
-from planners.mission.flights import fly_mission
-from planners.mission.timing import first_legs
+from planners.departures import first_legs
+from planners.flights import fly_mission
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.plan import departures_of
 from replay_kit.config.run import EstimatorConfig

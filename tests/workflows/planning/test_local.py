@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, mission_odds, plan_mission
-from planners.mission.flight.currents import (
+from planners.flights import currents_of_estimate as currents_around
+from planners.flights import fly_mission
+from planners.simulation.currents import (
     LocalSample,
     currents_of_samples,
     is_noticed,
     local_notes,
 )
-from planners.mission.flights import currents_of_estimate as currents_around
-from planners.mission.flights import fly_mission
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.local import LocalCurrent

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planners import MissionSettings, Weights
-from planners.mission.flights import surfacing_ellipses
+from planners import MissionSettings, Mooring
+from planners.flights import surfacing_ellipses
 from replay_kit.config.plan import PlanRequest
 from replay_kit.core.grid import Projection
 from replay_kit.show.text import SafeConsole
@@ -60,15 +60,14 @@ def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(
 
 
 @pytest.mark.parametrize(
-    ("objective", "words"),
-    [("time", "miss"), (Weights(time=1e-5, closest=0.0), "farthest from the mooring")],
+    ("shape", "words"), [(None, "miss"), (Mooring(1e3, 1e4), "farthest from the mooring")]
 )
-def test_the_samples_of_a_mooring_are_told_by_how_far_they_drift(objective, words):
+def test_the_samples_of_a_mooring_are_told_by_how_far_they_drift(shape, words):
     settings = MissionSettings(depth=300.0)
     plan = plan_between(still_flow(), (0.0, 0.0, 0.0), (3e3, 0.0), settings=settings)
     figures = ("miss_median_m", "miss_90_percent_m", "miss_90_percent_held_m")
     planned = SimpleNamespace(
-        plan=replace(plan, settings=replace(settings, objective=objective)),
+        plan=replace(plan, shape=shape),
         samples=dict.fromkeys(figures, 70.0),
         **dict.fromkeys(("departures", "notes"), ()),
         waypoints=None,

@@ -1,0 +1,1 @@
+"""Where a vehicle may not go: areas, the bottom, the edge of the forecast."""

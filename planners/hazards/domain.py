@@ -1,0 +1,170 @@
+"""Where a glide may go: inside the grid's outline, between the surface and the deepest level, in water."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.grid import Grid
+from replay_kit.core.plan import Place
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+# Depths are compared to a millimetre, so that a path that ends on the surface or on the deepest level is inside.
+_DEPTH_MARGIN = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """The water that a grid covers.
+
+    Attributes:
+        grid: The grid.
+        limit: Greatest depth of the vehicle [m].
+    """
+
+    grid: Grid
+    limit: float = inf
+
+    @cached_property
+    def _tree(self) -> "cKDTree":
+        from scipy.spatial import cKDTree
+
+        return cKDTree(np.column_stack([self.grid.east.ravel(), self.grid.north.ravel()]))
+
+    def _nearest(self, points: Array) -> NDArray[np.intp]:
+        if points.shape != (1, 2):
+            return np.asarray(self._tree.query(points)[1])
+        # a start and a goal are looked at before scipy, which loads slowly
+        (east, north), grid = points[0], self.grid
+        return np.array([np.argmin(np.hypot(grid.east - east, grid.north - north))])
+
+    @property
+    def deepest(self) -> float:
+        """Greatest depth allowed anywhere [m]: the deepest level or the vehicle's limit."""
+        return min(float(self.grid.levels[-1]), self.limit)
+
+    @property
+    def floor(self) -> str:
+        """What the greatest depth is, in messages."""
+        name = "the vehicle's limit" if self.limit < self.grid.levels[-1] else "the deepest level"
+        return f"{name}, {self.deepest:g} m"
+
+    def wet(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether points, shape (n, 3) [m], are water: the nearest grid point is, at the last level at or above their depth."""
+        nearest = self._nearest(points[:, :2])
+        return np.asarray(
+            self.grid.wet.reshape(self.grid.levels.size, -1)[self.level_at(points[:, 2]), nearest]
+        )
+
+    def level_at(self, depth: Array) -> NDArray[np.intp]:
+        """Return the number of the last level at or above depths, shape (n,) [m]; the first for what is above all."""
+        return np.clip(
+            np.searchsorted(self.grid.levels, depth, side="right") - 1, 0, self.grid.levels.size - 1
+        )
+
+    def wet_by_level(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether horizontal points, shape (..., 2) [m], are water at each level, shape (Z, ...)."""
+        nearest = self._nearest(points)
+        return self.grid.wet.reshape(self.grid.levels.size, -1)[:, nearest]
+
+    def inside_outline(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether horizontal points, shape (..., 2) [m], lie within the grid's outline."""
+        return inside_grid(self.grid, points[..., 0], points[..., 1])
+
+    def inside(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether points, shape (n, 3) [m], lie within the outline, the surface and the greatest depth allowed."""
+        depth_fits = (points[:, 2] >= -_DEPTH_MARGIN) & (
+            points[:, 2] <= self.deepest + _DEPTH_MARGIN
+        )
+        return depth_fits & self.inside_outline(points[:, :2])
+
+    def allowed(self, points: Array) -> NDArray[np.bool_]:
+        """Return whether points, shape (n, 3) [m], are inside and water."""
+        return self.inside(points) & self.wet(points)
+
+
+def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
+    """Return which entries, shape (J, I), have one that is set within a number of rows and columns."""
+    # as scipy's maximum_filter, which loads slowly
+    for axis in (0, 1):
+        around = [(by + 1, by) if axis == own else (0, 0) for own in (0, 1)]
+        count = np.cumsum(np.pad(mask, around), axis=axis, dtype=np.int32)
+        count = count.swapaxes(0, axis)
+        mask = (count[2 * by + 1 :] > count[: -2 * by - 1]).swapaxes(0, axis)
+    return mask
+
+
+def locate(region: Region, place: Place, role: str) -> Array:
+    """Return a place in the local frame, shape (3,) [m]: east, north, depth.
+
+    Args:
+        region: Where it has to be.
+        place: The place.
+        role: What it is called in an error: ``start`` or ``goal``.
+
+    Raises:
+        PlanError: It is outside the region, above the surface, below the deepest level or the vehicle's limit, or on land.
+    """
+    where = f"{role} at {place.longitude:.5f}, {place.latitude:.5f}, {place.depth:g} m"
+    if not np.all(np.isfinite([place.longitude, place.latitude, place.depth])):
+        raise PlanError(f"{where}: expected three finite numbers, longitude, latitude and depth")
+    east, north = to_local(region.grid.projection, place.longitude, place.latitude)
+    point = np.array([float(east), float(north), place.depth])
+    # Checked for finiteness as well: the projection answers infinity for places on the far side of the Earth.
+    if not np.all(np.isfinite(point)) or not inside_grid(region.grid, point[0], point[1]):
+        raise PlanError(
+            f"{where} is outside the forecast's region {_bounds(region.grid)}; "
+            + (
+                _swapped(region.grid, place)
+                or "choose a place inside it or a forecast that covers it"
+            )
+        )
+    if not 0.0 <= place.depth <= region.deepest:
+        raise PlanError(
+            f"{where} is not between the surface and {region.floor}; choose a depth within them"
+        )
+    if not region.wet(point[None])[0]:
+        raise PlanError(
+            f"{where} is on land in the forecast: the nearest grid point is dry there; choose a place in water {_bounds(region.grid)}"
+        )
+    return point
+
+
+def locate_all(region: Region, start: Place, goals: Sequence[Place]) -> dict[str, Array]:
+    """Return the start and the goals of a mission in the local frame, shape (3,) [m] each, by what they are called in errors.
+
+    Raises:
+        PlanError: One of them is not in the region's water, as for ``locate``.
+    """
+    names = [f"goal {k + 1}" for k in range(len(goals))] if len(goals) > 1 else ["goal"]
+    places = zip(["start", *names], [start, *goals], strict=True)
+    return {name: locate(region, place, name) for name, place in places}
+
+
+def _swapped(grid: Grid, place: Place) -> str:
+    """Return the question whether longitude and latitude are swapped; empty where the swapped place is outside the region too."""
+    east, north = to_local(grid.projection, place.latitude, place.longitude)
+    if (
+        abs(place.longitude) > 90.0
+        or not np.isfinite([east, north]).all()
+        or not inside_grid(grid, float(east), float(north))
+    ):
+        return ""
+    return f"did you mean {place.latitude:g},{place.longitude:g},{place.depth:g}? Longitude is the first number"
+
+
+def _bounds(grid: Grid) -> str:
+    west = grid.longitude.min()
+    south = grid.latitude.min()
+    east = grid.longitude.max()
+    north = grid.latitude.max()
+    return f"(west, south, east, north: {west:.3f}, {south:.3f}, {east:.3f}, {north:.3f})"

@@ -1,1 +1,0 @@
-"""Missions of many dives."""

@@ -1,1 +1,0 @@
-"""One number of legs solved, held clear of obstacles, flown and checked."""

@@ -1,0 +1,126 @@
+"""A mission planned: the best that is found as commands and a predicted track, with its outcome in words."""
+
+from math import inf
+
+import numpy as np
+
+from planners.program.starts import (
+    Answer,
+    arrives,
+    deviation,
+    is_feasible,
+    lacking_energy,
+    overtime,
+    search,
+    staying,
+)
+from planners.request import Line, MissionPlan, MissionRequest, Mooring
+from planners.simulation.currents import Flow
+from planners.task import Task, task_of, yo_depths
+from planners.words import outcome_text, tried_text
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.plan import PlanStatus
+
+Statistics = dict[str, float | int | str]
+
+
+def plan_mission(
+    flow: Flow, request: MissionRequest, *, warm: MissionPlan | None = None
+) -> MissionPlan:
+    """Return the best mission found from a start past one goal or several, along a line, or near a mooring.
+
+    The result is a value whatever the outcome: ``status`` and ``message`` say whether the goals are reached and which limit binds.
+
+    Args:
+        flow: The current, or its estimates for increasing times, between which it is linear.
+        request: Start, goals, vehicle, settings and constraints.
+        warm: An earlier plan for the same goals. The rest of it is tried first, if it has the number of legs asked for; when it is
+            feasible, nothing else is tried but what the front finds clearly quicker, and there is no bound.
+
+    Raises:
+        PlanError: The start or a goal is outside of the region, on land or where the mission may not go, a depth does not fit, or
+            the miss distance has no weight; a line has no length, a mooring's start is outside of its radius or it takes too many legs.
+    """
+    task = task_of(flow, request)
+    if not task.is_finite:
+        message = "the current is not a number; check the estimate's latent velocities"
+        return _plan_of(task, Answer(staying(task), [], None), "failed", message, {"attempts": 0})
+    return to_plan(task, search(task, warm))
+
+
+def to_plan(task: Task, answer: Answer) -> MissionPlan:
+    """Return an answer as a plan."""
+    best = answer.best
+    reached = arrives(task, best) and overtime(task, best) == lacking_energy(task, best) == 0.0
+    if not best.count:
+        reached = True
+    status: PlanStatus = "unsafe" if best.violation else "reached" if reached else "unreachable"
+    message = outcome_text(task, answer, above_bound(task, answer))
+    return _plan_of(task, answer, status, message, _statistics(task, answer))
+
+
+def _plan_of(
+    task: Task, answer: Answer, status: PlanStatus, message: str, statistics: Statistics
+) -> MissionPlan:
+    best, request, projection = answer.best, task.request, task.region.grid.projection
+    flight, vehicle = best.flight, best.task.vehicle
+    track = np.column_stack([flight.place[0], flight.depth])
+    time = flight.time[0]
+    return MissionPlan(
+        status=status,
+        start=request.start,
+        goals=request.goals,
+        start_time_ns=request.start_time_ns,
+        vehicle=vehicle,
+        settings=task.settings,
+        headings_deg=np.mod(np.rad2deg(best.legs.headings), 360.0),
+        glide_angles_deg=np.rad2deg(best.legs.angles),
+        pitches_deg=np.rad2deg(vehicle.pitch(best.legs.angles)),
+        yo_depths=yo_depths(best.legs.turns),
+        surfacings=np.column_stack(to_geographic(projection, *track[flight.ends, :2].T)),
+        surfacing_times=time[flight.ends],
+        goal_legs=best.goal_legs,
+        goal_times=time[best.points],
+        closest_approach=best.miss,
+        duration=float(time[-1]),
+        energy=best.energy,
+        track_time=time,
+        track=track,
+        message=message,
+        statistics=statistics,
+        shape=task.shape,
+    )
+
+
+def _statistics(task: Task, answer: Answer) -> Statistics:
+    tried, bound = answer.tried, answer.bound
+    feasible = [one.seconds / 3600.0 for one in tried if is_feasible(task, one)]
+    statistics: Statistics = {
+        "attempts": len(tried),
+        "iterations": sum(one.iterations for one in tried),
+        "tried": "; ".join(map(tried_text, tried)),
+        "longest_met_h": max(feasible, default=float("nan")),
+        "steps": answer.best.steps,
+    }
+    if bound is not None and bound.is_tight and np.isfinite(bound.time):
+        statistics |= {"bound_h": bound.time / 3600.0}
+    if (above := above_bound(task, answer)) is not None:
+        statistics |= {"above_bound_percent": above}
+    if isinstance(task.shape, Line | Mooring):
+        farthest, rms = deviation(task, answer.best)
+        statistics |= {"farthest_m": farthest, "rms_m": rms}
+    return statistics
+
+
+def above_bound(task: Task, answer: Answer) -> float | None:
+    """Return how much later than any vehicle of its speed could a mission arrives [%]; None where the bound does not hold or is 0."""
+    bound, best = answer.bound, answer.best
+    if not best.count:
+        return None
+    # shallower dives than those asked for meet another mean current
+    full = np.array_equal(best.legs.turns, task.turns(np.full(best.count, task.settings.depth)))
+    if bound is None or not bound.is_tight or not 0.0 < bound.time < inf or not full:
+        return None
+    if not arrives(task, best):
+        return None
+    return 100.0 * (float(best.flight.time[0, best.points[-1]]) / bound.time - 1.0)

@@ -1,0 +1,1 @@
+"""The optimal-control program of a mission: its starts, graph, walls and rounds."""

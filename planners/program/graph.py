@@ -1,0 +1,228 @@
+"""The program of a mission of L legs as a CasADi graph.
+
+Unknowns: the ends of N = L M segments X [km], glide angle A [rad] and depth H [km] of each leg, what each goal is missed by S [km], what
+walls are passed by z [km], the speed over the vehicle's v. The heading is a result: what the current leaves of a segment is its
+displacement through water q.
+
+    q_k = X_k - X_(k-1) - sum_c (J_ck / w + D_k s_c) U_ck - b_k,    |q_1|^2 = (V cos A T_1)^2,    q_m T_1 = q_1 T_m within a leg,
+    T_k = (p_k H - o_k) / w,    w = V sin A,    J_ck = a_k I_c(H) + a'_k I_c(H / 2) - j_ck,
+    U_ck = (u_c(begin) + 4 u_c(middle) + u_c(end)) / 6
+
+with I_c the integral over depth of the weight of level c, D drifts, s_c the weights at the surface. Of a glide, which is one leg from depth
+to depth, A stands for its duration [h]: T_k = A / M, |q_1|^2 = (V T_1)^2 - (dz / M)^2, J_ck / w = j_ck T_k.
+
+The defect b, what a goal below the surface is off its leg's chord, walls and limits of depth are constants that the flown legs tell: where
+they have settled the program is the full flight.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from planners.vehicle import Glider
+from planners.water import HOUR, KM, Water
+from replay_kit.core.arrays import Array
+
+#: Half-planes of each segment, and the offset of one that forbids nothing [km].
+PLANES, FAR = 3, 1e7
+# Cost of a kilometre behind a wall, and of what the other goals are missed by within which it is rounded [h/km, km^2].
+_BEYOND, _ROUNDED = 200.0, 1e-4
+_OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    "show_eval_warnings": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-5,
+    "ipopt.acceptable_tol": 1e-4,
+    "ipopt.acceptable_iter": 4,
+    "ipopt.mu_init": 1e-3,
+    "ipopt.bound_push": 1e-4,
+    "ipopt.bound_frac": 1e-4,
+    "ipopt.max_iter": 80,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What the graph of a program depends on beside water and vehicle.
+
+    Attributes:
+        legs: Number of legs.
+        segments: Of each leg.
+        goals: Number of goals.
+        glide: Whether it is a glide.
+        planes: Half-planes of each segment.
+    """
+
+    legs: int
+    segments: int
+    goals: int
+    glide: bool
+    planes: int
+
+    @property
+    def n(self) -> int:
+        """Number of segments."""
+        return self.legs * self.segments
+
+
+#: Parameters by name, in their order, with the shapes that a ``Shape`` gives them.
+def _sizes(shape: Shape, levels: int) -> dict[str, tuple[int, int]]:
+    n, goals = shape.n, shape.goals
+    return {
+        "start": (2, 1),
+        "goals": (2, goals),
+        "met": (n + 1, goals),  # which ends, or blends of two, meet each goal
+        "bend": (2, goals),
+        "passes": (n, 1),
+        "begins": (n, 1),
+        "whole": (n, 1),
+        "half": (n, 1),
+        "fixed": (levels, n),
+        "drift": (n, 1),
+        "walls": (4, n * shape.planes),
+        "defect": (2, n),
+        "pumps": (shape.legs, 1),
+        "weights": (5, 1),  # of time, energy, misses, line, mooring
+        "line": (4, 1),
+        "mooring": (2, 1),
+        "within": (3, 1),  # whether the line and the mooring count, and how far off [km]
+        "glide": (1, 1),  # depth passed [km]
+        "battery": (1, 1),  # one over its energy [1/kJ]
+    }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Program:
+    """A solver and what it is asked with.
+
+    Attributes:
+        shape: Of it.
+        levels: Number of levels.
+        solver: IPOPT's.
+        result: CasADi function (unknowns, parameters) -> displacements through water (2, N) [km], durations (N) and ends (N) [h].
+    """
+
+    shape: Shape
+    levels: int
+    solver: Any
+    result: Any
+
+    def parameters(self, **given: Array) -> Array:
+        """Return the parameters as the solver takes them; each in the shape of ``_sizes``, zeros where it is left out."""
+        sizes = _sizes(self.shape, self.levels)
+        values = [
+            np.reshape(given[k], sizes[k]) if k in given else np.zeros(sizes[k]) for k in sizes
+        ]
+        return np.concatenate([value.ravel(order="F") for value in values])
+
+
+def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
+    """Return the program of a shape."""
+    n, segments, planes = shape.n, shape.segments, shape.planes
+    sizes = _sizes(shape, water.count)
+    p = {name: ca.MX.sym(name, *size) for name, size in sizes.items()}
+    ends, angles, depths = (
+        ca.MX.sym(name, *size)
+        for name, size in (("X", (2, n)), ("A", (shape.legs, 1)), ("H", (shape.legs, 1)))
+    )
+    missed, beyond, pace = ca.MX.sym("S", 2, shape.goals), ca.MX.sym("z"), ca.MX.sym("v")
+
+    def each(of_legs: Any) -> Any:
+        """Return a column of the legs' values for each of their segments."""
+        return of_legs if segments == 1 else ca.vec(ca.repmat(of_legs.T, segments, 1))
+
+    along, down = (pace * speed * HOUR / KM for speed in vehicle.speeds(ca, angles))
+    if shape.glide:
+        lasts = each(angles) / segments
+        speed = pace * vehicle.speed * HOUR / KM
+        reach = (speed * lasts) ** 2 - (p["glide"] / segments) ** 2
+        hours = p["fixed"] * ca.repmat(lasts.T, water.count, 1)
+    else:
+        lasts = (p["passes"] * each(depths) - p["begins"]) / each(down)
+        reach = (each(along) * lasts) ** 2
+        over = _columns(water.integrals(depths.T), segments) * _rows(p["whole"], water.count)
+        if segments > 2:
+            half = _columns(water.integrals(0.5 * depths.T), segments)
+            over += half * _rows(p["half"], water.count)
+        hours = (over - p["fixed"]) / _rows(each(down), water.count)
+    hours += ca.mtimes(ca.DM(water.surface), p["drift"].T)
+    points = ca.horzcat(p["start"], ends)
+    begins, middles = points[:, :-1], 0.5 * (points[:, :-1] + ends)
+    end = ca.cumsum(lasts + p["drift"])
+    begin = ca.vertcat(0.0, end[:-1]) if n > 1 else ca.MX(0.0)
+    flow = water.at.map(2 * n + 1)(
+        ca.horzcat(points, middles), ca.vertcat(0.0, end, 0.5 * (begin + end)).T
+    )
+    mean = (flow[:, :n] + flow[:, 1 : n + 1] + 4.0 * flow[:, n + 1 :]) / 6.0
+    carried = ca.vertcat(ca.sum1(hours * mean[0::2, :]), ca.sum1(hours * mean[1::2, :]))
+    through = ends - begins - carried - p["defect"]
+    firsts = list(range(0, n, segments))
+    rest = [k for k in range(n) if k % segments]
+    own = [k - k % segments for k in rest]
+    same = (
+        ca.vec(through[:, rest] * _rows(lasts[own], 2) - through[:, own] * _rows(lasts[rest], 2))
+        if rest
+        else ca.MX(0, 1)
+    )
+    columns = [k for k in range(n) for _ in range(planes)]
+    at = begins[:, columns] + ca.repmat(p["walls"][3, :], 2, 1) * (ends - begins)[:, columns]
+    walls = ca.sum1(p["walls"][:2, :] * at).T - p["walls"][2, :].T - beyond
+
+    def off_line(place: Any) -> Any:
+        along_east, along_north, east, north = ca.vertsplit(p["line"])
+        return (along_east * (place[1, :] - north) - along_north * (place[0, :] - east)) ** 2
+
+    def off_mooring(place: Any) -> Any:
+        return _squares(place - ca.repmat(p["mooring"], 1, place.shape[1]))
+
+    on_line, moored, radius = ca.vertsplit(p["within"])
+    away = on_line * off_line(ends) + moored * off_mooring(ends)
+    within = (away.T - radius**2) / radius - beyond
+    power = vehicle.hotel + vehicle.thrust * (pace * vehicle.speed) ** 3
+    pumped = vehicle.pump_work(KM) * ca.dot(p["pumps"], depths)
+    taken = (power * HOUR * end[-1] + pumped) / 1e3
+    constraints = ca.vertcat(
+        (_squares(through[:, firsts]).T - reach[firsts]) / 10.0,
+        same,
+        ca.vec(ca.mtimes(points, p["met"]) + p["bend"] - p["goals"] - missed),
+        walls,
+        within,
+        p["battery"] * taken - 1.0 - beyond,
+        end[-1],
+    )
+    time, energy, miss, line, mooring = ca.vertsplit(p["weights"])
+
+    def integral(of: Any) -> Any:
+        """Return Simpson's integral over time of a function of places."""
+        return ca.sum2((lasts + p["drift"]).T * (of(begins) + 4.0 * of(middles) + of(ends))) / 6.0
+
+    cost = (
+        time * end[-1]
+        + energy * taken
+        + miss * ca.sum2(ca.sqrt(_squares(missed) + _ROUNDED))
+        + _BEYOND * beyond
+        + line * integral(off_line)
+        + mooring * integral(off_mooring)
+    )
+    unknowns = ca.veccat(ends, angles, depths, missed, beyond, pace)
+    parameters = ca.veccat(*p.values())
+    problem: dict[str, Any] = {"x": unknowns, "p": parameters, "f": cost, "g": constraints}
+    solver = ca.nlpsol("mission", "ipopt", problem, _OPTIONS)
+    result = ca.Function("result", [unknowns, parameters], [through, lasts, end])
+    return Program(shape, water.count, solver, result)
+
+
+def _columns(of_legs: Any, segments: int) -> Any:
+    """Return columns of the legs, each for every segment of its leg."""
+    return of_legs[:, [k for k in range(of_legs.shape[1]) for _ in range(segments)]]
+
+
+def _rows(column: Any, count: int) -> Any:
+    return ca.repmat(column.T, count, 1)
+
+
+def _squares(places: Any) -> Any:
+    return ca.sum1(places * places)

@@ -1,0 +1,157 @@
+"""Half-planes that keep flown segments clear of what is forbidden, their clearance, and how deep the bottom lets them go."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from planners.hazards.areas import Ring
+from planners.program.graph import FAR, PLANES
+from planners.water import KM
+from replay_kit.core.arrays import Array
+
+# Distance within which a ring counts [m]; half-planes of a segment that are kept from round to round.
+_NEAR, _KEPT = 5e3, 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segments:
+    """Segments as flown.
+
+    Attributes:
+        lines: shape (N, n, 2) [m].
+        up: shape (N, 2), where each ends its dive [m], from where on the vehicle is at the surface; its end where it stays below.
+        chords: shape (N, 2, 2), where the program has them begin and end [m].
+    """
+
+    lines: Array
+    up: Array
+    chords: Array
+
+    def taken(self, ring: Ring) -> Any:
+        """Return the lines that count for a ring: of one that forbids surfacing alone the drifts."""
+        if not ring.surface_only:
+            return shapely.linestrings(self.lines)
+        ends = self.lines[:, -1]
+        drifts = shapely.linestrings(np.stack([self.up, ends], axis=1))
+        # a line without a length is nowhere
+        still = np.all(self.up == ends, axis=1)
+        return np.where(still, shapely.points(ends), drifts)
+
+
+@dataclass(eq=False)
+class Walls:
+    """What flown segments must keep clear of: mutable, as each segment keeps the nearest half-planes of the round before.
+
+    Attributes:
+        rings: What is forbidden, each with the numbers of the segments for which it is.
+        margin: Distance kept from them [m].
+        reference: shape (N, n, 2) [m], a way clear of them.
+        kept: Half-planes of each segment.
+    """
+
+    rings: Sequence[tuple[Ring, NDArray[np.intp]]]
+    margin: float
+    reference: Array
+    kept: dict[int, list[Array]] = field(default_factory=dict)
+
+    def near(self, segments: Segments) -> bool:
+        """Return whether any segment is near a ring."""
+        return any(self._close(segments, ring, rows).size for ring, rows in self.rings)
+
+    def _close(self, segments: Segments, ring: Ring, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the numbers of the segments near a ring, of those for which it counts."""
+        near = shapely.dwithin(ring.solid, segments.taken(ring)[rows], _NEAR)
+        return np.asarray(rows[near])
+
+    def planes(self, segments: Segments, extra: float, straight: bool) -> Array:
+        """Return half-planes, shape (4, N PLANES): normal, offset [km], and share of the chord at which they count.
+
+        Args:
+            segments: As flown.
+            extra: Distance kept beside the margin [m].
+            straight: Whether the segments are those of a route, which are not bent against their chords.
+        """
+        found: dict[int, list[tuple[float, Array]]] = {}
+        for ring, rows in self.rings:
+            taken = segments.taken(ring)
+            for k in self._close(segments, ring, rows).tolist():
+                touched = _touched(ring, taken[k], segments.lines[k], self.reference[k])
+                for inside, at, nearest in touched:
+                    away = nearest - at if not inside else at - nearest
+                    depth = float(np.hypot(*away))
+                    if depth == 0.0:
+                        continue
+                    begin, end = segments.chords[k]
+                    share = 1.0 if ring.surface_only else _share(segments.lines[k], at)
+                    bend = at - begin - share * (end - begin)
+                    if straight:
+                        bend = np.zeros(2)
+                    normal = away / depth
+                    offset = float(normal @ (nearest - bend)) - self.margin - extra
+                    plane = np.array([*normal, offset / KM, share])
+                    found.setdefault(k, []).append((-depth if inside else depth, plane))
+        planes = np.zeros((len(segments.lines), PLANES, 4))
+        planes[:, :, 2] = FAR
+        for k in range(len(planes)):
+            new = [plane for _, plane in sorted(found.get(k, []), key=lambda one: one[0])]
+            held = (new[: PLANES - 1] + self.kept.get(k, []))[:PLANES]
+            self.kept[k] = new[:_KEPT]
+            for j, row in enumerate(held):
+                planes[k, j] = row
+        return planes.reshape(-1, 4).T
+
+    def clearance(self, segments: Segments) -> float:
+        """Return the least distance of the segments from any ring [m]; infinite without one near."""
+        least = np.inf
+        for ring, rows in self.rings:
+            near = segments.taken(ring)[self._close(segments, ring, rows)]
+            if near.size:
+                least = min(least, float(np.min(shapely.distance(ring.solid, near))))
+        return least
+
+
+def _touched(
+    ring: Ring, taken: Any, line: Array, reference: Array
+) -> list[tuple[bool, Array, Array]]:
+    """Return whether points of a segment are forbidden, these and the nearest of the ring [m]: one where it is clear of the ring."""
+    overlap = shapely.intersection(ring.solid, taken)
+    parts = [
+        part
+        for part in shapely.get_parts(overlap)
+        if part.length > 1e-6 or (ring.surface_only and not part.is_empty)
+    ]
+    if not parts:
+        nearest, at = shapely.get_coordinates(shapely.shortest_line(ring.solid, taken))
+        return [(False, at, nearest)]
+    found = []
+    for part in parts:
+        points = shapely.get_coordinates(part)
+        middle = points.mean(axis=0)
+        nearest, at = shapely.get_coordinates(
+            shapely.shortest_line(ring.line, shapely.Point(middle))
+        )
+        # what lies between the segment and the way that it came from is passed on the side of that way
+        loop = shapely.make_valid(shapely.Polygon(np.vstack([line, reference[::-1]])))
+        corners = shapely.get_coordinates(ring.solid)
+        between = corners[shapely.intersects_xy(loop, *corners.T)]
+        if len(between) and not ring.surface_only:
+            way = points[-1] - points[0]
+            left = np.array([-way[1], way[0]]) / max(float(np.linalg.norm(way)), 1e-9)
+            beside = (between - middle) @ left
+            farthest = int(np.argmax(np.abs(beside)))
+            if abs(beside[farthest]) > 1e-3:
+                nearest = between[farthest]
+                at = nearest - beside[farthest] * left
+        found.append((True, at, nearest))
+    return found
+
+
+def _share(line: Array, at: Array) -> float:
+    """Return the share of a line's length at which it passes a point."""
+    return float(
+        shapely.line_locate_point(shapely.LineString(line), shapely.Point(at), normalized=True)
+    )

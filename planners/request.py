@@ -1,0 +1,349 @@
+"""The request for a mission, what it minimises and what ranks the missions found, and the plan that answers it.
+
+``replay_kit/core/extensions.py`` lists the names of the objectives.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from math import inf
+
+import numpy as np
+
+from planners.hazards.areas import NoGo
+from planners.hazards.bottom import Bathymetry
+from planners.vehicle import Glider
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.extensions import additions, is_objective, objective_names
+from replay_kit.core.plan import Place, PlanStatus
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """The cost of a mission as a weighted sum.
+
+    Attributes:
+        time: Cost of an hour.
+        energy: Cost of a kilojoule.
+        closest: Cost of a kilometre of miss distance; None when each goal must be met as closely as possible, at any cost.
+    """
+
+    time: float = 0.0
+    energy: float = 0.0
+    closest: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise PlanError for weights that are negative or all zero."""
+        values = (self.time, self.energy, self.closest or 0.0)
+        if not all(0.0 <= value < float("inf") for value in values) or not any(values):
+            raise PlanError(
+                f"weights of a mission are {self}; expected numbers of 0 or more, at least one of them above 0"
+            )
+
+    def cost(self, duration: float, energy: float, miss: float) -> float:
+        """Return the cost of a mission of a duration [s], an energy [J] and a sum of miss distances [m]."""
+        return (
+            self.time * duration / 3600.0
+            + self.energy * energy / 1e3
+            + (self.closest or 0.0) * miss / 1e3
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """What a mission that was found may be ranked by.
+
+    Attributes:
+        vehicle: The glider.
+        glide_angles: shape (L,) [rad], of each leg.
+        yo_depths: Depths [m] at which each leg begins, turns and ends.
+        duration: [s].
+        energy: [J].
+        miss: Sum of the miss distances of the goals [m].
+    """
+
+    vehicle: Glider
+    glide_angles: Array
+    yo_depths: tuple[tuple[float, ...], ...]
+    duration: float
+    energy: float
+    miss: float
+
+
+@dataclass(frozen=True, slots=True)
+class Objective:
+    """What a mission minimises.
+
+    Attributes:
+        weights: What the optimiser minimises with a given number of legs.
+        rank: Cost by which missions that meet their goals are compared: those of other numbers of legs, ways and departures. None: the
+            weights' cost.
+        distance_first: Whether the miss distance alone counts, and the cost only among equals.
+        earliest_arrival: Whether of several departures the one that arrives first is the best, as a wait before it costs time too.
+    """
+
+    weights: Weights
+    rank: Callable[[Found], float] | None = None
+    distance_first: bool = False
+    earliest_arrival: bool = False
+
+    def cost(self, found: Found) -> float:
+        """Return the cost of a mission that was found."""
+        return (
+            self.weights.cost(found.duration, found.energy, found.miss)
+            if self.rank is None
+            else self.rank(found)
+        )
+
+
+OBJECTIVES: dict[str, Objective] = {
+    "time": Objective(Weights(time=1.0), earliest_arrival=True),
+    "energy": Objective(Weights(energy=1.0)),
+    # of the numbers of legs the one with which most samples arrive, by plan_for_odds; without samples as time
+    "odds": Objective(Weights(time=1.0), earliest_arrival=True),
+    # of two missions that are equally close the quicker one
+    "closest": Objective(Weights(time=1.0), distance_first=True),
+}
+
+
+def objective_named(name: str) -> Objective:
+    """Return an objective: the project's own, or one that an installed package adds."""
+    if name in OBJECTIVES:
+        return OBJECTIVES[name]
+    found: Objective = additions(
+        "objectives", lambda value: isinstance(value, Objective), "a planners Objective"
+    )[name]
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class MissionSettings:
+    """How a mission is flown and planned.
+
+    Attributes:
+        depth: Depth of the dives [m].
+        depths: Least and greatest depth [m] between which a mission to goals chooses the depth of each leg; None for ``depth``.
+        speeds: Lowest and highest speed [m/s] between which a vehicle with a propeller chooses; None for its own.
+        battery: Energy that it may take [J].
+        yos: Dives between surfacings, between which heading and glide angle are held; 0 for a glide from the start to the goal.
+        surface_time: Drift time at each surfacing [s].
+        objective: ``time`` and ``energy`` are minimised on the way to the goals, ``odds`` is for ``plan_for_odds`` and else as ``time``,
+            ``closest`` minimises the miss distance alone; or weights
+            of all three. A given number of dives fixes the work of the pump, so that least energy is least time; the objectives differ in
+            the number of dives they choose.
+        tolerance: Largest miss distance of a goal that counts as reached [m].
+        legs: Number of legs, each of which ends at a surfacing; None for the best number.
+        max_legs: Largest number of legs considered; None for as many as the longest duration takes, of a mooring 60.
+        max_duration: Longest mission considered [s].
+        margin: Distance kept from land, areas, shallows and the edge of the region [m].
+        clearance: Least height of the dives above the bottom of the bathymetry [m].
+        arrive_by: Time since the start after which a sample that comes to the goals does not count as arrived [s].
+        time_limit: After which no other number of legs, way or margin is tried [s]; what is being solved is finished.
+    """
+
+    depth: float = 500.0
+    yos: int = 1
+    surface_time: float = 0.0
+    objective: str | Weights = "time"
+    tolerance: float = 250.0
+    legs: int | None = None
+    max_legs: int | None = None
+    max_duration: float = 1.2e6
+    margin: float = 50.0
+    clearance: float = 20.0
+    time_limit: float = inf
+    depths: tuple[float, float] | None = None
+    speeds: tuple[float, float] | None = None
+    battery: float = inf
+    arrive_by: float = inf
+
+    def __post_init__(self) -> None:
+        """Raise PlanError for settings outside their range."""
+        if not isinstance(self.objective, Weights) and not is_objective(self.objective):
+            raise PlanError(
+                f"a mission's objective is {self.objective!r}; expected one of {', '.join(objective_names())}, or weights"
+            )
+        names = (
+            "depth",
+            "tolerance",
+            "legs",
+            "max_legs",
+            "max_duration",
+            "time_limit",
+            "battery",
+            "arrive_by",
+        )
+        for name, value in {name: getattr(self, name) for name in names}.items():
+            if value is not None and not value > 0:
+                raise PlanError(f"a mission's {name} is {value!r}; expected a number above 0")
+        for name in ("yos", "surface_time", "margin", "clearance"):
+            if not getattr(self, name) >= 0.0:
+                raise PlanError(
+                    f"a mission's {name} is {getattr(self, name)!r}; expected 0 or more"
+                )
+
+        for name, ends in (("depths", self.depths), ("speeds", self.speeds)):
+            if ends is not None and not 0.0 < ends[0] <= ends[1] < inf:
+                raise PlanError(f"a mission's {name} are {ends!r}; expected two increasing numbers")
+
+    @property
+    def most_legs(self) -> float:
+        """Largest number of legs considered; infinite without a limit."""
+        return inf if self.max_legs is None else self.max_legs
+
+    @property
+    def aim(self) -> Objective:
+        """The objective."""
+        return (
+            Objective(self.objective)
+            if isinstance(self.objective, Weights)
+            else objective_named(self.objective)
+        )
+
+    @property
+    def weights(self) -> Weights:
+        """What the optimiser minimises with a given number of legs."""
+        return self.aim.weights
+
+    @property
+    def weighs_distance(self) -> bool:
+        """Whether the miss distance is weighed against time or energy."""
+        return self.weights.closest is not None
+
+
+@dataclass(frozen=True, slots=True)
+class MissionRequest:
+    """What a mission is planned for.
+
+    Attributes:
+        start: Where it begins.
+        goals: Where it should go, in order. A goal at the surface is met where a leg ends; one below it by a dive that passes its depth,
+            the last one by a dive that ends there.
+        vehicle: The glider.
+        settings: How it is flown and planned.
+        no_go: Areas that must not be entered.
+        bathymetry: Bottom depth; without one, the lowest level that is wet in the forecast limits the dives.
+        start_time_ns: When it begins [ns, UTC].
+        shape: A line that it follows to its one goal, or a mooring there; None for neither.
+    """
+
+    start: Place
+    goals: tuple[Place, ...]
+    vehicle: Glider = field(default_factory=Glider)
+    settings: MissionSettings = field(default_factory=MissionSettings)
+    no_go: tuple[NoGo, ...] = ()
+    bathymetry: Bathymetry | None = None
+    start_time_ns: int = 0
+    shape: "Line | Mooring | None" = None
+
+
+@dataclass(frozen=True, slots=True)
+class Mooring:
+    """A virtual mooring: the mission stays near its goal.
+
+    Attributes:
+        radius: Largest distance allowed [m].
+        duration: [s]; the mission lasts as long or, as legs are whole, somewhat longer.
+        surfacings_only: Whether only the surfacings must stay within the radius, and not the track between them.
+    """
+
+    radius: float
+    duration: float
+    surfacings_only: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise PlanError for a radius or a duration that is not above 0."""
+        if not (0.0 < self.radius < inf and 0.0 < self.duration < inf):
+            raise PlanError(
+                f"a mooring within {self.radius!r} m for {self.duration!r} s: expected two numbers above 0"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line that a mission follows to its goal, straight in the flow's local frame.
+
+    Attributes:
+        begin: Where the line begins; None for the start of the mission.
+        weight: Cross-track penalty [h per h and km]: the cost of an hour at a distance of a kilometre; it grows with the squared distance.
+        width: Largest distance of the track from the line for the mission to count as ``reached`` [m].
+    """
+
+    begin: Place | None = None
+    weight: float = 10.0
+    width: float = 2000.0
+
+    def __post_init__(self) -> None:
+        """Raise PlanError for a negative weight or a width that is not above 0."""
+        if not (0.0 <= self.weight < inf and self.width > 0.0):
+            raise PlanError(
+                f"a line of weight {self.weight!r} and width {self.width!r} m: expected a number of 0 or more and one above 0"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionPlan:
+    """A mission: the commands of each leg and the predicted track.
+
+    Attributes:
+        status: ``reached`` when every goal is met within the tolerance, ``unreachable`` when the best path found does not,
+            ``unsafe`` when the path violates a constraint, ``failed`` when there is no path; ``uncertain`` when samples of the estimate
+            say that it arrives less often than asked for; ``partial`` when it ends at a horizon before the goal.
+        start: Where it begins.
+        goals: Where it should go, in order.
+        start_time_ns: [ns, UTC].
+        vehicle: The glider.
+        settings: How it is flown and planned.
+        headings_deg: shape (L,), through water, clockwise from true north, held by a compass.
+        glide_angles_deg: shape (L,), below the horizontal in dives, above it in climbs.
+        pitches_deg: shape (L,), of the hull, with the same sign.
+        yo_depths: Depths [m] at which each leg begins, turns and ends.
+        surfacings: shape (L, 2), longitude and latitude [degrees] of each leg's end, after the drift.
+        surfacing_times: shape (L,) [s] since the start.
+        goal_legs: In which leg each goal is met, counted from 1: at its end, or on the way when the goal is below the surface.
+        goal_times: shape (G,) [s] since the start, when each goal is met.
+        closest_approach: shape (G,) [m], horizontal miss distance at that time.
+        duration: [s].
+        energy: [J].
+        track_time: shape (n,) [s] since the start.
+        track: shape (n, 3) [m], predicted local east, north, depth.
+        message: The outcome in words, with the constraint or limit that binds if there is one.
+        statistics: Counts and figures of the search.
+        shape: The line that it follows, or its mooring; None for neither.
+    """
+
+    status: PlanStatus
+    start: Place
+    goals: tuple[Place, ...]
+    start_time_ns: int
+    vehicle: Glider
+    settings: MissionSettings
+    headings_deg: Array
+    glide_angles_deg: Array
+    pitches_deg: Array
+    yo_depths: tuple[tuple[float, ...], ...]
+    surfacings: Array
+    surfacing_times: Array
+    goal_legs: tuple[int, ...]
+    goal_times: Array
+    closest_approach: Array
+    duration: float
+    energy: float
+    track_time: Array
+    track: Array
+    message: str
+    statistics: Mapping[str, float | int | str] = field(default_factory=dict)
+    shape: Line | Mooring | None = None
+
+    @property
+    def is_moored(self) -> bool:
+        """Whether it stays near its goal."""
+        return isinstance(self.shape, Mooring)
+
+    def legs_flown(self, time_ns: int) -> int:
+        """Return the number of legs that count as flown at a time [ns, UTC]: those that are more than half over.
+
+        A surfacing earlier than planned also begins the next leg.
+        """
+        ends = np.concatenate([[0.0], self.surfacing_times])
+        return int(np.sum(0.5 * (ends[1:] + ends[:-1]) < (time_ns - self.start_time_ns) / 1e9))

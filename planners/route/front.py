@@ -1,0 +1,332 @@
+"""A front that spreads from a start: when each point of a lattice, and of some points off it, can be reached first.
+
+Label setting (Dijkstra 1959) in buckets no wider than the least edge of the lattice, as in Delta-stepping (Meyer and Sanders 2003): all
+points of a bucket spread at once. Edges lead from a lattice point to those within five lines whose step is in its lowest terms, in 80
+directions, and between points off the lattice and all points within five lines. They take as long as ``edge_durations`` says when they
+begin at the label of their point. Where the vehicle is faster than the current, to depart later is never to arrive earlier, so that this is
+exact on the lattice. Elsewhere an edge may open later: with ``waits`` a point that the front has reached spreads again at each time of the
+current.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.hazards.domain import widened
+from planners.route.current import Complex, CurrentLattice, Route, edge_durations
+from planners.route.obstacles import Obstacles
+from replay_kit.core.arrays import Array
+
+Numbers = NDArray[np.intp]
+
+# Parts of the longest edge that a vehicle may go on from a point of the front.
+_FURTHER = 20
+# Lattice lines that an edge may reach over, and those of a piece of one.
+_REACH, _PIECE = 5, 2.25
+_STEPS = np.array(
+    [
+        (j, i)
+        for j in range(-_REACH, _REACH + 1)
+        for i in range(-_REACH, _REACH + 1)
+        if np.gcd(i, j) == 1
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sea:
+    """What a front spreads over.
+
+    Attributes:
+        current: On the lattice.
+        speed: Of the vehicle through water [m/s].
+        obstacles: What lies in the way; None for nothing.
+        places: shape (n,), the points: those of the lattice first [m], east + i north.
+        free: shape (n,), whether a route may pass them.
+        near: shape (n,), whether an edge from them may touch an obstacle.
+        first: shape (n + 1,), where the neighbours of each point begin, of those that it has or is off the lattice.
+        neighbours: Numbers of points.
+        waits: Whether points spread again at each time of the current.
+        fastest: What the vehicle makes good at most [m/s].
+    """
+
+    current: CurrentLattice
+    speed: float
+    obstacles: Obstacles | None
+    places: Complex
+    free: NDArray[np.bool_]
+    near: NDArray[np.bool_]
+    first: Numbers
+    neighbours: Numbers
+    waits: bool
+    fastest: float
+
+    @property
+    def piece(self) -> float:
+        """Longest piece of an edge in which the current counts as one [m]."""
+        return _PIECE * self.current.spacing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Front:
+    """When each point is reached first.
+
+    Attributes:
+        sea: What it spreads over.
+        times: shape (n,) [s]; infinite where it is never, or not before the search ended.
+        before: shape (n,), the point before each on the way to it; its own number where the front begins.
+    """
+
+    sea: Sea
+    times: Array
+    before: Numbers
+
+    def route_to(self, number: int, begins: float, arrives: bool) -> Route:
+        """Return the way to a point, its times since the beginning [s]."""
+        chain = [number]
+        while self.before[chain[-1]] != chain[-1]:
+            chain.append(int(self.before[chain[-1]]))
+        places, times = self.sea.places[chain[::-1]], self.times[chain[::-1]] - begins
+        if len(chain) == 1:
+            places, times = places.repeat(2), np.array([0.0, 1.0])
+        return Route(np.column_stack([places.real, places.imag]), times, arrives)
+
+    def nearest_to(self, place: complex) -> int:
+        """Return the point that is reached nearest to a place."""
+        return int(
+            np.argmin(np.where(np.isfinite(self.times), np.abs(self.sea.places - place), np.inf))
+        )
+
+    def fastest_met(
+        self, begins: float, until: float, goal: tuple[complex, float] | None = None
+    ) -> float:
+        """Return the speed of the fastest current [m/s] that a vehicle may meet, wherever it goes.
+
+        Args:
+            begins: When the front begins [s].
+            until: When the vehicle's way ends at the latest [s].
+            goal: Place [m], east + i north, and radius [m] where it ends; None for any.
+        """
+        current, divisions = self.sea.current, self.sea.current.divisions
+        count = current.places.size
+        onward = (
+            np.zeros(count)
+            if goal is None
+            else np.maximum(np.abs(current.places - goal[0]) - goal[1], 0.0) / self.sea.fastest
+        )
+        useful = self.times[:count] + onward <= until
+        met = np.zeros(current.values.shape[1:], dtype=bool)
+        met[::divisions, ::divisions] = useful.reshape(current.shape)
+        # beside points that are reached, too: what stops the front
+        met = widened(met, divisions)
+        times = np.flatnonzero(
+            (np.append(current.times[1:], np.inf) > begins)
+            & (np.append(-np.inf, current.times[:-1]) < until)
+        )
+        return float(np.max(np.abs(current.values[times][:, met]), initial=0.0))
+
+    def approach(self, place: complex, until: float) -> tuple[float, float]:
+        """Return how near [m] and when [s] the vehicle comes to a place, on from a point of the front as far as time and water allow.
+
+        Args:
+            place: Where it cannot be [m], east + i north.
+            until: When the search ended [s].
+        """
+        sea, number = self.sea, self.nearest_to(place)
+        away = np.abs(sea.places - place)
+        longest = _REACH * sea.current.spacing
+        near = np.flatnonzero(np.isfinite(self.times) & (away < away[number] + longest))
+        begin = np.tile(near, _FURTHER)
+        lengths = np.repeat(longest * np.arange(1, _FURTHER + 1) / _FURTHER, near.size)
+        lengths = np.minimum(lengths, away[begin])
+        end = sea.places[begin] + lengths * (place - sea.places[begin]) / np.maximum(
+            away[begin], 1e-9
+        )
+        depart = self.times[begin]
+        arrive = depart + edge_durations(
+            sea.current, sea.speed, sea.places[begin], end, depart, sea.piece
+        )
+        open_ = np.flatnonzero(arrive <= until)
+        if sea.obstacles is not None:
+            open_ = open_[~sea.obstacles.crossed(sea.places[begin[open_]], end[open_])]
+        left = np.abs(end[open_] - place)
+        if not left.size or np.min(left) >= away[number]:
+            return float(away[number]), float(self.times[number])
+        best = int(np.argmin(left))
+        return float(left[best]), float(arrive[open_][best])
+
+
+def sea_of(
+    current: CurrentLattice,
+    speed: float,
+    extra: Complex,
+    obstacles: Obstacles | None = None,
+    *,
+    waits: bool = False,
+) -> Sea:
+    """Return what a front spreads over.
+
+    Args:
+        current: On its lattice.
+        speed: Of the vehicle through water [m/s].
+        extra: shape (k,), points off the lattice [m]: start, goals; they come after those of the lattice and before the corners.
+        obstacles: What lies in the way; None for nothing.
+        waits: Whether points spread again at each time of the current.
+    """
+    off = extra if obstacles is None else np.concatenate([extra, obstacles.corners])
+    lattice = current.places
+    places = np.concatenate([lattice, off])
+    free = np.full(places.size, True) if obstacles is None else obstacles.free(places)
+    reach = _REACH * current.spacing * 1.0001
+    near = np.full(places.size, obstacles is not None)
+    if obstacles is not None:
+        near[: lattice.size] = _near(current, obstacles)
+    begin, end = _neighbours(current, off, reach)
+    back = end < lattice.size
+    begin, end = np.concatenate([begin, end[back]]), np.concatenate([end, begin[back]])
+    order = np.argsort(begin, kind="stable")
+    first = np.concatenate([[0], np.cumsum(np.bincount(begin, minlength=places.size))])
+    return Sea(
+        current,
+        speed,
+        obstacles,
+        places,
+        free,
+        near,
+        first,
+        end[order],
+        waits,
+        speed + current.fastest,
+    )
+
+
+def _neighbours(current: CurrentLattice, off: Complex, reach: float) -> tuple[Numbers, Numbers]:
+    """Return the numbers of the points off a lattice and of all points within a reach [m] of each, in pairs."""
+    rows, columns = current.shape
+    at = (off - complex(*current.origin)) / current.spacing
+    around = np.arange(-_REACH - 1, _REACH + 2)
+    row = np.round(at.imag).astype(int)[:, None, None] + around[:, None]
+    column = np.round(at.real).astype(int)[:, None, None] + around
+    row, column = np.broadcast_arrays(row, column)
+    inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+    inside &= np.abs(column + 1j * row - at[:, None, None]) * current.spacing <= reach
+    begin = np.nonzero(inside)[0] + rows * columns
+    end = (row * columns + column)[inside]
+    one, other = np.nonzero(np.abs(off[:, None] - off) <= reach)
+    both = np.concatenate([begin, one + rows * columns])
+    return both, np.concatenate([end, other + rows * columns])
+
+
+def _near(current: CurrentLattice, obstacles: Obstacles) -> NDArray[np.bool_]:
+    """Return the points of a lattice from which an edge may touch the outline of the water."""
+    outline = np.zeros(current.shape, dtype=bool)
+    at = (obstacles.outline(current.spacing) - complex(*current.origin)) / current.spacing
+    rows, columns = (
+        np.clip(np.round(part), 0, count - 1).astype(int)
+        for part, count in zip((at.imag, at.real), outline.shape, strict=True)
+    )
+    outline[rows, columns] = True
+    # a point of the outline is no farther from its lattice point than one line, nor from the next point of the outline
+    return widened(outline, _REACH + 2).ravel()
+
+
+def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers) -> Front:
+    """Return the front from some points.
+
+    Args:
+        sea: What it spreads over.
+        seeds: shape (k,), where it begins.
+        begins: shape (k,), when [s].
+        until: When the search ends [s].
+        goals: Once one of them is reached first, the search ends; empty to reach all.
+    """
+    times, before = np.full(sea.places.size, np.inf), np.arange(sea.places.size)
+    np.minimum.at(times, seeds, begins)
+    pending, width = np.isfinite(times), sea.current.spacing / sea.fastest
+    held = _strong(sea)
+    later = sea.current.times[sea.current.times > np.min(begins)] if sea.waits else np.zeros(0)
+    while pending.any() or later.size:
+        # a front that stands still may go on at the current's next time
+        now = float(
+            np.min(times[pending], initial=later[0] if later.size and not pending.any() else np.inf)
+        )
+        if now > until or (goals.size and np.min(times[goals]) <= now):
+            break
+        if later.size and later[0] <= now:
+            waiting = np.flatnonzero(held & (times < later[0]))
+            _spread_from(sea, waiting, np.full(waiting.size, later[0]), times, before, pending)
+            later = later[1:]
+            continue
+        bucket = min(now + width, later[0]) if later.size else now + width
+        while (numbers := np.flatnonzero(pending & (times < bucket))).size:
+            pending[numbers] = False
+            _spread_from(sea, numbers, times[numbers], times, before, pending)
+    times[times > until] = np.inf
+    return Front(sea, times, before)
+
+
+def _strong(sea: Sea) -> NDArray[np.bool_]:
+    """Return the points from which an edge may open later: the current near them is faster than the vehicle at some time."""
+    found = np.ones(sea.places.size, dtype=bool)
+    divisions = sea.current.divisions
+    strong = widened(
+        np.max(np.abs(sea.current.values), axis=0) > 0.98 * sea.speed, _REACH * divisions
+    )
+    strong = strong[::divisions, ::divisions]
+    found[: strong.size] = strong.ravel()
+    return found
+
+
+def _spread_from(
+    sea: Sea,
+    numbers: Numbers,
+    depart: Array,
+    times: Array,
+    before: Numbers,
+    pending: NDArray[np.bool_],
+) -> None:
+    """Lower the times of the neighbours of some points that depart at given times; those that are lowered are pending."""
+    begin, end = _edges_from(sea, numbers)
+    depart = depart[begin]
+    begin = numbers[begin]
+    way = np.abs(sea.places[end] - sea.places[begin])
+    # no edge is quicker than along the fastest current
+    useful = sea.free[end] & (depart + way / sea.fastest < times[end])
+    begin, end, depart = begin[useful], end[useful], depart[useful]
+    arrive = depart + edge_durations(
+        sea.current, sea.speed, sea.places[begin], sea.places[end], depart, sea.piece
+    )
+    useful = arrive < times[end]
+    begin, end, arrive = begin[useful], end[useful], arrive[useful]
+    if sea.obstacles is not None:
+        touching = np.flatnonzero(sea.near[begin])
+        clear = np.full(begin.size, True)
+        clear[touching] = ~sea.obstacles.crossed(
+            sea.places[begin[touching]], sea.places[end[touching]]
+        )
+        begin, end, arrive = begin[clear], end[clear], arrive[clear]
+    # of several values for one number the last is kept
+    order = np.argsort(-arrive, kind="stable")
+    begin, end = begin[order], end[order]
+    times[end], before[end], pending[end] = arrive[order], begin, True
+
+
+def _edges_from(sea: Sea, numbers: Numbers) -> tuple[Numbers, Numbers]:
+    """Return the edges of some points: the position of each beginning in them, and the number of each end."""
+    rows, columns = sea.current.shape
+    on = np.flatnonzero(numbers < rows * columns)
+    row, column = np.divmod(numbers[on], columns)
+    to_row, to_column = row[:, None] + _STEPS[:, 0], column[:, None] + _STEPS[:, 1]
+    inside = (to_row >= 0) & (to_row < rows) & (to_column >= 0) & (to_column < columns)
+    begin, end = np.repeat(on, len(_STEPS))[inside.ravel()], (to_row * columns + to_column)[inside]
+    counts = sea.first[numbers + 1] - sea.first[numbers]
+    if not counts.any():
+        return begin, end
+    owners = np.repeat(np.arange(numbers.size), counts)
+    positions = (
+        np.arange(owners.size)
+        - np.repeat(np.cumsum(counts) - counts, counts)
+        + np.repeat(sea.first[numbers], counts)
+    )
+    return np.concatenate([begin, owners]), np.concatenate([end, sea.neighbours[positions]])

@@ -1,0 +1,273 @@
+"""Missions of several vehicles that keep apart: who comes near whom is found in the plans and in samples, and one of them goes round.
+
+Two vehicles are apart by their horizontal distance at the same time, whatever their depths: before it starts a vehicle is taken to be at
+its start, after it arrived at its goal. Where two come too near, the part of one's way on which they do, widened, becomes an area that
+the other's mission keeps out of; of both ways round the one of less total time is taken.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from planners.flights import currents_of_estimate, fly_samples, legs_of_plan, predict
+from planners.hazards.areas import NoGo
+from planners.plan import plan_mission
+from planners.request import MissionPlan, MissionRequest
+from planners.route.current import Complex
+from planners.simulation.currents import Flow, Sample
+from planners.simulation.steer import Pilot
+from planners.task import task_of
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import to_geographic, to_local
+from replay_kit.core.grid import Projection
+
+# Widths of what one keeps out of that are tried in turn, in separations, and ways round that are tried in all.
+_WIDTHS, _TRIES = (1.1, 1.6, 2.4), 12
+# Corners of a quarter of a circle, and how far its middle line may be off the way, in widths.
+_CORNERS, _OFF = 4, 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Where a vehicle is, in K currents.
+
+    Attributes:
+        times: shape (n,) or (K, n), increasing [s], on a clock that all vehicles share.
+        places: shape (K, n) [m], local east + i north, linear between the times.
+    """
+
+    times: Array
+    places: Complex
+
+    def of(self, k: int) -> tuple[Array, Complex]:
+        """Return times and places in one current."""
+        return (self.times if self.times.ndim == 1 else self.times[k]), self.places[k]
+
+
+@dataclass(frozen=True, slots=True)
+class Nearness:
+    """How near two vehicles come.
+
+    Attributes:
+        vehicles: Their numbers.
+        distance: Least distance in the estimate [m].
+        time_ns: When [ns, UTC].
+        share: Share of the samples in which they come nearer than asked for; NaN without samples.
+    """
+
+    vehicles: tuple[int, int]
+    distance: float
+    time_ns: int
+    share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointMissions:
+    """Missions of several vehicles.
+
+    Attributes:
+        plans: Of each vehicle.
+        requests: What each was planned for, with the areas that keep it from the others.
+        nearness: Of each pair.
+        flown: Each in the samples; none without samples.
+    """
+
+    plans: tuple[MissionPlan, ...]
+    requests: tuple[MissionRequest, ...]
+    nearness: tuple[Nearness, ...]
+    flown: tuple[Motion, ...] = ()
+
+
+def nearest(first: Motion, second: Motion) -> tuple[Array, Array]:
+    """Return the least distance [m] of two vehicles in each of K currents, shape (K,), and when it is [s]."""
+    found = [_nearest(first.of(k), second.of(k)) for k in range(len(first.places))]
+    distances, times = zip(*found, strict=True)
+    return np.array(distances), np.array(times)
+
+
+def _nearest(first: tuple[Array, Complex], second: tuple[Array, Complex]) -> tuple[float, float]:
+    times, apart = _apart(first, second)
+    step = np.diff(apart)
+    size = np.maximum(np.abs(step) ** 2, 1e-12)
+    share = np.clip(-(apart[:-1] * step.conjugate()).real / size, 0.0, 1.0)
+    distances = np.append(np.abs(apart[:-1] + share * step), np.abs(apart[-1]))
+    k = int(np.argmin(distances))
+    when = times[k] + (share[k] * (times[k + 1] - times[k]) if k < share.size else 0.0)
+    return float(distances[k]), float(when)
+
+
+def _apart(first: tuple[Array, Complex], second: tuple[Array, Complex]) -> tuple[Array, Complex]:
+    """Return the times of both, shape (n,), and the second's place as seen from the first [m], linear between them."""
+    times = np.union1d(first[0], second[0])
+    return times, np.interp(times, *second) - np.interp(times, *first)
+
+
+def motion_of(plan: MissionPlan, projection: Projection) -> Motion:
+    """Return where a plan leads in the estimate; a plan without legs stays at its start."""
+    begin = plan.start_time_ns / 1e9
+    if len(plan.track_time) == 0:
+        east, north = to_local(projection, plan.start.longitude, plan.start.latitude)
+        return Motion(np.array([begin]), np.array([[complex(east, north)]]))
+    return Motion(begin + plan.track_time, (plan.track[:, 0] + 1j * plan.track[:, 1])[None])
+
+
+def plan_missions(
+    flow: Flow,
+    samples: Sequence[Sample],
+    requests: Sequence[MissionRequest],
+    separation: float = 0.0,
+    allowed: float = 0.05,
+) -> JointMissions:
+    """Return missions of several vehicles that keep apart where a way round is found.
+
+    Args:
+        flow: The estimate, or estimates for increasing times.
+        samples: In which all vehicles are flown, corrected at each surfacing; none to look at the estimate alone.
+        requests: Of the vehicles, with one goal each or several.
+        separation: Least horizontal distance between two [m]; 0 for any.
+        allowed: Share of the samples in which two may come nearer.
+
+    Raises:
+        PlanError: A mission cannot be planned, as of ``plan_mission``.
+    """
+    joint = _judged(
+        flow, samples, tuple((plan_mission(flow, one), one) for one in requests), separation
+    )
+    tried: dict[tuple[int, int], int] = {}
+    for _ in range(_TRIES if separation > 0.0 else 0):
+        near = [
+            one
+            for one in joint.nearness
+            if (one.distance < separation or one.share > allowed)
+            and tried.get(one.vehicles, 0) < len(_WIDTHS)
+        ]
+        if not near:
+            break
+        worst = min(near, key=lambda one: one.distance)
+        width = _WIDTHS[tried.get(worst.vehicles, 0)] * separation
+        tried[worst.vehicles] = tried.get(worst.vehicles, 0) + 1
+        joint = _gone_round(flow, samples, joint, (worst, width, separation))
+    return joint
+
+
+def _gone_round(
+    flow: Flow,
+    samples: Sequence[Sample],
+    joint: JointMissions,
+    asked: tuple[Nearness, float, float],
+) -> JointMissions:
+    """Return missions of which one of two goes round the other's way, in less total time; as they are where neither can."""
+    worst, width, separation = asked
+    projection = _first(flow).grid.projection
+    best, options = joint, list[JointMissions]()
+    for stays, goes in (worst.vehicles, worst.vehicles[::-1]):
+        motions = [motion_of(joint.plans[k], projection) for k in (stays, goes)]
+        area = area_between(motions[0], motions[1], width, projection)
+        request = replace(joint.requests[goes], no_go=(*joint.requests[goes].no_go, area))
+        try:
+            plan = plan_mission(flow, request)
+        except PlanError:
+            # its start or goal lies in the other's way
+            continue
+        if plan.status == joint.plans[goes].status:
+            pairs = list(zip(joint.plans, joint.requests, strict=True))
+            pairs[goes] = plan, request
+            options.append(_judged(flow, samples, tuple(pairs), separation, joint))
+    for option in options:
+        if _conflicts(option, separation) < _conflicts(best, separation) or (
+            best is not joint
+            and _conflicts(option, separation) == _conflicts(best, separation)
+            and _hours(option) < _hours(best)
+        ):
+            best = option
+    return best
+
+
+def _conflicts(joint: JointMissions, separation: float) -> tuple[int, float]:
+    """Return how many pairs come too near in the estimate, and the sum of the shares of samples in which they do."""
+    too_near = sum(one.distance < separation for one in joint.nearness)
+    return too_near, round(float(np.nansum([one.share for one in joint.nearness])), 6)
+
+
+def _hours(joint: JointMissions) -> float:
+    return sum(plan.duration for plan in joint.plans) / 3600.0
+
+
+def area_between(stays: Motion, goes: Motion, width: float, projection: Projection) -> NoGo:
+    """Return the area that one vehicle keeps out of: within a width [m] of the other's way where the two are that near."""
+    times, apart = _apart(stays.of(0), goes.of(0))
+    near: NDArray[np.intp] = np.flatnonzero(np.abs(apart) < width)
+    _, when = _nearest(stays.of(0), goes.of(0))
+    # with the points before and after, and where they are nearest
+    chosen = np.union1d(
+        times[max(near.min(initial=times.size) - 1, 0) : near.max(initial=-1) + 2], when
+    )
+    way = np.interp(chosen, *stays.of(0))
+    points = np.column_stack([way.real, way.imag])
+    line = shapely.LineString(points) if len(points) > 1 else shapely.Point(points[0])
+    # a wide buffer of many short pieces may have slivers beside it
+    around = shapely.get_parts(line.simplify(_OFF * width).buffer(width, quad_segs=_CORNERS))
+    ring = shapely.get_coordinates(around[np.argmax(shapely.area(around))].exterior)
+    longitude, latitude = to_geographic(projection, *ring.T)
+    corners = tuple(zip(longitude.tolist(), latitude.tolist(), strict=True))
+    return NoGo(corners, "the way of another vehicle")
+
+
+def _judged(
+    flow: Flow,
+    samples: Sequence[Sample],
+    made: tuple[tuple[MissionPlan, MissionRequest], ...],
+    separation: float,
+    before: JointMissions | None = None,
+) -> JointMissions:
+    """Return missions with how near each two come; those that are as before are not flown again."""
+    projection = _first(flow).grid.projection
+    planned = [motion_of(plan, projection) for plan, _ in made]
+    known = {} if before is None else dict(zip(before.plans, before.flown, strict=False))
+    flown = tuple(known.get(one[0]) or _flown(flow, samples, *one) for one in made if samples)
+    found = list[Nearness]()
+    for i, j in combinations(range(len(made)), 2):
+        (distance,), (when,) = nearest(planned[i], planned[j])
+        near = nearest(flown[i], flown[j])[0] < separation if samples else [np.nan]
+        share = float(np.mean(near))
+        found.append(Nearness((i, j), float(distance), round(float(when) * 1e9), share))
+    plans, requests = zip(*made, strict=True)
+    return JointMissions(plans, requests, tuple(found), flown)
+
+
+def share_of_nearer(
+    flow: Flow,
+    samples: Sequence[Sample],
+    joint: JointMissions,
+    vehicles: tuple[int, int],
+    separation: float,
+) -> float:
+    """Return the share of samples in which two of the missions come nearer than a separation [m]."""
+    one, other = (_flown(flow, samples, joint.plans[k], joint.requests[k]) for k in vehicles)
+    return float(np.mean(nearest(one, other)[0] < separation))
+
+
+def _flown(
+    flow: Flow, samples: Sequence[Sample], plan: MissionPlan, request: MissionRequest
+) -> Motion:
+    """Return where a plan leads in samples, with headings corrected at each surfacing."""
+    if len(plan.headings_deg) == 0:
+        still = motion_of(plan, _first(flow).grid.projection)
+        return Motion(still.times, np.repeat(still.places, len(samples), axis=0))
+    task = task_of(flow, replace(request, vehicle=plan.vehicle, settings=plan.settings))
+    legs = legs_of_plan(plan)
+    currents = currents_of_estimate(flow, samples)
+    flight = fly_samples(task, currents, legs, predict(task, legs), Pilot())
+    return Motion(
+        plan.start_time_ns / 1e9 + flight.time, flight.place[..., 0] + 1j * flight.place[..., 1]
+    )
+
+
+def _first(flow: Flow) -> FlowEstimate:
+    return flow if isinstance(flow, FlowEstimate) else flow[0]

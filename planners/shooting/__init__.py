@@ -1,1 +1,0 @@
-"""Missions by multiple shooting: the current near many vehicles at once, their paths with exact derivatives, the callbacks of IPOPT."""

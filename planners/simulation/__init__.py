@@ -1,0 +1,1 @@
+"""Flights of a vehicle in one current or in many."""

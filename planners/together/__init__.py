@@ -1,1 +1,0 @@
-"""Several vehicles in one estimate: who goes where, missions that keep apart."""

@@ -1,0 +1,113 @@
+"""The current of a mission as the program sees it: B-splines of each level in place and time, and integrals of the levels over depth."""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from planners.task import Task
+from replay_kit.core.arrays import Array
+from replay_kit.core.flow.functions import depth_weights
+
+#: Programs measure distances in kilometres and times in hours, so that their unknowns are of order one to a hundred.
+KM, HOUR = 1e3, 3600.0
+# Knots a kernel length; depths of the integrals, and parts between two of them; margin over which a time beyond the last is held [h].
+_PER_LENGTH, _DEPTHS, _PARTS, _ROUNDED = 4.0, 61, 16, 0.2
+
+
+class Water:
+    """The current of a mission.
+
+    Attributes:
+        count: Number of levels that its dives meet, C.
+        surface: shape (C,), weights of the levels at the surface.
+        integrals: CasADi function depth [km] -> integral of each level's weight from the surface to there, shape (C,) [km].
+        at: CasADi function (place [km], time [h]) -> east and north of each level in turn, shape (2 C,) [km/h].
+    """
+
+    def __init__(self, task: Task) -> None:
+        """Fit the splines over all of the region: a way in a strong current leads far from the straight one."""
+        flow, settings = task.flow, task.settings
+        deepest = max(
+            settings.depth if settings.depths is None else settings.depths[1],
+            float(np.max(task.goals[:, 2])),
+            float(task.start[2]),
+        )
+        self._functions, self._levels = flow.depth_functions, flow.levels
+        met = int(np.searchsorted(flow.levels, deepest)) + 1
+        self.count = min(max(met, 2), flow.levels.size)
+        self.surface = self.weights(np.zeros(1))[0]
+        depths = np.linspace(0.0, max(deepest, 1.0), _DEPTHS)
+        fine = np.linspace(0.0, depths[-1], (_DEPTHS - 1) * _PARTS + 1)
+        weights = self.weights(fine)
+        steps = 0.5 * (weights[1:] + weights[:-1]) * np.diff(fine)[:, None]
+        summed = np.vstack([np.zeros(self.count), np.cumsum(steps, axis=0)])[::_PARTS]
+        self._depths, self._summed = depths, summed
+        self.integrals = spline([depths / KM], summed.T / KM)
+        self.at = self._currents(task)
+
+    def weights(self, depths: Array) -> Array:
+        """Return the weights of the levels, shape (n, C), at depths [m]."""
+        found = depth_weights(self._functions, depths, self._levels)
+        held: Array = np.ascontiguousarray(found[:, : self.count])
+        return held
+
+    def integral(self, depth: float) -> Array:
+        """Return the integrals of the levels' weights from the surface to a depth, shape (C,) [m]; odd in it."""
+        found = [np.interp(abs(depth), self._depths, of) for of in self._summed.T]
+        return np.asarray(np.sign(depth) * np.array(found))
+
+    def _currents(self, task: Task) -> ca.Function:
+        flow, kernel, grid = task.flow, task.flow.horizontal.kernel, task.flow.grid
+        low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
+        lengths = np.array([kernel.length_east, kernel.length_north])
+        counts = np.maximum(np.ceil((high - low) / lengths * _PER_LENGTH).astype(int) + 1, 5)
+        axes = [np.linspace(low[i], high[i], counts[i]) for i in (0, 1)]
+        times, latent = task.currents_through()
+        points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+        velocity = flow.horizontal.velocity(points, latent)
+        velocity = velocity.reshape(2, counts[1], counts[0], times.size, -1)[..., : self.count]
+        # level after level, each east and north
+        table = velocity.transpose(4, 0, 2, 1, 3).reshape(-1, counts[0], counts[1], times.size)
+        table, place, time = table * HOUR / KM, ca.MX.sym("place", 2), ca.MX.sym("time")
+        axes = [axis / KM for axis in axes]
+        if times.size == 1:
+            return ca.Function("at", [place, time], [spline(axes, table[..., 0])(place)])
+        held = _held(time, times[0] / HOUR, times[-1] / HOUR)
+        value = spline([*axes, times / HOUR], table)(ca.vertcat(place, held))
+        return ca.Function("at", [place, time], [value])
+
+
+def _held(time: Any, first: float, last: float) -> Any:
+    """Return a time, that of the first or the last beyond these, with rounded corners."""
+
+    def ramp(x: Any) -> Any:
+        return 0.5 * (x + ca.sqrt(x * x + _ROUNDED**2))
+
+    return first + ramp(time - first) - ramp(time - last)
+
+
+def spline(axes: list[Array], values: Array) -> ca.Function:
+    """Return the B-spline through values as a CasADi function, cubic where there are four or more along an axis.
+
+    Args:
+        axes: Where the values are, increasing along each axis.
+        values: shape (m, n1, n2, ...).
+    """
+    coefficients, degrees = values, [min(len(axis) - 1, 3) for axis in axes]
+    knots = [_knots(axis, degree) for axis, degree in zip(axes, degrees, strict=True)]
+    for k, axis in enumerate(axes):
+        # fitted one axis after the other
+        unit = np.eye(len(axis)).ravel(order="F").tolist()
+        basis = ca.Function.bspline("basis", [knots[k]], unit, [degrees[k]], len(axis))
+        solved = np.linalg.inv(np.array(basis(np.asarray(axis)[None])).T)
+        coefficients = np.moveaxis(np.tensordot(solved, coefficients, axes=(1, k + 1)), 0, k + 1)
+    flat = coefficients.ravel(order="F").tolist()
+    return ca.Function.bspline("spline", knots, flat, degrees, values.shape[0])
+
+
+def _knots(axis: Array, degree: int) -> list[float]:
+    """Return the knots at which a spline of a degree passes through values; of a cubic one there is none beside the ends."""
+    inner = axis[2:-2] if degree == 3 else axis[1:-1] if degree == 1 else axis[:0]
+    ends = [float(axis[0])] * (degree + 1), [float(axis[-1])] * (degree + 1)
+    return [*ends[0], *map(float, inner), *ends[1]]

@@ -1,1 +1,0 @@
-"""Tests of missions by multiple shooting."""

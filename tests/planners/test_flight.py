@@ -1,0 +1,85 @@
+"""Legs flown in many currents at once: against an adaptive twin, one at a time, in currents that change."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planners.simulation.currents import currents_of, currents_of_samples
+from planners.simulation.fly import DRIFT_STEPS, Legs, fly, fly_leg, steps_of
+from planners.vehicle import Glider
+from tests.planners.flow_samples import eddying_flow
+from tests.reference.mission import fly_leg_slowly
+
+VEHICLE = Glider()
+
+
+def drawn(seed, count):
+    """Return places [m], headings and glide angles [rad]."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-8e3, 8e3, (count, 2))
+    return places, rng.uniform(0.0, 2.0 * np.pi, count), np.deg2rad(rng.uniform(16.0, 30.0, count))
+
+
+@pytest.mark.parametrize("turns", [(0.0, 390.0, 0.0), (80.0, 300.0, 120.0), (0.0, 250.0)])
+def test_legs_end_where_an_adaptive_method_ends_them_in_the_flow_itself(turns):
+    flow, (places, headings, angles) = eddying_flow(3, speed=0.25), drawn(1, 4)
+    begin, depths = (places, np.zeros(4)), np.array(turns)[:, None]
+    path = fly_leg(currents_of(flow), VEHICLE, begin, (headings, angles), depths, np.zeros(4), 16)
+    slow = [
+        fly_leg_slowly(flow, *one, VEHICLE.speed, turns)
+        for one in zip(places, headings, angles, strict=True)
+    ]
+    np.testing.assert_allclose(path.places[-1], slow, atol=0.5)
+    np.testing.assert_allclose(path.times[-1], np.abs(np.diff(turns)).sum() / 0.3 / np.sin(angles))
+
+
+def test_gliders_with_depths_of_their_own_fly_as_each_alone_and_drift_with_the_surface():
+    flow, (places, headings, angles) = eddying_flow(4, speed=0.2), drawn(2, 3)
+    currents, drift = currents_of(flow), np.array([0.0, 600.0, 1200.0])
+    turns = np.array([[0.0, 0.0, 40.0], [390.0, 150.0, 220.0], [0.0, 0.0, 0.0]])
+    together = fly_leg(
+        currents, VEHICLE, (places, np.zeros(3)), (headings, angles), turns, drift, 12
+    )
+    for k in range(3):
+        one = np.s_[k : k + 1]
+        alone = (places[one], np.zeros(1)), (headings[one], angles[one]), turns[:, one]
+        path = fly_leg(currents, VEHICLE, *alone, drift[one], 12)
+        np.testing.assert_allclose(together.places[-1, k], path.places[-1, 0], atol=0.3)
+        adrift = path.places[-1, 0] - path.places[-1 - DRIFT_STEPS, 0]
+        surface = flow.velocity(*path.places[-1 - DRIFT_STEPS, 0], 0.0)
+        np.testing.assert_allclose(adrift, surface * drift[k], atol=5.0)
+
+
+def test_a_current_between_two_times_is_the_mean_of_both_for_each_glider_at_its_own_time():
+    first, last = (replace(eddying_flow(k, speed=0.2), time_ns=k * 10**14) for k in (0, 1))
+    changing, halves = currents_of((first, last)), np.array([0.0, 2.5e4, 5e4, 2e5])
+    places = drawn(5, 4)[0]
+    of_levels = changing.weights(np.full(4, 100.0))
+    found = changing.velocity(places, of_levels, halves)
+    share = np.clip(halves / 1e5, 0.0, 1.0)[:, None]
+    each = [np.array([flow.velocity(*at, 100.0) for at in places]) for flow in (first, last)]
+    np.testing.assert_allclose(found, (1.0 - share) * each[0] + share * each[1], atol=1e-9)
+
+
+def test_a_mission_of_legs_in_several_currents_is_that_in_each():
+    flows = [eddying_flow(k, speed=0.2) for k in (6, 6)]
+    flows[1] = replace(flows[1], latent=-flows[1].latent)
+    _, headings, angles = drawn(7, 3)
+    turns = np.tile([[0.0], [300.0], [0.0]], 3)
+    legs = Legs(headings, angles, turns, np.array([600.0, 600.0, 0.0]))
+    both = fly(currents_of_samples(flows), VEHICLE, np.zeros(2), legs)
+    for k, flow in enumerate(flows):
+        alone = fly(currents_of(flow), VEHICLE, np.zeros(2), legs)
+        np.testing.assert_allclose(both.place[k], alone.place[0], atol=1e-6)
+    assert both.ends.size == 3
+    np.testing.assert_array_equal(both.depth[both.ends], 0.0)
+
+
+def test_steps_end_at_every_level_that_is_passed_and_none_is_longer_than_its_part():
+    turns, levels = np.array([[0.0, 100.0], [400.0, 60.0]]), np.array([5.0, 150.0, 500.0])
+    depths = steps_of(turns, levels, 4)
+    for level, of in ((5.0, 0), (150.0, 0)):
+        assert np.min(np.abs(depths[:, of] - level)) < 1e-9
+    np.testing.assert_array_equal(depths[[0, -1]], turns)
+    assert np.max(np.abs(np.diff(depths, axis=0)) / np.abs(np.ptp(turns, axis=0))) <= 0.25 + 1e-9
