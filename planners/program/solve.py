@@ -168,6 +168,7 @@ class Solver:
     segments: int = field(init=False)
     programs: dict[Shape, Program] = field(default_factory=dict)
 
+    @one_at_a_time
     def __post_init__(self) -> None:
         """Fit the current."""
         self.terms, self.water = terms_of(self.task), Water(self.task)

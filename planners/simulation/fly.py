@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.simulation.currents import Currents
+from planners.solver import one_at_a_time
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import rate_in_frame
@@ -213,6 +214,7 @@ class Frame:
     stretch: Array
 
 
+@one_at_a_time
 def frame_along(currents: Currents, begin: Array, through: Array, lasts: Array) -> Frame:
     """Return the frame along legs.
 
