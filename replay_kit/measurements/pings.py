@@ -224,7 +224,8 @@ def padded(parts: Sequence[NDArray[Any]], missing: Any = 0) -> NDArray[Any]:
     return whole
 
 
-_MISSING = {"flags": Flag.MISSING}
+#: What a bin holds that a ping does not have, where it is not 0 or NaN.
+MISSING = {"flags": Flag.MISSING}
 
 
 def stacked(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
@@ -232,7 +233,7 @@ def stacked(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
     if not parts:
         return {}, ()
     columns = {
-        name: padded([one[name] for one, _ in parts], _MISSING.get(name, 0)) for name in parts[0][0]
+        name: padded([one[name] for one, _ in parts], MISSING.get(name, 0)) for name in parts[0][0]
     }
     at = np.lexsort([columns[name] for name in ("order", "time", "rank", "due")])
     found = []

@@ -11,7 +11,7 @@ first vehicle comes first.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from replay_kit.core.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.observation import (
     OF_BINS,
     PROFILE,
-    Flag,
     LinearMeasurement,
     PathMean,
     Profiles,
@@ -30,13 +29,13 @@ from replay_kit.core.observation import (
 )
 from replay_kit.core.table import Columns, chosen
 from replay_kit.estimator.update.grouping import Grouping
+from replay_kit.measurements.pings import MISSING, padded
 
 _OF_POSITION = (
     *("time", "longitude", "latitude", "depth", "dead_reckoned"),
     *("input", "topic", "ordinal"),
 )
 _OF_PING = (*PROFILE, "bins", *OF_BINS)
-_MISSING = {"flags": int(Flag.MISSING), "reasons": 0}
 # Events among which the end of a group is looked for at first.
 _LOOKED = 256
 _NS = 1e9
@@ -204,19 +203,7 @@ def _joined(first: Columns, more: Columns) -> Columns:
     """Return rows and those that follow; bins that only some have are missing in the others."""
     if not first or not more:
         return more or first
-    return {name: np.concatenate(_padded(name, first[name], more[name])) for name in more}
-
-
-def _padded(name: str, *each: NDArray[Any]) -> list[NDArray[Any]]:
-    if each[0].ndim == 1 or name not in OF_BINS:
-        return [*each]
-    m, fill = max(one.shape[1] for one in each), _MISSING.get(name, np.nan)
-    out = list[NDArray[Any]]()
-    for one in each:
-        wide = np.full((len(one), m, *one.shape[2:]), fill, one.dtype)
-        wide[:, : one.shape[1]] = one
-        out.append(wide)
-    return out
+    return {name: padded([first[name], more[name]], MISSING.get(name, 0)) for name in more}
 
 
 class Item(NamedTuple):
