@@ -64,7 +64,6 @@ def check_inputs(
     screen = (_Screen if config.estimator.name == OWN else _OfProfiles)(forecasts)
     job = replace(job, out=None, truth=None)
     run, inputs = prepare(job, config, planner_of, silent, forecasts, screen)
-    run.follow_up = lambda run, steps: None
     inputs.play(run)
     useless_of(run, inputs)
     return CheckedInputs(forecasts, screen.profiles, screen.used, tuple(screen.first))

@@ -24,7 +24,6 @@ from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.region import for_region
 from replay_kit.results.vehicles import VEHICLES_RECORD
-from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
@@ -166,7 +165,6 @@ def prepare(
     measured_by = for_region(setups[0].config, ensemble).measurements
     owners = [number for number, of_vehicle in enumerate(readers) for _ in of_vehicle]
     run = Run(setups, measured_by, clock, owners)
-    run.follow_up = follow_up
     return run, Prepared(job, readers, merged, forecasts, prior_flow, truth, metadata)
 
 

@@ -31,6 +31,7 @@ from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.results.topics import Digest
 from replay_kit.workflows.replay.checkpoint import States, run_identity
 from replay_kit.workflows.replay.conclude import conclude, counted, findings_so_far
+from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
@@ -115,6 +116,7 @@ def _replay(
     # before the run itself: a forecast that cannot be used should cost no result
     others = tuple(rivals(job, lambda each: _replay(each, config, None, progress, None, None)[0]))
     run, inputs = prepare(job, config, planner_of, progress, forecasts)
+    run.follow_up = follow_up
     states = _states(run, inputs)
     try:
         _loop(
