@@ -71,11 +71,6 @@ class Region:
             np.searchsorted(self.grid.levels, depth, side="right") - 1, 0, self.grid.levels.size - 1
         )
 
-    def wet_by_level(self, points: Array) -> NDArray[np.bool_]:
-        """Return whether horizontal points, shape (..., 2) [m], are water at each level, shape (Z, ...)."""
-        nearest = self._nearest(points)
-        return self.grid.wet.reshape(self.grid.levels.size, -1)[:, nearest]
-
     def inside_outline(self, points: Array) -> NDArray[np.bool_]:
         """Return whether horizontal points, shape (..., 2) [m], lie within the grid's outline."""
         return inside_grid(self.grid, points[..., 0], points[..., 1])
