@@ -119,7 +119,7 @@ def _is_tlog(head: bytes) -> bool:
 
 
 def _is_dataflash(head: bytes) -> bool:
-    from replay_kit.logs.dataflash.records import is_dataflash
+    from replay_kit.logs.dataflash import is_dataflash
 
     return is_dataflash(head)
 
@@ -174,7 +174,7 @@ FORMATS = (
     LogFormat("drifters", _is_drifters, _reader("surface.drifters", "DrifterReader")),
     LogFormat("table", _is_csv, _reader("table", "TableReader")),
     LogFormat("tlog", _is_tlog, _reader("mavlink.reader", "TlogReader")),
-    LogFormat("dataflash", _is_dataflash, _reader("dataflash.reader", "DataflashReader")),
+    LogFormat("dataflash", _is_dataflash, _reader("dataflash", "DataflashReader")),
     LogFormat("pd0", _holds_pd0, _reader("adcp.reader", "RawAdcpReader")),
 )
 #: Logs that are recognised only to say what to do with them.

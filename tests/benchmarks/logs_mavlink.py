@@ -13,10 +13,10 @@ from pymavlink import DFReader, mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs import open_log
-from replay_kit.logs.dataflash.reader import DataflashReader
+from replay_kit.logs.dataflash import DataflashReader
 from replay_kit.workflows.replay.inputs.scan import MAVLINK_NAMES
 from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
-from tests.logs.dataflash.dataflash_samples import dataflash
+from tests.logs.dataflash_samples import dataflash
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
 
 START_US = 1_700_000_000_000_000
@@ -99,62 +99,34 @@ def tlog_row(path: Path, names: frozenset[str] | None, asked: float, repeats: in
     )
 
 
-def pymavlink_columns(path: Path) -> dict[str, dict[str, list[Any]]]:
-    """All columns of a DataFlash log by pymavlink's reader."""
+def pymavlink_records(path: Path) -> list[str]:
+    """All records of a DataFlash log by pymavlink's reader."""
     log = DFReader.DFReader_binary(str(path), zero_time_base=False)
-    tables: dict[str, dict[str, list[Any]]] = {}
+    found = []
     while (message := log.recv_msg()) is not None:
-        kind = message.get_type()
-        if kind not in tables:
-            tables[kind] = {name: [] for name in message.get_fieldnames()}
-        for name, values in tables[kind].items():
-            values.append(getattr(message, name))
+        fields = {
+            name: list(value) if hasattr(value, "tolist") else value
+            for name, value in message.to_dict().items()
+        }
+        found.append(f"dataflash.{fields.pop('mavpackettype')} {fields}")
     log.close()
-    return tables
-
-
-def differing_columns(
-    ours: dict[str, dict[str, Any]], theirs: dict[str, dict[str, list[Any]]]
-) -> float:
-    found = float(len(ours.keys() ^ theirs.keys()))
-    for kind in ours.keys() & theirs.keys():
-        for name in ours[kind].keys() | theirs[kind].keys():
-            mine = ours[kind][name].tolist()
-            other = [
-                list(value) if hasattr(value, "tolist") else value for value in theirs[kind][name]
-            ]
-            found += mine != other and repr(mine) != repr(other)
     return found
+
+
+def dataflash_records(path: Path) -> list[str]:
+    """All records of a DataFlash log by ours."""
+    return [f"{message.schema} {message.payload}" for message in DataflashReader(path).messages()]
 
 
 def dataflash_row(path: Path, repeats: int) -> Row:
     before = peak_mb(anew=True)
-    ours_s, ours = seconds(lambda: DataflashReader(path).tables(), repeats)
+    ours_s, ours = seconds(lambda: dataflash_records(path), repeats)
     grown = peak_mb() - before
-    peer_s, theirs = seconds(lambda: pymavlink_columns(path), repeats)
-    bare_s, _ = seconds(lambda: _records_only(path))
-    errors = {"differing_columns": differing_columns(ours, theirs)}
-    count = sum(len(next(iter(columns.values()))) for columns in ours.values())
-    name = f"DataFlash log of {path.stat().st_size / 1e6:.1f} MB, all columns"
-    peer = "pymavlink, DFReader_binary, each field of each message into a list"
-    return row(
-        name,
-        ours_s,
-        peer,
-        peer_s,
-        6.0,
-        errors,
-        records=count,
-        peer_without_fields_s=bare_s,
-        peak_mb=grown,
-    )
-
-
-def _records_only(path: Path) -> None:
-    log = DFReader.DFReader_binary(str(path), zero_time_base=False)
-    while log.recv_msg() is not None:
-        pass
-    log.close()
+    peer_s, theirs = seconds(lambda: pymavlink_records(path), repeats)
+    errors = {"differing_records": float(len(set(ours) ^ set(theirs)))}
+    name = f"DataFlash log of {path.stat().st_size / 1e6:.1f} MB, all records as text"
+    peer = "pymavlink, DFReader_binary"
+    return row(name, ours_s, peer, peer_s, 0.9, errors, records=len(ours), peak_mb=grown)
 
 
 def rows(tiny: bool) -> list[Row]:

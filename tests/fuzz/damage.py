@@ -17,11 +17,9 @@ from mcap.stream_reader import breakup_chunk
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.core.message import LogReport
-from replay_kit.logs.dataflash.reader import DataflashReader
-from replay_kit.logs.dataflash.records import read_records
+from replay_kit.logs.dataflash import DataflashReader
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.logs.shared.blocks import ReadStatistics
 from tests.places import ROOT
 
 #: Topic, log time, publish time, sequence, payload.
@@ -198,16 +196,7 @@ def _message_id(frame: bytes) -> int:
     )
 
 
-def read_dataflash(path: Path) -> tuple[list[bytes], LogReport]:
-    """Return the records that our reader finds, as bytes of the file; decoding them must end well too."""
+def read_dataflash(path: Path) -> tuple[list[str], LogReport]:
+    """Return the records that our reader finds, as text, and its report."""
     reader = DataflashReader(path)
-    list(reader.messages())
-    said = []
-    with path.open("rb") as file:
-        for part in read_records(file, ReadStatistics()):
-            lengths = [part.formats[kind].length for kind in part.type.tolist()]
-            said += [
-                bytes(part.data[at : at + length])
-                for at, length in zip(part.start.tolist(), lengths, strict=True)
-            ]
-    return said, reader.report()
+    return [f"{message.schema} {message.payload}" for message in reader.messages()], reader.report()

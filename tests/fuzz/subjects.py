@@ -31,7 +31,7 @@ from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.fuzz import damage
 from tests.fuzz.mishap import Mishap, mishap
 from tests.logs.adcp import ad2cp_samples, raw_adcp_samples
-from tests.logs.dataflash.dataflash_samples import dataflash
+from tests.logs.dataflash_samples import dataflash
 from tests.logs.glider import glider_samples
 from tests.logs.log_samples import json_mcap, tlog
 from tests.logs.mcap.test_broken_mcap import record_offsets
@@ -263,17 +263,19 @@ def _telemetry(data: bytes) -> Check:
 
 def _dataflash(data: bytes) -> Check:
     """Return the check of a log without checksums whose records are known: those before the damage come first."""
-    sound = damage.records(data)
+    ends = [end for _, end, _ in damage.records(data)]
+    sound: list[str] = []
 
     def check(harm: Mishap, path: Path) -> list[str]:
-        whole = [
-            piece
-            for start, end, piece in sound
-            if harm.kept and harm.kept[0][0] == 0 and end <= harm.kept[0][1]
-        ]
+        if not sound:
+            whole_path = path.with_name("sound.BIN")
+            whole_path.write_bytes(data)
+            sound.extend(damage.read_dataflash(whole_path)[0])
+        kept = harm.kept[0][1] if harm.kept and harm.kept[0][0] == 0 else 0
+        whole = sum(end <= kept for end in ends)
         said, report = damage.read_dataflash(path) if whole else ([], None)
-        wrong = [] if said[: len(whole)] == whole else [f"{len(whole)} are whole before it"]
-        cut = len(harm.kept) == 1 and len(harm.data) not in {end for _, end, _ in sound}
+        wrong = [] if said[:whole] == sound[:whole] else [f"{whole} are whole before it"]
+        cut = len(harm.kept) == 1 and len(harm.data) not in ends
         if report and cut and not report.losses:
             wrong.append("cut without a word")
         return wrong + _uncovered(harm, path)

@@ -5,7 +5,7 @@ import pytest
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.registry import FORMATS
-from tests.logs.dataflash.dataflash_samples import dataflash, declarations
+from tests.logs.dataflash_samples import dataflash, declarations
 from tests.logs.log_samples import json_mcap, tlog
 
 

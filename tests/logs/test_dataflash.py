@@ -1,7 +1,5 @@
 """DataFlash logs: as pymavlink's reader gives them, with UTC where GPS has it, and damage counted and stepped over."""
 
-import struct
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,13 +7,10 @@ from hypothesis import strategies as st
 from pymavlink import DFReader
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
-from replay_kit.logs.dataflash import records as dataflash_records
-from replay_kit.logs.dataflash.reader import DataflashReader
-from replay_kit.logs.dataflash.records import Format
+from replay_kit.logs.dataflash import Format
 from replay_kit.workflows.convert import convert
-from tests.logs.dataflash.dataflash_samples import (
+from tests.logs.dataflash_samples import (
     dataflash,
     declaration,
     declarations,
@@ -90,19 +85,6 @@ def test_a_real_log_as_pymavlink_reads_it():
     assert reader.report().notes[1] == "239 stamps go backwards, by up to 0.333 ms"
 
 
-def test_columns_are_the_messages(tmp_path):
-    messages, _ = read_log(tmp_path, b"".join(dataflash(7)))
-    reader = DataflashReader(tmp_path / "log")
-    tables = reader.tables()
-    assert set(tables) == {m.schema.removeprefix("dataflash.") for m in messages}
-    for kind, columns in tables.items():
-        rows = [m.payload for m in messages if m.schema == f"dataflash.{kind}"]
-        for name, values in columns.items():
-            assert repr(values.tolist()) == repr([row[name] for row in rows])
-    assert tables["GPS"]["Lat"].dtype == np.float64
-    assert reader.tables(frozenset({"ISBD"}))["ISBD"]["x"].shape == (7, 32)
-
-
 def test_times_are_utc_by_gps(tmp_path):
     late = gps(266_500_000, 200_000_000)
     no_fix = gps(267_500_000, 0, week=0, status=1)
@@ -143,8 +125,6 @@ def test_a_kind_declared_anew(tmp_path):
         {"TimeUS": 1000, "Alt": -1.0, "BAlt": -2.0, "CRt": 0.03},
         {"TimeUS": 2000, "Message": "now text"},
     ]
-    with pytest.raises(LogError, match="declared twice"):
-        DataflashReader(tmp_path / "log").tables()
 
 
 @pytest.mark.parametrize(
@@ -161,7 +141,6 @@ def test_a_kind_whose_declaration_is_not_understood_is_stepped_over(tmp_path, le
     assert len(messages) == len(read_log(tmp_path, b"".join(parts))[0]) + 1
     assert report.losses == ()
     assert report.read["dataflash/ODD"] == report.undecodable["dataflash/ODD"][0] == 2
-    assert "ODD" not in DataflashReader(tmp_path / "log").tables()
 
 
 def test_bad_bytes_are_skipped_and_counted(tmp_path):
@@ -214,17 +193,6 @@ def test_any_damaged_byte_is_survived(tmp_path, at, value):
     assert ours[len(ours) - len(expected) + n_before + 2 :] == expected[n_before + 2 :]
 
 
-@pytest.mark.parametrize("block", [50, 300, 4096])
-def test_any_size_of_block_finds_the_same(tmp_path, monkeypatch, block):
-    parts = dataflash(12)
-    data = b"".join([*parts[:30], b"\xa3\x95\xc8" + bytes(300), *parts[30:], b"\xa3"])
-    messages, report = read_log(tmp_path, data)
-    monkeypatch.setattr(dataflash_records, "BLOCK", block)
-    again, report_again = read_log(tmp_path, data)
-    assert repr(again) == repr(messages)
-    assert report_again == report
-
-
 def test_converted_to_mcap_it_says_the_same(tmp_path):
     messages, _ = read_log(tmp_path, b"".join(dataflash(5)))
     convert([tmp_path / "log"], tmp_path / "out.mcap", False, LogConfig())
@@ -232,24 +200,3 @@ def test_converted_to_mcap_it_says_the_same(tmp_path):
     assert len(again) == len(messages)
     positions = [m.payload for m in messages if m.schema == "dataflash.GPS"]
     assert [dict(m.payload) for m in again if m.schema == "dataflash.GPS"] == positions
-
-
-@pytest.mark.full
-def test_kinds_declared_anew_again_and_again_are_refused(tmp_path):
-    def declared(k):
-        return struct.pack(
-            "<2sBBB4s16s64s", b"\xa3\x95", 128, 10, 12, b"A%03d" % (k % 7), b"Qb", b"TimeUS,V"
-        )
-
-    path = tmp_path / "log.BIN"
-    for count, refused in ((2001, False), (2002, True)):
-        path.write_bytes(b"".join(declared(k) for k in range(count)))
-        reader = DataflashReader(path)
-        if refused:
-            with pytest.raises(
-                LogError,
-                match="expected each kind of record to be declared once, 2001 are declared again and differently",
-            ):
-                list(reader.messages())
-        else:
-            assert len(list(reader.messages())) == 2001

@@ -3,7 +3,7 @@
 import struct
 from typing import Any
 
-from replay_kit.logs.dataflash.records import FMT, Format
+from replay_kit.logs.dataflash import FMT, Format
 
 _CODES = {
     "a": "32h",

@@ -1,1 +1,0 @@
-"""ArduPilot's DataFlash logs."""
