@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 
-#: ``logs``: function ``open(path, input, config, wanted)`` that returns a ``LogFile``, or None for a file that is not its own.
+#: ``logs``: ``LogFormat``, a row of the table of log formats.
 #: ``dialects``: ``Dialect`` of glider files. ``estimators``: function of an ``Ensemble`` and the ``EstimatorConfig`` that returns an
 #: ``Estimator``; its name is that of ``--estimator``. ``checks``: ``PingCheck`` or ``PositionCheck``. ``sections``: function of the
 #: report's ``Contents`` that returns a ``Section``. ``objectives``: ``Objective`` of missions; its name is that of ``--objective``.

@@ -201,7 +201,6 @@ class DataflashReader(LogFile):
     """
 
     format = "dataflash"
-    without_checksum = "records of a DataFlash log"
 
     def messages(self) -> Iterator[Message]:
         """Yield the wanted records in the order in which the file holds them.

@@ -29,10 +29,6 @@ Entry = tuple[int, str, str, dict[str, Any]]
 OnExtra = Callable[[Attachment | Metadata], None]
 
 
-#: Of formats that are values alone, what no checksum covers.
-VALUES = "values of NetCDF, text or Slocum files"
-
-
 class LogFile(AbstractContextManager["LogFile"]):
     """A log opened for reading. Each pass reads the file anew; leaving the context closes the passes that were not finished.
 
@@ -45,14 +41,14 @@ class LogFile(AbstractContextManager["LogFile"]):
         files: The files of the log.
         mission: Name of the mission that it is of; empty when it does not state it.
         statistics: What the pass begun last has found.
-        without_checksum: What of each message no checksum of the format covers; empty when all is covered, or the pass counts it itself.
+        unchecked: What of each message no checksum of the format covers; empty when all is covered, or the pass counts it itself.
         has_own_frames: Whether a copy of ``raw_messages`` holds the log in another form than its own, so that a copy needs ``frames`` too.
     """
 
     format: str
     mission = ""
+    unchecked = ""
     has_own_frames: ClassVar[bool] = False
-    without_checksum: ClassVar[str] = ""
 
     def __init__(
         self,
@@ -163,8 +159,8 @@ class LogFile(AbstractContextManager["LogFile"]):
         report = replace(self.statistics.report(self.path, self.format), mission=self.mission)
         messages = self.statistics.read.total()
         return (
-            replace(report, unchecked={self.without_checksum: messages})
-            if self.without_checksum and messages
+            replace(report, unchecked={self.unchecked: messages})
+            if self.unchecked and messages
             else report
         )
 

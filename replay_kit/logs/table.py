@@ -4,7 +4,7 @@ Rows of one time and place are a profile.
 """
 
 import csv
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, usable
@@ -20,9 +21,10 @@ from replay_kit.core.quantities import measured_at, metres_per_second
 from replay_kit.core.text import some_text
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, as_number, open_netcdf
-from replay_kit.logs.reader import VALUES, LogFile
+from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import PING, numbers, stamp
+from replay_kit.logs.shared.texts import is_csv
 
 TOPIC = "/observations"
 #: By quantity its names, the standard name first.
@@ -203,7 +205,6 @@ class TableReader(LogFile):
     """A table of pings in a file, read whole."""
 
     format = "table"
-    without_checksum = VALUES
 
     def _prepare(self) -> None:
         """Read the file.
@@ -226,6 +227,21 @@ class TableReader(LogFile):
         self._skip(TOPIC, "row without a time or a place", self._left_out)
         pings = enumerate(self._profiles)
         yield from self._by_time((), ((p.time_ns, TOPIC, PING, ping_of(p, k)) for k, p in pings))
+
+
+def open_table(
+    paths: Sequence[Path],
+    input: int = 0,
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
+) -> LogFile:
+    """Return the reader of a table in text: of pings, or of drifters by its names; as ``open_glider``."""
+    del wanted
+    from replay_kit.logs.surface.drifters import DrifterReader, is_table
+
+    with open(paths[0], "rb") as file:
+        kind = DrifterReader if is_table(file.read(_LINE)) else TableReader
+    return kind(paths, input, config)
 
 
 def table_in(path: Path) -> Table:
@@ -259,17 +275,6 @@ def in_text(path: Path) -> bool:
         return is_csv(file.read(_LINE))
 
 
-def is_csv(head: bytes) -> bool:
-    """Return whether a file that begins so is a table in text: names with commas, semicolons or tabs between them."""
-    lines = head.split(b"\n")
-    first = next((line for line in lines[:-1] if not line.startswith(b"#")), b"")
-    try:
-        text = first.decode("utf-8-sig").strip().replace("\t", ",")
-    except UnicodeDecodeError:
-        return False
-    return text.isprintable() and max(map(text.count, ",;")) >= 3
-
-
 def read_csv(path: Path) -> Mapping[str, Stored]:
     """Return the columns of a table in text: names, perhaps with units in brackets or in the next row, then a row each.
 
@@ -283,7 +288,7 @@ def read_csv(path: Path) -> Mapping[str, Stored]:
             table = csv.reader(chain([first], lines), delimiter=max(",;\t", key=first.count))
             names, rows = next(table), filter(None, table)
             cells = np.hstack([_block(some) for some in iter(lambda: [*islice(rows, _ROWS)], [])])
-        named = zip(names, cells, strict=True)
+        named = [*zip(names, cells, strict=True)]
     except (OSError, ValueError, csv.Error) as error:
         raise LogError(
             f"{path}: expected a table: names, perhaps units, rows as long; got: {error}; write it again as .csv"

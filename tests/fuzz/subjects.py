@@ -36,6 +36,7 @@ from tests.logs.glider import glider_samples
 from tests.logs.log_samples import json_mcap, tlog
 from tests.logs.mcap.test_broken_mcap import record_offsets
 from tests.logs.slocum import slocum_samples
+from tests.logs.surface.made import write_radials
 from tests.places import SAMPLES
 
 #: More seconds than this for a log of some kilobytes are a hang.
@@ -48,10 +49,10 @@ Piece = tuple[int, int, Any]
 
 @dataclass(frozen=True)
 class Subject:
-    """A sound log.
+    """A sound log, or another input.
 
     Attributes:
-        name: Its format, for a person.
+        name: For a person; of a log its format comes first.
         data: The file.
         check: Says what is wrong with what was made of a damaged one.
     """
@@ -59,6 +60,11 @@ class Subject:
     name: str
     data: bytes
     check: Check
+
+    @property
+    def format(self) -> str:
+        """The name of its format."""
+        return self.name.split()[0]
 
 
 def sweep(
@@ -70,9 +76,9 @@ def sweep(
         count: How many damages.
         seed: Of the random numbers.
         folder: Where the damaged files are written.
-        names: Of the subjects; all when empty.
+        names: Of their formats; all when empty.
     """
-    chosen = [subject for subject in subjects(folder) if not names or subject.name in names]
+    chosen = [subject for subject in subjects(folder) if not names or subject.format in names]
     for number in range(count):
         subject = chosen[number % len(chosen)]
         yield subject.name, damaged(subject, number // len(chosen), seed, folder)
@@ -112,7 +118,7 @@ def subjects(folder: Path) -> list[Subject]:
         "mcap unchunked": json_mcap(times, use_chunking=False, data_crcs=True),
     }
     mcaps |= {
-        f"{name}, no end": mcaps[name][: record_offsets(mcaps[name], Opcode.DATA_END)[0]]
+        f"{name} without end": mcaps[name][: record_offsets(mcaps[name], Opcode.DATA_END)[0]]
         for name in ("mcap", "mcap zstd", "mcap unchunked")
     }
     vessel = raw_adcp_samples.Survey(n=8, cells=6)
@@ -143,7 +149,22 @@ def subjects(folder: Path) -> list[Subject]:
         Subject("slocum", slocum, _uncovered),
         Subject("slocum compressed", slocum_samples.compressed(slocum), _uncovered),
     ]
-    checks = (("netcdf", _apart(_uncovered)), ("netcdf 3", _uncovered), ("text", _uncovered))
+    radials = folder / "radials"
+    write_radials(radials, (0.1, 0.0))
+    pings = "time,longitude,latitude,depth,u,v,error\n" + "".join(
+        f"2018-11-16T0{k}:00:00Z,152.1,-39.9,{z},0.1,0.05,0.05\n"
+        for k in range(9)
+        for z in (10, 60)
+    )
+    found += [
+        Subject("radials", radials.read_bytes(), _uncovered),
+        Subject("table", pings.encode(), _uncovered),
+    ]
+    checks = (
+        ("netcdf 4", _apart(_uncovered)),
+        ("netcdf 3", _uncovered),
+        ("seaexplorer", _uncovered),
+    )
     return [
         *found,
         *_inputs(folder),

@@ -2,6 +2,7 @@
 
 import pytest
 
+from replay_kit.logs import FORMATS
 from tests.fuzz import damage
 from tests.fuzz.subjects import damaged, of_file, subjects, sweep
 from tests.logs.log_samples import tlog
@@ -34,10 +35,22 @@ def test_the_oracle_takes_no_frame_whose_message_it_does_not_know():
     assert damage.frames(entry[:at] + bytes([255]) + entry[at + 1 :]) == []
 
 
-def test_random_damages_of_every_format(tmp_path):
-    """A share of ``python -m tests.fuzz damage --count N``; NetCDF-4 is left to it, as the library that reads it may hang."""
-    names = [subject.name for subject in subjects(tmp_path) if subject.name != "netcdf"]
-    # these take milliseconds
-    logs = [name for name in names if name.startswith(("mcap", "tlog", "dataflash"))]
-    for some, count in ((names, 2), (logs, 80)):
-        assert [wrong for _, wrong in sweep(count * len(some), 3, tmp_path, some) if wrong] == []
+OTHERS = ("areas", "toml", "bathymetry", "zarr")
+
+
+def test_every_format_is_damaged(tmp_path):
+    assert {subject.format for subject in subjects(tmp_path)} == {
+        *(form.name for form in FORMATS),
+        *OTHERS,
+    }
+
+
+@pytest.mark.parametrize("name", [form.name for form in FORMATS])
+@pytest.mark.parametrize("count", [200, pytest.param(5000, marks=pytest.mark.full)])
+def test_random_damages_of_every_format(name, count, tmp_path):
+    assert [wrong for _, wrong in sweep(count, 3, tmp_path, (name,)) if wrong] == []
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_random_damages_of_other_inputs(name, tmp_path):
+    assert [wrong for _, wrong in sweep(10, 3, tmp_path, (name,)) if wrong] == []

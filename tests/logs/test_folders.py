@@ -7,7 +7,7 @@ import pytest
 
 from replay_kit.core import extensions
 from replay_kit.core.errors import LogError
-from replay_kit.logs import open_log, open_logs
+from replay_kit.logs import LogFormat, open_log, open_logs
 from replay_kit.logs.mcap.reader import McapReader
 from tests.logs.glider import glider_samples
 from tests.logs.log_samples import json_mcap
@@ -100,17 +100,16 @@ def test_a_folder_with_two_missions_is_refused_with_how_to_choose_one(tmp_path):
     )
 
 
-def open_plugin(path, input, config, wanted):
-    return McapReader(path, input) if path.suffix == ".log" else None
+FORM = LogFormat("mine", "a log of mine", McapReader, magic=b"MINE", endings=r".*\.mine")
 
 
 def test_another_package_may_read_a_form_of_its_own(tmp_path, monkeypatch):
-    point = EntryPoint("mine", "tests.logs.test_folders:open_plugin", "replay_kit.logs")
+    point = EntryPoint("mine", "tests.logs.test_folders:FORM", "replay_kit.logs")
     monkeypatch.setattr(extensions, "_points", lambda kind: (point,) if kind == "logs" else ())
-    for name in ("a.log", "a.xyz"):
-        (tmp_path / name).write_bytes(b"a form of its own")
-    assert isinstance(open_log(tmp_path / "a.log"), McapReader)
-    with pytest.raises(LogError, match="expected an MCAP file"):
+    (tmp_path / "a.mine").write_bytes(b"MINE")
+    (tmp_path / "a.xyz").write_bytes(b"YOURS")
+    assert isinstance(open_log(tmp_path), McapReader)
+    with pytest.raises(LogError, match=r"expected an MCAP file, .* or a log of mine"):
         open_log(tmp_path / "a.xyz")
 
 

@@ -59,6 +59,11 @@ class Record:
     kind: int
 
 
+def holds_ensemble(head: bytes) -> bool:
+    """Return whether a file that begins with these bytes has a sound ensemble of PD0 there, after packets or bytes of another kind."""
+    return PD0_MAGIC in head and any(record.kind == 0 for record in scan(head))
+
+
 def scan(data: bytes) -> tuple[Record, ...]:
     """Return the sound records of a file.
 

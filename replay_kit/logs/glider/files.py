@@ -17,14 +17,10 @@ from numpy.typing import NDArray
 from replay_kit.core.errors import LogError
 from replay_kit.core.inputs import exceeds_claim, open_input
 from replay_kit.logs.glider.dialects import Dialect, dialect_of
-from replay_kit.logs.glider.missions import (
-    FIRST_COLUMNS,
-    GZIP_MAGIC,
-    MISSION_NAMES,
-    is_seaexplorer,
-    mission_of,
-)
+from replay_kit.logs.glider.missions import MISSION_NAMES, mission_of
 from replay_kit.logs.glider.netcdf import Choose, NetcdfFile, Stored, as_number, open_netcdf
+from replay_kit.logs.glider.rows import refuse_forecast
+from replay_kit.logs.shared.texts import FIRST_COLUMNS, GZIP_MAGIC, is_seaexplorer
 
 _HEAD = 1 << 12
 
@@ -73,12 +69,13 @@ def _is_text(path: Path) -> bool:
         return is_seaexplorer(file.read(_HEAD))
 
 
-def mission_key(path: Path) -> tuple[str, ...]:
-    """Return the names of a file's dialect and missions, which all its profiles or parts share; none where a mission is one file.
+def mission_key(path: Path) -> tuple[str, ...] | None:
+    """Return the names of a file's dialect and missions, which all its profiles or parts share; None where a mission is one file.
 
     Raises:
         LogError: The file cannot be read.
     """
+    refuse_forecast(path)
     if _is_text(path):
         return "seaexplorer", *mission_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
     file = _opened(
@@ -87,9 +84,9 @@ def mission_key(path: Path) -> tuple[str, ...]:
         lambda _, names: [name for name in names if name.lower() in MISSION_NAMES],
     )
     if file is None:
-        return (kind,) if (kind := surface_kind(path)) else ()
+        return (kind,) if (kind := surface_kind(path)) else None
     if not file.dialect.in_parts:
-        return ()
+        return None
     return file.dialect.name, *mission_of(file.content, file.dialect.name)
 
 

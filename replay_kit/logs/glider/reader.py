@@ -24,7 +24,7 @@ from replay_kit.logs.glider.instruments import (
 )
 from replay_kit.logs.glider.missions import mission_of
 from replay_kit.logs.glider.rows import NetcdfRows, refuse_forecast
-from replay_kit.logs.reader import VALUES, Entry, LogFile
+from replay_kit.logs.reader import Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import (
     FIX,
@@ -44,8 +44,6 @@ _DAC = "replay_kit.DepthAveragedCurrent"
 
 class GliderReader(LogFile):
     """The files of one dialect that are one log, read whole: a mission has some ten thousand samples."""
-
-    without_checksum = VALUES
 
     def __init__(
         self,
@@ -266,40 +264,38 @@ def _heading_note(columns: Columns, dialect: Dialect) -> Iterator[str]:
 
 
 def open_glider(
-    path: Path,
+    paths: Sequence[Path],
     input: int = 0,
     config: LogConfig | None = None,
     wanted: frozenset[str] | None = None,
-    more: Sequence[Path] = (),
 ) -> LogFile:
-    """Return the reader of a glider file, or of several that are one log; also of radar currents and drifters, in NetCDF too.
+    """Return the reader of the glider files that are one log; also of currents by radar, drifters and pings in NetCDF.
 
     Args:
-        path: The file, or the first of them.
+        paths: The files.
         input: Position of the log among the run's inputs.
         config: How logs are read.
         wanted: Without effect.
-        more: The others.
 
     Raises:
         LogError: A file cannot be read, or is of no known dialect.
     """
-    for part in (path, *more):
-        refuse_forecast(part)
-    files = [file for part in (path, *more) if (file := open_glider_file(part)) is not None]
+    for path in paths:
+        refuse_forecast(path)
+    files = [file for path in paths if (file := open_glider_file(path)) is not None]
     if files:
         return GliderReader(files, input, config)
-    kind = surface_kind(path)
+    kind = surface_kind(paths[0])
     if kind == "drifters":
         from replay_kit.logs.surface.drifters import DrifterReader
 
-        return DrifterReader((path, *more), input, config)
+        return DrifterReader(paths, input, config)
     if kind:
         from replay_kit.logs.surface.totals import TotalsReader
 
-        return TotalsReader((path, *more), input, config)
+        return TotalsReader(paths, input, config)
     from replay_kit.logs.table import TableReader, holds_pings
 
-    if holds_pings(path, config.columns if config else {}):
-        return TableReader(path, input, config)
-    return NetcdfRows(path, input, config, wanted)
+    if holds_pings(paths[0], config.columns if config else {}):
+        return TableReader(paths, input, config)
+    return NetcdfRows(paths, input, config, wanted)

@@ -13,7 +13,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.text import some_text
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, open_netcdf, ranks_of
-from replay_kit.logs.reader import VALUES, Entry, LogFile
+from replay_kit.logs.reader import Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers
 
@@ -60,8 +60,6 @@ class NetcdfRows(LogFile):
     """A file whose variables are rows over one time; ``[[measurements.map]]`` maps them."""
 
     format = "netcdf"
-
-    without_checksum = VALUES
 
     def _prepare(self) -> None:
         """Read the file.

@@ -83,7 +83,6 @@ class TlogReader(LogFile):
 
     format = "tlog"
     has_own_frames = True
-    without_checksum = "stamps of frames"
 
     def _prepare(self) -> None:
         self._system = self._config.system

@@ -109,20 +109,18 @@ def read_segment(path: Path, lists: SensorLists) -> Segment:
 
 
 def open_slocum(
-    path: Path,
+    paths: Sequence[Path],
     input: int = 0,
     config: LogConfig | None = None,
     wanted: frozenset[str] | None = None,
-    more: Sequence[Path] = (),
 ) -> GliderReader:
-    """Return the reader of a Slocum's binary file, or of the files of one glider.
+    """Return the reader of the binary files of one Slocum.
 
     Args:
-        path: The file, or the first of them.
+        paths: The files.
         input: Position of the log among the run's inputs.
         config: How logs are read; ``caches`` says where the lists of sensors are.
         wanted: Without effect.
-        more: The others.
 
     Raises:
         LogError: No file can be read.
@@ -132,7 +130,7 @@ def open_slocum(
     segments: list[Segment] = []
     errors: dict[Path, LogError] = {}
     notes: list[str] = []
-    for file in _without_subsets((path, *more), notes):
+    for file in _without_subsets(paths, notes):
         try:
             segments.append(read_segment(file, lists))
         except LogError as error:

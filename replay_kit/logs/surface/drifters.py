@@ -15,7 +15,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
-from replay_kit.logs.reader import VALUES, Entry, LogFile
+from replay_kit.logs.reader import Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import number, stamp
 from replay_kit.logs.table import in_text, read_csv
@@ -61,7 +61,6 @@ class DrifterReader(LogFile):
     """Files of drifters that are one log, read whole."""
 
     format = "drifters"
-    without_checksum = VALUES
 
     def _prepare(self) -> None:
         """Read the files.

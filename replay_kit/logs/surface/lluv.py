@@ -15,7 +15,8 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Message
-from replay_kit.logs.reader import VALUES, LogFile, unreadable
+from replay_kit.core.text import count_text
+from replay_kit.logs.reader import LogFile, unreadable
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers, stamp
 from replay_kit.logs.surface.totals import SCHEMA, depth_of, usable_or_untested, worst_flag
@@ -41,7 +42,6 @@ class RadialsReader(LogFile):
     """Files of the radials of one station that are one log."""
 
     format = "radar-radials"
-    without_checksum = VALUES
 
     def _prepare(self) -> None:
         """Read the files' headers.
@@ -75,8 +75,8 @@ class RadialsReader(LogFile):
             self.statistics.read[name] += 1
             payload = {
                 "stamp": stamp(time_ns),
-                "depth": depth_of(float(head["TransmitCenterFreqMHz"])),
-                "averaged": 60.0 * float(head.get("TimeCoverage", "60").split()[0]),
+                "depth": depth_of(*_numbers(path, head, "TransmitCenterFreqMHz")),
+                "averaged": 60.0 * _numbers(path, head, "TimeCoverage", "60")[0],
                 "error_length": 0.0,
                 **{key: numbers(values) for key, values in columns.items()},
             }
@@ -105,7 +105,16 @@ def header(path: Path) -> Mapping[str, str]:
         raise LogError(
             f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the file as it was made"
         )
+    if not _numbers(path, found, "TransmitCenterFreqMHz")[0] > 0.0:
+        raise LogError(
+            f"{path}: TransmitCenterFreqMHz: expected a frequency above 0, got {found['TransmitCenterFreqMHz']}"
+        )
     return found
+
+
+def station_of(path: Path) -> tuple[str]:
+    """Return the name of a file's station, which all files of one log share."""
+    return (station(header(path)),)
 
 
 def station(head: Mapping[str, str]) -> str:
@@ -124,6 +133,24 @@ def _lines(path: Path) -> Iterator[str]:
             f"{path}: expected radials of a station of at most {_MOST >> 20} MB; is it the right file?"
         )
     return (line.decode("latin-1") for line in io.BytesIO(data))
+
+
+def _numbers(
+    path: Path, head: Mapping[str, str], key: str, default: str = "", count: int = 1
+) -> list[float]:
+    """Return the first numbers that a header states under a key.
+
+    Raises:
+        LogError: They are no numbers.
+    """
+    parts = head.get(key, default).split()[:count]
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise LogError(f"{path}: {key}: expected {count_text(count, 'number')}, got {parts}")
+    return numbers
 
 
 def _time_ns(path: Path, head: Mapping[str, str]) -> int:
@@ -185,7 +212,7 @@ def _check_station(
     polar: tuple[Array, Array],
 ) -> None:
     """Raise LogError where radials do not lie at their range and bearing from the station that the header names."""
-    latitude, longitude = map(float, head["Origin"].split()[:2])
+    latitude, longitude = _numbers(path, head, "Origin", count=2)
     x, y = to_local(Projection(longitude, latitude), *places)
     distance, angle = 1e3 * polar[0], np.deg2rad(polar[1])
     away = np.hypot(x - distance * np.sin(angle), y - distance * np.cos(angle))
@@ -202,9 +229,10 @@ def _check_unit(path: Path, head: Mapping[str, str], speed: Array) -> None:
         raise LogError(
             f"{path}: radials: expected speeds in cm/s, the file states {head['units'].strip('% ')}; convert them first"
         )
-    resolved = float(head.get("DopplerResolutionHzPerBin", "nan").split()[0])
+    (resolved,) = _numbers(path, head, "DopplerResolutionHzPerBin", "nan")
     # half a radar's wavelength a cycle, in cm
-    resolution = 50.0 * 299.792458 / float(head["TransmitCenterFreqMHz"]) * resolved
+    (frequency,) = _numbers(path, head, "TransmitCenterFreqMHz")
+    resolution = 50.0 * 299.792458 / frequency * resolved
     rms = float(np.sqrt(np.mean(speed**2))) if speed.size else np.nan
     if rms < resolution:
         raise LogError(

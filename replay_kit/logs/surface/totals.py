@@ -20,7 +20,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag
 from replay_kit.logs.glider import units
 from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
-from replay_kit.logs.reader import VALUES, LogFile
+from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers, stamp
 
@@ -115,7 +115,6 @@ class TotalsReader(LogFile):
     """Files of total vectors that are one log."""
 
     format = "radar-totals"
-    without_checksum = VALUES
 
     def _prepare(self) -> None:
         """Read the files' times.

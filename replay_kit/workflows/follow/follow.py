@@ -22,7 +22,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.text import count_text, place_text
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
-from replay_kit.logs.registry import STREAMS
+from replay_kit.logs.formats import may_grow
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.status.held import Held
@@ -241,7 +241,7 @@ class Follower:
         began, used, self._due = self._clock.idle_s(), self._memory.used, False
         # those that grow may change, up to what is read of them
         whole = [
-            *(path for path in used if path.suffix.lower() not in STREAMS),
+            *(path for path in used if not may_grow(path)),
             *ensemble_files(self._job.ensemble),
         ]
         stamps = stamps_of(whole)

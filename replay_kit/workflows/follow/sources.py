@@ -1,7 +1,6 @@
 """The files of a followed mission: what each is, which are used, and why others are set aside."""
 
 import hashlib
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,8 +12,8 @@ from replay_kit.core.inputs import Stamp, open_input, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.text import time_text
 from replay_kit.logs import open_log
+from replay_kit.logs.formats import in_folder, may_grow
 from replay_kit.logs.glider.missions import pattern
-from replay_kit.logs.registry import GLIDER_NAMES, STREAMS
 
 #: A first message this much older or younger than those of all other files is a clock's error [ns].
 _FAR_NS = 366 * 86_400 * 10**9
@@ -65,22 +64,14 @@ def look(paths: Iterable[Path], own: Iterable[Path]) -> dict[Path, Stamp]:
             if path.is_dir()
             else [path]
         )
-        found += sorted((part for part in held if part.resolve() not in written), key=order)
+        found += sorted((part for part in held if part.resolve() not in written), key=in_folder)
     return stamps_of(dict.fromkeys(found))
-
-
-def order(path: Path) -> tuple[bool, list[int], str]:
-    """Return what orders the files of a folder, as in a replay of it: gliders' by the numbers in their names, then the others by name."""
-    glider = GLIDER_NAMES.fullmatch(path.name) is not None
-    return not glider, [*map(int, re.findall(r"\d+", path.name))] if glider else [], path.name
 
 
 def settled(before: Mapping[Path, Stamp], now: Mapping[Path, Stamp]) -> dict[Path, Stamp]:
     """Return the files of the second of two looks that are whole: unchanged between them, or of a kind that grows."""
     return {
-        path: stamp
-        for path, stamp in now.items()
-        if before.get(path) == stamp or path.suffix.lower() in STREAMS
+        path: stamp for path, stamp in now.items() if before.get(path) == stamp or may_grow(path)
     }
 
 
@@ -203,7 +194,7 @@ def mission_words(before: Mapping[Path, Source], now: Mapping[Path, Source]) -> 
 def _missions(sources: Mapping[Path, Source], aside: bool) -> dict[str, list[Path]]:
     """Return the files that state their mission, by it, in the order of a replay: those set aside, or those used."""
     held: dict[str, list[Path]] = {}
-    for path in sorted(sources, key=order):
+    for path in sorted(sources, key=in_folder):
         if sources[path].mission and bool(sources[path].aside) == aside:
             held.setdefault(sources[path].mission, []).append(path)
     return held

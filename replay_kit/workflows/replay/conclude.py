@@ -16,7 +16,7 @@ from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.message import LogReader
 from replay_kit.core.observation import Profiles
 from replay_kit.forecast import ensemble_files
-from replay_kit.logs.registry import logs_in
+from replay_kit.logs.formats import logs_in
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore

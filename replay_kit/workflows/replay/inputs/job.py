@@ -16,7 +16,7 @@ from replay_kit.core.region import Region
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files, read_truth
 from replay_kit.logs import open_logs
-from replay_kit.logs.registry import logs_in
+from replay_kit.logs.formats import logs_in
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region
