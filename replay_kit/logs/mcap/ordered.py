@@ -14,9 +14,10 @@ import numpy as np
 from mcap.records import ChunkIndex
 from numpy.typing import NDArray
 
+from replay_kit.logs.mcap.contents import Part, messages_alone, walk
+from replay_kit.logs.mcap.overview import index_entries
 from replay_kit.logs.mcap.records import RECORD_ERRORS, chunk_contents, file_records, parse_chunk
 from replay_kit.logs.mcap.summary import Summary
-from replay_kit.logs.mcap.survey import Columns, columns_of, index_entries
 from replay_kit.logs.merge import FAR_NS
 from replay_kit.logs.shared.blocks import ReadStatistics
 
@@ -38,14 +39,6 @@ class ChunkTimes(NamedTuple):
     first: int
     messages: int
     times: NDArray[np.int64]
-
-
-class Slice(NamedTuple):
-    """The messages of a span of time, in its order: their records, where each begins with its head, and its ordinal in the file."""
-
-    contents: bytes
-    found: Columns
-    ordinals: NDArray[np.int64]
 
 
 def disordered(file: BinaryIO, summary: Summary, window_ns: int) -> list[ChunkTimes] | None:
@@ -90,7 +83,7 @@ def _lag(times: NDArray[np.int64], newest: int) -> tuple[int, int]:
     return int((tops[1:] - times).max(initial=0)), int(tops[-1])
 
 
-def slices(file: BinaryIO, held: list[ChunkTimes], statistics: ReadStatistics) -> Iterator[Slice]:
+def slices(file: BinaryIO, held: list[ChunkTimes], statistics: ReadStatistics) -> Iterator[Part]:
     """Yield the messages of a file in the order of their log times, those of one time in the order of the file.
 
     Args:
@@ -114,9 +107,8 @@ def slices(file: BinaryIO, held: list[ChunkTimes], statistics: ReadStatistics) -
             seen.add(offset)
             try:
                 chunk = parse_chunk(next(file_records(file, offset, offset + length)).body)
-                data = chunk_contents(chunk)
-                columns = columns_of(data)
-                if columns is None or columns.offset.size != each.messages:
+                part = messages_alone(chunk_contents(chunk))
+                if part.offset.size != each.messages:
                     raise ValueError("its messages are not those of its index")
             except RECORD_ERRORS as error:
                 if is_new:
@@ -125,15 +117,14 @@ def slices(file: BinaryIO, held: list[ChunkTimes], statistics: ReadStatistics) -
                 continue
             if is_new and chunk.crc == 0:
                 statistics.unchecked["chunks without a checksum"] += 1
-            log_ns = columns.head["log_ns"].astype(np.int64)
+            log_ns = part.head["log_ns"].astype(np.int64)
             at = np.flatnonzero((log_ns > begin) & (log_ns <= end))
-            starts, stops = columns.offset[at].tolist(), columns.stop[at].tolist()
-            pieces += [data[start:stop] for start, stop in zip(starts, stops, strict=True)]
+            spans = zip(part.offset[at].tolist(), part.stop[at].tolist(), strict=True)
+            pieces += [part.contents[start:stop] for start, stop in spans]
             logged.append(log_ns[at])
             ordinals.append(each.first + at)
         ordinal = np.concatenate(ordinals)
         in_time = np.lexsort((ordinal, np.concatenate(logged)))
-        contents = b"".join([pieces[k] for k in in_time.tolist()])
-        found = columns_of(contents)
-        assert found is not None, "it holds messages alone"
-        yield Slice(contents, found, ordinal[in_time])
+        if in_time.size:
+            contents = b"".join([pieces[k] for k in in_time.tolist()])
+            yield walk(contents).part._replace(ordinal=ordinal[in_time])

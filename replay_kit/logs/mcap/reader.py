@@ -4,16 +4,21 @@ import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from operator import itemgetter
 from typing import Any, BinaryIO, TypeVar
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
+from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import MAVLINK_FRAMES, Message, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
-from replay_kit.logs.mcap.ordered import Slice, disordered, slices
+from replay_kit.logs.mcap.contents import Part, Row
+from replay_kit.logs.mcap.ordered import disordered, slices
+from replay_kit.logs.mcap.overview import overview_of, problem_of
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     MAGIC,
@@ -23,15 +28,16 @@ from replay_kit.logs.mcap.records import (
     file_records,
     parse,
 )
-from replay_kit.logs.mcap.scanner import MESSAGE, McapScanner
-from replay_kit.logs.mcap.summary import Channels, Make, read_summary
-from replay_kit.logs.mcap.survey import Survey, overview_of, problem_of
+from replay_kit.logs.mcap.scan import Scan
+from replay_kit.logs.mcap.summary import Channels, Sink, read_summary
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
 from replay_kit.logs.shared.times import header_stamp
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")
+#: Makes a value of a message; None leaves it out.
+Make = Callable[[Channels, Part, Row], _T | None]
 
 
 class McapReader(LogFile):
@@ -47,8 +53,7 @@ class McapReader(LogFile):
         Raises:
             LogError: The file cannot be read or is no MCAP file.
         """
-        self.statistics = ReadStatistics()
-        yield from self._scan(self._decoded)
+        yield from self._made(self._decoded)
 
     def blocks(self, wanted: Callable[[str, str], bool]) -> Iterator[Block]:
         """Yield a block for each chunk; only wanted topics are decoded, and of others the first message. As ``LogFile.blocks``."""
@@ -56,20 +61,9 @@ class McapReader(LogFile):
             # the stamp is in the payload
             yield from super().blocks(wanted)
             return
-        self.statistics = ReadStatistics()
-        survey = Survey(self.statistics, self._decoded, f"{self._clock}_ns", wanted)
-        with self._opened() as file:
-            self._check_magic(file)
-            if (ordered := self._ordered(file)) is None:
-                yield from McapScanner(
-                    file, self.statistics, survey.single, self._topic, bulk=survey
-                ).messages()
-                return
-            (channels, parts), first = ordered, 0
-            for part in parts:
-                if part.ordinals.size:
-                    yield survey.block(channels, part.contents, part.found, first)
-                first += part.ordinals.size
+        sampled: set[tuple[str, str]] = set()
+        for channels, part in self._parts():
+            yield self._block(channels, part, wanted, sampled)
 
     def overview(self) -> Overview | str:
         """Return what the index at the end of the file says; as ``LogFile.overview``."""
@@ -88,13 +82,18 @@ class McapReader(LogFile):
         Raises:
             LogError: The file cannot be read or is no MCAP file.
         """
-        self.statistics = ReadStatistics()
-        yield from self._scan(self._raw, on_extra)
+        yield from self._made(self._raw, on_extra)
 
     def frames(self) -> Iterator[RawMessage]:
         """Yield the entries of a telemetry log that was converted to this file."""
         with self._opened() as file:
-            yield from McapScanner(file, ReadStatistics(), self._frame, self._topic).messages()
+            summary = read_summary(file, os.fstat(file.fileno()).st_size)
+            channels = Channels(summary, self._topic)
+            for part in Scan(file, summary, channels, ReadStatistics()).parts():
+                for row in part.rows():
+                    if (sink := channels.sink(row[0])).channel.encoding == MAVLINK_FRAMES:
+                        # by every clock its time is the entry's stamp
+                        yield self._copy(sink, part, row, row[2])
 
     def profile(self) -> str | None:
         """Return the profile that the header states; None when the header is damaged."""
@@ -117,34 +116,34 @@ class McapReader(LogFile):
             return any(schema.name == DIVE_MEAN for schema in schemas.values())
         return any(message.schema == DIVE_MEAN for message in self.messages())
 
-    def _scan(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
+    def _made(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
+        """Yield what is made of each message."""
+        for channels, part in self._parts(on_extra):
+            for row in part.rows():
+                if (made := make(channels, part, row)) is not None:
+                    yield made
+
+    def _parts(self, on_extra: OnExtra | None = None) -> Iterator[tuple[Channels, Part]]:
+        """Yield the messages of one pass in parts; in order of time where the index tells that the file is in another."""
+        self.statistics = ReadStatistics()
         with self._opened() as file:
             self._check_magic(file)
+            size = os.fstat(file.fileno()).st_size
+            summary = read_summary(file, size)
+            channels = Channels(summary, self._topic)
             on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
-            ordered = self._ordered(file)
-            scanner = McapScanner(file, self.statistics, make, self._topic, on_record)
-            if ordered is None:
-                yield from scanner.messages()
-                return
-            for record in file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size):
-                if record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
-                    scanner.pass_on(record)
-            channels, parts = ordered
+            scan = Scan(file, summary, channels, self.statistics, on_record)
+            window_ns = round(self._config.reorder_window * 1e9)
+            held = None if problem_of(summary) else disordered(file, summary, window_ns)
+            if held is None:
+                parts = scan.parts()
+            else:
+                for record in file_records(file, len(MAGIC), size):
+                    if record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
+                        scan.pass_on(record)
+                parts = slices(file, held, self.statistics)
             for part in parts:
-                starts, stops = (part.found.offset + HEAD_SIZE).tolist(), part.found.stop.tolist()
-                for row in zip(starts, stops, part.ordinals.tolist(), strict=True):
-                    if (made := make(channels, part.contents, *row)) is not None:
-                        yield made
-
-    def _ordered(self, file: BinaryIO) -> tuple[Channels, Iterator[Slice]] | None:
-        """Return the channels, and the messages in order of time, in parts; None where the order of the file will do or is all there is."""
-        summary = read_summary(file, os.fstat(file.fileno()).st_size)
-        window_ns = round(self._config.reorder_window * 1e9)
-        held = None if problem_of(summary) else disordered(file, summary, window_ns)
-        file.seek(len(MAGIC))
-        if held is None:
-            return None
-        return Channels(summary, self._topic), slices(file, held, self.statistics)
+                yield channels, part
 
     def _check_magic(self, file: BinaryIO) -> None:
         if (head := file.read(len(MAGIC))) != MAGIC:
@@ -152,12 +151,10 @@ class McapReader(LogFile):
                 f"{self.path}: expected an MCAP file, whose first bytes are {MAGIC.hex(' ')}; they are {head.hex(' ')}; give a log"
             )
 
-    def _decoded(
-        self, channels: Channels, data: bytes, start: int, end: int, position: int
-    ) -> Message | None:
+    def _decoded(self, channels: Channels, part: Part, row: Row) -> Message | None:
         """Return a message decoded; None, and a count, when it cannot be."""
-        channel_id, _, time_ns, publish_ns = MESSAGE.unpack_from(data, start)
-        sink = channels.sinks.get(channel_id) or channels.sink(channel_id)
+        channel, _, time_ns, publish_ns, start, stop, position = row
+        sink = channels.sinks.get(channel) or channels.sink(channel)
         statistics = self.statistics
         statistics.read[sink.topic] += 1
         decode = sink.decode
@@ -166,7 +163,7 @@ class McapReader(LogFile):
                 statistics.undecodable(sink.topic, decode)
             return None
         try:
-            payload = decode(data[start + 22 : end])
+            payload = decode(part.contents[start:stop])
         except PAYLOAD_ERRORS as error:
             statistics.undecodable(sink.topic, explain(error))
             return None
@@ -177,40 +174,69 @@ class McapReader(LogFile):
             return None
         return Message(time_ns, sink.topic, sink.schema, payload, self.input, position)
 
-    def _raw(
-        self, channels: Channels, data: bytes, start: int, end: int, position: int
-    ) -> RawMessage:
-        channel_id, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, start)
-        sink = channels.sink(channel_id)
+    def _block(
+        self,
+        channels: Channels,
+        part: Part,
+        wanted: Callable[[str, str], bool],
+        sampled: set[tuple[str, str]],
+    ) -> Block:
+        """Return a part as a block, of which only wanted messages are decoded, and of other kinds one that can be."""
+        numbers, kind = np.unique(part.head["channel"], return_inverse=True)
+        sinks = [channels.sink(number) for number in numbers.tolist()]
+        times = part.head[f"{self._clock}_ns"]
+        possible = times <= _MAX_TIME_NS
+        # with where each begins, which orders them
+        made: list[tuple[int, Message]] = []
+        for number, sink in enumerate(sinks):
+            which, named, tried = kind == number, (sink.topic, sink.schema), 0
+            count = int(np.count_nonzero(which))
+            if callable(sink.decode):
+                decoded = self._begins(channels, part, which)
+                before = self.statistics.read[sink.topic]
+                if wanted(*named) or not possible[which].all():
+                    made += decoded
+                elif named not in sampled and (sample := next(decoded, None)) is not None:
+                    sampled.add(named)
+                    made.append(sample)
+                tried = self.statistics.read[sink.topic] - before
+            elif sink.decode is not None:
+                self.statistics.undecodable(sink.topic, sink.decode, count)
+            self.statistics.read[sink.topic] += count - tried
+        made.sort(key=itemgetter(0))
+        return Block(
+            tuple((sink.topic, sink.schema) for sink in sinks),
+            kind[possible],
+            times[possible].astype(np.int64),
+            [message for _, message in made],
+        )
+
+    def _begins(
+        self, channels: Channels, part: Part, which: NDArray[np.bool_]
+    ) -> Iterator[tuple[int, Message]]:
+        """Yield those of some messages that can be decoded, with where each begins."""
+        for row in part.take(which).rows():
+            if (message := self._decoded(channels, part, row)) is not None:
+                yield row[4], message
+
+    def _raw(self, channels: Channels, part: Part, row: Row) -> RawMessage:
+        channel, _, log_ns, publish_ns, start, stop, _ = row
+        sink = channels.sinks.get(channel) or channels.sink(channel)
         self.statistics.read[sink.topic] += 1
-        body = data[start + MESSAGE.size : end]
         time_ns = publish_ns if self._clock == "publish" else log_ns
         if self._clock == "header" and callable(sink.decode):
             try:
-                time_ns = self._stamped(sink.decode(body), time_ns)
+                time_ns = self._stamped(sink.decode(part.contents[start:stop]), time_ns)
             except PAYLOAD_ERRORS:
                 self.statistics.without_stamp += 1
-        return RawMessage(
-            time_ns, self.input, position, sink.channel, sequence, log_ns, publish_ns, body
-        )
+        return self._copy(sink, part, row, time_ns)
 
-    def _frame(
-        self, channels: Channels, data: bytes, start: int, end: int, position: int
-    ) -> RawMessage | None:
-        """Return the entry of a telemetry log; None for other messages. By every clock its time is the entry's stamp."""
-        channel_id, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, start)
-        channel = channels.sink(channel_id).channel
-        if channel.encoding != MAVLINK_FRAMES:
-            return None
+    def _copy(self, sink: Sink, part: Part, row: Row, time_ns: int) -> RawMessage:
+        """Return a message as it is in the file."""
+        _, sequence, log_ns, publish_ns, start, stop, position = row
         return RawMessage(
-            log_ns,
-            self.input,
-            position,
-            channel,
-            sequence,
-            log_ns,
-            publish_ns,
-            data[start + MESSAGE.size : end],
+            *(time_ns, self.input, position, sink.channel, sequence, log_ns, publish_ns),
+            part.contents[start:stop],
         )
 
     def _stamped(self, payload: Mapping[str, Any], log_ns: int) -> int:

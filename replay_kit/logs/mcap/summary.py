@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, BinaryIO
 
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -272,8 +272,3 @@ class Channels:
                 else channel_decoder(encoding, schema)
             )
         return self._decoders[key]
-
-
-_T = TypeVar("_T")
-#: Makes a value of a message record ``data[start:end]`` with its ordinal in the file; None leaves it out.
-Make = Callable[[Channels, bytes, int, int, int], _T | None]

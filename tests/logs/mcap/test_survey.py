@@ -8,10 +8,10 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from replay_kit.config.run import LogConfig
-from replay_kit.logs.mcap import survey as overviews
+from replay_kit.logs.mcap import overview as overviews
+from replay_kit.logs.mcap.contents import messages_alone, walk
 from replay_kit.logs.mcap.reader import McapReader
 from replay_kit.logs.mcap.records import chunk_contents, file_records, parse_chunk
-from replay_kit.logs.mcap.survey import columns_of
 from replay_kit.logs.shared.blocks import Overview, TopicExtent
 from tests.logs.log_samples import json_mcap
 
@@ -32,7 +32,8 @@ def first_contents(data):
 
 def test_columns_are_what_the_stock_reader_finds():
     data = json_mcap(TIMES, CompressionType.NONE, chunk_size=10**6)
-    found = columns_of(first_contents(data))
+    walked = walk(first_contents(data))
+    found = walked.part
     stock = [
         message for _, _, message in make_reader(BytesIO(data)).iter_messages(log_time_order=False)
     ]
@@ -49,13 +50,14 @@ def test_columns_are_what_the_stock_reader_finds():
         for start, stop in zip(found.offset.tolist(), found.stop.tolist(), strict=True)
     ]
     assert bodies == [message.data for message in stock]
-    assert [opcode for opcode, _, _ in found.declared] == [3, 4, 4]
+    assert [opcode for opcode, _, _ in walked.declared] == [3, 4, 4]
+    assert walked.end == len(contents)
 
 
 @pytest.mark.parametrize("spoil", ["cut", "opcode", "short", "long"])
-def test_contents_with_anything_else_in_them_are_left_to_the_reader_of_single_messages(spoil):
+def test_the_walk_ends_where_no_whole_record_follows(spoil):
     contents = bytearray(first_contents(json_mcap(TIMES, CompressionType.NONE, chunk_size=10**6)))
-    last = int(columns_of(bytes(contents)).offset[-1])
+    last = int(walk(bytes(contents)).part.offset[-1])
     if spoil == "cut":
         contents = contents[:-1]
     elif spoil == "opcode":
@@ -64,11 +66,14 @@ def test_contents_with_anything_else_in_them_are_left_to_the_reader_of_single_me
         contents = contents[:last] + b"\x05" + (21).to_bytes(8, "little") + bytes(21)
     else:
         contents[last + 1] += 1
-    assert columns_of(bytes(contents)) is None
+    found = walk(bytes(contents), strict=True)
+    assert found.part.offset.size == len(TIMES) - 1
+    assert (found.end, found.short) == ((len(contents), [21]) if spoil == "short" else (last, []))
+    with pytest.raises(ValueError, match="more than schemas, channels and messages"):
+        messages_alone(bytes(contents))
     # the shortest that is whole has no payload
-    assert columns_of(
-        bytes(contents[:last] + b"\x05" + (22).to_bytes(8, "little") + bytes(22))
-    ).head.size == len(TIMES)
+    shortest = bytes(contents[:last] + b"\x05" + (22).to_bytes(8, "little") + bytes(22))
+    assert walk(shortest).part.offset.size == len(TIMES)
 
 
 def both(reader, wanted=lambda topic, schema: True):

@@ -1,13 +1,14 @@
-"""Scanner of MCAP files: messages in file order; damage is counted and skipped."""
+"""One scan of an MCAP file: its messages in parts, in the order of the file; damage is counted and skipped."""
 
 import os
-import struct
 from collections.abc import Callable, Generator, Iterator
-from typing import BinaryIO, Generic, Protocol, TypeVar
+from typing import BinaryIO
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
 
+from replay_kit.logs.mcap.contents import SHORTEST, Part, walk
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     INNER,
@@ -24,68 +25,51 @@ from replay_kit.logs.mcap.records import (
     parse_chunk,
 )
 from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, goes_on
-from replay_kit.logs.mcap.summary import Channels, Make, read_summary
-from replay_kit.logs.mcap.survey import Columns, columns_of
+from replay_kit.logs.mcap.summary import Channels, Summary
 from replay_kit.logs.shared.blocks import ReadStatistics
-
-#: Fixed part of a message record: channel, sequence, log time, publish time. Unpacked here at once, because the library's
-#: reader takes each number with a call of its own and would be half of the reading time.
-MESSAGE = struct.Struct("<HIQQ")
 
 #: From a chunk's beginning to its data when it is not compressed [bytes].
 _CHUNK_HEAD = HEAD_SIZE + 40
-#: As a plain number, for the comparison made for every message.
-_MESSAGE_OPCODE = int(Opcode.MESSAGE)
-
-_T = TypeVar("_T")
-_Out = TypeVar("_Out", covariant=True)
+#: Bytes of messages outside chunks that are a part.
+_PART = 1 << 20
 
 
-class Bulk(Protocol[_Out]):
-    """Makes one value of all messages of a chunk at once."""
+class Scan:
+    """One scan of an open file.
 
-    def takes(self, found: Columns, span: tuple[int, int] | None) -> bool:
-        """Return whether nothing is strange about the messages, whose log times should lie in a span [ns] where one is given."""
-
-    def block(self, channels: Channels, data: bytes, found: Columns, first: int) -> _Out:
-        """Return the value of a chunk's contents, the ordinal of whose first message is given."""
-
-
-class McapScanner(Generic[_T]):
-    """One scan of an open file."""
+    Attributes:
+        channels: What is declared up to the part that was yielded last.
+    """
 
     def __init__(
         self,
         file: BinaryIO,
+        summary: Summary,
+        channels: Channels,
         statistics: ReadStatistics,
-        make: Make[_T],
-        rename: Callable[[str], str] = str,
         on_extra: Callable[[Record], None] | None = None,
-        bulk: Bulk[_T] | None = None,
     ) -> None:
         """Remember what to do with each kind of record.
 
         Args:
             file: The open file.
+            summary: Its summary.
+            channels: Where schemas and channels are declared.
             statistics: Counts losses and what no checksum covers.
-            make: Called with the channels, the bytes, start and end of a message record's body, and the message's ordinal.
-            rename: Gives what a topic of the file is called.
             on_extra: Called with each attachment and metadata record that is whole, an attachment without its body; an exception of
                 ``RECORD_ERRORS`` that it raises is a loss.
-            bulk: Used instead of ``make`` for the contents of chunks that it takes; None for none.
         """
         self._file = file
         self._statistics = statistics
-        self._make = make
         self._on_extra = on_extra
-        self._bulk = bulk
         self._size = os.fstat(file.fileno()).st_size
-        self._summary = read_summary(file, self._size)
-        self._channels = Channels(self._summary, rename)
+        self._summary = summary
+        self.channels = channels
         self._position = 0
         self._lost = 0
         self._lost_all_known = True
-        self._outside = 0
+        self._outside = bytearray()
+        self._n_outside = 0
         self._ended = False
         self._verified = False
         self._search_from = len(MAGIC)
@@ -95,14 +79,15 @@ class McapScanner(Generic[_T]):
             what = f"{self._summary.problem}: the index is ignored, the file is scanned"
             statistics.lose(what, self._size, 0, messages=0)
 
-    def messages(self) -> Iterator[_T]:
-        """Yield the values that ``make`` returns, in the order of the file."""
+    def parts(self) -> Iterator[Part]:
+        """Yield the messages in the order of the file: those of a chunk, or some of those outside chunks."""
         offset: int | None = len(MAGIC)
         while offset is not None:
             offset = yield from self._read_from(offset)
-        if self._outside and not self._verified:
+            yield from self._from_outside()
+        if self._n_outside and not self._verified:
             self._statistics.unchecked["messages outside chunks, without a checksum"] += (
-                self._outside
+                self._n_outside
             )
 
     def _lose(
@@ -119,12 +104,15 @@ class McapScanner(Generic[_T]):
             self._lost += messages
         self._statistics.lose(what, start, end - start, messages=messages, span=span)
 
-    def _read_from(self, start: int) -> Generator[_T, None, int | None]:
+    def _read_from(self, start: int) -> Generator[Part, None, int | None]:
         """Yield messages up to the end or to damage; return the offset at which reading resumes, or None."""
         self._search_from = start + 1
         for record in file_records(self._file, start, self._size, self._summary.next_offset):
             self._chunked = self._chunked or record.opcode == Opcode.CHUNK
-            if not self._salvage.is_believable(record):
+            believable = self._salvage.is_believable(record)
+            if not believable or record.opcode != Opcode.MESSAGE:
+                yield from self._from_outside()
+            if not believable:
                 return (yield from self._cut(record))
             if record.opcode == Opcode.CHUNK:
                 if (after := (yield from self._chunk(record))) != record.end:
@@ -138,10 +126,7 @@ class McapScanner(Generic[_T]):
                         0,
                     )
                 elif record.opcode == Opcode.MESSAGE:
-                    self._outside += 1
-                    message = self._message(record)
-                    if message is not None:
-                        yield message
+                    yield from self._outside_chunks(record)
                 else:
                     self._declare(
                         record.opcode, record.body, record.offset, None if self._chunked else 0
@@ -167,7 +152,7 @@ class McapScanner(Generic[_T]):
                 0,
             )
 
-    def _chunk(self, record: Record) -> Generator[_T, None, int | None]:
+    def _chunk(self, record: Record) -> Generator[Part, None, int | None]:
         """Yield the messages of a whole chunk record; return where reading resumes, or None."""
         try:
             chunk = parse_chunk(record.body)
@@ -204,7 +189,7 @@ class McapScanner(Generic[_T]):
         self._lose(what, record.offset, resume or self._size, None, chunk.span)
         return resume
 
-    def _damaged_chunk(self, record: Record, error: Exception) -> Generator[_T, None, int | None]:
+    def _damaged_chunk(self, record: Record, error: Exception) -> Generator[Part, None, int | None]:
         """Yield the messages of a chunk that its record does not hold as stated, if its own lengths and checksum fit; as ``_chunk``."""
         if (own := self._salvage.whole_chunk(record.offset)) is not None:
             return (yield from self._as_stated_by_itself(record, own))
@@ -230,7 +215,7 @@ class McapScanner(Generic[_T]):
 
     def _as_stated_by_itself(
         self, record: Record, own: WholeChunk
-    ) -> Generator[_T, None, int | None]:
+    ) -> Generator[Part, None, int | None]:
         """Yield the messages of a chunk whose record states another kind or length; return where reading resumes, or None."""
         self._chunked = True
         yield from self._contents(own.contents, record, None)
@@ -254,7 +239,7 @@ class McapScanner(Generic[_T]):
 
     def _contents(
         self, data: bytes, record: Record, unchecked: Chunk | None
-    ) -> Generator[_T, None, int]:
+    ) -> Generator[Part, None, int]:
         """Yield the messages of a chunk's contents; return how many bytes of them are whole records.
 
         Args:
@@ -263,56 +248,48 @@ class McapScanner(Generic[_T]):
             unchecked: The chunk, when no checksum covers the contents: a message that contradicts the chunk's head is then left out, and
                 a record that is no schema, channel or message is damage, not a kind of a later version of the format.
         """
-        end = 0
-        span = unchecked.span if unchecked else None
-        # one by one where something is strange, so that what is wrong with a message is said of it
-        if self._bulk and (found := columns_of(data)) and self._bulk.takes(found, span):
-            for opcode, start, stop in found.declared:
-                self._declare(opcode, data[start:stop], record.offset)
-            if found.offset.size:
-                first, self._position = self._position, self._position + found.offset.size
-                yield self._bulk.block(self._channels, data, found, first)
-            return len(data)
-        make, channels, unpack, size = (
-            self._make,
-            self._channels,
-            RECORD_HEAD.unpack_from,
-            len(data),
-        )
-        # written out here: a generator of the records would take a tenth of the time of reading
-        while end + HEAD_SIZE <= size:
-            opcode, length = unpack(data, end)
-            start = end + HEAD_SIZE
-            stop = start + length
-            if opcode == 0 or stop > size or (unchecked is not None and opcode not in INNER):
-                break
-            end = stop
-            if opcode != _MESSAGE_OPCODE:
-                if opcode in INNER:
-                    self._declare(opcode, data[start:stop], record.offset)
-            elif length < MESSAGE.size:
-                self._lose(
-                    "a message record is too short and excluded",
-                    record.offset,
-                    record.offset + length,
-                    1,
-                )
-            elif span is not None and not span[0] <= MESSAGE.unpack_from(data, start)[2] <= span[1]:
-                self._lose(
-                    "message excluded: its time is outside its chunk's range",
-                    record.offset,
-                    record.offset + length,
-                    1,
-                )
-            else:
-                position = self._position
-                self._position = position + 1
-                message = make(channels, data, start, stop, position)
-                if message is not None:
-                    yield message
-        return end
+        found = walk(data, strict=unchecked is not None)
+        for opcode, start, stop in found.declared:
+            self._declare(opcode, data[start:stop], record.offset)
+        for length in found.short:
+            what = "a message record is too short and excluded"
+            self._lose(what, record.offset, record.offset + length, 1)
+        part = found.part
+        if unchecked is not None and (span := unchecked.span) is not None:
+            log_ns = part.head["log_ns"]
+            outside = (log_ns < span[0]) | (log_ns > span[1])
+            for length in part.head["length"][outside].tolist():
+                what = "message excluded: its time is outside its chunk's range"
+                self._lose(what, record.offset, record.offset + length, 1)
+            part = part.take(~outside)
+        yield from self._counted(part)
+        return found.end
 
-    def _cut(self, record: Record) -> Generator[_T, None, int | None]:
+    def _counted(self, part: Part) -> Iterator[Part]:
+        """Yield a part with the ordinals of its messages, if it has any."""
+        if n := part.offset.size:
+            ordinal = self._position + np.arange(n)
+            self._position += n
+            yield part._replace(ordinal=ordinal)
+
+    def _outside_chunks(self, record: Record) -> Iterator[Part]:
+        """Gather a message outside chunks; yield those gathered when they are many."""
+        self._n_outside += 1
+        if len(record.body) < SHORTEST:
+            self._lose("a message record is too short and excluded", record.offset, record.end, 1)
+            return
+        self._outside += RECORD_HEAD.pack(record.opcode, len(record.body)) + record.body
+        if len(self._outside) > _PART:
+            yield from self._from_outside()
+
+    def _from_outside(self) -> Iterator[Part]:
+        """Yield the messages outside chunks that were gathered."""
+        if self._outside:
+            part = walk(bytes(self._outside)).part
+            self._outside.clear()
+            yield from self._counted(part)
+
+    def _cut(self, record: Record) -> Generator[Part, None, int | None]:
         """Yield the messages of what is left of a record that is not whole; return where reading resumes, or None."""
         if (own := self._salvage.whole_chunk(record.offset)) is not None:
             return (yield from self._as_stated_by_itself(record, own))
@@ -355,7 +332,7 @@ class McapScanner(Generic[_T]):
 
     def _declare(self, opcode: int, body: bytes, offset: int, messages: int | None = 0) -> None:
         try:
-            self._channels.declare(opcode, body)
+            self.channels.declare(opcode, body)
         except RECORD_ERRORS:
             self._lose(
                 "a schema or channel record is damaged and excluded",
@@ -363,13 +340,6 @@ class McapScanner(Generic[_T]):
                 offset + len(body),
                 messages,
             )
-
-    def _message(self, record: Record) -> _T | None:
-        if len(record.body) < MESSAGE.size:
-            self._lose("a message record is too short and excluded", record.offset, record.end, 1)
-            return None
-        self._position += 1
-        return self._make(self._channels, record.body, 0, len(record.body), self._position - 1)
 
     def _check(self, record: Record) -> None:
         """Compare the file's statements about itself with what was found, unless a loss already explains a difference."""
