@@ -151,7 +151,7 @@ def open_file(path: Path) -> xr.Dataset:
     """
     if isinstance(path, Address):
         # loads a client of servers
-        from replay_kit.forecast.remote.datasets import open_address
+        from replay_kit.forecast.remote.servers import open_address
 
         return with_dates(open_address(path))
     if not path.exists():

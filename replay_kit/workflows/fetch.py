@@ -2,10 +2,10 @@
 
 import hashlib
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,13 +18,12 @@ from replay_kit.core.region import Region, around, degree_of_longitude, width
 from replay_kit.core.region import text as region_text
 from replay_kit.core.text import time_text
 from replay_kit.forecast.describe import open_extent
-from replay_kit.forecast.remote.datasets import Session, asking
+from replay_kit.forecast.remote.apart import apart
 from replay_kit.forecast.remote.fetch import (
     cache_of,
     cost,
     covers,
     cuts_of,
-    limits_of,
     receive,
     with_files,
 )
@@ -38,6 +37,10 @@ from replay_kit.workflows.replay.inputs.region import (
     inside_extent,
 )
 from replay_kit.workflows.replay.inputs.scan import Reach, reach_of
+
+# s after which a server that gives nothing is given up
+_SILENCE = 60.0
+_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,7 +168,8 @@ def request_of(job: ReplayJob, config: RunConfig) -> Request:
     Raises:
         LogError: A log cannot be opened.
     """
-    return Request((job,), config, (reach_of(job.logs, config),))
+    needed = ReplayJob(job.logs, job.ensemble, goal=job.goal, vehicles=job.vehicles)
+    return Request((needed,), config, (reach_of(job.logs, config),))
 
 
 def _joined(requests: Sequence[Request]) -> Request:
@@ -209,21 +213,29 @@ def fetch(request: Request) -> Fetched:
     Raises:
         ForecastError: The forecast cannot be fetched or used, or without asking a server there is none.
     """
-    config = request.config.forecast
-    kept = cache_of(config)
+    kept = cache_of(request.config.forecast)
     held = kept.find(request.addresses, request.key)
-    if held is None and config.offline:
-        return _fetched(request, _covering(request, kept), (None,) * len(request.jobs))
-    with asking(limits_of(config)) as session:
-        if held is None or not (config.offline or _is_current(request, held, session)):
-            wanted, regions = wanted_of(request, session)
-            records = [None if region is None else region.to_record() for region in regions]
-            cuts = cuts_of(request.ensemble, wanted, config, session)
-            why = {"request": request.key, "regions": records}
-            files = receive(cuts, wanted, config, session, kept, why)
-            return replace(_fetched(request, files, regions), asked=True)
+    if request.config.forecast.offline:
+        if held is None:
+            return _fetched(request, _covering(request, kept), (None,) * len(request.jobs))
+    elif (received := _asked(_received, request, held)) is not None:
+        return received
+    assert held is not None
     found = [None if one is None else from_record(one) for one in held[0][1]["regions"]]
     return _fetched(request, [path for path, _ in held], found)
+
+
+def _received(request: Request, held: Sequence[Copy] | None) -> Fetched | None:
+    """Return a forecast as files, received now; None where those that are held are still as the server's."""
+    config = request.config.forecast
+    if held is not None and _is_current(request, held):
+        return None
+    wanted, regions = wanted_of(request)
+    records = [None if region is None else region.to_record() for region in regions]
+    cuts = cuts_of(request.ensemble, wanted, config)
+    why = {"request": request.key, "regions": records}
+    files = receive(cuts, wanted, config, cache_of(config), why)
+    return replace(_fetched(request, files, regions), asked=True)
 
 
 def price(request: Request) -> list[dict[str, Any]]:
@@ -232,10 +244,16 @@ def price(request: Request) -> list[dict[str, Any]]:
     Raises:
         ForecastError: As in ``fetch``.
     """
-    config = request.config.forecast
-    with asking(limits_of(config)) as session:
-        wanted, _ = wanted_of(request, session)
-        return cost(cuts_of(request.ensemble, wanted, config, session), session)
+    return _asked(_price, request)
+
+
+def _price(request: Request) -> list[dict[str, Any]]:
+    return cost(cuts_of(request.ensemble, wanted_of(request)[0], request.config.forecast))
+
+
+def _asked(call: Callable[..., _Value], request: Request, *more: object) -> _Value:
+    """Return what a call finds out from the servers of a request."""
+    return apart(call, request, *more, silence=_SILENCE, what=str(request.addresses[0]))
 
 
 def copy_whole(source: Path, out: Path) -> None:
@@ -244,11 +262,12 @@ def copy_whole(source: Path, out: Path) -> None:
         shutil.copyfileobj(held, file)
 
 
-def _is_current(request: Request, held: Sequence[Copy], session: Session) -> bool:
+def _is_current(request: Request, held: Sequence[Copy]) -> bool:
     """Return whether the data sets of files are still as they were."""
     wanted = Wanted(**{each.name: held[0][1]["wanted"][each.name] for each in fields(Wanted)})
-    cuts = cuts_of(request.ensemble, wanted, request.config.forecast, session)
-    prints = [cut.fingerprint(cut.served, session) for cut in cuts]
+    prints = [
+        cut.fingerprint() for cut in cuts_of(request.ensemble, wanted, request.config.forecast)
+    ]
     return prints == [record["print"] for _, record in held]
 
 
@@ -259,7 +278,7 @@ def _fetched(
     return Fetched(local, tuple(regions), tuple(files), asked=False)
 
 
-def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRegion | None, ...]]:
+def wanted_of(request: Request) -> tuple[Wanted, tuple[FoundRegion | None, ...]]:
     """Return what is asked of the servers, and the part that each mission needs; None where that is all.
 
     Raises:
@@ -271,7 +290,7 @@ def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRe
         region = None if stated in (None, EVERYWHERE) else stated
         return Wanted(region, request.deepest, *span), (None,) * len(request.jobs)
     # refuses a forecast of other times before values are received for the margin
-    cuts_of(request.ensemble, Wanted(None, None, *span), config.forecast, session)
+    cuts_of(request.ensemble, Wanted(None, None, *span), config.forecast)
     found, boxes = list[FoundRegion | None](), list[Region | None]()
     for job, reach in zip(request.jobs, request.reaches, strict=True):
         one = None

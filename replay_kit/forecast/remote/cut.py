@@ -1,5 +1,6 @@
 """The part of a data set that is received: its variables and bytes; piece by piece into a NetCDF file, and checked."""
 
+import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,24 +12,23 @@ from typing import Any
 import h5netcdf
 import h5py
 import numpy as np
+import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.errors import ForecastError
+from replay_kit.core.errors import ForecastError, ReplayKitError
 from replay_kit.core.paths import Address
 from replay_kit.core.progress import announce
 from replay_kit.forecast.blocks import Collection
 from replay_kit.forecast.members import kind_of
 from replay_kit.forecast.names import SEA_LEVEL, find_depth
-from replay_kit.forecast.remote.datasets import Served, Session, fingerprint
 from replay_kit.forecast.remote.kept import RECORD
 from replay_kit.forecast.remote.parts import Parts, Wanted, parts_of
+from replay_kit.forecast.remote.servers import Served, in_words, served
 
 # Values received at once [bytes].
 _PIECE = 1 << 25
 # Values of an axis, whatever it is of.
 _SMALL = 100_000
-# A field is received a second time, to see whether the data changed, where that costs at most this share, or so many bytes.
-_PROBE, _CHEAP = 0.05, 1e6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,44 +63,44 @@ class Cut:
             math.prod(self.shape(name)) * variables[name].dtype.itemsize for name in self.names
         )
 
-    def first_object(self, name: str) -> str:
-        """Return the address of the first chunk of a variable that is received, or of the file that holds all."""
+    def _first_chunk(self, name: str) -> tuple[int, ...]:
+        """Return the position of the first chunk of a variable that is received."""
         chunks, sizes = self.served.chunks(name) or (), self.served.ds.variables[name].sizes
-        position = tuple(
+        return tuple(
             self._taken(dim, size)[0].start // chunk
             for (dim, size), chunk in zip(sizes.items(), chunks, strict=False)
         )
-        return self.served.object_url(name, position)
 
-    def fingerprint(self, served: Served, session: Session) -> str:
-        """Return what shows that a data set, opened now, was changed; see ``datasets.fingerprint``."""
-        urls = [self.first_object(name) for name in self.current] if served.url else []
-        return fingerprint(served, session, urls)
+    def fingerprint(self) -> str:
+        """Return a hash of what shows that a data set was changed: description, small coordinates, a chunk of each velocity."""
+        ds, digest = self.served.ds, hashlib.sha256()
+        for name in sorted(map(str, ds.variables)):
+            variable = ds.variables[name]
+            shown = {key: np.asarray(value).tolist() for key, value in variable.attrs.items()}
+            about = [name, list(map(str, variable.dims)), list(variable.shape), str(variable.dtype)]
+            digest.update(json.dumps([*about, shown], sort_keys=True, default=str).encode())
+            if variable.ndim <= 1 and variable.size <= _SMALL and variable.dtype.kind in "iufM":
+                digest.update(np.ascontiguousarray(variable.values).tobytes())
+        for name in self.current:
+            digest.update(repr(self.served.state(name, self._first_chunk(name))).encode())
+        return digest.hexdigest()
 
-    def received(self, session: Session) -> float:
-        """Return the bytes that the server is expected to send, from the size of one chunk of each large variable."""
+    @property
+    def received(self) -> float:
+        """Bytes that the server is expected to send, from the size of one chunk of each large variable."""
         total, variables = 0.0, self.served.ds.variables
         for name in self.names:
-            size = math.prod(self.shape(name)) * variables[name].dtype.itemsize
-            chunks = self.served.chunks(name)
-            if chunks is not None:
+            size = float(math.prod(self.shape(name)) * variables[name].dtype.itemsize)
+            if (chunks := self.served.chunks(name)) is not None:
+                taken = zip(variables[name].sizes.items(), chunks, strict=True)
                 count = math.prod(
-                    len(
-                        {
-                            i // chunk
-                            for part in self._taken(dim, length)
-                            for i in _ends(part, chunk)
-                        }
-                    )
-                    for (dim, length), chunk in zip(
-                        variables[name].sizes.items(), chunks, strict=True
-                    )
+                    len({k // chunk for part in self._taken(dim, n) for k in _ends(part, chunk)})
+                    for (dim, n), chunk in taken
                 )
                 each = math.prod(chunks) * variables[name].dtype.itemsize
-                packed = self.served.key is not None and not variables[name].encoding.get("shards")
-                if packed and count * each > 1e5:
-                    each = session.client.head(self.first_object(name))[0] or each
-                size = count * each
+                if count * each > 1e5 and not variables[name].encoding.get("shards"):
+                    each = self.served.state(name, self._first_chunk(name))[0] or each
+                size = float(count * each)
             total += size
         return total
 
@@ -125,9 +125,7 @@ class Cut:
             yield tuple(pair[0] for pair in combined), tuple(pair[1] for pair in combined)
 
 
-def plan_cuts(
-    found: Collection, wanted: Wanted, config: ForecastConfig, session: Session
-) -> tuple[Cut, ...]:
+def plan_cuts(found: Collection, wanted: Wanted, config: ForecastConfig) -> tuple[Cut, ...]:
     """Return the parts of the data sets of an opened forecast that are needed; nothing but coordinates is received.
 
     Raises:
@@ -151,19 +149,17 @@ def plan_cuts(
             taken[grid] = parts_of(parts[0], wanted, config, kind, alone)
     cuts = []
     for address, of_dims in taken.items():
-        served = session.served(address)
-        ds = served.ds
+        ds = served(address).ds
         known = {dim: part for dim, part in of_dims.items() if dim in ds.sizes}
         current = tuple(
             dict.fromkeys(name for name in currents.get(address, ()) if name in ds.variables)
         )
-        cuts.append(Cut(served, known, _names(served, known, current), current))
+        cuts.append(Cut(served(address), known, _names(ds, known, current), current))
     return tuple(cuts)
 
 
-def _names(served: Served, parts: Parts, current: Sequence[str]) -> tuple[str, ...]:
+def _names(ds: xr.Dataset, parts: Parts, current: Sequence[str]) -> tuple[str, ...]:
     """Return the velocities, what of the grid belongs to them, and the height of the surface."""
-    ds = served.ds
     dims = {dim for name in current for dim in ds.variables[name].dims}
     grid = {dim for name in current for dim in ds.variables[name].dims[-2:]}
     changing = dims - grid - {find_depth(ds, dims)}
@@ -220,7 +216,7 @@ def write_cut(
                 if key != "_FillValue":
                     _set(made.attrs, str(key), value)
             for source, target in cut.pieces(name):
-                values = variable[source].values
+                values = _values(cut, name, source)
                 made[target] = values if numbers else values.astype(object)
                 done += values.nbytes
                 announce(what, done, total)
@@ -244,48 +240,22 @@ def _set(attributes: Any, name: str, value: object) -> None:
         attributes[name] = list(value) if isinstance(value, tuple) else value
 
 
-def check_same(cut: Cut, file: Path, session: Session, before: str) -> None:
-    """Check that a data set is still what it was when the cut began.
-
-    Args:
-        cut: What was received.
-        file: Where it was written.
-        session: By which it was received.
-        before: The data set's ``fingerprint`` before.
+def _values(cut: Cut, name: str, source: tuple[slice, ...]) -> np.ndarray:
+    """Return a piece of a variable.
 
     Raises:
-        ForecastError: It changed.
+        ForecastError: The server fails.
     """
-    again = session.again()
     try:
-        served = again.served(cut.served.address)
-        same = cut.fingerprint(served, again) == before
-        if same and cut.current and served.url:
-            same = _same_field(cut, served, file)
-    finally:
-        again.close()
-    if not same:
+        values: np.ndarray = cut.served.ds.variables[name][source].values
+    except (ReplayKitError, MemoryError):
+        raise
+    # a library may raise anything
+    except Exception as error:
         raise ForecastError(
-            f"{cut.served.address}: the data changed while they were received; fetch again, when the provider has finished"
-        )
-
-
-def _same_field(cut: Cut, served: Served, file: Path) -> bool:
-    """Return whether the first field received is the same once more, where that costs little."""
-    name = cut.current[0]
-    shape, taken = cut.shape(name), cut.served.ds.variables[name]
-    chunks = cut.served.chunks(name) or (1,) * taken.ndim
-    first = [cut.parts.get(str(dim), (slice(0, n),))[0] for dim, n in taken.sizes.items()]
-    part = [slice(one.start, one.start + 1) for one in first[:-2]] + first[-2:]
-    share = math.prod(
-        chunk / max(chunk, n) for n, chunk in zip(shape[:-2], chunks[:-2], strict=True)
-    )
-    if share > _PROBE and share * cut.values > _CHEAP:
-        return True
-    again = served.ds.variables[name][tuple(part)].values
-    with h5netcdf.File(file, "r") as held:
-        where = tuple(slice(0, one.stop - one.start) for one in part)
-        return np.array_equal(np.asarray(held[name][where]).view("u1"), again.view("u1"))
+            f"{cut.served.address}: the server gave no whole answer: {in_words(error)}; check the connection, or try again later"
+        ) from error
+    return values
 
 
 def _length(parts: Sequence[slice]) -> int:

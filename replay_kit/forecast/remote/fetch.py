@@ -18,9 +18,7 @@ from replay_kit.forecast.blocks import open_collection
 from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.members import parse_rule
 from replay_kit.forecast.names import find_time
-from replay_kit.forecast.remote.client import Limits
-from replay_kit.forecast.remote.cut import Cut, check_same, plan_cuts, write_cut
-from replay_kit.forecast.remote.datasets import Session
+from replay_kit.forecast.remote.cut import Cut, plan_cuts, write_cut
 from replay_kit.forecast.remote.kept import CACHE, Kept, key_of
 from replay_kit.forecast.remote.parts import Wanted
 
@@ -29,11 +27,6 @@ _LOG = logging.getLogger(__name__)
 _MOST = 1e9
 # From this on a download whose chunks make it ten times as large as its values must be asked for [bytes].
 _WASTE, _LARGE = 10.0, 5e7
-
-
-def limits_of(config: ForecastConfig) -> Limits:
-    """Return what a server may send."""
-    return Limits(_MOST if config.max_download is None else 1e6 * config.max_download)
 
 
 def cache_of(config: ForecastConfig) -> Kept:
@@ -49,25 +42,19 @@ def with_files(given: Paths, files: dict[Address, Path]) -> tuple[tuple[Path, ..
     )
 
 
-def cuts_of(
-    given: Paths, wanted: Wanted, config: ForecastConfig, session: Session
-) -> tuple[Cut, ...]:
+def cuts_of(given: Paths, wanted: Wanted, config: ForecastConfig) -> tuple[Cut, ...]:
     """Return what of the addresses of an ensemble is received, in their order.
 
     Raises:
         ForecastError: The forecast cannot be used, or is of another place or time.
     """
     with open_collection(given, parse_rule(config.members)) as found:
-        cuts = {cut.served.address: cut for cut in plan_cuts(found, wanted, config, session)}
+        cuts = {cut.served.address: cut for cut in plan_cuts(found, wanted, config)}
     return tuple(cuts[address] for address in addresses_in(given))
 
 
-def cost(cuts: Sequence[Cut], session: Session) -> list[dict[str, Any]]:
-    """Return what each cut holds and costs.
-
-    Raises:
-        ForecastError: The server cannot be asked.
-    """
+def cost(cuts: Sequence[Cut]) -> list[dict[str, Any]]:
+    """Return what each cut holds and costs."""
     rows: list[dict[str, Any]] = []
     for cut in cuts:
         name = (cut.current or cut.names)[0]
@@ -80,7 +67,7 @@ def cost(cuts: Sequence[Cut], session: Session) -> list[dict[str, Any]]:
                 "shape": dict(zip(map(str, dims), cut.shape(name), strict=True)),
                 "chunks": cut.served.chunks(name),
                 "bytes": cut.values,
-                "download_bytes": cut.received(session),
+                "download_bytes": cut.received,
             }
         )
     return rows
@@ -103,7 +90,6 @@ def receive(
     cuts: Sequence[Cut],
     wanted: Wanted,
     config: ForecastConfig,
-    session: Session,
     kept: Kept,
     why: Mapping[str, object],
 ) -> tuple[Path, ...]:
@@ -113,20 +99,20 @@ def receive(
         cuts: What is received.
         wanted: What was asked for.
         config: Settings of the forecast.
-        session: By which it is received.
         kept: Where.
         why: What the records repeat of the request.
 
     Raises:
         ForecastError: It is more than is allowed, the server fails, or the data change meanwhile.
     """
-    rows = cost(cuts, session)
+    rows = cost(cuts)
     values, total = (sum(row[key] for row in rows) for key in ("bytes", "download_bytes"))
     for row in rows:
         _LOG.warning("fetching %s", cost_text(row))
-    if total > session.limits.bytes:
+    most = _MOST if config.max_download is None else 1e6 * config.max_download
+    if total > most:
         raise ForecastError(
-            f"{rows[0]['address']}: {total / 1e6:.4g} MB are to be received, more than --max-download {session.limits.bytes / 1e6:.4g} MB; "
+            f"{rows[0]['address']}: {total / 1e6:.4g} MB are to be received, more than --max-download {most / 1e6:.4g} MB; "
             "choose less with --region, --levels and --start, --end, or allow more"
         )
     if config.max_download is None and total > max(_WASTE * values, _LARGE):
@@ -134,35 +120,18 @@ def receive(
             f"{rows[0]['address']}: {values / 1e6:.4g} MB of values cost {total / 1e6:.4g} MB, because of the chunks of the store; if that "
             f"is meant, ask for it: --max-download {int(total / 1e6 * 1.1) + 1}"
         )
-    prints = [cut.fingerprint(cut.served, session) for cut in cuts]
     files, done, size = [], 0.0, float(values)
-    for cut, before in zip(cuts, prints, strict=True):
-        first = session.received
+    for cut in cuts:
+        before = cut.fingerprint()
         record = {**_record(cut, wanted, config), **why, "print": before}
 
-        def write(part: Path, cut: Cut = cut, before: str = before, record: Any = record) -> None:
+        def write(part: Path, cut: Cut = cut, record: Any = record) -> None:
             nonlocal done
             with zarr.config.set({"async.concurrency": _at_once(cut)}):
                 done = write_cut(cut, part, record, done, size)
-                check_same(cut, part, session, before)
 
-        try:
-            files.append(kept.add(_readable(cut), write))
-        except (
-            ValueError,
-            LookupError,
-            TypeError,
-            RuntimeError,
-            ArithmeticError,
-            OSError,
-        ) as error:
-            words = " ".join(str(error).split())[:200]
-            raise ForecastError(
-                f"{cut.served.address}: what the server sends cannot be read: {type(error).__name__}: {words}; try again later"
-            ) from error
-        absent = 0 if cut.served.store is None else getattr(cut.served.store, "absent", 0)
-        more = f", {absent} absent chunks read as missing values" if absent else ""
-        _LOG.warning("received %.4g MB%s: %s", (session.received - first) / 1e6, more, files[-1])
+        files.append(kept.add(_readable(cut), write))
+        _LOG.warning("received %s", files[-1])
     return tuple(files)
 
 

@@ -19,7 +19,7 @@ from replay_kit.forecast.layout import Layout, U, V, lay_out
 from replay_kit.forecast.members import MADE
 from replay_kit.forecast.names import find_depth, find_lead, find_time
 from replay_kit.forecast.pairs import Part
-from replay_kit.forecast.remote.datasets import open_address
+from replay_kit.forecast.remote.servers import open_address
 from replay_kit.forecast.s_levels import find_s_coordinate
 from replay_kit.forecast.times import dated_leads, valid_times
 

@@ -3,6 +3,7 @@
 import logging
 from types import SimpleNamespace
 
+import fsspec
 import numpy as np
 import pytest
 import xarray as xr
@@ -11,12 +12,12 @@ from replay_kit.config.run import load_config
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import path_of
 from replay_kit.core.region import Region
-from replay_kit.forecast.remote.client import Limits
+from replay_kit.forecast.remote import apart, servers
 from replay_kit.workflows import fetch
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from tests import synthetic
 
-pytest.importorskip("urllib3", reason="the extra 'remote' is not installed")
+pytest.importorskip("aiohttp", reason="the extra 'remote' is not installed")
 
 #: A part of it.
 BOX = "153,-39.5,154.5,-38.5"
@@ -38,18 +39,24 @@ def sea(times: int = 4, shape: tuple[int, int] = (30, 40), step: float = 0.1) ->
 
 
 @pytest.fixture
-def asker(tmp_path, monkeypatch):
-    """Fetches a part of a forecast: ``asker(url, region=..., ...)`` is the file, opened and loaded; ``limits`` may be changed."""
+def here(monkeypatch):
+    """Servers are asked in this process."""
+
+    def call(function, *arguments, silence, what):
+        servers.served.cache_clear()
+        fsspec.filesystem("http").invalidate_cache()
+        with apart.asking():
+            return function(*arguments)
+
+    monkeypatch.setattr(fetch, "apart", call)
+    monkeypatch.setattr(servers, "_PAUSE", 0.002)
+
+
+@pytest.fixture
+def asker(tmp_path, here):
+    """Fetches a part of a forecast: ``asker(url, region=..., ...)`` is the file, opened and loaded."""
     logging.disable(logging.WARNING)
-    state = SimpleNamespace(limits=Limits(silence=0.5, attempts=5, pause=0.002), fetched=None)
-
-    def limits_of(config):
-        from dataclasses import replace
-
-        most = state.limits.bytes if config.max_download is None else 1e6 * config.max_download
-        return replace(state.limits, bytes=most)
-
-    monkeypatch.setattr(fetch, "limits_of", limits_of)
+    state = SimpleNamespace(fetched=None)
 
     def ask(url: str, region: Region | str | None = BOX, logs: dict | None = None, **settings):
         if isinstance(region, str):

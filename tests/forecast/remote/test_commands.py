@@ -16,14 +16,14 @@ from tests.forecast.remote.servers import Files, griddap, opendap, serving, zarr
 from tests.forecast.remote.test_forms import needs
 from tests.places import SAMPLES
 
-pytest.importorskip("urllib3", reason="the extra 'remote' is not installed")
+pytest.importorskip("aiohttp", reason="the extra 'remote' is not installed")
 pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is currently not part")
 LOG = str(SAMPLES / "survey.mcap")
 QUICK = "--end 2018-11-16T01:00Z --modes 5 --levels 5,50"
 
 
 @pytest.fixture(autouse=True)
-def quiet():
+def quiet(here):
     logging.disable(logging.WARNING)
     yield
     logging.disable(logging.NOTSET)
@@ -99,7 +99,7 @@ def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemb
     assert "an ensemble of 6 members" in told.output
     assert len(files.asked) == count
     missing = invoke(f"info --ensemble {files.url} --region 1,2,3,4 {cache}")
-    assert "the connection is refused" in missing.stderr
+    assert "the server cannot be reached: Connection refused" in missing.stderr
     refused = invoke(f"fetch --ensemble {out}")
     assert "expected an address, such as https://" in refused.stderr
     paper = f"experiment paper --leave-out 1 -o {tmp_path}/paper"

@@ -125,7 +125,7 @@ def test_copernicus_marine_is_asked_through_its_own_client(asker, monkeypatch):
 def test_without_the_extras_the_command_that_adds_them_is_named(asker, monkeypatch):
     monkeypatch.setitem(sys.modules, "copernicusmarine", None)
     assert "pip install 'replay-kit[cmems]'" in refused(asker, "cmems:any")
-    monkeypatch.setitem(sys.modules, "urllib3", None)
+    monkeypatch.setitem(sys.modules, "aiohttp", None)
     assert "pip install 'replay-kit[remote]'" in refused(asker, "https://example.org/e.zarr")
 
 

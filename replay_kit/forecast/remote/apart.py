@@ -1,0 +1,152 @@
+"""A call in a process of its own, which is ended when it is late: libraries that speak to servers may hang or crash."""
+
+import logging
+import os
+import pickle
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from multiprocessing.connection import Connection
+from typing import Any, TypeVar
+
+from replay_kit.core.errors import ForecastError, ReplayKitError
+from replay_kit.core.progress import announce, shown_by
+
+_LOG = logging.getLogger(__name__)
+_Value = TypeVar("_Value")
+# s between two words of progress, and memory that a server's answers may take [bytes]
+_OFTEN, _MEMORY = 0.2, 4 << 30
+
+
+_ASKING: ContextVar[bool] = ContextVar("asking", default=False)
+
+
+def may_ask() -> bool:
+    """Return whether servers may be asked here: in a process of its own."""
+    return _ASKING.get()
+
+
+@contextmanager
+def asking() -> Iterator[None]:
+    """Let servers be asked in this context."""
+    token = _ASKING.set(True)
+    try:
+        yield
+    finally:
+        _ASKING.reset(token)
+
+
+def apart(function: Callable[..., _Value], *arguments: Any, silence: float, what: str) -> _Value:
+    """Return the value of a call in a process of its own; progress and log come from it.
+
+    Args:
+        function: Of a module, so that it can be found by its name; its arguments and its value can be pickled.
+        arguments: Of it.
+        silence: Time after which the process is ended unless it announces progress [s].
+        what: What is asked, for errors.
+
+    Raises:
+        ForecastError: It was silent for too long, or the process died.
+        ReplayKitError: As the function raises it.
+    """
+    # what libraries write there is no word of ours
+    errors = tempfile.TemporaryFile()  # noqa: SIM115
+    process = subprocess.Popen(
+        [sys.executable, "-m", __name__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=errors,
+    )
+    try:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with process.stdin as file:
+            file.write(pickle.dumps((sys.path, function, arguments)))
+        with Connection(os.dup(process.stdout.fileno()), writable=False) as said:
+            while True:
+                if not said.poll(silence):
+                    raise ForecastError(
+                        f"{what}: the server was silent for {silence:g} s; check the connection, or try again later"
+                    )
+                kind, value = said.recv()
+                if kind == "progress":
+                    announce(*value)
+                elif kind == "log":
+                    _LOG.warning(value)
+                elif kind == "error":
+                    raise value
+                elif kind == "memory":
+                    raise ForecastError(
+                        f"{what}: the server sends more than this machine may hold; it was not read on"
+                    )
+                else:
+                    return value  # type: ignore[no-any-return]
+    except EOFError as error:
+        status = process.wait()
+        errors.seek(0)
+        last = errors.read()[-1000:].decode("utf-8", "replace").strip().rpartition("\n")[2]
+        raise ForecastError(
+            f"{what}: reading from the server ended with status {status}{f' ({last})' if last else ''}; try again later, or download the "
+            "forecast and give the file"
+        ) from error
+    finally:
+        process.kill()
+        process.wait()
+        errors.close()
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+class _Forward(logging.Handler):
+    def __init__(self, said: Connection) -> None:
+        super().__init__(logging.WARNING)
+        self._said = said
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.name.startswith("replay_kit"):
+            self._said.send(("log", record.getMessage()))
+
+
+def main() -> None:
+    """Make the call that standard input holds, and say on standard output what comes of it."""
+    sys.path[:], function, arguments = pickle.load(sys.stdin.buffer)
+    said = Connection(os.dup(1), readable=False)
+    # what a library prints is no word of ours
+    os.dup2(2, 1)
+    _limit_memory()
+    logging.getLogger().addHandler(_Forward(said))
+    last = 0.0
+
+    def progress(done: float, total: float, what: str) -> None:
+        nonlocal last
+        if (now := time.monotonic()) - last > _OFTEN:
+            last = now
+            said.send(("progress", (what, done, total)))
+
+    with asking(), shown_by(progress):
+        try:
+            said.send(("value", function(*arguments)))
+        except ReplayKitError as error:
+            said.send(("error", error))
+        except MemoryError:
+            said.send(("memory", None))
+
+
+def _limit_memory() -> None:
+    """Bound what a server's answers may take, where the system can."""
+    if sys.platform == "linux":
+        with open("/proc/self/statm", encoding="ascii") as file:
+            now = int(file.read().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (now + _MEMORY,) * 2)
+
+
+if __name__ == "__main__":
+    # the module that others import, not this copy of it
+    from replay_kit.forecast.remote import apart as module
+
+    module.main()
