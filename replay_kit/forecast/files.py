@@ -18,6 +18,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.inputs import exceeds_claim, open_input, packed_fill
 from replay_kit.core.paths import Address, Paths, as_groups
 from replay_kit.core.text import count_text
+from replay_kit.forecast.names import find_mesh
 
 _ENDINGS = (".nc", ".nc4", ".nc3", ".cdf", ".netcdf", ".zarr")
 #: Names of files of which a Zarr store has one.
@@ -181,6 +182,11 @@ def open_file(path: Path) -> xr.Dataset:
         RuntimeError,
     ) as error:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
+    if (mesh := find_mesh(ds)) is not None:
+        # takes a while to load
+        from replay_kit.forecast.meshes import on_grid
+
+        ds = on_grid(ds, mesh, str(path))
     return with_dates(ds)
 
 

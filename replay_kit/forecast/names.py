@@ -335,3 +335,29 @@ def find_lead(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:
 def find_time(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:
     """Return the dimension of times, or None."""
     return find_dimension(ds, dims, ("time",), _TIME_NAMES)
+
+
+#: Attribute of a dataset of a mesh that was interpolated to a grid: what was done, and what error it makes.
+MESH = "replay_kit_mesh"
+# Names of the corners of faces, longitude and latitude where no topology is stated: FVCOM, SCHISM, FESOM.
+_MESHES = (
+    ("nv", "lon", "lat"),
+    ("SCHISM_hgrid_face_nodes", "SCHISM_hgrid_node_x", "SCHISM_hgrid_node_y"),
+    ("face_nodes", "lon", "lat"),
+    ("elements", "lon", "lat"),
+)
+
+
+def find_mesh(ds: xr.Dataset) -> tuple[str, str, str] | None:
+    """Return the names of the corners of the faces of an unstructured mesh, and of its nodes' longitude and latitude; None without one.
+
+    Source: UGRID conventions 1.0, two-dimensional flexible mesh.
+    """
+    for variable in ds.variables.values():
+        about = variable.attrs
+        if about.get("cf_role") == "mesh_topology" and "face_node_connectivity" in about:
+            x, y = about["node_coordinates"].split()
+            if "lat" in str(ds[x].attrs.get("standard_name", "")):
+                x, y = y, x
+            return about["face_node_connectivity"], x, y
+    return next((names for names in _MESHES if set(names) <= set(ds.variables)), None)

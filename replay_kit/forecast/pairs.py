@@ -12,7 +12,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, some_text
 from replay_kit.forecast.files import natural
 from replay_kit.forecast.layout import DIRECTION, STAGGERED, U, V
-from replay_kit.forecast.names import Current, find_time
+from replay_kit.forecast.names import MESH, Current, find_time
 
 _TIMES_OF_GRIDS = ("time", "time_counter", "time_steps", "ocean_time")
 
@@ -53,7 +53,7 @@ def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
     Raises:
         ForecastError: A repeated coordinate has other values the second time, or coordinates are not monotonic.
     """
-    notes, where = [], str(part.paths[0])
+    notes, where = [note for note in (part.ds.attrs.get(MESH),) if note], str(part.paths[0])
     for axis in _axes(part):
         if axis.ndim != 1 or axis.size < 2:
             continue

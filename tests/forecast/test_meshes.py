@@ -1,0 +1,173 @@
+"""Forecasts on unstructured meshes, made of one known field: on the regular grid it is the same, and nothing crosses the coast."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.spatial import Delaunay
+
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.errors import ForecastError
+from replay_kit.forecast import read_ensemble
+
+WEST, SOUTH, SIDE = -5.0, 48.0, 0.5
+LEVELS = np.array([2.0, 10.0, 30.0])
+
+
+def current(lon, lat, depth):
+    """Eastward and northward components [m/s] of a sheared eddy."""
+    x, y = (lon - WEST) / SIDE - 0.5, (lat - SOUTH) / SIDE - 0.5
+    fade = 1.0 - depth / 100.0
+    return -0.4 * y * fade, (0.4 * x + 0.1) * fade
+
+
+def is_land(lon, lat, radius=0.15):
+    return np.hypot((lon - WEST) / SIDE - 0.5, (lat - SOUTH) / SIDE - 0.5) < radius
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    """Nodes (longitude, latitude) and triangles of a square with an island."""
+    rng = np.random.default_rng(1)
+    edge = np.linspace(0.0, 1.0, 30)
+    frame = [(a, b) for a in edge for b in edge if {a, b} & {0.0, 1.0}]
+    unit = np.vstack([frame, rng.uniform(0.02, 0.98, (1500, 2))])
+    nodes = np.array([WEST, SOUTH]) + SIDE * unit
+    nodes = nodes[~is_land(*nodes.T)]
+    triangles = Delaunay(nodes).simplices
+    return nodes, triangles[~is_land(*nodes[triangles].mean(axis=1).T)]
+
+
+def of_members(values):
+    return np.stack([values, 1.1 * values])
+
+
+def bottom(nodes):
+    return 60.0 + 40.0 * (nodes[:, 0] - WEST) / SIDE
+
+
+def fvcom(nodes, triangles):
+    sigma = -(np.arange(20) + 0.5) / 20
+    middle, depth = nodes[triangles].mean(axis=1), bottom(nodes)[triangles].mean(axis=1)
+    u, v = current(*middle.T, -sigma[:, None] * depth)
+    terms = {"standard_name": "ocean_sigma_coordinate"}
+    return xr.Dataset(
+        {
+            "lon": ("node", nodes[:, 0]),
+            "lat": ("node", nodes[:, 1]),
+            "nv": (("three", "nele"), triangles.T + 1),
+            "h": ("node", bottom(nodes)),
+            "zeta": (("member", "node"), np.zeros((2, len(nodes)))),
+            "siglay": (("siglay", "node"), np.repeat(sigma[:, None], len(nodes), 1), terms),
+            "member": ("member", [0, 1]),
+            "u": (("member", "siglay", "nele"), of_members(u)),
+            "v": (("member", "siglay", "nele"), of_members(v)),
+        }
+    )
+
+
+def delft3d(nodes, triangles):
+    """By UGRID, with faces of four corners, too, at fixed depths."""
+    faces = np.column_stack([triangles + 1, np.full(len(triangles), -999)]).astype(float)
+    u, v = current(*nodes[triangles].mean(axis=1).T, LEVELS[:, None])
+    return xr.Dataset(
+        {
+            "mesh2d": (
+                (),
+                0,
+                {
+                    "cf_role": "mesh_topology",
+                    "node_coordinates": "mesh2d_node_x mesh2d_node_y",
+                    "face_node_connectivity": "mesh2d_face_nodes",
+                },
+            ),
+            "mesh2d_node_x": ("mesh2d_nNodes", nodes[:, 0], {"standard_name": "longitude"}),
+            "mesh2d_node_y": ("mesh2d_nNodes", nodes[:, 1], {"standard_name": "latitude"}),
+            "mesh2d_face_nodes": (("mesh2d_nFaces", "corners"), faces, {"start_index": 1}),
+            "depth": ("depth", LEVELS, {"positive": "down", "units": "m"}),
+            "member": ("member", [0, 1]),
+            "mesh2d_ucx": (
+                ("member", "mesh2d_nFaces", "depth"),
+                of_members(u.T),
+                {"standard_name": "sea_water_x_velocity"},
+            ),
+            "mesh2d_ucy": (
+                ("member", "mesh2d_nFaces", "depth"),
+                of_members(v.T),
+                {"standard_name": "sea_water_y_velocity"},
+            ),
+        }
+    )
+
+
+def schism(nodes, triangles):
+    """With the heights of the layers at each node."""
+    share = np.linspace(1.0, 0.0, 25)
+    heights = -bottom(nodes)[:, None] * share
+    u, v = current(*nodes.T[..., None], -heights)
+    dims = ("member", "nSCHISM_hgrid_node", "nSCHISM_vgrid_layers")
+    return xr.Dataset(
+        {
+            "SCHISM_hgrid_node_x": (dims[1], nodes[:, 0]),
+            "SCHISM_hgrid_node_y": (dims[1], nodes[:, 1]),
+            "SCHISM_hgrid_face_nodes": (("nSCHISM_hgrid_face", "three"), triangles + 1),
+            "member": ("member", [0, 1]),
+            "zCoordinates": (dims, np.stack([heights, heights])),
+            "horizontalVelX": (dims, of_members(u)),
+            "horizontalVelY": (dims, of_members(v)),
+        }
+    )
+
+
+def fesom(nodes, triangles):
+    u, v = current(*nodes[triangles].mean(axis=1).T, LEVELS[:, None])
+    return xr.Dataset(
+        {
+            "lon": ("nod2", nodes[:, 0]),
+            "lat": ("nod2", nodes[:, 1]),
+            "elements": (("n3", "elem"), triangles.T + 1),
+            "nz1": ("nz1", LEVELS, {"positive": "down", "units": "m", "standard_name": "depth"}),
+            "member": ("member", [0, 1]),
+            "u": (("member", "nz1", "elem"), of_members(u)),
+            "v": (("member", "nz1", "elem"), of_members(v)),
+        }
+    )
+
+
+@pytest.mark.parametrize("made", [fvcom, delft3d, schism, fesom])
+def test_a_field_on_a_mesh_is_the_same_on_the_grid(tmp_path, mesh, made):
+    made(*mesh).to_netcdf(tmp_path / "mesh.nc", engine="h5netcdf")
+    config = ForecastConfig(levels=tuple(LEVELS))
+    found = read_ensemble(tmp_path / "mesh.nc", config)
+    grid = found.grid
+    assert found.n_members == 2
+    # those of the file that are nearest, where it has layers at each node
+    np.testing.assert_allclose(grid.levels, LEVELS, atol=2.0)
+    expected = np.stack(current(grid.longitude, grid.latitude, grid.levels[:, None, None]))
+    wet = grid.wet
+    # of the mean spacing of the mesh
+    assert 0.5 * len(mesh[0]) < wet[0].sum() < 2.0 * len(mesh[0])
+    eastward, northward = found.velocity[0, 0], found.velocity[0, 1]
+    error = np.hypot(eastward - expected[0], northward - expected[1])[wet]
+    assert np.sqrt(np.mean(error**2)) < 0.01
+    assert error.max() < 0.06
+    # a triangle may reach across the coast by its own size
+    assert not (wet & is_land(grid.longitude, grid.latitude, 0.12)).any()
+    assert "cm/s RMS" in found.notes[-1]
+
+
+def test_a_mesh_in_metres_is_refused(tmp_path, mesh):
+    nodes, triangles = mesh
+    ds = fesom(nodes, triangles)
+    ds["lon"], ds["lat"] = 1e4 * ds.lon, 1e4 * ds.lat
+    ds.to_netcdf(tmp_path / "mesh.nc", engine="h5netcdf")
+    with pytest.raises(ForecastError, match="whose nodes are not in degrees"):
+        read_ensemble(tmp_path / "mesh.nc", ForecastConfig())
+
+
+def test_layers_that_differ_from_node_to_node_are_refused(tmp_path, mesh):
+    ds = fvcom(*mesh)
+    ds["siglay"] = ds.siglay * np.linspace(0.5, 1.0, ds.sizes["node"])
+    ds.siglay.attrs["standard_name"] = "ocean_sigma_coordinate"
+    ds.to_netcdf(tmp_path / "mesh.nc", engine="h5netcdf")
+    with pytest.raises(ForecastError, match="layers siglay that differ from node to node"):
+        read_ensemble(tmp_path / "mesh.nc", ForecastConfig())
