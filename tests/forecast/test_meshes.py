@@ -27,10 +27,9 @@ def is_land(lon, lat, radius=0.15):
 @pytest.fixture(scope="module")
 def mesh():
     """Nodes (longitude, latitude) and triangles of a square with an island."""
-    rng = np.random.default_rng(1)
     edge = np.linspace(0.0, 1.0, 30)
     frame = [(a, b) for a in edge for b in edge if {a, b} & {0.0, 1.0}]
-    unit = np.vstack([frame, rng.uniform(0.02, 0.98, (1500, 2))])
+    unit = np.vstack([frame, np.random.default_rng(1).uniform(0.02, 0.98, (1500, 2))])
     nodes = np.array([WEST, SOUTH]) + SIDE * unit
     nodes = nodes[~is_land(*nodes.T)]
     triangles = Delaunay(nodes).simplices
