@@ -57,6 +57,17 @@ class LogFormat:
         return re.fullmatch(self.endings, path.name, re.IGNORECASE) is not None
 
 
+def _is_csv(head: bytes) -> bool:
+    """Return whether a file that begins so is a table in text: names with commas, semicolons or tabs between them."""
+    lines = head.split(b"\n")
+    first = next((line for line in lines[:-1] if not line.startswith(b"#")), b"")
+    try:
+        text = first.decode("utf-8-sig").strip().replace("\t", ",")
+    except UnicodeDecodeError:
+        return False
+    return text.isprintable() and max(map(text.count, ",;")) >= 3
+
+
 _VALUES = "values of NetCDF, text or Slocum files"
 #: The formats, in the order in which they are tried.
 FORMATS = (
@@ -81,7 +92,7 @@ FORMATS = (
         "seaexplorer",
         "a SeaExplorer's file",
         "glider.reader:open_glider",
-        recognises="shared.texts:is_seaexplorer",
+        recognises="glider.missions:is_seaexplorer",
         endings=r".*\.(gli|pld1)(\.(sub|raw|all))?(\.\d+)?(\.gz)?",
         unchecked=_VALUES,
         log_of="glider.files:mission_key",
@@ -127,7 +138,7 @@ FORMATS = (
         "table",
         "a table of pings or drifters (CSV)",
         "table:open_table",
-        recognises="shared.texts:is_csv",
+        recognises=_is_csv,
         unchecked=_VALUES,
     ),
     LogFormat(

@@ -24,7 +24,6 @@ from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, as_number, open_ne
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import PING, numbers, stamp
-from replay_kit.logs.shared.texts import is_csv
 
 TOPIC = "/observations"
 #: By quantity its names, the standard name first.
@@ -272,7 +271,7 @@ def _flat(held: Any, attributes: Mapping[str, Any]) -> list[str]:
 def in_text(path: Path) -> bool:
     """Return whether a file is a table in text."""
     with open(path, "rb") as file:
-        return is_csv(file.read(_LINE))
+        return not file.read(4).startswith((b"CDF", b"\x89HDF"))
 
 
 def read_csv(path: Path) -> Mapping[str, Stored]:

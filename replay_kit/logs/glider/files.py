@@ -17,10 +17,15 @@ from numpy.typing import NDArray
 from replay_kit.core.errors import LogError
 from replay_kit.core.inputs import exceeds_claim, open_input
 from replay_kit.logs.glider.dialects import Dialect, dialect_of
-from replay_kit.logs.glider.missions import MISSION_NAMES, mission_of
+from replay_kit.logs.glider.missions import (
+    FIRST_COLUMNS,
+    GZIP_MAGIC,
+    MISSION_NAMES,
+    is_seaexplorer,
+    mission_of,
+)
 from replay_kit.logs.glider.netcdf import Choose, NetcdfFile, Stored, as_number, open_netcdf
 from replay_kit.logs.glider.rows import refuse_forecast
-from replay_kit.logs.shared.texts import FIRST_COLUMNS, GZIP_MAGIC, is_seaexplorer
 
 _HEAD = 1 << 12
 

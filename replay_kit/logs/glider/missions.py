@@ -1,5 +1,6 @@
 """Which mission a glider file is of, and whether a folder holds one mission: known before the libraries that read such files are loaded."""
 
+import zlib
 from collections.abc import Sequence
 from itertools import takewhile
 from pathlib import Path
@@ -11,6 +12,9 @@ from replay_kit.logs.reader import LogFile
 if TYPE_CHECKING:
     from replay_kit.logs.glider.netcdf import NetcdfFile
 
+GZIP_MAGIC = b"\x1f\x8b"
+#: Names that the first column of a SeaExplorer's file has.
+FIRST_COLUMNS = ("timestamp", "pld_realtimeclock")
 #: Variables that name the mission, and attributes that do, with the dialects of which they do; of others ``id`` names the file
 MISSION_NAMES = ("trajectory", "mission_name")
 _ATTRIBUTES = (("deployment_name", None), ("id", "og1"), ("glider_name", None))
@@ -62,3 +66,15 @@ def pattern(paths: Sequence[Path]) -> str:
         lambda column: len(set(column)) == 1, zip(*(path.name for path in paths), strict=False)
     )
     return paths[0].name if len(paths) == 1 else f"{''.join(column[0] for column in letters)}*"
+
+
+def is_seaexplorer(head: bytes) -> bool:
+    """Return whether a file that begins with these bytes is a SeaExplorer's, compressed or not."""
+    if head.startswith(GZIP_MAGIC):
+        try:
+            head = zlib.decompressobj(wbits=31).decompress(head, 256)
+        except zlib.error:
+            return False
+    return head.lstrip(b"\xef\xbb\xbf").split(b";", 1)[0].strip().lower() in {
+        name.encode() for name in FIRST_COLUMNS
+    }
