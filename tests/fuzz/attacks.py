@@ -200,17 +200,6 @@ def _glider_grid(file: h5py.File) -> None:
         file.create_dataset(name, shape=(2_000_000_000,), dtype="f8", chunks=(100_000,))
 
 
-def _dataflash() -> bytes:
-    declaration = struct.Struct("<2sBBB4s16s64s")
-
-    def declared(number: int, size: int, name: bytes, form: bytes, columns: bytes) -> bytes:
-        return declaration.pack(b"\xa3\x95", 128, number, size, name, form, columns)
-
-    return declared(128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns") + b"".join(
-        declared(10 + k % 2, 12, b"AB%02d" % (k % 97), b"Qb", b"TimeUS,V") for k in range(100_000)
-    )
-
-
 def _tlog() -> bytes:
     time = struct.pack(">Q", 1_700_000_000_000_000)
     return (time + b"\xfd\xff\x01" + bytes(9)) * 500_000
@@ -272,7 +261,6 @@ ATTACKS: dict[str, Attack] = {
     "NetCDF ensemble: velocities are texts": _netcdf(_objects, "--ensemble"),
     "Zarr ensemble: 17 GB that were never written": _zarr,
     "NetCDF glider: 2 billion samples": _netcdf(_glider_grid),
-    "DataFlash: 100,000 declarations": info_of("log.BIN", _dataflash),
     "MAVLink: 500,000 frames cut short": info_of("log.tlog", _tlog),
     "PD0: 400,000 headers of 65 kB": info_of("log.pd0", _pd0),
     "AD2CP: a million headers of 65 kB": info_of("log.ad2cp", _ad2cp),

@@ -103,8 +103,9 @@ def damaged(subject: Subject, number: int, seed: int, folder: Path) -> list[str]
 def of_file(path: Path) -> Subject:
     """Return a sound MCAP, telemetry or DataFlash log."""
     data = path.read_bytes()
-    check = {".mcap": _mcap, ".tlog": _telemetry, ".BIN": _dataflash}[path.suffix](data)
-    return Subject(str(path), data, check)
+    if path.suffix == ".BIN":
+        return Subject(str(path), data, _dataflash(path))
+    return Subject(str(path), data, {".mcap": _mcap, ".tlog": _telemetry}[path.suffix](data))
 
 
 def subjects(folder: Path) -> list[Subject]:
@@ -129,6 +130,8 @@ def subjects(folder: Path) -> list[Subject]:
         _classic(folder / "classic"),
         glider_samples.seaexplorer(folder)[0],
     )
+    sound = folder / "sound.BIN"
+    sound.write_bytes(b"".join(dataflash(12)))
     found = [Subject(name, data, _mcap(data)) for name, data in mcaps.items()]
     found += [
         Subject(
@@ -136,7 +139,7 @@ def subjects(folder: Path) -> list[Subject]:
             data := b"".join(tlog(40)),
             _telemetry(data),
         ),
-        Subject("dataflash", data := b"".join(dataflash(12)), _dataflash(data)),
+        Subject("dataflash", sound.read_bytes(), _dataflash(sound)),
         Subject("pd0", pd0, _covered(ensembles(pd0), ensembles, _pings_of)),
         Subject(
             "ad2cp",
@@ -280,22 +283,18 @@ def _telemetry(data: bytes) -> Check:
     return _covered(damage.frames(data), damage.frames, _frames_of)
 
 
-def _dataflash(data: bytes) -> Check:
+def _dataflash(file: Path) -> Check:
     """Return the check of a log without checksums whose records are known: those before the damage come first."""
-    ends = [end for _, end, _ in damage.records(data)]
-    sound: list[str] = []
+    ends = [end for _, end, _ in damage.records(file.read_bytes())]
+    sound, _ = damage.read_dataflash(file)
 
     def check(harm: Mishap, path: Path) -> list[str]:
-        if not sound:
-            whole_path = path.with_name("sound.BIN")
-            whole_path.write_bytes(data)
-            sound.extend(damage.read_dataflash(whole_path)[0])
         kept = harm.kept[0][1] if harm.kept and harm.kept[0][0] == 0 else 0
-        whole = sum(end <= kept for end in ends)
-        said, report = damage.read_dataflash(path) if whole else ([], None)
+        if not (whole := sum(end <= kept for end in ends)):
+            return _uncovered(harm, path)
+        said, report = damage.read_dataflash(path)
         wrong = [] if said[:whole] == sound[:whole] else [f"{whole} are whole before it"]
-        cut = len(harm.kept) == 1 and len(harm.data) not in ends
-        if report and cut and not report.losses:
+        if len(harm.kept) == 1 and len(harm.data) not in ends and not report.losses:
             wrong.append("cut without a word")
         return wrong + _uncovered(harm, path)
 
