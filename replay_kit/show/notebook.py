@@ -15,7 +15,7 @@ from replay_kit.results.views.record import outcome_of_result, read_record
 if TYPE_CHECKING:
     import pandas as pd
 
-    from replay_kit.show.plots.plots import Plots
+    from replay_kit.show.figures.kinds import Plots
 
 
 class Result(ResultFile):
@@ -40,7 +40,7 @@ class Result(ResultFile):
     def plot(self) -> "Plots":
         """Figures for a paper: ``map``, ``section``, ``series``, ``dac``, ``trust`` and ``plan``, each a function."""
         # here, because matplotlib takes half a second to load
-        from replay_kit.show.plots.plots import Plots
+        from replay_kit.show.figures.kinds import Plots
 
         return Plots(self)
 

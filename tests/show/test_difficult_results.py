@@ -17,7 +17,7 @@ from replay_kit.core.plan import Plan
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.export import ENDINGS, export
-from replay_kit.show.plots.plots import KINDS, drawn
+from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.report.pages import report_html
 from replay_kit.workflows.report import opened
 from tests.results.cases import (
@@ -110,7 +110,7 @@ def test_each_is_shown_and_exported(
         # a section without a figure says why
         for attrs, text in elements(page, "section"):
             assert len(text) > 60, attrs
-        assert all(figure["traces"] or figure.get("map") for figure in figures(page).values())
+        assert all(figure.get("panels") or figure.get("map") for figure in figures(page).values())
         for kind in KINDS:
             figure = drawn(contents, kind, columns=1)
             assert figure.axes

@@ -245,8 +245,9 @@ def plot(
     time_ns = None if look.time is None else _time_of(look.time, "--time")
 
     from replay_kit.core.atomic import write_whole
-    from replay_kit.show.plots.panel import Chosen, saved
-    from replay_kit.show.plots.plots import drawn
+    from replay_kit.show.figures.draw import saved
+    from replay_kit.show.figures.kinds import drawn
+    from replay_kit.show.figures.map import Chosen
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from replay_kit.core.arrays import Array, Mask, Times
 from replay_kit.core.errors import EstimatorError
@@ -136,6 +135,9 @@ def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> M
     """
     places = np.stack(np.broadcast_arrays(east, north), axis=-1)
     places = np.where(np.isfinite(places), places, 1e12)
+    # loads slowly
+    from scipy.spatial import cKDTree
+
     tree = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()]))
     distance, nearest = tree.query(places)
     depth = np.asarray(depth, dtype=np.float64)

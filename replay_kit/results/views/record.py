@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import RunConfig
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.reader import ResultReader
@@ -56,6 +55,9 @@ def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
 
     A setting that this version does not know counts as changed.
     """
+    # loads slowly, and few of what reads a result asks for its settings
+    from replay_kit.config.run import RunConfig
+
     defaults, changed = RunConfig().model_dump(mode="json"), []
     for section, values in tomllib.loads(config_toml).items():
         known = defaults.get(section, {})

@@ -1,4 +1,4 @@
-"""Charts of plans: the depth of the last one over the bottom, and how predicted surfacings turned out."""
+"""Figures of plans: the depth of the last one over the bottom, and how predicted surfacings turned out."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import LastPlan, thinned
-from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 
 _POINTS = 3000
 #: A bottom farther below the plan than this share of its depth is not drawn: dives would be flat.
@@ -30,7 +30,7 @@ def plan_table(plan: LastPlan) -> dict[str, Any]:
     }
 
 
-def profile_chart(contents: Contents, plan: LastPlan) -> Chart:
+def profile_figure(contents: Contents, plan: LastPlan) -> Figure:
     """Return the depth of the last plan along its way, over the bottom."""
     table, kept = plan_table(plan), thinned(len(plan.track), _POINTS)
     along, depth, hours = (table[name] for name in ("distance_km", "depth_m", "hours"))
@@ -38,27 +38,23 @@ def profile_chart(contents: Contents, plan: LastPlan) -> Chart:
     floor, x, marks, below = profile_floor(depth, ground), "plan.distance_km", [], ""
     if ground is not None:
         table["bottom_m"], below = ground, _over(ground, floor)
-        hover, end = "%{x:.1f} km: bottom at %{y:.0f} m<extra></extra>", np.full(along.size, floor)
-        marks = [
-            Mark("line", x, "plan.bottom_m", "bottom", "ink", width=1.5, base=end, hover=hover)
-        ]
+        look: Any = {"color": "ink", "width": 1.5, "base": np.full(along.size, floor)}
+        marks = [Mark("line", x, "plan.bottom_m", "bottom", **look)]
     elif (level := _deepest_wet(contents, plan.east[kept], plan.north[kept])) is not None:
         table["deepest_wet_level_m"], below = level, _below(level)
         floor = max(floor, 1.05 * float(level.max()))
         y = "plan.deepest_wet_level_m"
         marks = [Mark("line", x, y, "deepest wet level", "ink", width=1.5, step=True)]
-    hover = "%{text}<br>%{x:.1f} km, %{y:.0f} m<extra></extra>"
-    marks.append(Mark("line", x, "plan.depth_m", "planned depth", hover=hover, text="plan.time"))
+    marks.append(Mark("line", x, "plan.depth_m", "planned depth", text="plan.time"))
     over = "" if ground is None else ", over the bottom"
-    return Chart(
+    axes = Axis("distance along the plan", "km"), Axis("depth", "m", (floor, 0.0))
+    return Figure(
         "plan-profile",
         "Depth profile of the last plan",
-        Axis("distance along the plan", "km"),
-        [Panel("depth along the plan", Axis("depth", "m", (floor, 0.0)), marks)],
+        [Panel("depth along the plan", *axes, marks, shares_legend=True)],
+        {"plan": table},
         f"Depth of the last plan along its predicted track, {along[-1]:.1f} km in {hours[-1]:.1f} hours. {below}",
         f"Depth against distance along the last plan, {along[-1]:.0f} km long{over}.",
-        {"plan": table},
-        400,
     )
 
 
@@ -105,7 +101,7 @@ def _deepest_wet(contents: Contents, east: Array, north: Array) -> Any:
     return deepest[nearest]
 
 
-def surfacing_chart(contents: Contents) -> Chart:
+def surfacing_figure(contents: Contents) -> Figure:
     """Return where the vehicle surfaced, seen from where the plan before had predicted it."""
     table = contents.result.surfacings
     radians = np.deg2rad(table["direction_deg"].to_numpy(np.float64))
@@ -118,24 +114,16 @@ def surfacing_chart(contents: Contents) -> Chart:
         "inside_ellipse": table["inside_ellipse"].to_numpy(bool),
     }
     reach = float(f"{1.15 * max(distance.max(), 0.1):.3g}")
-    points = Mark(
-        "points",
-        "surfacing_errors.east_km",
-        "surfacing_errors.north_km",
-        size=9.0,
-        hover="%{text}<br>%{x:.2f} km east, %{y:.2f} km north, %{customdata:+.0f} min<extra></extra>",
-        text="surfacing_errors.time",
-        detail="surfacing_errors.delay_min",
-    )
-    return Chart(
+    x, y = (f"surfacing_errors.{axis}_km" for axis in ("east", "north"))
+    points = Mark("points", x, y, "surfacing", size=9.0, text="surfacing_errors.time")
+    ends = -reach, reach
+    axes = Axis("east of the prediction", "km", ends), Axis("north of the prediction", "km", ends)
+    return Figure(
         "surfacing-errors",
         "Predicted and actual surfacings",
-        Axis("actual minus predicted, east", "km", (-reach, reach)),
-        [Panel("surfacings", Axis("north", "km", (-reach, reach)), [points])],
+        [Panel("surfacings", *axes, [points], equal=True)],
+        {"surfacing_errors": data},
         "Each point is an actual surfacing relative to the one that the plan before predicted. A cloud beside the "
         "centre means a current that the estimate lacks, or that another plan was flown.",
         f"Error of {len(table)} predicted surfacings, east and north.",
-        {"surfacing_errors": data},
-        420,
-        1.0,
     )

@@ -1,10 +1,9 @@
-"""Charts on trust: innovations and their spread, the fall of the error, each dive predicted from those before it."""
+"""Figures on trust: innovations and their spread, the fall of the error, each dive predicted from those before it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, norm
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.innovations import Measured
@@ -17,47 +16,59 @@ from replay_kit.results.views.slices import (
     information_by_dive,
 )
 from replay_kit.results.views.track import thinned
-from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
 from replay_kit.show.numbers import fixed
 
-_TIME = Axis("time (UTC)")
+_TIME, _DIVE = Axis("time (UTC)"), Axis("dive")
 _RMS = Axis("RMS innovation", "m/s", from_zero=True)
-_POINTS, _BINS = 3000, 41
+_POINTS, _BINS = 1500, 41
 _SYMBOLS = ("circle", "diamond", "square", "triangle-up")
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _COLORS = ("one", "two", "three", "four")
 _DECISIONS = {"accepted": "one", "softened": "two", "rejected": "four", "unusable": "three"}
+# Of each figure the panel that a paper needs.
+_IN_PRINT = {"dives": 0, "innovations": 1, "calibration": 0, "error": 0}
 
 
-def trust_charts(contents: Contents) -> tuple[dict[str, Chart], list[str]]:
-    """Return the charts on trust by key, and what the result lacks for others, as sentences.
+def trust_figure(contents: Contents) -> Figure:
+    """Return what tells whether the estimate's stated errors hold."""
+    notes, title = list(contents.notes), "Innovations"
+    if not contents.measured.count:
+        why = "The result holds no measurement to compare the estimate with."
+        return Figure("trust", title, [missing(title, why)], notes=notes)
+    figures, lacking = trust_figures(contents)
+    shown = [(figures[key], number) for key, number in _IN_PRINT.items() if key in figures]
+    panels = [figure.panels[number] for figure, number in shown]
+    tables = {key: table for figure, _ in shown for key, table in figure.tables.items()}
+    return Figure("trust", title, panels, tables, notes=[*notes, *lacking])
+
+
+def trust_figures(contents: Contents) -> tuple[dict[str, Figure], list[str]]:
+    """Return the figures on trust by key, and what the result lacks for others, as sentences.
 
     Args:
         contents: Of a result with measurements.
     """
-    charts, missing = [innovations_chart(contents)], []
+    figures, lacking = [_innovations(contents)], []
     found, slices = calibration(contents.measured.innovations), contents.slices
     if found.standardized.size:
-        charts.append(calibration_chart(found, contents.measured))
-    if (
-        slices is not None
-        and slices.time_ns.size > 1
-        and np.isfinite(error_through_time(slices)).any()
-    ):
-        charts.append(error_chart(slices))
+        figures.append(_calibration(found, contents.measured))
+    several = slices is not None and slices.time_ns.size > 1
+    if slices is not None and several and np.isfinite(error_through_time(slices)).any():
+        figures.append(_error(slices))
     else:
-        missing.append(
+        lacking.append(
             "Fewer than two grids with a standard error were published: how the error decreased is unknown."
         )
     dives = contents.outcome.by_dive
     if len(dives) > 1:
-        charts.append(dives_chart(contents, dives))
+        figures.append(_dives(contents, dives))
     else:
-        missing.append("Fewer than two dives: none can be predicted from another.")
-    return {chart.key: chart for chart in charts}, missing
+        lacking.append("Fewer than two dives: none can be predicted from another.")
+    return {figure.key: figure for figure in figures}, lacking
 
 
-def innovations_chart(contents: Contents) -> Chart:
+def _innovations(contents: Contents) -> Figure:
     """Return the RMS innovation of each measurement and its normalised square through time, with what is expected of them."""
     count = contents.measured.count
     table, bins = contents.measured.observations, contents.measured.innovations
@@ -79,36 +90,38 @@ def innovations_chart(contents: Contents) -> Chart:
         **{name: values[kept] for name, values in each.items()},
         "dof": shown["dof"].to_numpy(),
     }
-    typical, band = (float(np.median(dof[dof > 0])) if dof.any() else 0.0), None
-    if typical:
-        low, high = (float(chi2.ppf(share, typical) / typical) for share in (0.025, 0.975))
-        band = low, high, f"95 % of {typical:g} degrees of freedom"
     thin = (
         f" {kept.size:,} of {count:,} measurements are drawn, evenly spread."
         if kept.size < count
         else ""
     )
-    return Chart(
+    rms = [*_by_decision(data, "rms_innovation_m_s"), *_expected(data)]
+    nis, axis = [*_by_decision(data, "nis_per_dof")], Axis("NIS / dof", from_zero=True)
+    return Figure(
         "innovations",
         "Innovations through time",
-        _TIME,
         [
-            Panel("RMS innovation", _RMS, _innovation_marks(data)),
-            Panel(
-                "normalised innovation squared",
-                Axis("NIS / dof", from_zero=True),
-                _decision_marks(data, "nis_per_dof"),
-                1.0,
-                band,
-            ),
+            Panel("RMS innovation", _TIME, _RMS, rms),
+            Panel("normalised innovation squared", _TIME, axis, nis, level=1.0, band=_band(dof)),
         ],
-        "Top: RMS innovation of each measurement; the line is the RMS that the estimate expects. Bottom: "
+        {"innovations": data},
+        "First: RMS innovation of each measurement; the line is the RMS that the estimate expects. Second: "
         "normalised innovation squared per degree of freedom (NIS/dof); the band holds 95 % of measurements with the "
         f"typical number of bins. Points that stay above the band mean that errors are understated.{thin}",
         "RMS innovation of each measurement and its normalised innovation squared against time, with their expected values.",
-        {"innovations": data},
-        520,
     )
+
+
+def _band(dof: Array) -> tuple[float, float, str] | None:
+    """Return between which values 95 % of the NIS a degree of freedom lie where the errors are as stated."""
+    if not dof.any():
+        return None
+    # loads slowly
+    from scipy.special import chdtri
+
+    typical = float(np.median(dof[dof > 0]))
+    low, high = (float(chdtri(typical, beyond) / typical) for beyond in (0.975, 0.025))
+    return low, high, f"95 % of {typical:g} degrees of freedom"
 
 
 def _over(values: Any, dof: Array) -> Array:
@@ -117,37 +130,29 @@ def _over(values: Any, dof: Array) -> Array:
 
 def _variances(bins: Any, axis: str, count: int) -> Array:
     """Return for each of ``count`` measurements the sum of a component's variances over its bins used [m^2/s^2], shape (count,)."""
-    squares = np.where(
-        np.isfinite(bins[f"innovation_{axis}"]),
-        np.nan_to_num(bins[f"innovation_std_{axis}"]) ** 2,
-        0.0,
-    )
+    known = np.isfinite(bins[f"innovation_{axis}"])
+    squares = np.where(known, np.nan_to_num(bins[f"innovation_std_{axis}"]) ** 2, 0.0)
     return np.bincount(bins["observation"], squares, minlength=count).astype(np.float64)
 
 
-def _decision_marks(data: dict[str, Any], name: str) -> list[Mark]:
-    """Return the points of each topic and decision."""
-    marks = []
+def _by_decision(data: Mapping[str, Any], name: str) -> Iterator[Mark]:
+    """Yield the points of each topic and decision."""
     for number, topic in enumerate(dict.fromkeys(data["topic"].tolist())):
         for decision, color in _DECISIONS.items():
             here = (data["topic"] == topic) & (data["decision"] == decision)
             if here.any():
-                look: Any = {"color": color, "symbol": _SYMBOLS[number % 4], "size": 5}
-                label = f"{topic}, {decision}"
-                marks.append(Mark("points", data["time"][here], data[name][here], label, **look))
-    return marks
+                at = data["time"][here], data[name][here], f"{topic}, {decision}"
+                yield Mark("points", *at, color, _SYMBOLS[number % 4], size=5.0)
 
 
-def _innovation_marks(data: dict[str, Any]) -> list[Mark]:
-    marks = _decision_marks(data, "rms_innovation_m_s")
+def _expected(data: Mapping[str, Any]) -> Iterator[Mark]:
     for number, topic in enumerate(dict.fromkeys(data["topic"].tolist())):
-        here, dash = data["topic"] == topic, _DASHES[number % 3]
-        expected = data["time"][here], data["expected_rms_m_s"][here]
-        marks.append(Mark("line", *expected, f"{topic}, expected RMS", "ink", dash=dash, width=1.5))
-    return marks
+        here = data["topic"] == topic
+        at = data["time"][here], data["expected_rms_m_s"][here], f"{topic}, expected RMS"
+        yield Mark("line", *at, "ink", dash=_DASHES[number % 3], width=1.5)
 
 
-def calibration_chart(found: Calibration, measured: Measured) -> Chart:
+def _calibration(found: Calibration, measured: Measured) -> Figure:
     """Return the histogram of the standardised innovations."""
     edges = np.linspace(-4.0, 4.0, _BINS)
     centre, width = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
@@ -155,64 +160,59 @@ def calibration_chart(found: Calibration, measured: Measured) -> Chart:
     table = {
         "standardized_innovation": centre,
         "density": counts / (found.standardized.size * width),
-        "expected_density": norm.pdf(centre),
+        "expected_density": np.exp(-0.5 * centre**2) / np.sqrt(2.0 * np.pi),
     }
     x = "calibration.standardized_innovation"
     marks = [
         Mark("bars", x, "calibration.density", "found"),
         Mark("line", x, "calibration.expected_density", "expected", "two", width=2.5),
     ]
-    within = f"{100.0 * found.coverage[1.0]:.0f} % within 1 (68 %)\n{100.0 * found.coverage[2.0]:.0f} % within 2 (95 %)"
-    mean = fixed(found.mean, 2, True)
-    count, drawn = measured.count, len(measured.observations)
+    one, two = (100.0 * found.coverage[limit] for limit in (1.0, 2.0))
+    within = f"{one:.0f} % within 1 (68 %)\n{two:.0f} % within 2 (95 %)"
+    mean, count, drawn = fixed(found.mean, 2, True), measured.count, len(measured.observations)
     of = f" of {drawn:,} of {count:,} measurements, evenly spread" if drawn < count else ""
+    axis = Axis("innovation / its standard deviation", ends=(-4.0, 4.0))
     note = f"mean {mean}\nstd {found.std:.2f}\n{within}"
-    return Chart(
+    title = "innovations over their standard deviation"
+    return Figure(
         "calibration",
         "Innovations against their stated errors",
-        Axis("innovation / its standard deviation", ends=(-4.0, 4.0)),
-        [Panel("innovations over their standard deviation", Axis("density"), marks, note=note)],
+        [Panel(title, axis, Axis("density"), marks, note=note)],
+        {"calibration": table},
         f"{found.standardized.size:,} components of the bins used{of}: mean {mean} (expected 0), standard deviation "
         f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias. "
         "The outermost bars include all values beyond.",
         "Histogram of the standardised innovations beside the standard normal curve.",
-        {"calibration": table},
     )
 
 
-def error_chart(slices: CurrentSlices) -> Chart:
+def _error(slices: CurrentSlices) -> Figure:
     """Return the RMS standard error of the published slices through time."""
-    errors = error_through_time(slices)
     names = [f"rms_standard_error_{depth:g}_m" for depth in slices.depths]
     table = {
         "time": slices.time_ns.astype("datetime64[ns]"),
-        **dict(zip(names, errors, strict=True)),
+        **dict(zip(names, error_through_time(slices), strict=True)),
     }
     marks = [
         Mark(
-            "joined",
-            "error.time",
-            f"error.{name}",
-            f"{depth:g} m",
-            _COLORS[k % 4],
+            *("joined", "error.time", f"error.{name}", f"{depth:g} m", _COLORS[k % 4]),
             dash=_DASHES[(k + k // 4) % 4],
         )
         for k, (name, depth) in enumerate(zip(names, slices.depths, strict=True))
     ]
     axis = Axis("RMS standard error", "m/s", from_zero=True)
-    return Chart(
+    return Figure(
         "error",
         "Standard error through time",
-        _TIME,
-        [Panel("RMS standard error of the region", axis, marks)],
+        [Panel("RMS standard error of the region", _TIME, axis, marks)],
+        {"error": table},
         "Standard error of a velocity component, RMS over the region. It falls as measurements come in, and rises where "
         "the current changes faster than it is measured.",
         "Lines of the region's RMS standard error against time, one for each depth.",
-        {"error": table},
     )
 
 
-def dives_chart(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Chart:
+def _dives(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Figure:
     """Return how far each dive lay from its predictions, and what it determined; the dives are those of the summary."""
     information = information_by_dive(contents.measured.sums)
     predicted, prior = (
@@ -225,33 +225,21 @@ def dives_chart(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Chart
         "missed_by_the_ensemble_m_s": prior,
         "independent_values": np.array([information.get(dive["dive"], 0.0) for dive in dives]),
     }
+    x, y = "dives.dive", "dives.missed_by_the"
     rms = [
-        Mark(
-            "joined", "dives.dive", "dives.missed_by_the_estimate_m_s", "estimate before the dive"
-        ),
-        Mark(
-            "joined",
-            "dives.dive",
-            "dives.missed_by_the_ensemble_m_s",
-            "prior forecast",
-            "two",
-            dash="dash",
-        ),
+        Mark("joined", x, f"{y}_estimate_m_s", "estimate before the dive"),
+        Mark("joined", x, f"{y}_ensemble_m_s", "prior forecast", "two", dash="dash"),
     ]
-    bars = Mark(
-        "bars", "dives.dive", "dives.independent_values", "independent values determined", "three"
-    )
-    return Chart(
+    bars = Mark("bars", x, "dives.independent_values", "independent values determined", "three")
+    return Figure(
         "dives",
         "Each dive predicted from those before it",
-        Axis("dive"),
         [
-            Panel("RMS innovation of each dive", _RMS, rms, share=1.6),
-            Panel("information of each dive", Axis("values", from_zero=True), [bars]),
+            Panel("RMS innovation of each dive", _DIVE, _RMS, rms),
+            Panel("information of each dive", _DIVE, Axis("values", from_zero=True), [bars]),
         ],
-        "Top: RMS innovation of each dive against the estimate before it and against the prior forecast; the gap between the "
-        "lines is the value of the earlier dives. Bottom: number of independent values of the estimate that the dive determined.",
-        "RMS innovation of each dive against the estimate before it and against the prior forecast.",
         {"dives": table},
-        480,
+        "First: RMS innovation of each dive against the estimate before it and against the prior forecast; the gap between the "
+        "lines is the value of the earlier dives. Second: number of independent values of the estimate that the dive determined.",
+        "RMS innovation of each dive against the estimate before it and against the prior forecast.",
     )

@@ -1,223 +1,170 @@
-"use strict";
 // How the map is used: views, moving and zooming, what is under the pointer, depth, time and play.
-const CANVASES = ["ground", "drift", "marks"];
+const part = (map, name) => map.place.parentElement.querySelector(name);
+const input = (map, number) => document.getElementById(`${map.figure.key}-${number}`);
+const made = (kind, values) => Object.assign(document.createElement(kind), values);
 
 function startMap(figure) {
   const place = document.querySelector(`#${figure.key} .plot`);
-  const map = { figure, drawn: figure.map, place, canvases: {}, hidden: new Set(), playing: false, until: Infinity, quantity: "speed" };
+  const map = { figure, drawn: figure.map, place, hidden: new Set(), until: Infinity, quantity: "speed" };
+  [map.canvas, map.tip] = [made("canvas", { ariaHidden: "true" }), made("p", { className: "tip", hidden: true, ariaLive: "polite" })];
+  place.replaceChildren(map.canvas, map.tip);
   state.map = map;
-  place.textContent = "";
-  for (const name of CANVASES) {
-    const canvas = document.createElement("canvas");
-    canvas.setAttribute("aria-hidden", "true");
-    map.canvases[name] = canvas;
-    place.append(canvas);
-  }
-  map.tip = Object.assign(document.createElement("p"), { className: "tip", hidden: true });
-  map.tip.setAttribute("aria-live", "polite");
-  place.append(map.tip);
-  layerBoxes(map);
+  state.choices = figure.choices.map((_, number) => Number(input(map, number).value));
+  listLayers(map);
   // a tab that is told its size late still opens on the plan
-  sizeMap(map, true);
+  map.chosen = Object.keys(map.drawn.views)[0];
+  sizeMap(map);
   listen(map);
-  chooseTime(map);
   place.dataset.drawn = "yes";
 }
 
-function sizeMap(map, first = false) {
+function sizeMap(map) {
   const ratio = Math.min(window.devicePixelRatio || 1, 2);
   [map.w, map.h] = [map.place.clientWidth, map.place.clientHeight];
-  map.dark = isDark();
-  for (const canvas of Object.values(map.canvases)) {
-    [canvas.width, canvas.height] = [map.w * ratio, map.h * ratio];
-    canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
-  }
-  measureRoom(map);
-  if (first || map.chosen) fitView(map, map.chosen || Object.keys(map.drawn.views)[0]);
+  map.dark = !document.documentElement.classList.contains("printing") && window.matchMedia("(prefers-color-scheme: dark)").matches;
+  [map.canvas.width, map.canvas.height] = [map.w * ratio, map.h * ratio];
+  map.canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
+  // what the controls and, where they are as wide as the window, the keys leave free above and below [px]
+  const [tools, keys, controls] = [".tools", ".keys", ":scope > .controls"].map((name) => part(map, name));
+  const tops = [controls, ...(map.w < 560 ? [keys] : [])].filter(({ offsetHeight }) => offsetHeight).map(({ offsetTop }) => offsetTop);
+  map.room = { t: tools.offsetHeight ? tools.offsetTop + tools.offsetHeight + 8 : 16, b: map.h - Math.min(map.h, ...tops) + 16 };
+  if (map.chosen) fitView(map, map.chosen);
   drawMap(map);
 }
 
-const isDark = () => !document.documentElement.classList.contains("printing") && window.matchMedia("(prefers-color-scheme: dark)").matches;
-
-function drawMap(map) {
-  const ground = map.canvases.ground.getContext("2d");
-  const layers = [drawNowhere, drawLand, drawField, drawContours, drawDegrees, nameNowhere];
-  layers.forEach((layer) => layer(map, ground));
-  if (!map.playing) drawDrift(map);
-  drawOver(map);
-  drawKeys(map);
-  for (const button of map.place.parentElement.querySelectorAll("[data-view]")) button.setAttribute("aria-pressed", String(button.dataset.view === map.chosen));
-  map.place.dataset.choices = (state.choices[map.figure.key] || []).join(",");
+// Show a part of the frame, clear of the controls above and below.
+function fitView(map, name) {
+  const { drawn: { views: { [name]: [west, east, south, north] } }, room } = map;
+  map.k = Math.max(Math.min((map.w - 48) / (east - west), (map.h - room.t - room.b) / (north - south)), 1e-3);
+  [map.x, map.y] = [(west + east) / 2, (south + north) / 2 + (room.t - room.b) / 2 / map.k];
+  map.chosen = name;
 }
 
-function drawOver(map) {
-  const context = map.canvases.marks.getContext("2d");
-  context.clearRect(0, 0, map.w, map.h);
-  drawMarks(map, context);
+function drawMap(map) {
+  for (const layer of [drawGround, drawField, drawDegrees, drawDrift, drawMarks]) layer(map, map.canvas.getContext("2d"));
+  drawKeys(map);
+  for (const button of map.place.parentElement.querySelectorAll("[data-view]")) button.setAttribute("aria-pressed", String(button.dataset.view === map.chosen));
+  map.place.dataset.choices = state.choices.join(",");
 }
 
 // Colour bar, length of a drift, length in km.
 function drawKeys(map) {
-  const { scales } = map.drawn;
-  const nice = (most) => [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].filter((each) => each <= most).pop() || 0.5;
-  const km = nice(120 / map.k);
+  const km = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000].filter((each) => each * map.k <= 120).pop() || 0.5;
   const parts = [`<span class="bar-km" style="width:${(km * map.k).toFixed(0)}px">${km} km</span>`];
-  if (scales) {
-    const { most } = scales[map.quantity];
-    const colors = scales[map.quantity][map.dark ? "dark" : "light"];
-    const title = map.quantity === "speed" ? "current" : "standard error";
-    const hours = driftHours(map);
-    if (map.quantity === "speed") parts.unshift(`<span class="bar-drift">drift in ${hours < 1 ? `${60 * hours} min` : `${hours} h`}</span>`);
-    parts.unshift(`<span class="bar-color"><i style="background:linear-gradient(to right,${colors.join(",")})"></i><span>0</span><span>${title}</span><span>${most} m/s</span></span>`);
+  if (map.drawn.scales) {
+    const { most, [map.dark ? "dark" : "light"]: colors } = map.drawn.scales[map.quantity];
+    const [hours, speed] = [driftHours(map), map.quantity === "speed"];
+    if (speed) parts.unshift(`<span class="bar-drift">drift in ${hours < 1 ? `${60 * hours} min` : `${hours} h`}</span>`);
+    const middle = `<span>0</span><span>${speed ? "current" : "standard error"}</span><span>${most} m/s</span>`;
+    parts.unshift(`<span class="bar-color"><i style="background:linear-gradient(to right,${colors.join(",")})"></i>${middle}</span>`);
   }
-  map.place.parentElement.querySelector(".keys").innerHTML = parts.join("");
+  part(map, ".keys").innerHTML = parts.join("");
 }
 
 // One box for each kind of mark, to hide it.
-function layerBoxes(map) {
-  const list = map.place.parentElement.querySelector(".layers ul");
-  const names = [...new Set(map.drawn.marks.filter(({ name }) => name).map(({ name }) => name)), ...(map.drawn.scales ? ["drift"] : [])];
-  map.drawn.marks.filter(({ shown }) => !shown).forEach(({ name }) => map.hidden.add(name));
-  for (const name of names) {
-    const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: !map.hidden.has(name) });
-    const label = document.createElement("label");
+function listLayers(map) {
+  for (const name of new Set([...map.drawn.marks.map((mark) => mark.name).filter(Boolean), ...(map.drawn.scales ? ["drift"] : [])])) {
+    const [box, item, label] = [made("input", { type: "checkbox", checked: true }), made("li"), made("label")];
     label.append(box, ` ${name}`);
-    list.append(Object.assign(document.createElement("li"), {}));
-    list.lastChild.append(label);
+    item.append(label);
+    part(map, ".layers ul").append(item);
     box.addEventListener("change", () => { map.hidden[box.checked ? "delete" : "add"](name); drawMap(map); });
   }
 }
 
-// What is under a point of the window: what a mark there says, place, current with its error, depth and time, bottom.
-function describe(map, px, py) {
-  const [x, y] = toPlace(map, px, py);
-  const lines = [];
-  const said = saidAt(map, px, py);
-  if (said) lines.push(said);
-  const out = new Float64Array(4);
-  const read = fieldReader(map);
-  const kind = read ? read(x, y, out) : "";
-  lines.push(placeText(degreesOf(map, x, y)));
-  if (kind === "known") {
-    const [speed, error] = [Math.hypot(out[0], out[1]), Math.hypot(out[2], out[3]) / Math.SQRT2];
-    const about = Number.isFinite(error) ? ` ± ${error.toFixed(error < 0.01 ? 3 : 2)}` : "";
-    const [, depth, time] = state.choices[map.figure.key];
-    lines.push(`<b>${speed.toFixed(2)}${about} m/s</b> toward ${String(Math.round(bearingOf(map, x, y, out[0], out[1])) % 360).padStart(3, "0")}°`);
-    lines.push(`${map.figure.choices[1][depth]}, ${map.figure.choices[2][time]}`);
-  } else if (kind) lines.push(kind === "dry" ? map.drawn.dry : "outside the forecast");
-  const bottom = bottomReader(map);
-  const deep = bottom ? bottom.depth(x, y) : NaN;
-  if (Number.isFinite(deep)) lines.push(`bottom at ${deep.toFixed(0)} m`);
-  return lines.join("<br>");
+// What the point nearest to the pointer says; empty where none is near.
+function saidAt(map, px, py) {
+  let [best, said] = [9, ""];
+  for (const mark of map.drawn.marks.filter(({ text, name }) => text && !map.hidden.has(name))) {
+    mark.x.forEach((x, k) => {
+      const at = mark.text[k] && isShown(map, mark, k) ? toScreen(map, x, mark.y[k]) : [Infinity, 0];
+      const far = Math.hypot(at[0] - px, at[1] - py);
+      if (far < best) [best, said] = [far, mark.text[k]];
+    });
+  }
+  return said;
 }
 
+// What is under a point of the window: what a mark there says, place, current with its error, depth and time.
 function showTip(map, px, py) {
-  map.tip.innerHTML = describe(map, px, py);
+  const [[x, y], out] = [toPlace(map, px, py), new Float64Array(4)];
+  const [kind, [longitude, latitude]] = [fieldReader(map)(x, y, out), degreesOf(map, x, y)];
+  const lines = [saidAt(map, px, py), `${degreeText(latitude, "NS", 1)}, ${degreeText(turned(longitude), "EW", 1)}`];
+  if (kind === "known") {
+    const error = Math.hypot(out[2], out[3]) / Math.SQRT2;
+    const about = Number.isFinite(error) ? ` ± ${error.toFixed(error < 0.01 ? 3 : 2)}` : "";
+    // clockwise from true north, towards which latitude grows
+    const north = [1, 0].map((k) => degreesOf(map, x + k, y + 1 - k)[1] - latitude);
+    const bearing = Math.round((Math.atan2(out[0], out[1]) - Math.atan2(...north)) * (180 / Math.PI) + 720) % 360;
+    lines.push(`<b>${Math.hypot(out[0], out[1]).toFixed(2)}${about} m/s</b> toward ${String(bearing).padStart(3, "0")}°`);
+    lines.push([1, 2].map((number) => map.figure.choices[number][state.choices[number]]).join(", "));
+  } else if (kind) lines.push(kind === "dry" ? map.drawn.dry : "outside the forecast");
+  map.tip.innerHTML = lines.filter(Boolean).join("<br>");
   map.tip.hidden = false;
-  const [wide, high] = [map.tip.offsetWidth, map.tip.offsetHeight];
-  map.tip.style.left = `${px + 16 + wide > map.w ? Math.max(px - wide - 16, 4) : px + 16}px`;
-  map.tip.style.top = `${Math.min(Math.max(py - high / 2, 48), map.h - high - 8)}px`;
+  const { offsetWidth: wide, offsetHeight: high, style } = map.tip;
+  Object.assign(style, { left: `${px + 16 + wide > map.w ? Math.max(px - wide - 16, 4) : px + 16}px`, top: `${clamp(py - high / 2, 48, map.h - high - 8)}px` });
 }
 
-function zoom(map, factor, px = map.w / 2, py = map.h / 2) {
-  const [x, y] = toPlace(map, px, py);
-  map.k = Math.min(Math.max(map.k * factor, 0.02), 2000);
-  [map.x, map.y] = [x - (px - map.w / 2) / map.k, y + (py - map.h / 2) / map.k];
-  map.chosen = "";
-  drawMap(map);
+// Move by pixels, and zoom about a point of the window.
+function move(map, dx, dy, factor = 1, px = map.w / 2, py = map.h / 2) {
+  const [x, y] = toPlace(map, px + dx, py + dy);
+  map.k = clamp(map.k * factor, 0.02, 2000);
+  [map.x, map.y, map.chosen] = [x - (px - map.w / 2) / map.k, y + (py - map.h / 2) / map.k, ""];
+  map.due ||= requestAnimationFrame(() => { map.due = 0; drawMap(map); });
 }
 
-const KEYS = { ArrowLeft: [-60, 0], ArrowRight: [60, 0], ArrowUp: [0, -60], ArrowDown: [0, 60] };
+const KEYS = { ArrowLeft: [-60, 0], ArrowRight: [60, 0], ArrowUp: [0, -60], ArrowDown: [0, 60], "+": [0, 0, 1.5], "-": [0, 0, 1 / 1.5] };
 function listen(map) {
-  const { place, figure } = map;
-  const box = place.parentElement;
+  const [{ place }, pressed] = [map, new Map()];
   const at = (event) => { const { left, top } = place.getBoundingClientRect(); return [event.clientX - left, event.clientY - top]; };
-  const pressed = new Map();
-  let due = false;
-  const soon = () => { if (!due) { due = true; requestAnimationFrame(() => { due = false; drawMap(map); }); } };
-  place.addEventListener("pointerdown", (event) => pressed.set(event.pointerId, at(event)));
-  place.addEventListener("pointermove", (event) => {
-    const [px, py] = at(event);
-    const from = pressed.get(event.pointerId);
+  const on = (name, act, options) => place.addEventListener(name, act, options);
+  on("pointerdown", (event) => pressed.set(event.pointerId, at(event)));
+  on("pointermove", (event) => {
+    const [[px, py], from] = [at(event), pressed.get(event.pointerId)];
     if (!from) { if (event.pointerType === "mouse") showTip(map, px, py); return; }
     pressed.set(event.pointerId, [px, py]);
     place.setPointerCapture(event.pointerId);
     map.tip.hidden = true;
-    map.chosen = "";
-    if (pressed.size === 2) {
-      const [other] = [...pressed].filter(([id]) => id !== event.pointerId).map(([, value]) => value);
-      const far = (one) => Math.hypot(one[0] - other[0], one[1] - other[1]);
-      zoom(map, far([px, py]) / Math.max(far(from), 1), ...other);
-      return;
-    }
-    map.x -= (px - from[0]) / map.k;
-    map.y += (py - from[1]) / map.k;
-    soon();
+    const other = [...pressed].find(([id]) => id !== event.pointerId)?.[1];
+    const far = (one) => Math.max(Math.hypot(one[0] - other[0], one[1] - other[1]), 1);
+    move(map, ...(other ? [0, 0, far([px, py]) / far(from), ...other] : [from[0] - px, from[1] - py]));
   });
-  const release = (event) => {
-    const from = pressed.get(event.pointerId);
-    pressed.delete(event.pointerId);
-    if (from && event.pointerType !== "mouse") showTip(map, ...at(event));
-  };
-  for (const name of ["pointerup", "pointercancel"]) place.addEventListener(name, release);
-  place.addEventListener("pointerleave", () => { map.tip.hidden = true; });
-  place.addEventListener("dblclick", (event) => zoom(map, 2, ...at(event)));
+  for (const name of ["pointerup", "pointercancel"]) on(name, (event) => { if (pressed.delete(event.pointerId) && event.pointerType !== "mouse") showTip(map, ...at(event)); });
+  on("pointerleave", () => { map.tip.hidden = true; });
+  on("dblclick", (event) => move(map, 0, 0, 2, ...at(event)));
   // a page that scrolls under the pointer must not zoom the map
-  place.addEventListener("wheel", (event) => {
-    if (!event.ctrlKey && !event.metaKey) return;
-    event.preventDefault();
-    zoom(map, 2 ** (-event.deltaY / 240), ...at(event));
-  }, { passive: false });
-  place.addEventListener("keydown", (event) => {
-    if (event.key === "+" || event.key === "-") zoom(map, event.key === "+" ? 1.5 : 1 / 1.5);
-    else if (event.key in KEYS) {
-      [map.x, map.y] = toPlace(map, map.w / 2 + KEYS[event.key][0], map.h / 2 + KEYS[event.key][1]);
-      map.chosen = "";
-      drawMap(map);
-    } else return;
+  on("wheel", (event) => { if (event.ctrlKey || event.metaKey) { event.preventDefault(); move(map, 0, 0, 2 ** (-event.deltaY / 240), ...at(event)); } }, { passive: false });
+  on("keydown", (event) => {
+    if (!(event.key in KEYS)) return;
+    move(map, ...KEYS[event.key]);
     event.preventDefault();
     showTip(map, map.w / 2, map.h / 2);
   });
-  for (const button of box.querySelectorAll("[data-view]")) button.addEventListener("click", () => { fitView(map, button.dataset.view); drawMap(map); });
-  for (const button of box.querySelectorAll("[data-zoom]")) button.addEventListener("click", () => zoom(map, Number(button.dataset.zoom)));
-  const play = box.querySelector(".play");
-  if (play) play.addEventListener("click", () => setPlaying(map, !map.playing));
-  document.getElementById(`${figure.key}-2`)?.addEventListener("input", () => { if (map.playing) setPlaying(map, false); });
+  for (const button of place.parentElement.querySelectorAll(".tools button")) {
+    const { view, zoom } = button.dataset;
+    button.addEventListener("click", () => { if (view) { fitView(map, view); drawMap(map); } else move(map, 0, 0, Number(zoom)); });
+  }
+  part(map, ".play")?.addEventListener("click", () => setPlaying(map, !map.timer));
+  state.choices.forEach((_, number) => input(map, number).addEventListener("input", ({ target }) => { setPlaying(map, false); choose(map, number, Number(target.value)); }));
 }
 
-// A control was changed: the picture, and where it is the time, all other figures through time.
-function obey(map, number) {
-  map.quantity = state.choices[map.figure.key][0] ? "error" : "speed";
-  if (number === 2) chooseTime(map);
+// Set a control, its text and the picture; what lies after the last published time is shown with it.
+function choose(map, number, value) {
+  const [control, text, { times }] = [input(map, number), map.figure.choices[number][value], map.drawn];
+  [control.value, state.choices[number]] = [value, value];
+  if (number) control.setAttribute("aria-valuetext", text);
+  if (number) control.parentElement.querySelector("output").textContent = text;
+  map.quantity = state.choices[0] ? "error" : "speed";
+  map.until = state.choices[2] === times.length - 1 ? Infinity : times[state.choices[2]];
   drawMap(map);
 }
 
-function chooseTime(map) {
-  const { times } = map.drawn;
-  if (!times) return;
-  const k = state.choices[map.figure.key][2];
-  // what lies after the last published time is shown with it
-  map.until = k === times.length - 1 ? Infinity : times[k];
-  state.cursor = times[k];
-  moveCursors();
-}
-
-// Time passes in some twelve seconds; where motion is not wanted, only the map's time moves.
+// Time passes in some twelve seconds.
 function setPlaying(map, playing) {
-  const slider = document.getElementById(`${map.figure.key}-2`);
-  const [button, last] = [map.place.parentElement.querySelector(".play"), Number(slider.max)];
-  map.playing = playing;
-  button.setAttribute("aria-pressed", String(playing));
-  button.setAttribute("aria-label", playing ? "Pause" : "Play");
-  button.textContent = playing ? "❚❚" : "▶";
+  const [button, last] = [part(map, ".play"), map.drawn.times.length - 1];
+  Object.assign(button, { ariaPressed: String(playing), ariaLabel: playing ? "Pause" : "Play", textContent: playing ? "❚❚" : "▶" });
   clearInterval(map.timer);
-  if (!playing) { drawDrift(map); return; }
-  if (Number(slider.value) === last) { show(slider, 0); obey(map, 2); }
-  if (!window.matchMedia("(prefers-reduced-motion: reduce)").matches) startParticles(map);
-  map.timer = setInterval(() => {
-    const next = Number(slider.value) + 1;
-    if (next > last) { setPlaying(map, false); return; }
-    show(slider, next);
-    obey(map, 2);
-  }, Math.min(Math.max(12000 / (last + 1), 150), 1200));
+  if (playing && state.choices[2] === last) choose(map, 2, 0);
+  const next = () => (state.choices[2] < last ? choose(map, 2, state.choices[2] + 1) : setPlaying(map, false));
+  map.timer = playing ? setInterval(next, clamp(12000 / (last + 1), 150, 1200)) : 0;
 }

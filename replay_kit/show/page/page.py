@@ -1,24 +1,103 @@
-"""Sections as one page: they and everything that draws them, in one file that fetches nothing."""
+"""Sections of text, figures and a map as one HTML page, in one file that fetches nothing."""
 
 import gzip
 import json
 import re
 from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
 from textwrap import shorten
 from typing import Any
 
-from replay_kit.core.colors import palette_css
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.colors import palette_css, scale
 from replay_kit.core.version import __version__
-from replay_kit.show.page.section import Control, Figure, Section
+from replay_kit.show.figures.draw import column_of, panels_svg
+from replay_kit.show.figures.figure import Figure, Panel
+from replay_kit.show.page.parts import items_html, table_html
+
+__all__ = ["Control", "Map", "Section", "figure_html", "items_html", "page_html", "table_html"]
 
 #: Letters of a section in the menu.
 _MENU = 32
-_SCRIPTS = ("page", "map", "marks", "particles", "explore")
+_SCRIPTS = ("page", "map", "explore")
+_DASHES = {"dash": "dashed", "dot": "dotted", "dashdot": "dashed", "longdash": "dashed"}
 
 
-def page_html(title: str, sections: list[Section], subtitle: str = "") -> str:
+@dataclass(frozen=True, slots=True)
+class Control:
+    """A control of the map.
+
+    Attributes:
+        name: Of what it chooses.
+        kind: ``range`` for a slider, ``select`` for a list.
+        choices: What can be chosen, as text.
+        chosen: Position of the choice at first.
+    """
+
+    name: str
+    kind: str
+    choices: Sequence[str]
+    chosen: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Map:
+    """The map of a page, of which there is one at most.
+
+    Attributes:
+        key: Unique in the page, also the name of its files of data.
+        title: What it shows.
+        caption: What to see in it, as HTML.
+        alternative: What it shows, in words for who does not see it.
+        tables: Data by name of the table, then of the column; offered as CSV.
+        controls: Quantity, depth and time.
+        packed: Large numeric arrays, see ``pack``.
+        drawn: What the script draws, see ``map.py``.
+    """
+
+    key: str
+    title: str
+    caption: str
+    alternative: str
+    tables: Mapping[str, Mapping[str, Any]]
+    controls: Sequence[Control]
+    packed: Mapping[str, Any]
+    drawn: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A section of a page.
+
+    Attributes:
+        key: Unique in the page.
+        title: Its heading.
+        html: Text before its figures, already escaped.
+        figures: In order.
+        missing: What the result does not hold, and what would give it, as sentences.
+        menu: In the menu; empty for the title.
+        answer: The section in a sentence, as HTML; with it the section is folded, and opens on demand.
+        beside: HTML beside a map, which then fills the first screen.
+        parts: Summaries of folded parts, as HTML, and the keys of the figures in each; other figures stand alone.
+    """
+
+    key: str
+    title: str
+    html: str = ""
+    figures: Sequence[Figure | Map] = ()
+    missing: Sequence[str] = ()
+    menu: str = ""
+    answer: str = ""
+    beside: str = ""
+    parts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+
+def page_html(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
     """Return sections as one HTML page.
 
     Args:
@@ -26,29 +105,26 @@ def page_html(title: str, sections: list[Section], subtitle: str = "") -> str:
         subtitle: Beside the title; empty for none.
         sections: From top to bottom. Their keys and those of their figures are ids of the page: none is another's, or one of ``page.html``.
     """
-    figures = [figure for section in sections for figure in section.figures]
+    data = list[dict[str, Any]]()
+    body = "\n".join(_section_html(section, data) for section in sections)
+    links = (
+        f'<li><a href="#{one.key}">{escape(one.menu or shorten(one.title, _MENU, placeholder=" ..."))}</a></li>'
+        for one in sections
+    )
+    packed = json.dumps(data, separators=(",", ":"), allow_nan=False).encode()
     parts = {
         "title": escape(title),
         "subtitle": escape(subtitle),
         "version": escape(__version__),
         "css": palette_css() + _text("page.css"),
-        "links": "".join(
-            f'<li><a href="#{section.key}">{escape(section.menu or shorten(section.title, _MENU, placeholder=" ..."))}</a></li>'
-            for section in sections
-        ),
-        "sections": "\n".join(map(_section_html, sections)),
-        "figures": _packed(
-            json.dumps(
-                [_figure_data(figure) for figure in figures], separators=(",", ":"), allow_nan=False
-            ).encode()
-        ),
-        "plotly": b64encode(
-            files("replay_kit.show.page").joinpath("plotly-cartesian.min.js.gz").read_bytes()
-        ).decode(),
+        "links": "".join(links),
+        "sections": body,
+        # without the time of packing: the same data give the same bytes
+        "figures": b64encode(gzip.compress(packed, mtime=0)).decode(),
         "js": "".join(_text(f"{name}.js") for name in _SCRIPTS),
     }
     page = _text("page.html")
-    _check_ids(page + parts["sections"])
+    _check_ids(page + body)
     for name, text in parts.items():
         page = page.replace(f"<!--{name}-->", text)
     return page
@@ -67,105 +143,153 @@ def _text(name: str) -> str:
     return files("replay_kit.show.page").joinpath(name).read_text(encoding="utf-8")
 
 
-def _packed(data: bytes) -> str:
-    # without the time of packing: the same data give the same bytes
-    return b64encode(gzip.compress(data, mtime=0)).decode()
+def pack(values: NDArray[np.float64], step: float, along: int = 0) -> dict[str, Any]:
+    """Return an array as 16-bit integers in base64 for the page's script: half a step is the largest error.
+
+    What is kept are differences along an axis, all low bytes before all high ones: both make long runs that gzip shortens.
+
+    Args:
+        values: Any shape; NaN becomes -32768, which the script reads as missing.
+        step: Value of one step.
+        along: Axis along which neighbours are most alike.
+    """
+    rounded = np.clip(np.rint(np.nan_to_num(values) / step), -32767, 32767)
+    whole = np.where(np.isfinite(values), rounded, -32768).astype("<i2")
+    # modulo 65536, so that the sum restores every value
+    steps = np.diff(whole, axis=along, prepend=np.zeros_like(whole.take([0], axis=along)))
+    data = b64encode(steps.reshape(-1).view(np.uint8).reshape(-1, 2).T.tobytes()).decode()
+    return {"scale": step, "shape": list(values.shape), "along": along, "data": data}
 
 
-def _section_html(section: Section) -> str:
+def _section_html(section: Section, data: list[dict[str, Any]]) -> str:
+    """Return a section, and add the data of its figures."""
     missing = "".join(f'<p class="missing">{escape(text)}</p>' for text in section.missing)
-    figures = "" if section.placed else "".join(map(figure_html, section.figures))
-    title = escape(section.title)
+    each = {one.key: figure_html(one, data) for one in section.figures}
+    folded = "".join(
+        f'<details class="lit"><summary>{head}</summary>{"".join(each.pop(key, "") for key in keys)}</details>'
+        for head, keys in section.parts.items()
+    )
+    title, figures = escape(section.title), "".join(each.values())
     if section.beside:
         return (
             f'<section id="{section.key}" class="first"><h2 class="unseen">{title}</h2>'
             f'<div class="seen">{figures}{missing}</div><div class="card">{section.beside}</div></section>'
         )
+    inside = f"{section.html}{folded}{missing}{figures}"
     if section.answer:
         return (
             f'<section id="{section.key}"><details class="main"><summary><h2>{title}</h2><span>{section.answer}</span></summary>'
-            f"{section.html}{missing}{figures}</details></section>"
+            f"{inside}</details></section>"
         )
-    return f'<section id="{section.key}"><h2>{title}</h2>{section.html}{missing}{figures}</section>'
+    return f'<section id="{section.key}"><h2>{title}</h2>{inside}</section>'
 
 
-def figure_html(figure: Figure) -> str:
-    """Return a figure with its controls, its caption and its data, for the script to draw."""
-    controls = "".join(
-        _control_html(figure.key, number, control) for number, control in enumerate(figure.controls)
-    )
+def figure_html(figure: Figure | Map, data: list[dict[str, Any]]) -> str:
+    """Return a figure with its caption and buttons for its data, and add the data, for the script."""
     buttons = "".join(
         f'<button type="button" data-figure="{figure.key}" data-table="{escape(name)}">Data: {escape(name)} (CSV)</button>'
         for name in figure.tables
     )
     about = f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div>'
-    if figure.map:
-        return _map_html(figure, controls, about)
+    held: dict[str, Any] = {"key": figure.key, "tables": tables_of(figure.tables)}
+    plot = f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}">'
+    data.append(held)
+    if isinstance(figure, Map):
+        held |= {"packed": figure.packed, "map": figure.drawn}
+        held["choices"] = [list(control.choices) for control in figure.controls]
+        return _map_html(figure, plot, about)
+    panels, held["panels"] = [], []
+    for panel, (svg, said) in zip(figure.panels, panels_svg(figure), strict=True):
+        held["panels"].append(said)
+        own = (
+            "" if panel.title.lower() == figure.title.lower() else f"<h4>{escape(panel.title)}</h4>"
+        )
+        panels.append(f'<div class="panel">{own}{svg}{_legend(panel)}</div>')
+    return f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3>{plot}{"".join(panels)}</div>{about}</figure>'
+
+
+def tables_of(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return tables as a page holds them."""
+    return {
+        key: {name: column_of(name, values) for name, values in table.items()}
+        for key, table in tables.items()
+    }
+
+
+def _legend(panel: Panel) -> str:
+    """Return the names of a panel's marks, where there are several, and the scale of its colours."""
+    named = {mark.name: _swatch(mark) for mark in panel.marks if mark.name and mark.scale is None}
+    if panel.band is not None:
+        named[panel.band[2]] = '<i class="band"></i>'
+    rows = [f"<span>{look}{escape(name)}</span>" for name, look in named.items()]
+    for mark in panel.marks:
+        if mark.scale is not None:
+            name, least, most, unit = mark.scale
+            ends = ",".join(color for _, color in scale(name))
+            rows = [
+                f'<span class="bar-color"><i style="background:linear-gradient(to right,{ends})"></i><span>{least:g}</span>'
+                f"<span></span><span>{most:g} {unit}</span></span>"
+            ]
     return (
-        f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3><div class="controls">{controls}</div>{_shown_html(figure)}'
-        f"{about}</figure>"
+        f'<div class="legend">{"".join(rows)}</div>'
+        if len(named) > 1 or (not named and rows)
+        else ""
     )
+
+
+def _swatch(mark: Any) -> str:
+    color = mark.color if mark.color.startswith("#") else f"var(--{mark.color})"
+    if mark.kind in ("bars", "area", "ring"):
+        return f'<i class="band" style="background:{color}"></i>'
+    dash = _DASHES.get(mark.dash, "solid")
+    line = f'<i style="border-top:2px {dash} {color}"></i>' if mark.kind != "points" else ""
+    sign = {"square": "■", "diamond": "◆", "triangle-up": "▲", "triangle-down": "▼", "x": "✕"}
+    sign |= {"star": "★", "cross": "✚", "pentagon": "⬟", "circle-open": "○"}
+    dot = (
+        f'<b style="color:{color}">{sign.get(mark.symbol, "●")}</b>' if mark.kind != "line" else ""
+    )
+    return line + dot
 
 
 _VIEWS = {"plan": "Vehicle and plan", "track": "Track", "region": "Region"}
 
 
-def _map_html(figure: Figure, controls: str, about: str) -> str:
+def _map_html(figure: Map, plot: str, about: str) -> str:
     """Return a map with its controls above and below, and what it shows in words as a folded part."""
     views = "".join(
         f'<button type="button" data-view="{key}" aria-pressed="false">{text}</button>'
         for key, text in _VIEWS.items()
-        if key in figure.map["views"]
+        if key in figure.drawn["views"]
     )
     zoom = "".join(
         f'<button type="button" data-zoom="{factor}" aria-label="{text}">{sign}</button>'
         for factor, text, sign in ((1.5, "Zoom in", "+"), (0.6667, "Zoom out", "−"))
     )
-    play = (
-        '<button type="button" class="play" aria-label="Play" aria-pressed="false">▶</button>'
-        if controls
-        else ""
-    )
+    button = '<button type="button" class="play" aria-label="Play" aria-pressed="false">▶</button>'
+    controls = "".join(_controls_html(figure))
+    plot += '<p class="waiting">This map is drawn by JavaScript, in a browser of 2023 or later.</p>'
     return (
         f'<figure id="{figure.key}" class="map"><h3 class="unseen">{escape(figure.title)}</h3>'
-        f'<div class="stage">{_shown_html(figure)}<div class="tools">{views}{zoom}'
+        f'<div class="stage">{plot}</div><div class="tools">{views}{zoom}'
         '<details class="layers"><summary>Layers</summary><ul></ul></details></div>'
-        f'<div class="keys" aria-hidden="true"></div><div class="controls">{play}{controls}</div></div>'
+        f'<div class="keys" aria-hidden="true"></div><div class="controls">{button if controls else ""}{controls}</div></div>'
         f'<details class="about"><summary>About this map, and its data</summary>{about}</details></figure>'
     )
 
 
-def _shown_html(figure: Figure) -> str:
-    height = "" if figure.map else f' style="height:{figure.layout.get("height", 420)}px"'
-    return (
-        f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}"{height}>'
-        '<p class="waiting">This figure is drawn by JavaScript.</p></div>'
-    )
-
-
-def _control_html(key: str, number: int, control: Control) -> str:
-    name = f"{key}-{number}"
-    if control.kind == "select":
-        options = "".join(
-            f'<option value="{k}"{" selected" if k == control.chosen else ""}>{escape(text)}</option>'
-            for k, text in enumerate(control.choices)
+def _controls_html(figure: Map) -> Iterator[str]:
+    for number, control in enumerate(figure.controls):
+        name, chosen = f"{figure.key}-{number}", escape(control.choices[control.chosen])
+        if control.kind == "select":
+            options = "".join(
+                f'<option value="{k}"{" selected" if k == control.chosen else ""}>{escape(text)}</option>'
+                for k, text in enumerate(control.choices)
+            )
+            yield f'<label for="{name}">{escape(control.name)} <select id="{name}">{options}</select></label>'
+            continue
+        last = len(control.choices) - 1
+        yield (
+            f'<label for="{name}">{escape(control.name)} <input type="range" id="{name}" min="0" max="{last}" '
+            f'value="{control.chosen}"{" disabled" if last == 0 else ""} aria-valuetext="{chosen}">'
+            f'<output for="{name}">{chosen}</output></label>'
         )
-        return f'<label for="{name}">{escape(control.name)} <select id="{name}" data-figure="{key}">{options}</select></label>'
-    last = len(control.choices) - 1
-    return (
-        f'<label for="{name}">{escape(control.name)} <input type="range" id="{name}" data-figure="{key}" min="0" max="{last}" '
-        f'value="{control.chosen}"{" disabled" if last == 0 else ""} aria-valuetext="{escape(control.choices[control.chosen])}">'
-        f'<output for="{name}">{escape(control.choices[control.chosen])}</output></label>'
-    )
-
-
-def _figure_data(figure: Figure) -> dict[str, Any]:
-    return {
-        "key": figure.key,
-        "tables": figure.tables,
-        "traces": figure.traces,
-        "layout": figure.layout,
-        "choices": [list(control.choices) for control in figure.controls],
-        "packed": figure.packed,
-        "map": figure.map,
-    }

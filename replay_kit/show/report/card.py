@@ -20,7 +20,7 @@ from replay_kit.show.numbers import (
     nice,
     number,
 )
-from replay_kit.show.page.section import compass
+from replay_kit.show.page.parts import compass
 
 _CLASSES = {"trust": "good", "with care": "care", "do not use": "stop"}
 _WORDS = {"trust": "Trust", "with care": "Use with care", "do not use": "Do not use"}

@@ -4,7 +4,6 @@ import json
 import shlex
 from collections.abc import Callable, Mapping
 from html import escape
-from pkgutil import resolve_name
 from typing import Any
 
 from replay_kit.core.errors import finding_line
@@ -14,14 +13,19 @@ from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.show.numbers import Sentence, number
-from replay_kit.show.page.page import page_html
-from replay_kit.show.page.section import Section, items_html, table_html
-from replay_kit.show.report.sections.current_map import map_beside
+from replay_kit.show.page.map import map_of
+from replay_kit.show.page.page import Section, page_html
+from replay_kit.show.page.parts import items_html, table_html
+from replay_kit.show.report.card import card_html
+from replay_kit.show.report.sections.along_track import along_track_section
+from replay_kit.show.report.sections.answer import words_section
+from replay_kit.show.report.sections.plan import plan_section
+from replay_kit.show.report.sections.trust import trust_section
 from replay_kit.show.sentences import estimate_sentences
 from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_cells, vehicle_sentences
 
 # Entries of a list of the summary that are shown.
-_LONG = 40
+_LONG = 12
 
 
 def again_section(contents: Contents) -> Section:
@@ -145,18 +149,21 @@ def _numbers(contents: Contents) -> str:
     )
 
 
-# Module and function of each section, from top to bottom.
-_LISTED = (
-    "current_map:map_section",
-    "answer:words_section",
-    "sections_along_track:along_track_section",
-    "trust:trust_section",
-    "plan:plan_section",
-)
-#: The sections in that order; each is a pure function of the opened result.
+def map_section(contents: Contents, card: str = "") -> Section:
+    """Return the map of a result with all its vehicles, beside an answer, by default the card of its only vehicle."""
+    missing = []
+    if contents.slices is None:
+        missing.append("The result holds no current: the map shows only positions and plans.")
+    if contents.track.time_ns.size == 0:
+        missing.append("The result holds no position of the vehicle.")
+    drawn, beside = map_of(contents), card or card_html(contents)
+    figures = [] if drawn is None else [drawn]
+    return Section("map", "Map", "", figures, missing, "Map", beside=beside)
+
+
+#: The sections from top to bottom; each is a pure function of the opened result.
 SECTIONS: tuple[Callable[[Contents], Section], ...] = (
-    *(resolve_name(f"{__package__}.sections.{name}") for name in _LISTED),
-    again_section,
+    *(map_section, words_section, along_track_section, trust_section, plan_section, again_section),
 )
 
 
@@ -190,7 +197,7 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
         pages: Names of the pages of the vehicles, by theirs.
     """
     sections = [
-        map_beside(contents, _card(contents, pages)),
+        map_section(contents, _card(contents, pages)),
         _vehicles(contents, pages),
         again_section(contents),
     ]

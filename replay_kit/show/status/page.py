@@ -10,8 +10,9 @@ from replay_kit.core.colors import palette_css
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.show.page.section import compass, small_map
+from replay_kit.show.page.parts import compass
 from replay_kit.show.status.lines import brief_lines, line_age
+from replay_kit.show.status.small_map import small_map
 from replay_kit.show.status.status import Line, Status
 from replay_kit.show.vehicles import vehicle_rows
 

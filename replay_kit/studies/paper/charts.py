@@ -2,14 +2,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.colors import LINES
-from replay_kit.show.figures.on_page import figure_of
-from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
-from replay_kit.show.page.section import Figure
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.studies.paper.text import grouped, to_text
 
 _COLORS = (*LINES[:3], "ink", *LINES[3:], "#8C8C8C")
@@ -38,51 +37,37 @@ def lines_by(points: Iterable[tuple[str, float, float]]) -> list[Mark]:
     return [Mark("joined", at[:, 0], at[:, 1], label) for label, at in values]
 
 
-def one_chart(key: str, title: str, caption: str, x: Axis, panel: Panel) -> Chart:
-    """Return a chart of one panel.
+def one_figure(
+    key: str,
+    title: str,
+    caption: str,
+    axes: tuple[Axis, Axis],
+    lines: Sequence[Mark],
+    level: float,
+) -> Figure:
+    """Return a figure of one panel, its data a table with a pair of columns for each line, filled up with nothing.
 
     Args:
         key: Unique in the page.
         title: What it shows.
         caption: What to see in it, as HTML.
-        x: The horizontal axis.
-        panel: The panel; its marks have values of their own, and names.
+        axes: The horizontal and the vertical one.
+        lines: With values of their own, and names.
+        level: A value of y to compare with.
     """
-    return Chart(key, title, x, [panel], caption, height=400 + 14 * len(panel.marks))
-
-
-def chart_figure(chart: Chart) -> Figure:
-    """Return a chart as a figure of a page, its data a table with a pair of columns for each mark, filled up with nothing.
-
-    Args:
-        chart: Of one panel, as of ``one_chart``.
-    """
-    (panel,), columns, marks = chart.panels, dict[str, Array](), list[Mark]()
-    most = max((len(mark.x) for mark in panel.marks), default=0)
-    for number, mark in enumerate(panel.marks):
-        names = [f"{mark.name}: {axis.label}" for axis in (chart.x, panel.y)]
+    columns, marks = dict[str, Array](), list[Mark]()
+    most = max((len(mark.x) for mark in lines), default=0)
+    for number, mark in enumerate(lines):
+        names = [f"{mark.name}: {axis.label}" for axis in axes]
         for name, values in zip(names, (mark.x, mark.y), strict=True):
             columns[name] = np.pad(values, (0, most - len(values)), constant_values=np.nan)
-        color = _COLORS[number % len(_COLORS)]
-        marks.append(
-            replace(
-                mark,
-                x=f"values.{names[0]}",
-                y=f"values.{names[1]}",
-                color=color,
-                edge=color,
-                symbol=_SYMBOLS[number % len(_SYMBOLS)],
-                size=8.0,
-                dash=_DASHES[number % len(_DASHES)],
-            )
-        )
-    words = (
-        f"{chart.title}: {panel.y.label} against {chart.x.label}. "
-        f"{' '.join(map(_in_words, panel.marks))}"
-    )
-    tables = {"values": columns}
-    whole = replace(chart, panels=[replace(panel, marks=marks)], alternative=words, tables=tables)
-    return figure_of(whole)
+        x, y = (f"values.{name}" for name in names)
+        color, symbol, dash = (each[number % len(each)] for each in (_COLORS, _SYMBOLS, _DASHES))
+        look: Any = {"color": color, "symbol": symbol, "dash": dash, "size": 7.0}
+        marks.append(replace(mark, x=x, y=y, **look))
+    words = f"{title}: {axes[1].label} against {axes[0].label}. {' '.join(map(_in_words, lines))}"
+    panels = [Panel(title, *axes, marks, level=level)]
+    return Figure(key, title, panels, {"values": columns}, caption, words)
 
 
 def _in_words(mark: Mark) -> str:
@@ -94,7 +79,7 @@ def _in_words(mark: Mark) -> str:
     return f"{mark.name}: {' to '.join(dict.fromkeys(ends))}."
 
 
-def misses_chart(key: str, title: str, misses: Mapping[str, Sequence[float]]) -> Chart:
+def misses_figure(key: str, title: str, misses: Mapping[str, Sequence[float]]) -> Figure:
     """Return the distribution of miss distances, a line for each flow that was planned on.
 
     Args:
@@ -112,6 +97,5 @@ def misses_chart(key: str, title: str, misses: Mapping[str, Sequence[float]]) ->
         "Share of the plans whose miss distance in the truth is no larger. The farther up and left a line lies, the better the plans; "
         f"distances below {_LEAST_MISS:g} m are drawn at {_LEAST_MISS:g} m."
     )
-    y = Axis("share of the plans [1]")
-    x = Axis("miss distance in the truth [m]", log=True)
-    return one_chart(key, title, caption, x, Panel(title, y, marks, level=0.5))
+    axes = Axis("miss distance in the truth [m]", log=True), Axis("share of the plans [1]")
+    return one_figure(key, title, caption, axes, marks, 0.5)

@@ -5,10 +5,10 @@ from dataclasses import asdict
 from html import escape
 from typing import Any
 
-from replay_kit.show.figures.values import Axis, Chart, Panel
-from replay_kit.show.page.page import page_html
-from replay_kit.show.page.section import Section, table_html
-from replay_kit.studies.paper.charts import chart_figure, lines_by, misses_chart, one_chart
+from replay_kit.show.figures.figure import Axis, Figure
+from replay_kit.show.page.page import Section, page_html
+from replay_kit.show.page.parts import table_html
+from replay_kit.studies.paper.charts import lines_by, misses_figure, one_figure
 from replay_kit.studies.paper.rows import LABELS, ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.paper.run import PaperTables
 from replay_kit.studies.paper.text import (
@@ -153,11 +153,11 @@ def paper_page(tables: PaperTables) -> str:
     misses = {
         LABELS[row.flow]: row.closest_approach for row in tables.table3 if row.closest_approach
     }
-    glides = misses_chart("glides", "Closest approach of the glides to their targets", misses)
+    glides = misses_figure("glides", "Closest approach of the glides to their targets", misses)
     sections = [
         Section("errors", "Errors", f"<p>{escape(conditions(tables))}</p>{table1}{table2}"),
-        Section("few", "Sparse logs", sparse, [chart_figure(_sparse(tables))]),
-        Section("plans", "Glides", table3, [chart_figure(glides)]),
+        Section("few", "Sparse logs", sparse, [_sparse(tables)]),
+        Section("plans", "Glides", table3, [glides]),
     ]
     return page_html("The paper's study on this ensemble", sections)
 
@@ -167,13 +167,12 @@ def _table_html(table: Table) -> str:
     return table_html(table.columns, cells, table.title)
 
 
-def _sparse(tables: PaperTables) -> Chart:
+def _sparse(tables: PaperTables) -> Figure:
     title = "Relative error against the number of pings"
     lines = lines_by((LABELS[row.method], row.pings, row.rel_error) for row in tables.sparse)
-    y = Axis("RMSE / RMS speed of the truth [1]", log=True)
+    axes = Axis("pings", log=True), Axis("RMSE / RMS speed of the truth [1]", log=True)
     caption = (
         "Error on the way through the pings of Table II. Lower is better; at 1 (dotted) an "
         "estimate is no better than no current at all."
     )
-    panel = Panel(title, y, lines, level=1.0)
-    return one_chart("sparse", title, caption, Axis("pings", log=True), panel)
+    return one_figure("sparse", title, caption, axes, lines, 1.0)

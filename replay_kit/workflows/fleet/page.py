@@ -12,10 +12,9 @@ from replay_kit.core.atomic import write_whole
 from replay_kit.core.colors import LINES
 from replay_kit.core.text import csv_text
 from replay_kit.results.outcome.outcome import outcome_from
-from replay_kit.show.figures.on_page import figure_of
-from replay_kit.show.figures.values import Axis, Chart, Mark, Panel
-from replay_kit.show.page.page import page_html
-from replay_kit.show.page.section import Figure, Section, items_html, table_html
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
+from replay_kit.show.page.page import Section, page_html
+from replay_kit.show.page.parts import items_html, table_html
 from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
 
@@ -238,9 +237,9 @@ def _figure(
         f"{label} {min(each):.4g} to {max(each):.4g}" for label, each in values.items()
     )
     words = f"{title}: {axis} of {len(known)} missions; {spans}."
-    panel, tables = Panel(title, Axis(axis), marks), {"values": {"mission": names, **values}}
-    x = Axis("mission", labels=names)
-    return figure_of(Chart(key, title, x, [panel], _CAPTIONS[key], words, tables, 420))
+    panel = Panel(title, Axis("mission", labels=names), Axis(axis), marks)
+    tables = {"values": {"mission": names, **values}}
+    return Figure(key, title, [panel], tables, _CAPTIONS[key], words)
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -5,8 +5,9 @@ import pytest
 
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.show.figures.on_canvas import Extent, coast_near, frame_of
+from replay_kit.show.figures.map import Extent
 from replay_kit.show.numbers import error_text, fixed, hours_text, minutes_text
+from replay_kit.show.page.map import coast_near, frame_of
 
 
 def area(ring: np.ndarray) -> float:

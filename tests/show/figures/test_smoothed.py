@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from replay_kit.results.views.along_track import BinsAlongTrack
-from replay_kit.show.figures.along_track import QUANTITIES, limits_of, quantities_of
+from replay_kit.show.figures.section import QUANTITIES, limits_of, quantities_of
 
 
 def test_a_section_shows_the_estimate_before_smoothing_where_there_is_one():

@@ -3,7 +3,6 @@
 import re
 from typing import Any
 
-from replay_kit.results.views.record import leaves
 from tests.show.report.html_of import elements, figures
 
 
@@ -29,10 +28,12 @@ def check_figures(page: str) -> dict[str, dict[str, Any]]:
     }
     assert offered == {(key, table) for key, figure in found.items() for table in figure["tables"]}
     for key, figure in found.items():
-        assert figure["tables"], key
-        if not figure["map"]:
-            _check_axes(key, figure["layout"])
-        _check_data(key, figure)
+        assert figure["tables"] or "map" in figure, key
+        for panel in figure.get("panels", ()):
+            _check_axes(key, panel)
+            _check_marks(key, figure["tables"], panel)
+        for table in figure["tables"].values():
+            assert len({len(column) for column in table.values()}) == 1, key
     _check_nothing_is_fetched(page)
     return found
 
@@ -50,31 +51,25 @@ def check_ids(page: str) -> None:
     assert set(named) <= set(ids)
 
 
-def _check_axes(key: str, layout: dict[str, Any]) -> None:
-    for name, axis in layout.items():
+def _check_axes(key: str, panel: dict[str, Any]) -> None:
+    units = r"\[.+\]|UTC|NIS|dive|density|innovation /|values|pings"
+    for text, names in zip(panel["axes"], (panel["names"], []), strict=True):
         # an axis that names what stands beside it has no unit
-        if (
-            re.fullmatch(r"[xy]axis\d?", name)
-            and axis.get("type") != "category"
-            and ("title" in axis or "ticktext" not in axis)
-        ):
-            text = axis["title"]["text"]
-            assert re.search(r"\[.+\]|UTC|NIS|dive|density|innovation /|values|pings", text), (
-                key,
-                name,
-            )
+        assert names or re.search(units, text), (key, text)
 
 
-def _check_data(key: str, figure: dict[str, Any]) -> None:
-    for path, value in leaves([figure["traces"], figure["layout"]]):
-        if isinstance(value, str) and value.startswith("$"):
-            table, column = value[1:].split(".", 1)
-            assert len(figure["tables"][table][column]) > 0, (key, path)
-        if path.endswith("$field"):
-            assert value in figure["packed"], (key, path)
-    for table in figure["tables"].values():
-        if "field" not in table:
-            assert len({len(column) for column in table.values()}) == 1, key
+def _check_marks(key: str, tables: dict[str, Any], panel: dict[str, Any]) -> None:
+    """Check that what is said beside the pointer is a column of the page, of a length with the others of its mark."""
+    for mark in panel["marks"]:
+        values = {}
+        for part in ("x", "y", "z", "text"):
+            held = mark.get(part)
+            table, _, name = held.partition(".") if isinstance(held, str) else ("", "", "")
+            values[part] = tables[table][name] if isinstance(held, str) else held
+        x, y, z, text = (values[part] for part in ("x", "y", "z", "text"))
+        assert len(x) > 0, key
+        assert len(z) == (len(x) - 1) * (len(y) - 1) if z else len(x) == len(y), key
+        assert text is None or len(text) == len(x), key
 
 
 def _check_nothing_is_fetched(page: str) -> None:

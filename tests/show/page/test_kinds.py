@@ -2,8 +2,8 @@
 
 import pytest
 
-from replay_kit.show.page.page import page_html
-from replay_kit.show.page.section import Figure, Section
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
+from replay_kit.show.page.page import Section, page_html
 from tests.places import ROOT
 from tests.show.page.checks import check_figures, check_ids
 from tests.show.page.kinds import QUICK, SLOW
@@ -31,14 +31,15 @@ def test_every_module_that_makes_a_page_is_tried():
 
 
 def figure(key: str) -> Figure:
-    return Figure(key, "Title", "Caption", "Words", {"values": {"x": [1.0]}}, (), {})
+    mark = Mark("points", "values.x", "values.x")
+    panel = Panel("Title", Axis("x"), Axis("y"), [mark])
+    return Figure(key, "Title", [panel], {"values": {"x": [1.0]}}, "Caption", "Words")
 
 
 @pytest.mark.parametrize(
     "sections",
     [
         [Section("figures", "Taken by the data of the figures")],
-        [Section("plotly", "Taken by the script")],
         [Section("one", "Of two", figures=[figure("one")])],
         [
             Section("one", "Once", figures=[figure("a")]),

@@ -1,27 +1,26 @@
 """A section that is added as the README says: a function in a list, and the page shows it."""
 
+import numpy as np
+
 import replay_kit as rk
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.page.section import Figure, Section
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
+from replay_kit.show.page.page import Section
 from replay_kit.show.report import pages as report
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, text_of
 
 
 def _mine(contents: Contents) -> Section:
-    data = {"depths": {"depth_m": contents.track.depth.tolist()}}
-    layout = {
-        "yaxis": {"title": {"text": "depth [m]"}},
-        "xaxis": {"title": {"text": "position [number]"}},
-    }
+    depth = contents.track.depth
+    axes, look = (Axis("position", "number"), Axis("depth", "m")), ("depths.n", "depths.depth_m")
     figure = Figure(
         "my-depths",
         "Depths",
+        [Panel("Depths", *axes, [Mark("points", *look)])],
+        {"depths": {"n": np.arange(depth.size), "depth_m": depth}},
         "Each point: one position.",
         "The depth of each position of the track, one after the other.",
-        data,
-        [{"y": "$depths.depth_m"}],
-        layout,
     )
     return Section(
         "mine",

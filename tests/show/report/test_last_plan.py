@@ -12,16 +12,14 @@ from replay_kit.core.surfacing import Ellipse
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.export import export
-from replay_kit.show.figures.map_layers import contour_step
+from replay_kit.show.figures.kinds import drawn
+from replay_kit.show.figures.map import Extent, bottom_lines, contour_step
 from replay_kit.show.figures.plan import profile_floor
 from replay_kit.show.notebook import read_result
-from replay_kit.show.plots.current_map import draw_seabed
-from replay_kit.show.plots.panel import CONTOUR_LABEL
-from replay_kit.show.plots.plots import drawn
 from replay_kit.show.report.pages import report_html
 from tests.results.result_samples import CONFIG, METADATA, decoded
-from tests.show.plots.test_plots import words
-from tests.show.report.html_of import figures, table, text_of, unpacked
+from tests.show.figures.test_kinds import words
+from tests.show.report.html_of import figures, table, text_of
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 ODDS = Odds(40, 0.725, 0.05, 0.9, 80.5, 1309.0)
@@ -164,20 +162,21 @@ def test_the_page_shows_them(contents):
     found = figures(page)
     profile = found["plan-profile"]
     assert profile["tables"]["plan"]["bottom_m"] == [300.0, None, 130.0]
-    assert profile["layout"]["yaxis"]["range"] == [1.05 * 250.0, 0.0]
-    assert [trace.get("name") for trace in profile["traces"]] == [None, "bottom", "planned depth"]
+    (panel,) = profile["panels"]
+    assert panel["ends"][1] == [1.05 * 250.0, 0.0]
+    assert [mark["name"] for mark in panel["marks"]] == ["bottom", "planned depth"]
     assert "Where it is not shown it is deeper than 262 m: it is 130 to 300 m deep." in text_of(
         page, "plan"
     )
-    drawn = found["current-map"]["map"]
-    assert drawn["seabed"]["step"] == 50.0
-    np.testing.assert_allclose(
-        unpacked(found["current-map"]["packed"]["seabed"]), SEABED.depth, atol=0.25
-    )
-    marks = {mark["name"]: mark for mark in drawn["marks"]}
-    assert len(marks["no-go area"]["x"]) == 2 * 5
-    assert marks["no-go area"]["text"] == ["range"] * 4 + [""] + ["lane (surface only)"] * 4 + [""]
-    assert len(marks["90 % of planned surfacings, headings held"]["x"]) == 38
+    marks = found["current-map"]["map"]["marks"]
+    depths = {mark["label"] for mark in marks if mark["role"] == "bottom"}
+    # of what the map shows of the bottom
+    assert {"130 m", "190 m"} <= depths <= {f"{depth} m" for depth in range(130, 200, 10)}
+    by_role = {mark["role"]: mark for mark in marks}
+    assert len(by_role["no_go"]["x"]) == 2 * 5
+    lane = "no-go area lane<br>surface only"
+    assert by_role["no_go"]["text"] == ["no-go area range"] * 4 + [""] + [lane] * 4 + [""]
+    assert len(by_role["ellipse"]["x"]) == 38
     assert "Labelled lines: depth of the bottom, from bottom.nc." in text_of(page, "map")
 
 
@@ -192,7 +191,7 @@ def test_the_figures_show_them(full, tmp_path):
     np.testing.assert_array_equal(lines["bottom"].get_ydata(), full.bottom)
     assert figure.axes[1].get_ylim() == (1.05 * 250.0, 0.0)
     axes = drawn(contents, "map").axes[0]
-    labels = {text.get_text() for text in contour_labels(axes)}
+    labels = contour_labels(axes)
     assert labels
     assert labels <= {"50 m", "100 m", "150 m", "200 m", "250 m"}
 
@@ -202,9 +201,7 @@ def test_a_bottom_that_is_flat_or_out_of_sight_has_no_contours(plan, tmp_path):
     contents = written(tmp_path / "flat.mcap", plan, flat, estimate=True)
     axes = drawn(contents, "map").axes[0]
     assert not contour_labels(axes)
-    axes.set_xlim(100.0, 101.0)
-    draw_seabed(contents, axes)
-    assert not contour_labels(axes)
+    assert not bottom_lines(contents, Extent(100.0, 101.0, 0.0, 1.0))
     unknown = written(
         tmp_path / "unknown.mcap", plan, replace_depth(np.full(SEABED.depth.shape, np.nan))
     )
@@ -212,7 +209,7 @@ def test_a_bottom_that_is_flat_or_out_of_sight_has_no_contours(plan, tmp_path):
 
 
 def contour_labels(axes):
-    return [text for text in axes.texts if text.get_gid() == CONTOUR_LABEL]
+    return {text.get_text() for text in axes.texts if text.get_text().endswith("0 m")}
 
 
 def replace_depth(depth):

@@ -75,9 +75,8 @@ def test_one_ping_without_an_estimate(write, state, innovation):
     assert "The result does not hold the counts of messages" in words
     assert "--no-estimate" in words
     assert "Without an estimate, the section shows the difference" in text_of(page, "section")
-    assert [
-        trace["hovertemplate"].split("<extra>")[1] for trace in figures(page)["profiles"]["traces"]
-    ] == ["measured minus estimated</extra>"]
+    shown = [panel["marks"][0]["name"] for panel in figures(page)["profiles"]["panels"]]
+    assert shown == ["measured minus estimated"] * 2
 
 
 def test_an_estimate_alone_is_drawn_at_its_levels(write, flow):
@@ -157,9 +156,9 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state
     assert "no <way>" not in page.split("<script")[0]
     found = figures(page)
     assert "plan-profile" not in found
-    names = [mark["name"] for mark in found["current-map"]["map"]["marks"]]
-    assert names.count("90 % of past surfacings") == 1
-    assert "last plan" not in names
+    roles = [mark["role"] for mark in found["current-map"]["map"]["marks"]]
+    assert roles.count("past") == 1
+    assert "plan" not in roles
     assert found["surfacing-errors"]["tables"]["surfacing_errors"]["east_km"] == [
         0.61725,
         0.61725,
@@ -200,7 +199,7 @@ def test_a_plan_alone_is_drawn(write, plan):
     page = write(lambda writer: writer.plan(planned, Projection(5.0, 62.0)))
     found = figures(page)
     assert list(found) == ["current-map", "plan-profile"]
-    assert found["current-map"]["tables"]["plan"]["east_km"] == [0.0, 0.5, 1.0]
+    assert found["plan-profile"]["tables"]["plan"]["east_km"] == [0.0, 0.5, 1.0]
     west, east = found["current-map"]["map"]["views"]["plan"][:2]
     assert west < 0.0 < 1.0 < east
     assert "The result holds a plan alone." in text_of(page, "answer")

@@ -182,10 +182,10 @@ def test_charts_of_trust_are_of_the_bins(page, replayed):
 
 def test_the_map_holds_the_published_current(page, replayed):
     figure = figures(page)["current-map"]
-    current, axes = unpacked(figure["packed"]["current"]), figure["tables"]["current"]["axes"]
-    assert axes["depth_m"][1:] == [5.0, 150.0]
-    assert figure["choices"][1] == [f"{axes['depth_m'][0]} m", "5 m", "150 m"]
-    assert len(axes["time"]) == current.shape[1] == len(figure["choices"][2]) == 5
+    current = unpacked(figure["packed"]["current"])
+    mean, *depths = figure["choices"][1]
+    assert depths == ["5 m", "150 m"]
+    assert len(figure["map"]["times"]) == current.shape[1] == len(figure["choices"][2]) == 5
     flow = replayed.estimate
     drawn = figure["map"]
     east, north = np.meshgrid(np.array(drawn["east"]) * 1e3, np.array(drawn["north"]) * 1e3)
@@ -196,13 +196,13 @@ def test_the_map_holds_the_published_current(page, replayed):
     np.testing.assert_allclose(
         got[known][:, 2:], flow.standard_error(east, north, 150.0)[known], atol=3e-4
     )
-    deep = float(axes["depth_m"][0].split()[-1])
+    deep = float(mean.split()[-2])
     below = deep * (np.arange(200) + 0.5) / 200
     each = np.mean([flow.velocity(east, north, depth) for depth in below], axis=0)
     mean = np.moveaxis(current[0, -1], 0, -1)
     np.testing.assert_allclose(mean[wet][:, :2], each[wet], atol=2e-3)
-    names = [mark["name"] for mark in drawn["marks"]]
-    assert {"track", "fixes", "last plan", "goal"} <= set(names)
+    roles = {mark["role"] for mark in drawn["marks"]}
+    assert {"track", "fix", "plan", "goal", "vehicle"} <= roles
     track = figure["tables"]["track"]
     assert len(track["time"]) == len(replayed.fixes)
     np.testing.assert_allclose(track["longitude"], replayed.fixes["longitude"], atol=1e-6)

@@ -27,8 +27,8 @@ from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
-from replay_kit.show.plots.panel import Chosen
-from replay_kit.show.plots.plots import plan_panels
+from replay_kit.show.figures.map import Chosen
+from replay_kit.show.figures.kinds import plan_panels
 from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import status_text

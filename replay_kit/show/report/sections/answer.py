@@ -12,7 +12,8 @@ from replay_kit.results.outcome.verdict import MOST_NIS
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import calibration
 from replay_kit.show.numbers import Sentence, number, sentence
-from replay_kit.show.page.section import Section, items_html
+from replay_kit.show.page.page import Section
+from replay_kit.show.page.parts import items_html
 from replay_kit.show.sentences import estimate_sentences, found_sentences
 
 #: Notes of a run that only state what was read and chosen.

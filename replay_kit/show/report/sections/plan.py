@@ -8,10 +8,10 @@ import numpy as np
 
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import LastPlan, thinned
-from replay_kit.show.figures.on_page import figure_of
-from replay_kit.show.figures.plan import profile_chart, surfacing_chart
+from replay_kit.show.figures.plan import profile_figure, surfacing_figure
 from replay_kit.show.numbers import fixed, leg_number, number, sentence
-from replay_kit.show.page.section import Section, table_html
+from replay_kit.show.page.page import Section
+from replay_kit.show.page.parts import table_html
 from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_sentence
 
 _STATUS = {
@@ -104,10 +104,10 @@ def plan_section(contents: Contents) -> Section:
             menu="Plan",
             answer="There is none.",
         )
-    figures = [figure_of(profile_chart(contents, plan))] if len(plan.track) else []
+    figures = [profile_figure(contents, plan)] if len(plan.track) else []
     found = contents.outcome.surfacings
     if len(contents.result.surfacings):
-        figures.append(figure_of(surfacing_chart(contents)))
+        figures.append(surfacing_figure(contents))
     html = (
         last_plan_html(contents, plan)
         + _departures_html(contents)

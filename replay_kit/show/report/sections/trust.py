@@ -7,11 +7,10 @@ from replay_kit.core.errors import severity_word
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS, nis_sentence
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.figures.on_page import figure_of
-from replay_kit.show.figures.trust import trust_charts
+from replay_kit.show.figures.trust import trust_figures
 from replay_kit.show.numbers import Sentence, Shown, sentence
-from replay_kit.show.page.page import figure_html
-from replay_kit.show.page.section import Figure, Section, items_html, table_html
+from replay_kit.show.page.page import Section
+from replay_kit.show.page.parts import items_html, table_html
 from replay_kit.show.report.sections.answer import warnings_html
 from replay_kit.show.sentences import trust_sentences
 
@@ -97,28 +96,16 @@ def trust_section(contents: Contents) -> Section:
             menu="Trust",
             answer=_answer(contents),
         )
-    charts, missing = trust_charts(contents)
-    shown = {key: figure_of(chart) for key, chart in charts.items()}
-    blocks, placed = [], list[Figure]()
+    figures, missing = trust_figures(contents)
+    parts, placed = {}, []
     for light in lights(contents):
-        figures = [shown[key] for key in light.figures if key in shown]
-        own = "".join(map(figure_html, figures))
-        placed += figures
-        head = f'<summary><span class="light {light.color}">{escape(light.name)}</span> {light.text.html}</summary>'
-        blocks.append(f'<details class="lit">{head}{own}</details>')
+        head = f'<span class="light {light.color}">{escape(light.name)}</span> {light.text.html}'
+        parts[head] = [key for key in light.figures if key in figures]
+        placed += [figures[key] for key in parts[head]]
     told = [each.html for each in trust_sentences(contents.outcome)]
-    html = warnings_html(contents) + "".join(blocks) + _gate_html(contents)
-    html += items_html(told) if told else ""
-    return Section(
-        "trust",
-        "How far can it be trusted?",
-        html,
-        placed,
-        missing,
-        menu="Trust",
-        answer=_answer(contents),
-        placed=True,
-    )
+    html = warnings_html(contents) + _gate_html(contents) + (items_html(told) if told else "")
+    title, answer = "How far can it be trusted?", _answer(contents)
+    return Section("trust", title, html, placed, missing, "Trust", answer, parts=parts)
 
 
 def _answer(contents: Contents) -> str:

@@ -1,0 +1,482 @@
+"""The back end of all figures: panels drawn with matplotlib, for a paper as a file, for a page as SVG in the colours of its style."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from io import BytesIO
+from math import isfinite
+from textwrap import fill
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from matplotlib import dates as untyped
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure as Canvas
+from matplotlib.transforms import ScaledTranslation
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.colors import LIGHT, PRINT, scale
+from replay_kit.show.figures.figure import Figure, Mark, Panel, Tables, values_of
+from replay_kit.show.figures.style import (
+    BEHIND,
+    DASHES,
+    GRID,
+    MARKERS,
+    PAGE,
+    PAPER,
+    SMALL,
+    THIN,
+    WIDTHS,
+)
+from replay_kit.show.numbers import nice
+
+# matplotlib has no types of dates
+dates: Any = untyped
+#: Forms of a figure's file.
+ENDINGS = (".png", ".svg", ".pdf")
+# what would state when a figure was made, so that the same result gives the same bytes
+_NO_DATES: dict[str, dict[str, None]] = {
+    **{"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+}
+_Made = TypeVar("_Made")
+
+
+class _Medium(NamedTuple):
+    """The colours of the roles, the points of a pixel in widths and in sizes, and labels of an axis of time that fit."""
+
+    palette: Mapping[str, str]
+    thin: float
+    small: float
+    times: int
+
+    def color(self, color: str) -> str:
+        """Return the colour of a role; others as they are."""
+        return self.palette.get(color, color)
+
+
+_PAPER, _PAGE = _Medium(PRINT, THIN, SMALL, 7), _Medium(LIGHT, 0.9, 0.9, 6)
+
+
+def draw_panel(axes: Axes, panel: Panel, tables: Tables, medium: _Medium = _PAPER) -> None:
+    """Draw a panel into axes.
+
+    Args:
+        axes: The axes.
+        panel: The panel.
+        tables: The columns that its marks name.
+        medium: Paper or page.
+    """
+    if not panel.marks:
+        axes.set(xticks=[], yticks=[])
+        look: Any = {"ha": "center", "va": "center", "color": medium.color("soft")}
+        axes.text(0.5, 0.5, fill(panel.note, 34), transform=axes.transAxes, **look)
+        return
+    if panel.degrees:
+        axes.patch.set(facecolor="white", edgecolor=PRINT["soft"], hatch="//////", linewidth=0.0)
+    if panel.level is not None:
+        axes.axhline(panel.level, color=medium.color("soft"), linewidth=0.5)
+    if panel.band is not None:
+        low, high, name = panel.band
+        axes.axhspan(low, high, color=medium.color("three"), alpha=0.2, linewidth=0.0, label=name)
+    for mark in panel.marks:
+        _draw_mark(axes, mark, tables, medium)
+    if panel.note:
+        axes.text(0.02, 0.97, panel.note, transform=axes.transAxes, va="top", fontsize="small")
+    _draw_axes(axes, panel, tables, medium)
+    _draw_labels(axes, panel.labels, medium)
+
+
+def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
+    x, y = (values_of(tables, values) for values in (mark.x, mark.y))
+    color, width, size = (
+        medium.color(mark.color),
+        medium.thin * mark.width,
+        medium.small * mark.size,
+    )
+    if mark.kind == "mesh":
+        _draw_mesh(axes, mark, x, y, mesh_values(mark, tables), medium)
+        return
+    if mark.kind == "arrows":
+        assert mark.z is not None
+        _draw_arrows(axes, x, y, values_of(tables, mark.z), mark.size)
+        return
+    if mark.kind == "bars":
+        wide = float(np.diff(x).min()) if x.size > 1 else 0.8
+        axes.bar(x, y, wide, color=color, alpha=0.6, label=mark.name)
+        return
+    light = medium.color("paper")
+    if mark.halo:
+        axes.plot(x, y, color=light, linewidth=width + 2.0 * medium.thin, solid_capstyle="round")
+    if mark.kind == "ring":
+        for ring in np.split(np.column_stack([x, y]), np.flatnonzero(np.isnan(x))):
+            known = ring[np.isfinite(ring[:, 0])]
+            axes.fill(*known.T, facecolor=color, alpha=0.06, zorder=2.5)
+    if mark.base is not None:
+        # the ground below a line, or a band without one
+        land: Any = {"color": medium.color("land")}
+        filled: Any = (
+            land if mark.kind == "line" else {"color": color, "alpha": 0.22, "label": mark.name}
+        )
+        axes.fill_between(x, y, values_of(tables, mark.base), linewidth=0.0, **filled)
+    if mark.kind == "area":
+        return
+    dots = mark.kind in ("points", "joined")
+    look: Any = {
+        **{"color": color, "linewidth": width, "label": mark.name or None},
+        "linestyle": "none" if mark.kind == "points" else DASHES.get(mark.dash, "-"),
+        "drawstyle": "steps-mid" if mark.step else "default",
+        "marker": MARKERS.get(mark.symbol, "o") if dots else None,
+        "markersize": size,
+        "markerfacecolor": "none" if mark.symbol.endswith("-open") else color,
+    }
+    if mark.edge:
+        look |= {"markeredgecolor": medium.color(mark.edge), "markeredgewidth": 0.6}
+    if mark.kind == "ring":
+        look |= {"alpha": 0.45}
+    if mark.symbol == "cross":
+        # a cross of lines on a light one is seen on any field and hides little
+        axes.plot(x, y, "+", color=light, markersize=size, markeredgewidth=2.2)
+        look |= {"markeredgewidth": 1.2}
+    if mark.error is None:
+        axes.plot(x, y, **look)
+    else:
+        axes.errorbar(x, y, values_of(tables, mark.error), elinewidth=0.6, **look)
+
+
+def mesh_values(mark: Mark, tables: Tables) -> Array:
+    """Return the values of a mesh in rows and columns; at the corners of cells where there are as many, else within."""
+    assert mark.z is not None
+    values, x = values_of(tables, mark.z), values_of(tables, mark.x)
+    return np.asarray(values.reshape(-1, x.size - 1) if values.ndim == 1 else values)
+
+
+def _draw_mesh(axes: Axes, mark: Mark, x: Array, y: Array, values: Array, medium: _Medium) -> None:
+    look: Any = {"rasterized": True, "zorder": 1.0, "cmap": colormap("land")}
+    if mark.scale is not None:
+        name, least, most, label = mark.scale
+        look |= {"cmap": colormap(name), "vmin": least, "vmax": most}
+    known = np.ma.masked_invalid(values)
+    if x.ndim == 1:
+        # cells of equal size, each of them a pixel
+        axes.set_facecolor("none" if medium is _PAGE else PRINT["land"])
+        across = dates.date2num(x[[0, -1]]) if x.dtype.kind == "M" else x[[0, -1]]
+        del look["rasterized"]
+        ends: Any = {"extent": (*across, y[-1], y[0]), "origin": "upper", "aspect": "auto"}
+        mesh: Any = axes.imshow(known, interpolation="none", **ends, **look)
+    else:
+        # beside missing cells there is nothing to interpolate with
+        look |= {"shading": "gouraud"} if x.shape == values.shape else {}
+        mesh = axes.pcolormesh(x, y, known, **look)
+    if mark.scale is None or medium is _PAGE:
+        return
+    extend = "neither" if name == "speed" else "both" if least else "max"
+    beside = axes.inset_axes((1.03, 0.0, 0.03, 1.0))
+    axes.figure.colorbar(mesh, cax=beside, label=_in_print(label), extend=extend)
+
+
+def _draw_arrows(axes: Axes, x: Array, y: Array, values: Array, across: float) -> None:
+    """Draw arrows, so many across the axes, and a key of their lengths between the axes and the title however high the axes are."""
+    known = np.hypot(*values)
+    typical = float(np.nanquantile(known, 0.95)) if np.isfinite(known).any() else 1.0
+    long = max(typical, 1e-6)
+    look: Any = {
+        **{"color": PRINT["ink"], "edgecolor": "white", "linewidth": 0.3, "width": 0.0045},
+        **{"minlength": 0.5, "scale": 0.75 * across * long},
+    }
+    axes.quiver(x, y, *values, zorder=2.0, pivot="mid", **look)
+    shown, up = nice(0.6 * long), ScaledTranslation(0.0, 5.0 / 72.0, axes.figure.dpi_scale_trans)
+    place: Any = {"transform": axes.transAxes + up, "clip_on": False}
+    axes.quiver([1.0], [1.0], [shown], [0.0], pivot="tip", **place, **look)
+    text, at = f"{shown:g} m s$^{{-1}}$", 0.985 - shown / look["scale"]
+    axes.text(at, 1.0, text, ha="right", va="center", fontsize="small", **place)
+
+
+def _draw_axes(axes: Axes, panel: Panel, tables: Tables, medium: _Medium) -> None:
+    for axis, name in ((panel.x, "x"), (panel.y, "y")):
+        axes.set(**{f"{name}label": _in_print(str(axis)) if medium is _PAPER else str(axis)})
+        if axis.log:
+            axes.set(**{f"{name}scale": "log"})
+        if axis.ends is not None:
+            axes.set(**{f"{name}lim": axis.ends})
+        elif axis.from_zero:
+            axes.set(**{f"{name}lim": (0.0, None)})
+    if panel.x.labels:
+        every = 1 + len(panel.x.labels) // 40
+        axes.set_xticks(range(0, len(panel.x.labels), every), panel.x.labels[::every])
+        axes.tick_params(axis="x", labelrotation=40.0)
+        for text in axes.get_xticklabels():
+            text.set(ha="right", rotation_mode="anchor")
+        axes.set_xlabel("")
+    if values_of(tables, panel.marks[0].x).dtype.kind == "M":
+        date_axis(axes, medium.times)
+    if panel.equal:
+        axes.set_box_aspect(1.0)
+    if panel.degrees:
+        south, north = axes.get_ylim()
+        middle = np.cos(np.deg2rad(np.clip(0.5 * (south + north), -89.0, 89.0)))
+        axes.set_aspect(1.0 / max(float(middle), 0.02))
+        axes.locator_params(axis="x", nbins=4)
+        axes.locator_params(axis="y", nbins=3)
+        axes.xaxis.set_major_formatter(lambda value, _: degrees_text(value, "EW"))
+        axes.yaxis.set_major_formatter(lambda value, _: degrees_text(value, "NS"))
+
+
+def _draw_labels(axes: Axes, labels: Sequence[tuple[float, float, str]], medium: _Medium) -> None:
+    """Write texts in the middle of places; those near another one, or out of sight, are left out."""
+    kept: list[Any] = []
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    for x, y, text in labels:
+        at = np.array([(x - west) / (east - west), (y - south) / (north - south)])
+        far = [np.abs(at - other) for other in kept]
+        if (np.abs(at - 0.5) < 0.42).all() and all(dx > 0.16 or dy > 0.06 for dx, dy in far):
+            look: Any = {"ha": "center", "va": "center", "fontsize": "x-small"}
+            axes.text(x, y, text, color=medium.color("ink"), **look, clip_on=True)
+            kept.append(at)
+
+
+def date_axis(axes: Axes, most: int) -> None:
+    """Give an axis of time few labels, with the year beside them.
+
+    Args:
+        axes: The axes.
+        most: Number of labels that fit.
+    """
+    locator: Any = dates.AutoDateLocator(minticks=2, maxticks=most)
+    # with few labels, spans between two and four days, hours and so on would else have no step
+    each = (dates.SECONDLY, 60), (dates.MINUTELY, 60), (dates.HOURLY, 24), (dates.MONTHLY, 12)
+    for unit, whole in each:
+        locator.intervald[unit] = [*locator.intervald[unit], whole]
+    locator.intervald[dates.DAILY] = [1, 2, 3, 4, 5, 7, 14, 21]
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
+    axes.set_xlabel("time (UTC)")
+
+
+def degrees_text(value: float, letters: str) -> str:
+    """Return a longitude (letters ``EW``, of any turn) or a latitude (``NS``) as a label."""
+    value = (value + 180.0) % 360.0 - 180.0 if letters == "EW" else value
+    letter = "" if abs(value) < 1e-9 else letters[0] if value > 0.0 else letters[1]
+    return f"{abs(float(f'{value:.6g}')):g}°{letter}"
+
+
+def colormap(name: str) -> LinearSegmentedColormap:
+    """Return one of cmocean's colour maps, ``speed``, ``balance`` or ``amp``; or one of land alone."""
+    land = [(0.0, PRINT["land"]), (1.0, PRINT["land"])]
+    return LinearSegmentedColormap.from_list(name, land if name == "land" else scale(name))
+
+
+def _in_print(text: str) -> str:
+    return text.replace("m/s", "m s$^{-1}$")
+
+
+# Height of the notes and of the legend below a figure [inches a line], and the letters that fit into an inch.
+_LINE, _LETTERS = 0.13, 17.0
+# Of the legend: its letters that fit into an inch, as many as are as wide as the mark of an entry and the gap after it, and what is left
+# beside it for labels of axes [inches].
+_SMALL, _MARK, _BESIDE = 22.0, 9, 0.5
+
+
+class ShownCanvas(Canvas):
+    """A figure that a notebook shows without pyplot."""
+
+    def draw(self, renderer: Any) -> None:
+        """Draw in the style of print wherever it is drawn: a layout may add ticks, whose labels were larger."""
+        styled(partial(super().draw, renderer))
+
+    def _repr_png_(self) -> bytes:
+        self.savefig(file := BytesIO(), format="png", dpi=120)
+        return file.getvalue()
+
+
+def styled(make: Callable[[], _Made]) -> _Made:
+    """Return what is made in the style of print."""
+    with rc_context(PAPER):
+        return make()
+
+
+def saved(canvas: Canvas, ending: str) -> bytes:
+    """Return a drawn figure as a file, of one of ``ENDINGS``: the same figure gives the same bytes."""
+    content, form = BytesIO(), ending.removeprefix(".")
+    styled(partial(canvas.savefig, content, format=form, metadata=_NO_DATES[form]))
+    return content.getvalue()
+
+
+def drawn_into(axes: Axes, figure: Figure, number: int, letter: str = "") -> None:
+    """Draw a panel of a figure into axes, with the title and, if it has entries that the figure does not share, a legend."""
+    panel = figure.panels[number]
+    draw_panel(axes, panel, figure.tables)
+    if not (panel.shares_legend and letter) and axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="best")
+    axes.set_title(f"{letter}{panel.title}".lstrip("-"), pad=13.0 if panel.degrees else 6.0)
+
+
+def compose(figure: Figure, columns: int) -> Canvas:
+    """Return a figure drawn for a paper: panels with letters, their common legend, and the notes below them.
+
+    Args:
+        figure: The figure.
+        columns: 1 or 2, of a page.
+    """
+
+    def make() -> Canvas:
+        width, count = WIDTHS[columns], len(figure.panels)
+        across = min(figure.across if columns == 2 else 1, count)
+        rows = [figure.panels[k : k + across] for k in range(0, count, across)]
+        heights = [max(panel.height for panel in row) * width / across for row in rows]
+        shares = any(panel.shares_legend for panel in figure.panels)
+        canvas = ShownCanvas(figsize=(width, sum(heights)), layout="constrained")
+        ratios = [*heights, *[_LINE] * shares]
+        grid = canvas.add_gridspec(len(rows) + shares, across, height_ratios=ratios)
+        entries: dict[str, Any] = {}
+        for k, panel in enumerate(figure.panels):
+            axes = canvas.add_subplot(grid[divmod(k, across)])
+            drawn_into(axes, figure, k, f"({chr(ord('a') + k)}) " if count > 1 else "-")
+            if panel.shares_legend:
+                marks, labels = axes.get_legend_handles_labels()
+                entries |= dict(zip(labels, marks, strict=True))
+        if shares:
+            heights.append(_draw_legend(canvas.add_subplot(grid[len(rows), :]), entries, width))
+        grid.set_height_ratios(heights)
+        notes = fill(" ".join(figure.notes), int(_LETTERS * width))
+        if notes:
+            canvas.supxlabel(notes, fontsize=6.0, color=PRINT["soft"], x=0.01, ha="left")
+        below = _LINE * (notes.count("\n") + 2) if notes else 0.0
+        canvas.set_size_inches(width, sum(heights) + below)
+        # axes of a fixed shape depend on their size, which depends on the layout
+        for _ in range(3 * shares):
+            canvas.draw_without_rendering()
+        return canvas
+
+    return styled(make)
+
+
+def _draw_legend(axes: Axes, entries: Mapping[str, Any], width: float) -> float:
+    """Draw a legend into axes of its own, as wide as a figure [inches], and return its height [inches]."""
+    axes.set_axis_off()
+    if not entries:
+        # a height nevertheless: axes without one are not laid out
+        return 0.1 * _LINE
+    room, names = (width - _BESIDE) * _SMALL, [*entries]
+
+    def letters(columns: int) -> int:
+        each = np.array_split(np.array([len(name) for name in names]), columns)
+        return int(sum(lengths.max() + _MARK for lengths in each))
+
+    beside = next((n for n in range(len(names), 1, -1) if letters(n) <= room), 1)
+    place: Any = {"loc": "upper left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.0}
+    axes.legend([*entries.values()], names, ncols=beside, **place)
+    return _LINE * -(-len(names) // beside)
+
+
+# Width of a panel of a page [px], and around its axes: left, right, above and below.
+_WIDE, _AROUND = 500.0, (58.0, 14.0, 8.0, 44.0)
+
+
+class Drawn(NamedTuple):
+    """A panel of a page.
+
+    Attributes:
+        svg: The drawing, in the variables of the page's style.
+        about: What a script needs to say values beside the pointer: where the axes are in the drawing, their ends, and the marks.
+    """
+
+    svg: str
+    about: dict[str, Any]
+
+
+def panels_svg(figure: Figure) -> Iterator[Drawn]:
+    """Yield the panels of a figure as a page has them; their titles and colour scales are the page's own."""
+    for number, panel in enumerate(figure.panels):
+        with rc_context(PAGE | {"svg.hashsalt": f"{figure.key}-{number}"}):
+            yield _panel_svg(figure, number, panel)
+
+
+def _panel_svg(figure: Figure, number: int, panel: Panel) -> Drawn:
+    left, right, above, below = _AROUND
+    below += 60.0 * bool(panel.x.labels)
+    wide = _WIDE - left - right
+    high = wide * (1.0 if panel.equal else panel.height)
+    total = high + above + below
+    timed = values_of(figure.tables, panel.marks[0].x).dtype.kind == "M"
+    canvas = Canvas(figsize=(_WIDE / 72.0, total / 72.0), dpi=72)
+    axes = canvas.add_axes((left / _WIDE, below / total, wide / _WIDE, high / total))
+    draw_panel(axes, panel, figure.tables, _PAGE)
+    if not panel.x.log and not panel.x.labels and not timed:
+        axes.locator_params(axis="x", nbins=6)
+    if not panel.y.log:
+        axes.locator_params(axis="y", nbins=5)
+    canvas.savefig(file := BytesIO(), format="svg", dpi=144, metadata=_NO_DATES["svg"])
+    # of times milliseconds since 1970
+    ends = [axes.get_xlim(), axes.get_ylim()]
+    about = {
+        "box": [left, above, wide, high],
+        "ends": [
+            [float(f"{each * (8.64e7 if timed and not k else 1.0):.12g}") for each in pair]
+            for k, pair in enumerate(ends)
+        ],
+        "log": [panel.x.log, panel.y.log],
+        "axes": [str(panel.x), str(panel.y)],
+        "names": list(panel.x.labels),
+        "marks": [_said(mark, figure.tables) for mark in panel.marks],
+    }
+    return Drawn(_slim(file.getvalue().decode(), f"{figure.key}-{number}"), about)
+
+
+def _said(mark: Mark, tables: Tables) -> dict[str, Any]:
+    """Return where a mark is and what is said of its points; a column of the page's tables is named."""
+    said = {"x": mark.x, "y": mark.y, "text": mark.text, "z": mark.z}
+    held = {key: values for key, values in said.items() if values is not None}
+    plain = {
+        key: values if isinstance(values, str) else column_of(key, values)
+        for key, values in held.items()
+    }
+    return {"name": mark.name, **plain}
+
+
+def column_of(name: str, values: Any) -> list[Any]:
+    """Return a column for JSON: times to the second, degrees and kilometres to a metre or better, other numbers to five digits."""
+    array = np.asarray(values)
+    if array.dtype.kind == "M":
+        return [
+            text.replace("T", " ") for text in np.datetime_as_string(array.astype("M8[s]")).tolist()
+        ]
+    if array.dtype.kind != "f":
+        return list((array.astype(int) if array.dtype.kind == "b" else array).tolist())
+    digits = 9 if name.endswith(("longitude", "latitude")) else 6 if name.endswith("_km") else 5
+    return column(array, digits)
+
+
+def column(values: Any, digits: int = 5) -> list[float | None]:
+    """Return numbers for JSON, rounded to some significant digits; what is not finite is None."""
+    each = np.asarray(values, dtype=np.float64).ravel().tolist()
+    return [float(f"{value:.{digits}g}") if isfinite(value) else None for value in each]
+
+
+_COLORS = {color: f"var(--{role})" for role, color in LIGHT.items()}
+_COLORS |= {GRID: "var(--grid)", BEHIND: "var(--panel)"}
+
+
+def _slim(svg: str, key: str) -> str:
+    """Return an SVG for the inside of a page: its colours those of the style, its ids unlike those of others, without what says nothing."""
+    box = re.search(r'viewBox="[^"]*"', svg)
+    assert box is not None
+    body = svg[svg.index(">", svg.index("<svg")) + 1 :]
+    body = re.sub(r"<metadata>.*?</metadata>|<style .*?</style>|<!--.*?-->", "", body, flags=re.S)
+    body = re.sub(r'<g id="[^"]*"', "<g", body)
+    for count, own in enumerate(re.findall(r'id="([^"]*)"', body)):
+        body = re.sub(rf'(id="|#){own}(?=["\)])', rf"\g<1>{key}-{count}", body)
+    body = body.replace("xlink:href", "href")
+    # all points of a mark have the look of the first
+    body = re.sub(r'(<g[^>]*)>(\s*<use [^>]*?) style="([^"]*)"', r'\1 style="\3">\2', body)
+    body = re.sub(r'(<use [^>]*?) style="[^"]*"', r"\1", body)
+    body = re.sub(r" font-family: [^;\"]*;| transform=\"rotate\(-0 [^\"]*\"", "", body)
+    body = re.sub(
+        r"<[^>!]*>",
+        lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]) if "base64" not in tag[0] else tag[0],
+        body,
+    )
+    for color, name in _COLORS.items():
+        body = body.replace(color, name)
+    return f'<svg {box[0]} aria-hidden="true">' + re.sub(r"\s*\n\s*", "\n", body)

@@ -1,0 +1,112 @@
+"""The figures of a result by their names, for scripts and for the command line."""
+
+from collections.abc import Callable, Mapping
+from functools import partialmethod
+from types import MappingProxyType
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.quantities import parse_time
+from replay_kit.results.result import ResultFile
+from replay_kit.results.views.contents import Contents
+from replay_kit.show.figures.draw import compose, drawn_into
+from replay_kit.show.figures.figure import Figure
+from replay_kit.show.figures.map import Chosen, map_figure, plan_figure
+from replay_kit.show.figures.section import dives_figure, section_figure, series_figure
+from replay_kit.show.figures.style import WIDTHS
+from replay_kit.show.figures.trust import trust_figure
+
+#: Each figure by its name.
+KINDS: Mapping[str, Callable[[Contents, Chosen], Figure]] = MappingProxyType(
+    {
+        "map": map_figure,
+        "section": lambda contents, _: section_figure(contents),
+        "series": lambda contents, chosen: series_figure(contents, chosen.at),
+        "dac": lambda contents, _: dives_figure(contents),
+        "trust": lambda contents, _: trust_figure(contents),
+        "plan": plan_figure,
+    }
+)
+
+
+_FREE = Chosen()
+# The figures that have a place, a depth, a time of the current.
+_HAVE = {"at": ("map", "series", "plan"), "depth": ("map", "plan"), "time": ("map",)}
+
+
+def drawn(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 2) -> Canvas:
+    """Return a figure of a result.
+
+    Args:
+        contents: Of the result.
+        kind: One of ``KINDS``.
+        chosen: Place, depth and time.
+        columns: 1 or 2, of a page, for the figure's width.
+
+    Raises:
+        ConfigError: The figure is not known, or has no such place, depth or time, or the number of columns is another.
+    """
+    if kind not in KINDS:
+        raise ConfigError(f"figure: expected one of {', '.join(KINDS)}, got '{kind}'")
+    if columns not in WIDTHS:
+        raise ConfigError(f"columns: expected 1 or 2, got {columns!r}")
+    _check_chosen(kind, chosen)
+    return compose(KINDS[kind](contents, chosen), columns)
+
+
+def _check_chosen(kind: str, chosen: Chosen) -> None:
+    """Raise ConfigError for a place, a depth or a time that a figure does not have."""
+    for name, value in (("at", chosen.at), ("depth", chosen.depth), ("time", chosen.time_ns)):
+        if value is not None and kind not in _HAVE[name]:
+            raise ConfigError(
+                f"--{name}: the figure {kind} has none; {', '.join(_HAVE[name])} would obey it"
+            )
+    if chosen.at is not None and chosen.depth is not None:
+        raise ConfigError("--depth: --at states a depth already; leave one of them out")
+
+
+class Plots:
+    """The figures of a result; each returns a matplotlib figure.
+
+    Each takes ``ax``, axes of your own into which one panel is drawn (``panel`` counts from 0), and ``columns``, 1 or 2, for the width of a
+    journal's column or of two; ``map``, ``series`` and ``plan`` also ``at``, longitude, latitude [degrees] and depth [m], ``map`` and
+    ``plan`` ``depth`` [m], and ``map`` ``time``, ISO 8601, after which nothing is shown.
+    """
+
+    def __init__(self, result: ResultFile) -> None:
+        """Prepare the figures of a result; nothing is read yet."""
+        self._contents = Contents(result)
+
+    def _figure(
+        self,
+        kind: str,
+        ax: Axes | None = None,
+        *,
+        panel: int = 0,
+        columns: int = 2,
+        time: str | None = None,
+        **place: Any,
+    ) -> Canvas:
+        chosen = Chosen(**place, time_ns=None if time is None else parse_time(time))
+        if ax is None:
+            return drawn(self._contents, kind, chosen, columns)
+        _check_chosen(kind, chosen)
+        figure = KINDS[kind](self._contents, chosen)
+        if not 0 <= panel < (count := len(figure.panels)):
+            raise ConfigError(
+                f"panel: expected 0 to {count - 1}, got {panel}; {kind} has {count} here"
+            )
+        drawn_into(ax, figure, panel)
+        canvas = ax.get_figure(root=True)
+        assert canvas is not None  # axes belong to a figure
+        return canvas
+
+    map = partialmethod(_figure, "map")
+    section = partialmethod(_figure, "section")
+    series = partialmethod(_figure, "series")
+    dac = partialmethod(_figure, "dac")
+    trust = partialmethod(_figure, "trust")
+    plan = partialmethod(_figure, "plan")

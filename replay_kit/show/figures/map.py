@@ -1,0 +1,339 @@
+"""Maps for a paper: the current and its standard error at a depth, and on it the features of a result."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_longitude
+from replay_kit.core.plan import ORIGIN
+from replay_kit.core.region import Feature
+from replay_kit.core.text import time_text
+from replay_kit.results.geojson import ROLES, contours_of, features_of, until
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.history import typical_depth
+from replay_kit.results.views.slices import CurrentSlices, slices_of
+from replay_kit.results.views.track import LastPlan
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
+from replay_kit.show.figures.plan import profile_figure
+from replay_kit.show.figures.style import ON_MAP
+from replay_kit.show.numbers import nice
+from replay_kit.show.sentences import energy_sentence, odds_sentence
+
+#: A place: longitude, latitude [degrees] and depth [m].
+At = tuple[float, float, float]
+# Most arrows along the longer side of a map; of fewer side by side each is still no longer than this share of the width.
+_ARROWS, _FEW = 24, 10.0
+# Contours of the bottom are about this many.
+_CONTOURS = 7
+# The least width of a map [km]: one position alone has none.
+_LEAST = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What of a result a figure shows; None leaves the choice to the figure.
+
+    Attributes:
+        at: The place of a series, marked on a map, whose depth it states.
+        depth: Of a map without a place [m].
+        time_ns: Of a map [ns, UTC]: it shows the current published last before it, and nothing later.
+    """
+
+    at: At | None = None
+    depth: float | None = None
+    time_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What a map shows [km], local frame."""
+
+    west: float
+    east: float
+    south: float
+    north: float
+
+    @classmethod
+    def around(cls, east: Array, north: Array, beyond: float = 0.03) -> "Extent":
+        """Return the extent around points [km], wider than they reach by a share of their longer side."""
+        known = np.isfinite(east) & np.isfinite(north)
+        ends = [(float(each[known].min()), float(each[known].max())) for each in (east, north)]
+        more = beyond * max(most - least for least, most in ends)
+        grown = [
+            (least - half, most + half)
+            for least, most in ends
+            for half in [max(more, 0.5 * (_LEAST - (most - least)))]
+        ]
+        return cls(*(float(f"{end:.5g}") for pair in grown for end in pair))
+
+    @property
+    def ends(self) -> list[float]:
+        """West, east, south, north [km]."""
+        return [self.west, self.east, self.south, self.north]
+
+
+def map_figure(contents: Contents, chosen: Chosen) -> Figure:
+    """Return the current and its standard error on a map, with the track.
+
+    Args:
+        contents: Of the result.
+        chosen: Place, depth and time.
+
+    Raises:
+        ConfigError: Nothing was published before the time.
+    """
+    slices, notes, title = slices_at(contents, chosen), list(contents.notes), "Map"
+    if contents.estimate is None and chosen.time_ns is None and slices is not None:
+        notes.append("The result holds no estimate: the map shows the last published current.")
+    if slices is None and contents.track.time_ns.size == 0:
+        also = "; the figure plan shows its plan." if contents.last_plan is not None else "."
+        why = f"The result holds neither a current nor a position{also}"
+        return Figure("map", title, [missing(title, why)], notes=notes)
+    if slices is None:
+        notes.append("The result holds no current: the map shows only positions.")
+        track = contents.track
+        extent = Extent.around(track.east / 1e3, track.north / 1e3, 0.05)
+        panel = _map_panel(contents, "track", extent, chosen, [], 0.8)
+        return Figure("map", title, [panel], notes=notes, across=1)
+    asked, shown = chosen.depth if chosen.at is None else chosen.at[2], float(slices.depths[0])
+    if asked not in (None, shown):
+        notes.append(f"Requested depth: {asked:g} m; nearest published depth: {shown:g} m.")
+    ends = slices.east[0], slices.east[-1], slices.north[0], slices.north[-1]
+    extent = Extent(*(float(end) / 1e3 for end in ends))
+    shape = (extent.north - extent.south) / (extent.east - extent.west)
+    # with room for a map's labels, key and colour bar
+    high = float(np.clip(0.72 * shape + 0.18, 0.4, 1.2))
+    name = f"{shown:g} m, {time_text(int(slices.time_ns[-1]))[:16]}"
+    speed = _map_panel(contents, name, extent, chosen, speed_marks(contents, slices), high)
+    panels = [speed]
+    if np.isfinite(slices.fields[0, -1, 2:]).any():
+        error = np.sqrt(0.5 * (slices.fields[0, -1, 2] ** 2 + slices.fields[0, -1, 3] ** 2))
+        marks = _field(contents, slices, error, ("amp", "standard error [m/s]"))
+        panels.append(_map_panel(contents, "standard error", extent, chosen, marks, high))
+    else:
+        notes.append("The current has no standard error.")
+    return Figure("map", title, panels, notes=[*notes, *without_current(slices)])
+
+
+def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
+    """Return the last plan on a map, and its depth along its way.
+
+    Args:
+        contents: Of the result.
+        chosen: Depth of the map's current.
+    """
+    plan, notes = contents.last_plan, list(contents.notes)
+    if plan is None:
+        why = (contents.outcome.plan or {}).get("message", "no goal was given, or none was due")
+        text = f"The result holds no plan: {why}; replay-kit plan makes one on this estimate."
+        return Figure("plan", "Plan", [missing("Plan", text)], notes=notes, across=1)
+    if not len(plan.track):
+        notes.append(f"The last plan has no track: {plan.row['message']}.")
+    else:
+        notes += _in_words(plan)
+    slices = slices_at(contents, chosen)
+    places = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal]) / 1e3
+    extent = Extent.around(places[:, 0], places[:, 1], 0.15)
+    marks = []
+    if slices is not None:
+        marks = speed_marks(contents, slices, 1e3 * (extent.east - extent.west))
+        east, north = 1e3 * np.array(extent.ends).reshape(2, 2)
+        notes += without_current(slices, (east, north))
+    title = f"last plan: {plan.row['status']}"
+    roles = [role for role, table in ROLES.items() if table in ("plans", "surfacings")]
+    panels, tables = [_map_panel(contents, title, extent, chosen, marks, 0.85, roles)], {}
+    if len(plan.track):
+        profile = profile_figure(contents, plan)
+        panels.append(replace(profile.panels[0], height=0.85))
+        tables = dict(profile.tables)
+    return Figure("plan", "Plan", panels, tables, notes=notes)
+
+
+def _in_words(plan: LastPlan) -> list[str]:
+    """Return what to steer, how the vehicle dives where that was not stated, energy and odds, as far as the result holds them."""
+    row, begin = plan.row, str(plan.row.name)[:16]
+    if not np.isfinite(row["heading_deg"]):
+        return [f"{begin} UTC: nothing to steer: {row['message']}."]
+    steer = f"heading {row['heading_deg']:.0f}° true, glide angle {row['glide_angle_deg']:.1f}°, {row['duration'] / 3600.0:.1f} h"
+    out = [f"{begin} UTC: {steer}, misses the goal by {row['closest_approach']:.0f} m."]
+    out += [f"Dives {plan.statistics[ORIGIN]}."] if ORIGIN in plan.statistics else []
+    if plan.energy is not None:
+        out.append(f"Energy {energy_sentence(plan.energy, plan.battery)}.")
+    return out + ([] if plan.odds is None else [f"{odds_sentence(plan.odds)}."])
+
+
+def _map_panel(
+    contents: Contents,
+    title: str,
+    extent: Extent,
+    chosen: Chosen,
+    field: Sequence[Mark],
+    height: float,
+    roles: Sequence[str] = (),
+) -> Panel:
+    """Return a map with the features of some roles, all without any."""
+    ends = [1e3 * end for end in extent.ends]
+    lines = bottom_lines(contents, extent)
+    found = until(features_of(contents), chosen.time_ns)
+    shown = [one for one in found if not roles or one["properties"]["role"] in roles]
+    marks = [*field, *marks_of([*lines, *shown])]
+    if chosen.at is not None:
+        x = np.array([float(unwrap_longitude(chosen.at[0], contents.projection.longitude))])
+        star: Any = {"color": "#ffffff", "symbol": "star", "size": 18.0, "edge": "ink"}
+        marks.append(Mark("points", x, np.array([chosen.at[1]]), "requested place", **star))
+    x, y = _degrees(contents, *np.meshgrid(ends[:2], ends[2:]))
+    axes = Axis("", ends=(x.min(), x.max())), Axis("", ends=(y.min(), y.max()))
+    labels = []
+    for one in lines:
+        places = one["geometry"]["coordinates"]
+        longitude, latitude = places[len(places) // 2]
+        labels.append((longitude, latitude, one["properties"]["name"]))
+    look: Any = {"degrees": True, "labels": labels, "shares_legend": True}
+    return Panel(title, *axes, marks, height, **look)
+
+
+def bottom_lines(contents: Contents, extent: Extent) -> list[Feature]:
+    """Return contours of the bottom within an extent; none without a bathymetry, or where it is flat."""
+    seabed = contents.seabed
+    if seabed is None:
+        return []
+    west, east, south, north = (1e3 * end for end in extent.ends)
+    columns = (seabed.east >= west) & (seabed.east <= east)
+    seen = seabed.depth[np.ix_((seabed.north >= south) & (seabed.north <= north), columns)]
+    known = seen[np.isfinite(seen)]
+    span = float(np.ptp(known)) if known.size else 0.0
+    if span == 0.0:
+        return []
+    ends = west, east, south, north
+    return contours_of(seabed, contents.projection, ends, contour_step(span))
+
+
+def contour_step(span: float) -> float:
+    """Return the step between contours over a span of depths [m], at most seven contours."""
+    return nice(max(span, 10.0) / _CONTOURS, least=True)
+
+
+def marks_of(features: Iterable[Feature]) -> list[Mark]:
+    """Return features as marks in degrees, those of a role that follow each other as one."""
+    marks = []
+    for role, group in groupby(features, key=lambda one: str(one["properties"]["role"])):
+        parts = [_places(one["geometry"]) for one in group]
+        if ON_MAP[role]["kind"] != "points":
+            parts = [part for each in parts for part in (each, np.full((1, 2), np.nan))]
+        x, y = np.concatenate(parts).T
+        marks.append(Mark(x=x, y=y, **ON_MAP[role]))
+    return marks
+
+
+def _places(geometry: dict[str, Any]) -> Array:
+    """Return the positions of a geometry, shape (n, 2)."""
+    at = geometry["coordinates"]
+    return np.reshape(at[0] if geometry["type"] == "Polygon" else at, (-1, 2)).astype(np.float64)
+
+
+def slices_at(contents: Contents, chosen: Chosen) -> CurrentSlices | None:
+    """Return the current at one depth, last or at a time: that of the estimate, or the published slice nearest in depth.
+
+    Raises:
+        ConfigError: Nothing was published before the time.
+    """
+    published, time_ns = contents.slices, chosen.time_ns
+    depth = chosen.at[2] if chosen.at is not None else chosen.depth
+    if depth is None:
+        measured = contents.measured.innovations["depth"].to_numpy(np.float64)
+        depth = typical_depth(published, measured)
+    if contents.estimate is not None and time_ns is None:
+        return slices_of(contents.estimate, np.array([depth]))
+    if published is None:
+        return None
+    k, times = int(np.argmin(np.abs(published.depths - depth))), published.time_ns
+    end = times.size if time_ns is None else int(np.searchsorted(times, time_ns, "right"))
+    if time_ns is not None and end == 0:
+        said = f"{time_text(time_ns)}; the first is of {time_text(int(times[0]))}"
+        raise ConfigError(f"--time: no current was published before {said}")
+    fields = published.fields[k : k + 1, end - 1 : end]
+    depths, time = published.depths[k : k + 1], times[end - 1 : end]
+    return replace(published, depths=depths, time_ns=time, fields=fields)
+
+
+def without_current(slices: CurrentSlices, around: tuple[Array, Array] | None = None) -> list[str]:
+    """Return what is grey on a map of slices and what is hatched, as sentences.
+
+    Args:
+        slices: The slices.
+        around: Ends in east and in north [m] of what is shown; None for the slices alone.
+    """
+    axes, shown, beyond = (slices.east, slices.north), [], False
+    for axis, ends in zip(axes, axes if around is None else around, strict=True):
+        half = 0.5 * (axis[1] - axis[0])
+        shown.append((axis > ends[0] - half) & (axis < ends[-1] + half))
+        beyond |= bool(ends[0] < axis[0] - half or ends[-1] > axis[-1] + half)
+    grey, hatched = (cells[np.ix_(shown[1], shown[0])].any() for cells in _blank(slices))
+    return [
+        *([f"Grey: {dry_text(slices)}."] if grey else []),
+        *(["Hatched: outside the forecast."] if hatched or beyond else []),
+    ]
+
+
+def dry_text(slices: CurrentSlices) -> str:
+    """Return what cells without a current are, other than those that are known to lie off the forecast's grid."""
+    beyond = "land, below the bottom, or outside the forecast"
+    return beyond if slices.outside is None else "land, or below the bottom"
+
+
+def speed_marks(
+    contents: Contents, slices: CurrentSlices, across: float | None = None
+) -> list[Mark]:
+    """Return speed, land and arrows of one slice.
+
+    Args:
+        contents: Of the result.
+        slices: The slice, at one depth.
+        across: Width of what is shown [m]; None for the whole slice.
+    """
+    u, v = slices.fields[0, -1, :2]
+    step = -(-max(u.shape) // _ARROWS)
+    half = (slice((step - 1) // 2, None, step),) * 2
+    x, y = _degrees(contents, *np.meshgrid(slices.east, slices.north))
+    turned = np.stack(rotate_to_geographic(contents.projection, x, y, u, v))[:, *half]
+    width = slices.east[-1] - slices.east[0] if across is None else across
+    cells = max(width / (step * (slices.east[1] - slices.east[0])), _FEW)
+    arrows = Mark("arrows", x[half], y[half], size=cells, z=turned)
+    return [*_field(contents, slices, np.hypot(u, v), ("speed", "speed [m/s]")), arrows]
+
+
+def _field(
+    contents: Contents, slices: CurrentSlices, values: Array, look: tuple[str, str]
+) -> list[Mark]:
+    """Return values of cells, with land."""
+    corners = _degrees(contents, *np.meshgrid(_edges(slices.east), _edges(slices.north)))
+    known = values[np.isfinite(values)]
+    most = float(known.max()) if known.size and known.max() > 0.0 else 1.0
+    land = Mark("mesh", *corners, z=np.where(_blank(slices)[0], 1.0, np.nan))
+    if known.size == values.size:
+        corners = _degrees(contents, *np.meshgrid(slices.east, slices.north))
+    return [land, Mark("mesh", *corners, z=values, scale=(look[0], 0.0, most, look[1]))]
+
+
+def _blank(slices: CurrentSlices) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which cells without a current are dry, or not known to be anything else, and which lie off the forecast's grid."""
+    lacking = ~np.isfinite(slices.fields[0, -1, 0])
+    outside = np.zeros_like(lacking) if slices.outside is None else slices.outside
+    return lacking & ~outside, outside
+
+
+def _edges(centres: Array) -> Array:
+    half = 0.5 * (centres[1] - centres[0])
+    return np.append(centres - half, centres[-1] + half)
+
+
+def _degrees(contents: Contents, east: Array, north: Array) -> tuple[Array, Array]:
+    """Return longitude, continuous about the centre of the region, and latitude [degrees] of local points [m]."""
+    longitude, latitude = to_geographic(contents.projection, east, north)
+    return unwrap_longitude(longitude, contents.projection.longitude), latitude

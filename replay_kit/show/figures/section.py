@@ -1,0 +1,299 @@
+"""Figures along the track and at a place: the section of bins as means over cells, mean currents of dives, the series at a place."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.text import place_text
+from replay_kit.results.views.along_track import BinsAlongTrack, MeanCurrents
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.history import Series, typical_depth
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
+
+#: Most columns and rows of the section, and profiles that a column averages where there are enough.
+_COLUMNS, _ROWS, _PROFILES_A_COLUMN = 160, 40, 3
+# The least width of a section [ns]: one profile has none.
+_LEAST_NS = 600_000_000_000
+COMPONENTS = ("eastward", "northward")
+_TIME = Axis("time (UTC)")
+#: Quantities of a section, and those of a smoothed result.
+QUANTITIES = ("measured", "estimated", "measured minus estimated", "standard error")
+_SMOOTHED = (
+    "measured",
+    "estimated before smoothing",
+    "smoothed",
+    "measured minus before",
+    "measured minus smoothed",
+    "standard error",
+)
+
+
+def quantities_of(bins: BinsAlongTrack) -> tuple[tuple[str, ...], Array]:
+    """Return what sections show of bins, and its values [m/s], shape (quantities, n, 2), local east and north.
+
+    Of a smoothed result the estimate before smoothing stands beside that after it.
+    """
+    measured, error = bins.estimated + bins.residual, bins.standard_error
+    if not np.isfinite(bins.replayed).any():
+        return QUANTITIES, np.stack([measured, bins.estimated, bins.residual, error])
+    before = measured - bins.replayed
+    each = measured, bins.replayed, bins.estimated, before, bins.residual, error
+    return _SMOOTHED, np.stack(each)
+
+
+def limits_of(names: Sequence[str], values: Array) -> list[float]:
+    """Return the ends of the colours of quantities [m/s]: velocities share one scale, and so do differences.
+
+    Args:
+        names: Of ``quantities_of``.
+        values: shape (quantities, ...) [m/s].
+    """
+    kinds = [_kind(name) for name in names]
+    alike = {
+        kind: np.concatenate([values[k].ravel() for k, other in enumerate(kinds) if other == kind])
+        for kind in kinds
+    }
+    return [_limit(alike[kind]) for kind in kinds]
+
+
+def _kind(name: str) -> str:
+    difference = "difference" if " minus " in name else "velocity"
+    return "error" if name == "standard error" else difference
+
+
+def _limit(values: Array) -> float:
+    known = np.abs(values[np.isfinite(values)])
+    return float(f"{max(np.quantile(known, 0.99), 1e-3):.2g}") if known.size else 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SectionGrid:
+    """A section along the track, as means over cells of time and depth.
+
+    Attributes:
+        edges_ns: Of the columns [ns, UTC].
+        depths: Edges of the rows [m].
+        names: Of the quantities.
+        values: shape (quantities, 2, rows, columns) [m/s], each east and north; NaN in empty cells.
+    """
+
+    edges_ns: NDArray[np.int64]
+    depths: Array
+    names: tuple[str, ...]
+    values: Array
+
+
+def gridded(bins: BinsAlongTrack) -> SectionGrid:
+    """Return the means of bins over cells of time and depth, of the quantities of ``quantities_of``."""
+    first, last = int(bins.time_ns.min()), int(bins.time_ns.max())
+    fewer = bins.profiles // _PROFILES_A_COLUMN if bins.profiles > 60 else bins.profiles
+    columns = min(_COLUMNS, max(1, fewer))
+    width = max(1.0, (last - first) / columns)
+    deepest = max(float(bins.depth.max()), 1.0)
+    rows = _rows(bins, deepest)
+    at = np.minimum(((bins.time_ns - first) / width).astype(np.intp), columns - 1)
+    row = np.clip((bins.depth / deepest * rows).astype(np.intp), 0, rows - 1)
+    names, values = quantities_of(bins)
+    cell, size = row * columns + at, rows * columns
+    out = np.full((len(values), 2, size), np.nan)
+    for panel in range(len(values)):
+        for axis in range(2):
+            known = np.isfinite(values[panel, :, axis])
+            count = np.bincount(cell[known], minlength=size)
+            total = np.bincount(cell[known], values[panel, known, axis], minlength=size)
+            np.divide(total, count, out=out[panel, axis], where=count > 0)
+    middle, half = 0.5 * (last - first), 0.5 * max(last - first, _LEAST_NS)
+    edges = first + np.rint(np.linspace(middle - half, middle + half, columns + 1)).astype(np.int64)
+    depths = np.linspace(0.0, deepest, rows + 1)
+    return SectionGrid(edges, depths, names, out.reshape(len(values), 2, rows, columns))
+
+
+def _rows(bins: BinsAlongTrack, deepest: float) -> int:
+    """Return the number of rows: none is thinner than the bins are apart, or some would be empty."""
+    steps = np.diff(bins.depth)[np.diff(bins.time_ns) == 0]
+    apart = float(np.median(np.abs(steps))) if steps.size else deepest
+    return int(np.clip(deepest / max(apart, 1e-3), 1, _ROWS))
+
+
+def section_figure(contents: Contents) -> Figure:
+    """Return depth against time along the track, of both components."""
+    bins, notes, title = contents.section, list(contents.notes), "Profiles along the track"
+    if bins.time_ns.size == 0:
+        why = "The result holds no profile that was used, and no estimate along its track."
+        return Figure("profiles", title, [missing("Section along the track", why)], notes=notes)
+    if not contents.bins.time_ns.size:
+        notes.append(
+            "No profile of the current was used: the section shows only the estimate along the track."
+        )
+    if not np.isfinite(bins.estimated).any():
+        notes.append(
+            "The result holds no estimate: the section shows only measured minus estimated, which it holds for each bin."
+        )
+    if bins.left_out:
+        every = bins.left_out + bins.profiles
+        notes.append(f"{bins.left_out} of {every} profiles are omitted, evenly spread.")
+    if np.isfinite(bins.replayed).any():
+        notes.append(
+            "The result is smoothed: the estimate at each time also uses later measurements."
+        )
+    grid = gridded(bins)
+    shown = [k for k, values in enumerate(grid.values) if np.isfinite(values).any()]
+    times, depths = grid.edges_ns.astype("datetime64[ns]"), grid.depths
+    centres = times[:-1] + (times[1:] - times[:-1]) // 2
+    table: dict[str, Any] = {
+        "time": np.tile(centres, depths.size - 1),
+        "depth_m": np.repeat(0.5 * (depths[1:] + depths[:-1]), centres.size),
+    }
+    limits, panels = limits_of(grid.names, grid.values), []
+    for k in shown:
+        for axis, component in enumerate(COMPONENTS):
+            name, most = f"{grid.names[k].replace(' ', '_')}_{component}_m_s", limits[k]
+            table[name] = np.round(grid.values[k, axis].ravel(), 4)
+            error = _kind(grid.names[k]) == "error"
+            scale = ("amp", 0.0, most, "m/s") if error else ("balance", -most, most, "m/s")
+            mark = Mark("mesh", times, depths, grid.names[k], z=f"profiles.{name}", scale=scale)
+            y = Axis("depth", "m", (float(depths[-1]), 0.0))
+            panels.append(Panel(f"{grid.names[k]}, {component}", _TIME, y, [mark], 0.42))
+    names = ", ".join(grid.names[k] for k in shown)
+    words = f"Depth against time along the track, both velocity components, in {len(shown)} rows: {names}."
+    return Figure(
+        "profiles", title, panels, {"profiles": table}, _caption(bins), words, notes=notes
+    )
+
+
+def _caption(bins: BinsAlongTrack) -> str:
+    error = "The standard error is that of the last estimate at these places."
+    if not np.isfinite(bins.residual).any():
+        return (
+            "The estimate just after the last measurement before each time, along the local axes. It is based on the mean currents of "
+            f"the dives; how it varies with depth comes from the ensemble only. {error}"
+        )
+    every = bins.profiles + bins.left_out
+    thinned = (
+        f" {bins.profiles:,} of {every:,} profiles are shown, evenly spread."
+        if bins.left_out
+        else ""
+    )
+    smoothed = (
+        " The result is smoothed: the estimate at each time also uses later measurements; the one before smoothing is that of the replay."
+        if np.isfinite(bins.replayed).any()
+        else ""
+    )
+    return (
+        "Each bin and the estimate just after it was used, along the local axes, averaged over cells of time and depth. "
+        "Look for structure in the difference; pure noise shows none. Stripes that follow the dives point to the "
+        "instrument or the dead reckoning, layers to depths "
+        f"that the estimate does not resolve. {error}{smoothed}{thinned}"
+    )
+
+
+def dives_figure(contents: Contents) -> Figure:
+    """Return the depth-averaged currents of the dives, measured, corrected and estimated, through time, a panel for each component."""
+    means, notes, title = contents.mean_currents, list(contents.notes), "Mean currents of the dives"
+    if means.time_ns.size == 0:
+        why = "The result holds no mean current of a dive: its vehicle does not dive, or the log has none that was used."
+        lacking = missing("Depth-averaged currents of dives", why)
+        return Figure("mean-currents", title, [lacking], notes=notes)
+    if not np.isfinite(means.estimated).any():
+        notes.append(
+            "The result holds no estimate: the figure shows measured minus estimated currents."
+        )
+    parts = _parts(means)
+    table: dict[str, Any] = {"dive": means.dive, "end": means.time_ns.astype("datetime64[ns]")}
+    for k, component in enumerate(COMPONENTS):
+        for part, values in parts.items():
+            table[f"{part}_{component}_m_s"] = values[:, k]
+        table[f"standard_deviation_{component}_m_s"] = means.standard_error[:, k]
+    panels = [
+        Panel(
+            f"dives' mean current, {component}",
+            Axis("end of the dive (UTC)"),
+            Axis(component, "m/s"),
+            [_mean_mark(part, component) for part in parts],
+            0.55,
+            level=0.0,
+        )
+        for component in COMPONENTS
+    ]
+    corrected = "Open circles: corrected for the flight model's error, as the estimate uses them. "
+    caption = (
+        "Points: mean current measured over each dive; bars: one standard deviation expected before the update. "
+        f"{corrected if 'corrected' in parts else ''}Line: mean of the estimate "
+        "over the positions of the dive, just after the update. Points that stay on one side of the line show a bias."
+    )
+    names = " and ".join(parts).capitalize()
+    words = (
+        f"{names} mean current of {means.time_ns.size} dives, eastward and northward, against time."
+    )
+    tables = {"mean_currents": table}
+    return Figure("mean-currents", title, panels, tables, caption, words, notes=notes)
+
+
+def _parts(means: MeanCurrents) -> dict[str, Array]:
+    """Return what the result holds of the mean currents [m/s], each shape (n, 2), by name."""
+    corrected = {"corrected": means.corrected} if np.isfinite(means.corrected).any() else {}
+    return {"measured": means.measured, **corrected, "estimated": means.estimated}
+
+
+def _mean_mark(part: str, component: str) -> Mark:
+    at = "mean_currents.end", f"mean_currents.{part}_{component}_m_s", part
+    if part == "estimated":
+        return Mark("joined", *at, "one", "square", size=4.0, text="mean_currents.dive")
+    about: Any = {"error": f"mean_currents.standard_deviation_{component}_m_s", "size": 7.0}
+    symbol = "circle-open" if part == "corrected" else "circle"
+    return Mark("points", *at, "two", symbol, text="mean_currents.dive", **about)
+
+
+_COMPONENTS = {"u": "eastward", "v": "northward"}
+
+
+def series_figure(contents: Contents, at: tuple[float, float, float] | None) -> Figure:
+    """Return both components of the current at a place through time.
+
+    Args:
+        contents: Of the result.
+        at: The place; without one the last position, at a published depth that is typical of the measurements.
+    """
+    notes, track, slices = list(contents.notes), contents.track, contents.slices
+    lacking, title = "", "Current at a place"
+    if at is None and track.time_ns.size:
+        depth = typical_depth(slices, contents.measured.innovations["depth"].to_numpy(np.float64))
+        at = (float(track.longitude[-1]), float(track.latitude[-1]), depth)
+    series = None if slices is None or at is None else contents.series(at)
+    if slices is None or at is None or series is None:
+        what = (
+            "no published current" if slices is None else "no position, and no place was requested"
+        )
+        lacking = f"The result holds {what}."
+    elif not np.isfinite(series.u).any():
+        lacking = f"{place_text(at[0], at[1])} at {at[2]:g} m is on land, below the bottom, or outside the region of the estimate."
+    if lacking or series is None or slices is None or at is None:
+        return Figure("series", title, [missing(title, lacking)], notes=notes)
+    if series.depth != at[2]:
+        notes.append(f"Requested depth: {at[2]:g} m; nearest published depth: {series.depth:g} m.")
+    elif np.isnan(series.u_standard_error[:-1]).all() and series.time_ns.size > 1:
+        depths = ", ".join(f"{depth:g}" for depth in slices.depths)
+        notes.append(
+            f"At {series.depth:g} m only the last standard error is known; through time it was published at {depths} m."
+        )
+    if series.time_ns.size == 1:
+        notes.append("The current was published once: there is no series.")
+    where = f"{place_text(at[0], at[1])}, {series.depth:g} m"
+    return Figure("series", title, [_series_panel(series, key, where) for key in "uv"], notes=notes)
+
+
+def _series_panel(series: Series, key: str, where: str) -> Panel:
+    times, values = series.time_ns.astype("datetime64[ns]"), getattr(series, key)
+    errors = getattr(series, f"{key}_standard_error")
+    marks = [Mark("joined", times, values, "estimate", size=4.5)]
+    name = "one standard error"
+    if np.isfinite(errors).sum() > 1:
+        marks.append(Mark("area", times, values - errors, name, base=values + errors))
+    elif np.isfinite(errors).any():
+        marks.append(Mark("points", times[-1:], values[-1:], name, size=4.5, error=errors[-1:]))
+    title = f"{_COMPONENTS[key]} current, {where}"
+    return Panel(title, _TIME, Axis(f"${key}$", "m/s"), marks, 0.5, level=0.0)

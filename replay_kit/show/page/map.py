@@ -1,0 +1,329 @@
+"""What the page's map is drawn of: the features of a result along the local frame, its field, the degrees and the land around."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.resources import files
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+import shapely
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.colors import scale
+from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
+from replay_kit.core.grid import Projection
+from replay_kit.core.region import Feature
+from replay_kit.core.text import time_text
+from replay_kit.results.geojson import POSITIONS, features_of
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.record import bathymetry_name
+from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.results.views.track import thinned
+from replay_kit.show.figures.draw import column
+from replay_kit.show.figures.map import Extent, bottom_lines, dry_text
+from replay_kit.show.figures.style import ON_MAP
+from replay_kit.show.page.page import Control, Map, pack
+
+#: Of one step of the packed current [m/s].
+_STEP = 5e-4
+#: Share of the cells that the colours tell apart.
+_MOST = 0.98
+# Most points along the longer side of a map that a screen tells apart.
+_POINTS = 1500
+# Nodes along a side of the table of degrees: between them the script interpolates, within some metres over some hundred kilometres.
+_NODES = 33
+
+
+def map_of(contents: Contents) -> Map | None:
+    """Return the map of a result with all its vehicles; None where nothing has a place."""
+    slices, track = contents.slices, contents.track
+    if slices is None and track.time_ns.size == 0 and not len(contents.result.plan_tracks):
+        return None
+    packed, drawn = _field(contents, slices) if slices is not None else ({}, {})
+    tables: dict[str, dict[str, Any]] = {}
+    for vehicle, one in contents.each.items():
+        held = _tables(one)
+        tables |= {f"{vehicle} {key}".strip(): table for key, table in held.items()}
+    views = _views(contents, slices)
+    lines = bottom_lines(contents, views["region"])
+    drawn |= {
+        "frame": frame_of(contents.projection, views["region"]),
+        "views": {name: view.ends for name, view in views.items()},
+        "marks": marks_of([*lines, *features_of(contents)], contents.projection),
+    }
+    title = "The current, the track and the plan"
+    controls = [] if slices is None else _controls(contents, slices)
+    texts = _caption(contents, slices), _alternative(contents)
+    return Map("current-map", title, *texts, tables, controls, packed, drawn)
+
+
+def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[str, Any]]:
+    """Return features as the script draws them, those of a role that follow each other as one; places [km], times [ms since 1970]."""
+
+    def alike(one: Feature) -> tuple[str, str]:
+        about = one["properties"]
+        # the depth of a line, and the last ellipse, stand beside it
+        own = about["name"] if about["role"] == "bottom" or about.get("last") else ""
+        return about["role"], own
+
+    marks = []
+    for (role, own), group in groupby(features, key=alike):
+        look = {
+            "symbol": "",
+            "dash": "solid",
+            "width": 2.0,
+            "size": 6.0,
+            "edge": "",
+            **ON_MAP[role],
+        }
+        x, y, text, when = [], [], [], []
+        label = own if role == "bottom" else "90 % end here, headings held" if own else ""
+        for one in group:
+            about, gap = one["properties"], look["kind"] != "points"
+            at = one["geometry"]["coordinates"]
+            at = np.reshape(at[0] if one["geometry"]["type"] == "Polygon" else at, (-1, 2))
+            east, north = (each / 1e3 for each in to_local(projection, *at.T))
+            x += [*np.round(east, 3).tolist(), *[None] * gap]
+            y += [*np.round(north, 3).tolist(), *[None] * gap]
+            text += [*_said(about, len(at)), *[""] * gap]
+            times = about.get("coordTimes", ()) if "time" not in about else ()
+            each = times or [about.get("time", "1970-01-01T00:00:00Z")] * len(at)
+            when += [*_milliseconds(each), *[0] * gap]
+            if role in ("goal", "vehicle"):
+                label = about.get("vehicle", about["name"]) if role == "vehicle" else about["name"]
+        mark = {"name": "", **look, "label": label, "role": role, "x": x, "y": y}
+        marks.append(
+            mark | {"text": text if any(text) else None, "when": when if any(when) else None}
+        )
+    return marks
+
+
+def _said(about: Mapping[str, Any], count: int) -> list[str]:
+    """Return what is said of each position of a feature."""
+    if about["role"] in ("bottom", "apart", "ellipse", "past"):
+        return [""] * count
+    name, depths = escape(about["name"]), about.get("depth_m")
+    if "coordTimes" in about:
+        each = [f"{name} {time[:16].replace('T', ' ')}" for time in about["coordTimes"]]
+        if not isinstance(depths, list):
+            return each
+        deep = ("unknown" if depth is None else f"{depth:.0f} m" for depth in depths)
+        return [f"{one}<br>depth {depth}" for one, depth in zip(each, deep, strict=True)]
+    time = (
+        about.get("time", "")
+        if about["role"] in ("begin", "vehicle", "predicted", "actual")
+        else ""
+    )
+    said = [f"{name} {time[:16].replace('T', ' ')}".strip(), escape(about.get("description", ""))]
+    return ["<br>".join(filter(None, said))] * count
+
+
+def _milliseconds(times: Sequence[str]) -> list[int]:
+    each = np.array([time.rstrip("Z") for time in times], "datetime64[ms]")
+    return list(each.astype(np.int64).tolist())
+
+
+def _tables(contents: Contents) -> dict[str, dict[str, Any]]:
+    """Return track, surfacings and areas of a vehicle as columns."""
+    track, plan, found = contents.track, contents.last_plan, {}
+    if count := track.time_ns.size:
+        kept = thinned(count, POSITIONS)
+        found["track"] = {
+            "time": track.time_ns[kept].astype("datetime64[ns]"),
+            "longitude": track.longitude[kept],
+            "latitude": track.latitude[kept],
+            "depth_m": track.depth[kept],
+            "east_km": track.east[kept] / 1e3,
+            "north_km": track.north[kept] / 1e3,
+            "hours": (track.time_ns - track.time_ns[0])[kept] / 3.6e12,
+            "dead_reckoned": track.dead_reckoned[kept],
+        }
+    if len(table := contents.result.surfacings):
+        names = [
+            f"{kind}_{end}" for kind in ("predicted", "actual") for end in ("longitude", "latitude")
+        ]
+        columns = {name: table[name].to_numpy() for name in names}
+        lengths = {"distance_m": table["distance"].to_numpy(), "delay_s": table["delay"].to_numpy()}
+        found["surfacings"] = {"time": table.index.to_numpy(), **columns, **lengths}
+    if plan is not None and plan.areas:
+        rings = [np.array([*area.corners, area.corners[0]]) for area in plan.areas]
+        names = [area.name for area, ring in zip(plan.areas, rings, strict=True) for _ in ring]
+        longitude, latitude = np.concatenate(rings).T
+        found["no_go_areas"] = {"area": names, "longitude": longitude, "latitude": latitude}
+    return found
+
+
+def _controls(contents: Contents, slices: CurrentSlices) -> list[Control]:
+    depths = [f"mean to {contents.dive_depth:.0f} m", *(f"{d:g} m" for d in slices.depths)]
+    shown = [time_text(int(time))[:16] for time in slices.time_ns]
+    return [
+        Control("Show", "select", ("speed", "standard error")),
+        Control("Depth", "range", depths),
+        Control("Time", "range", shown, len(shown) - 1),
+    ]
+
+
+def _views(contents: Contents, slices: CurrentSlices | None) -> dict[str, Extent]:
+    """Return what can be looked at: vehicle, plan and goal, if there is a plan; the track; all of it."""
+    track, plan, views = contents.track, contents.last_plan, {}
+    whole = [np.column_stack([track.east, track.north])]
+    plans = [one.last_plan for name, one in contents.each.items() if name]
+    ways = [np.vstack([one.goal, np.column_stack([one.east, one.north])]) for one in plans if one]
+    if plan is not None:
+        vehicle = whole[0][-1:]
+        way = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal, vehicle])
+        views["plan"] = Extent.around(way[:, 0] / 1e3, way[:, 1] / 1e3, 0.14)
+        whole.append(way)
+    if track.time_ns.size:
+        shown = np.vstack([*whole[:1], *ways]) / 1e3
+        views["track"] = Extent.around(shown[:, 0], shown[:, 1], 0.14)
+    if slices is not None:
+        corners = [[slices.east[k], slices.north[k]] for k in (0, -1)]
+        whole.append(np.array(corners, dtype=np.float64))
+    if len(tracks := contents.result.plan_tracks):
+        places = to_local(contents.projection, tracks["longitude"], tracks["latitude"])
+        whole.append(np.column_stack(places))
+    everything = np.vstack(whole) / 1e3
+    views["region"] = Extent.around(everything[:, 0], everything[:, 1])
+    return views
+
+
+def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the packed arrays and the axes of the coloured field: of the mean over a dive, then of each depth."""
+    mean = contents.dive_mean
+    assert mean is not None
+    packed = {"current": pack(np.concatenate([mean[None], slices.fields]), _STEP, 1)}
+    if slices.outside is not None and slices.outside.any():
+        packed["outside"] = pack(np.where(slices.outside, 1.0, np.nan), 1.0)
+    most, limits = {"speed": ("speed", "speed-dark"), "error": ("amp", "amp")}, limits_of(slices)
+    drawn = {
+        "east": column(slices.east / 1e3, 7),
+        "north": column(slices.north / 1e3, 7),
+        "times": (slices.time_ns // 1_000_000).tolist(),
+        "scales": {
+            name: {"most": limit, **dict(zip(("light", "dark"), map(_colors, each), strict=True))}
+            for (name, each), limit in zip(most.items(), limits, strict=True)
+        },
+        "dry": dry_text(slices),
+    }
+    return packed, drawn
+
+
+def _colors(name: str) -> list[str]:
+    return [color for _, color in scale(name)]
+
+
+def limits_of(slices: CurrentSlices) -> tuple[float, float]:
+    """Return the ends of the colour scales of speed and standard error [m/s], the same for all depths and times."""
+    out = []
+    for first in (0, 2):
+        values = np.hypot(slices.fields[:, :, first], slices.fields[:, :, first + 1])
+        known = values[np.isfinite(values)]
+        most = float(np.quantile(known, _MOST)) if known.size else 0.0
+        out.append(float(f"{most:.2g}") if most > 0.0 else 1.0)
+    return out[0], float(f"{out[1] / np.sqrt(2.0):.2g}")
+
+
+def frame_of(projection: Projection, extent: Extent) -> dict[str, Any]:
+    """Return degrees at nodes of a map, from which the script takes those of all places, and land near it [km].
+
+    Args:
+        projection: The local frame.
+        extent: Of all that is drawn; the frame reaches half of it farther.
+    """
+    half = 0.5 * max(extent.east - extent.west, extent.north - extent.south)
+    east = np.linspace(extent.west - half, extent.east + half, _NODES)
+    north = np.linspace(extent.south - half, extent.north + half, _NODES)
+    places = np.meshgrid(1e3 * east, 1e3 * north)
+    longitude, latitude = to_geographic(projection, *places)
+    longitude = unwrap_longitude(longitude, projection.longitude)
+    ends = [np.array([each.min(), each.max()]) for each in (longitude, latitude)]
+    # around a pole every longitude is near
+    rings = coast_near(projection, *ends) if np.ptp(ends[0]) < 300.0 else []
+    return {
+        "ends": [float(east[0]), float(east[-1]), float(north[0]), float(north[-1])],
+        "nodes": _NODES,
+        "longitude": column(longitude, 9),
+        "latitude": column(latitude, 9),
+        "land": [np.round(ring / 1e3, 2).tolist() for ring in rings],
+    }
+
+
+def coast_near(projection: Projection, longitude: Array, latitude: Array) -> list[Array]:
+    """Return the rings of land in a box, each shape (n, 2) [m], local frame; cut at the box.
+
+    Args:
+        projection: The local frame.
+        longitude: Least and greatest of the box [degrees], continuous: they may lie beyond 180.
+        latitude: Least and greatest [degrees].
+    """
+    (west, east), (south, north) = longitude, latitude
+    least = float(max(east - west, north - south)) / _POINTS
+    near = []
+    for ring in _rings():
+        (left, low), (right, high) = ring.min(axis=0), ring.max(axis=0)
+        if high < south or low > north:
+            continue
+        for turn in (-360.0, 0.0, 360.0):
+            if left + turn <= east and right + turn >= west:
+                near.append(shapely.Polygon(ring + np.array([turn, 0.0])))
+    cut = shapely.clip_by_rect(near, west, south, east, north)
+    parts = shapely.get_parts(shapely.simplify(cut, 0.5 * least))
+    # what of a ring beside the box is cut to a line has no area
+    return [
+        np.column_stack(to_local(projection, *part.exterior.coords.xy))
+        for part in parts
+        if part.area > least**2
+    ]
+
+
+def _rings() -> list[Array]:
+    """Return all rings of land, each shape (n, 2), longitude and latitude [degrees]."""
+    path = files("replay_kit.show.page").joinpath("coast.npz")
+    with path.open("rb") as file, np.load(file) as kept:
+        steps = np.column_stack([kept["east"], kept["north"]]).astype(np.int64)
+        each = zip(kept["starts"], np.split(steps, np.cumsum(kept["counts"])[:-1]), strict=True)
+        unit, origin = kept["scale"], kept["origin"]
+    return [
+        origin + unit * np.concatenate([start[None], start + np.cumsum(part, axis=0)])
+        for start, part in each
+    ]
+
+
+def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
+    texts = []
+    if slices is not None:
+        texts.append(
+            "Colours: speed, or standard error of a velocity component; they fade where the error exceeds the current. Lines: "
+            "where water drifts. The mean over depth is over that of the vehicle's dives; its error is at most the one shown. "
+            f"Grey: {dry_text(slices)}."
+        )
+        if slices.outside is not None and slices.outside.any():
+            texts.append("Hatched: outside the forecast.")
+        if slices.left_out:
+            every = slices.left_out + slices.time_ns.size
+            texts.append(
+                f"{slices.left_out} of {every} published times are omitted, evenly spread."
+            )
+    count = contents.track.time_ns.size
+    if count > POSITIONS:
+        texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")
+    if contents.seabed is not None:
+        name = escape(bathymetry_name(contents.record))
+        texts.append(f"Labelled lines: depth of the bottom, from {name}.")
+    texts.append(
+        "Ellipses hold 90 % of the predicted surfacings; a line joins each predicted surfacing to the actual one. Land is from Natural "
+        "Earth, for orientation: plans avoid what the forecast and the bathymetry hold, not this coast."
+    )
+    return " ".join(texts)
+
+
+def _alternative(contents: Contents) -> str:
+    track = contents.track
+    start = "Map of the estimated current" if contents.slices is not None else "Map"
+    keys = "Arrow keys move it, plus and minus change its scale."
+    if track.time_ns.size == 0:
+        return f"{start}, without a track of the vehicle. {keys}"
+    first, last = (f"{track.longitude[k]:.3f}, {track.latitude[k]:.3f}" for k in (0, -1))
+    return f"{start} with the vehicle's track from {first} to {last} degrees east and north, {track.distance[-1] / 1e3:.0f} km long. {keys}"

@@ -1,0 +1,347 @@
+"""Figures: what they show and say of whole results and of such that lack something; the same bytes from the same result."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from replay_kit.core.errors import ConfigError
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
+from replay_kit.core.text import time_text
+from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.history import series_at, typical_depth
+from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.show.figures.draw import ENDINGS, colormap, date_axis, degrees_text, saved
+from replay_kit.show.figures.kinds import KINDS, drawn
+from replay_kit.show.figures.map import Chosen
+from replay_kit.show.numbers import nice
+from tests.results.cases import (
+    across_the_antimeridian,
+    at_80_north,
+    failed,
+    of_nothing,
+    of_one_ping,
+    without_estimate,
+    write,
+)
+from tests.synthetic_flow import synthetic_flow
+
+
+def words(figure):
+    """Return all text of a figure as one line."""
+    texts = [
+        text.get_text()
+        for axes in figure.axes
+        for text in [*axes.texts, axes.title, axes._left_title]
+    ]
+    return " ".join(" ".join([*texts, figure.get_supxlabel()]).split())
+
+
+@pytest.fixture
+def contents(tmp_path, innovation, plan):
+    flow = synthetic_flow()
+    innovations = [replace(innovation, dive=k + 1) for k in range(4)]
+    return write(tmp_path / "whole.mcap", flow, innovations, plan)
+
+
+@pytest.mark.parametrize(
+    ("kind", "letters", "says"),
+    [
+        ("map", 2, "(b) standard error"),
+        ("section", 8, "(d) estimated, northward"),
+        ("series", 2, "(a) eastward current, 5.0300 E, 62.0060 N, 0.5 m"),
+        ("dac", 0, "The result holds no mean current of a dive"),
+        ("trust", 4, "(c) innovations over their standard deviation"),
+        ("plan", 2, "heading 45° true, glide angle 20.0°, 1.0 h, misses the goal by 12 m."),
+    ],
+)
+def test_figures_have_panels_with_letters(contents, kind, letters, says):
+    for columns, width in ((1, 3.35), (2, 6.9)):
+        figure = getattr(contents.result.plot, kind)(columns=columns)
+        assert figure.get_figwidth() == width
+        titles = [axes.get_title(loc="left") for axes in figure.axes]
+        assert [title[:4] for title in titles if title[:1] == "("] == [
+            f"({chr(ord('a') + k)}) " for k in range(letters)
+        ]
+        assert says in words(figure)
+
+
+def test_a_map_is_as_wide_as_its_middle_latitude_makes_a_degree(contents):
+    (axes, *_) = contents.result.plot.map().axes
+    assert axes.get_aspect() == pytest.approx(
+        1.0 / np.cos(np.deg2rad(np.mean(axes.get_ylim()))), rel=1e-6
+    )
+
+
+# the forms that take long, of other figures too in the full run
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("kind", "ending"),
+    [
+        pytest.param(
+            kind,
+            ending,
+            marks=() if kind == "map" or (kind, ending) == ("plan", ".svg") else pytest.mark.full,
+        )
+        for kind, ending in product(KINDS, ENDINGS)
+        if kind != "dac"
+    ],
+)
+def test_the_same_result_gives_the_same_bytes(contents, kind, ending):
+    first, second = (saved(drawn(Contents(contents.result), kind), ending) for _ in range(2))
+    assert first == second
+    assert len(first) > 10_000
+    assert first[:4] == {".png": b"\x89PNG", ".svg": b"<?xm", ".pdf": b"%PDF"}[ending]
+
+
+def nothing_of_the_current(path, flow, innovation, plan):
+    return write(path, flow, [innovation], None, grids=False, estimate=False)
+
+
+def plan_failed(path, flow, innovation, plan):
+    return write(path, flow, [innovation], failed(plan))
+
+
+# what figures say of each case, and of which of them texts and panels have room
+CASES = {
+    without_estimate: (
+        {
+            "map": "The result holds no estimate: the map shows the last published current.",
+        },
+        ["section"],
+    ),
+    nothing_of_the_current: (
+        {
+            "map": "The result holds no current: the map shows only positions.",
+            "series": "The result holds no published current.",
+            "trust": "Fewer than two grids with a standard error were published",
+        },
+        ["map"],
+    ),
+    of_one_ping: (
+        {
+            "plan": "The result holds no plan: no goal was given, or none was due; replay-kit plan makes one",
+            "series": "The current was published once: there is no series.",
+            "trust": "Fewer than two dives: none can be predicted from another.",
+        },
+        ["section", "map"],
+    ),
+    of_nothing: (
+        {
+            "map": "The result holds neither a current nor a position.",
+            "section": "The result holds no profile that was used, and no estimate along its track.",
+            "series": "The result holds no published current.",
+            "trust": "The result holds no measurement to compare the estimate with.",
+        },
+        [],
+    ),
+    plan_failed: ({"plan": "The last plan has no track: no path."}, ["plan"]),
+    across_the_antimeridian: ({}, ["plan"]),
+    at_80_north: ({}, ["map"]),
+}
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(each, marks=pytest.mark.full) if each in (at_80_north, of_one_ping) else each
+        for each in CASES
+    ],
+)
+def test_a_figure_says_what_there_is_not_and_can_be_laid_out(
+    tmp_path, flow, innovation, plan, case
+):
+    contents = case(tmp_path / "case.mcap", flow, innovation, plan)
+    said, laid_out = CASES[case]
+    for kind in {*said, *laid_out}:
+        figure = drawn(contents, kind, columns=1)
+        assert said.get(kind, "") in words(figure)
+        if kind in laid_out:
+            figure.draw_without_rendering()
+            assert all(axes.get_position().height > 0.02 for axes in figure.axes if axes.axison)
+
+
+@pytest.mark.full
+def test_a_map_across_the_antimeridian_is_continuous(tmp_path, flow, innovation, plan):
+    contents = across_the_antimeridian(tmp_path / "case.mcap", flow, innovation, plan)
+    axes = drawn(contents, "map").axes[0]
+    west, east = axes.get_xlim()
+    assert 179.0 < west < 180.0 < east < 181.0
+    assert axes.xaxis.get_major_formatter()(180.5) == "179.5°W"
+
+
+def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
+    axes = Figure().add_subplot()
+    figure = contents.result.plot.trust(axes, panel=1)
+    assert figure is axes.figure
+    assert axes.get_title() == "normalised innovation squared"
+    assert axes.get_ylabel() == "NIS / dof"
+    with pytest.raises(ConfigError, match="panel: expected 0 to 3, got 4; trust has 4 here"):
+        contents.result.plot.trust(axes, panel=4)
+    with pytest.raises(ConfigError, match="columns: expected 1 or 2, got 3"):
+        contents.result.plot.map(columns=3)
+    with pytest.raises(
+        ConfigError,
+        match="figure: expected one of map, section, series, dac, trust, plan, got 'maps'",
+    ):
+        drawn(contents, "maps")
+
+
+def test_a_place_outside_the_region_is_said(contents):
+    assert "is on land, below the bottom, or outside the region" in words(
+        drawn(contents, "series", Chosen((6.0, 62.0, 10.0)))
+    )
+
+
+def test_the_depth_asked_for_is_that_of_the_map(contents):
+    assert "(a) 77 m, " in words(drawn(contents, "map", Chosen((5.0, 62.0, 77.0))))
+    figure = drawn(contents, "series", Chosen((5.0, 62.0, 77.0)))
+    said = words(figure)
+    assert "(a) eastward current, 5.0000 E, 62.0000 N, 77 m" in said
+    assert (
+        "At 77 m only the last standard error is known; through time it was published at 0.5, 120 m."
+        in said
+    )
+
+
+@pytest.mark.full
+def test_a_map_of_a_time_has_the_current_published_before_it_and_nothing_later(contents):
+    times, track = contents.slices.time_ns, contents.track
+    moment = int(times[1]) + 1
+    figure = drawn(contents, "map", Chosen(depth=100.0, time_ns=moment))
+    assert f"(a) 120 m, {time_text(int(times[1]))[:16]}" in words(figure)
+    assert "Requested depth: 100 m; nearest published depth: 120 m." in words(figure)
+    x, y = next(line for line in figure.axes[0].lines if line.get_label() == "track").get_data()
+    seen = int(np.searchsorted(track.time_ns, moment, "right"))
+    assert 0 < seen < track.time_ns.size == len(drawn_track(contents))
+    assert len(x) == len(y) == seen
+    np.testing.assert_allclose(y, track.latitude[:seen])
+    with pytest.raises(ConfigError, match="no current was published before"):
+        drawn(contents, "map", Chosen(time_ns=int(times[0]) - 1))
+
+
+@pytest.mark.parametrize(
+    ("kind", "chosen", "said"),
+    [
+        ("trust", Chosen((5.0, 62.0, 77.0)), "--at: the figure trust has none; map, series, plan"),
+        ("series", Chosen(depth=9.0), "--depth: the figure series has none; map, plan"),
+        ("plan", Chosen(time_ns=1), "--time: the figure plan has none; map would obey it"),
+        ("map", Chosen((5.0, 62.0, 77.0), 9.0), "--depth: --at states a depth already"),
+    ],
+)
+def test_what_a_figure_does_not_have_is_refused(contents, kind, chosen, said):
+    with pytest.raises(ConfigError, match=said):
+        drawn(contents, kind, chosen)
+
+
+def drawn_track(contents):
+    """Return the longitudes of the whole track as the map draws it."""
+    axes = drawn(contents, "map").axes[0]
+    return next(line for line in axes.lines if line.get_label() == "track").get_xdata()
+
+
+def test_at_a_depth_that_was_not_published_the_series_is_that_of_the_published_unknowns(contents):
+    place = (5.02, 62.01, 77.0)
+    found, at_depth = contents.series(place), contents.estimate.velocity_at(*place)
+    assert (found.depth, found.time_ns.tolist()) == (77.0, contents.slices.time_ns.tolist())
+    # those of the small result are the same at all times
+    np.testing.assert_allclose(found.u, at_depth.u, rtol=1e-6)
+    np.testing.assert_allclose(found.v, at_depth.v, rtol=1e-6)
+    assert np.isfinite(found.u_standard_error).tolist() == [False] * 3 + [True]
+    assert np.isfinite(found.v_standard_error).tolist() == [False] * 3 + [True]
+    grid = contents.estimate.grid
+    on_land = float(grid.longitude[0, 0]), float(grid.latitude[0, 0]), 77.0
+    assert np.isnan(contents.series(on_land).u).all()
+
+
+def test_at_a_published_depth_the_series_is_what_was_published(contents):
+    for depth in (120.0, 120.4):
+        place = (5.02, 62.01, depth)
+        found = contents.series(place)
+        published = series_at(contents.slices, contents.projection, place)
+        assert found.depth == 120.0
+        np.testing.assert_array_equal(
+            [found.u, found.v_standard_error], [published.u, published.v_standard_error]
+        )
+
+
+def test_without_an_estimate_the_series_is_that_of_the_nearest_depth_and_says_so(
+    tmp_path, flow, innovation, plan
+):
+    contents = without_estimate(tmp_path / "case.mcap", flow, innovation, plan)
+    said = words(drawn(contents, "series", Chosen((5.0, 62.0, 77.0))))
+    assert "120 m" in said
+    assert "Requested depth: 77 m; nearest published depth: 120 m." in said
+
+
+def test_a_series_is_that_of_its_cell_towards_true_north():
+    projection = synthetic_flow().grid.projection
+    east, north = np.array([0.0, 1e3, 2e3]), np.array([-1e3, 0.0])
+    fields = np.arange(2 * 5 * 4 * 2 * 3, dtype=float).reshape(2, 5, 4, 2, 3)
+    slices = CurrentSlices(np.array([10.0, 100.0]), np.arange(5), east, north, fields)
+    longitude, latitude = (float(value) for value in to_geographic(projection, 1_400.0, -600.0))
+    series = series_at(slices, projection, (longitude, latitude, 56.0))
+    assert series.depth == 100.0
+    u, v = rotate_to_geographic(
+        projection, longitude, latitude, fields[1, :, 0, 0, 1], fields[1, :, 1, 0, 1]
+    )
+    np.testing.assert_array_equal([series.u, series.v], [u, v])
+    np.testing.assert_array_equal(series.u_standard_error, fields[1, :, 2, 0, 1])
+    np.testing.assert_array_equal(series.v_standard_error, fields[1, :, 3, 0, 1])
+    for x, y, inside in (
+        (2_490.0, 0.0, True),
+        (2_510.0, 0.0, False),
+        (0.0, 490.0, True),
+        (0.0, 510.0, False),
+    ):
+        place = (*(float(value) for value in to_geographic(projection, x, y)), 10.0)
+        assert np.isfinite(series_at(slices, projection, place).u).all() == inside
+
+
+@pytest.mark.parametrize(
+    ("depths", "expected"),
+    [([300.0, np.nan, 500.0], 250.0), ([250.0], 250.0), ([2.0], 5.0), ([], 5.0)],
+)
+def test_the_typical_depth_is_the_last_one_published_above_the_measurements(depths, expected):
+    slices = CurrentSlices(
+        np.array([5.0, 250.0, 750.0]),
+        np.array([0]),
+        np.zeros(2),
+        np.zeros(2),
+        np.zeros((3, 1, 4, 2, 2)),
+    )
+    assert typical_depth(slices, np.array(depths)) == expected
+
+
+def test_the_typical_depth_without_grids_is_the_median():
+    assert typical_depth(None, np.array([1.0, 3.0, np.nan, 8.0])) == 3.0
+    assert typical_depth(None, np.array([])) == 0.0
+
+
+def test_labels_of_degrees_and_of_arrows():
+    assert [degrees_text(value, "NS") for value in (-40.25, 0.0, 62.5)] == [
+        "40.25°S",
+        "0°",
+        "62.5°N",
+    ]
+    assert [nice(value) for value in (0.19, 0.2, 0.51, 1.7, 0.099)] == [0.1, 0.2, 0.5, 1.0, 0.05]
+
+
+@pytest.mark.parametrize(
+    ("minutes", "most"),
+    list(product([1, 9, 50, 100, 200, 1_500, 4_000, 6_000, 20_000, 90_000, 10**6], [4, 7])),
+)
+def test_an_axis_of_time_has_a_step_for_every_span(minutes, most):
+    axes = Figure().add_subplot()
+    start = np.datetime64("2018-11-16T00:00")
+    axes.plot([start, start + np.timedelta64(minutes, "m")], [0.0, 1.0])
+    date_axis(axes, most)
+    assert 2 <= len(axes.get_xticks()) <= most + 1
+
+
+def test_colours_are_cmoceans():
+    assert [to_hex(colormap("balance")(end)) for end in (0.0, 1.0)] == ["#171c42", "#3c0911"]
+    assert [to_hex(colormap("speed")(end)) for end in (0.0, 1.0)] == ["#eafdfd", "#3e478f"]
