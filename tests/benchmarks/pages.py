@@ -42,9 +42,6 @@ def _shown(browser: Any, page: Path) -> list[Row]:
     """Return the rows of a page's first picture, and of a frame of its particles while time plays."""
     first = seconds_to_first_picture(browser, page)
     with opened(browser, page.read_text(encoding="utf-8")) as tab:
-        tab.locator(".play").click()
-        # for as long as it takes
-        tab.evaluate("() => clearInterval(state.map.timer)")
         frame = seconds_a_frame(tab)
     return [
         row(f"{page.stem}: first picture", first, asked=_FIRST),

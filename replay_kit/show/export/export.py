@@ -12,14 +12,9 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.flow.points import WASHED, velocity_along
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.text import csv_cell
+from replay_kit.results.geojson import ROLES, features_of, place_features
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.export.features import (
-    FEATURES,
-    features_of,
-    geojson_text,
-    kml_text,
-    named,
-)
+from replay_kit.show.export.kml import geojson_text, kml_text
 from replay_kit.show.export.netcdf import write_netcdf
 
 #: A place: longitude, latitude [degrees] and depth [m].
@@ -156,14 +151,15 @@ TABLES: Mapping[str, Callable[[Contents, Sequence[At]], pd.DataFrame]] = Mapping
 
 #: The estimate in place of tables, as a file of ``--save-estimate``.
 ESTIMATE = "estimate"
-#: Endings of the files.
+#: Endings of the files, and the tables that have places on a map, which those of maps hold.
 ENDINGS = (".nc", ".csv", ".kml", ".geojson")
+_MAPPED = ("series", "track", "surfacings", "plans")
 
 
 def export(
     contents: Contents, path: Path, places: Sequence[At] = (), table: str | None = None
 ) -> dict[str, int]:
-    """Write tables of a result to a file, and return the number of rows of each table written.
+    """Write tables of a result to a file, and return the number of rows of each table written, on maps of features.
 
     A CSV file has one table; NetCDF has all that have rows; KML and GeoJSON have the track, places, surfacings, and the last
     plan with its ellipses and the areas that it keeps out of.
@@ -193,20 +189,34 @@ def export(
         table = "series" if places else "track"
     if table == "series" and not places:
         raise ConfigError("series: expected one or more places, got none; give --at LON,LAT,DEPTH")
-    shown = list(TABLES) if ending == ".nc" else list(FEATURES)
-    own = FEATURES if ending in (".kml", ".geojson") else TABLES
+    own = [*TABLES] if ending in (".nc", ".csv") else [*_MAPPED]
     if table is not None and table not in own:
         raise ConfigError(
             f"table: expected one of {', '.join(own)} in {ending}, got '{table}'; .nc and .csv hold the others"
         )
-    names = shown if table is None else [table]
+    names = own if table is None else [table]
+    if ending in (".kml", ".geojson"):
+        return _write_features(contents, path, names, places)
     tables = {name: _of_all(TABLES[name], contents, places) for name in names}
     if ending == ".nc":
         about = {} if contents.estimate is None else contents.estimate.about
         write_netcdf(tables, contents.projection, path, about)
     else:
-        write_whole(path, _text(tables, ending, contents))
+        write_whole(path, _csv_text(tables[names[0]]))
     return {name: len(rows) for name, rows in tables.items()}
+
+
+def _write_features(
+    contents: Contents, path: Path, names: Sequence[str], places: Sequence[At]
+) -> dict[str, int]:
+    """Write the features of tables, and return their number by table."""
+    series = series_table(contents, places) if "series" in names else pd.DataFrame()
+    every = [*features_of(contents), *place_features(series, contents.projection)]
+    of = [ROLES[one["properties"]["role"]] for one in every]
+    found = [one for one, table in zip(every, of, strict=True) if table in names]
+    text = geojson_text if path.suffix.lower() == ".geojson" else kml_text
+    write_whole(path, text(found))
+    return {name: of.count(name) for name in names}
 
 
 def _of_all(
@@ -222,23 +232,8 @@ def _of_all(
     return pd.concat(held, ignore_index=True) if held else each[0]
 
 
-def _text(tables: dict[str, pd.DataFrame], ending: str, contents: Contents) -> str:
-    if ending == ".csv":
-        (rows,) = tables.values()
-        texts = rows.select_dtypes(exclude=["number", "bool", "datetime"])
-        rows = rows.assign(**{name: column.map(csv_cell) for name, column in texts.items()})
-        return str(
-            rows.to_csv(index=False, date_format="%Y-%m-%dT%H:%M:%S.%fZ", lineterminator="\n")
-        )
-    features = []
-    for name, one in contents.each.items():
-        own = {
-            key: rows[rows["vehicle"] == name].drop(columns="vehicle")
-            if name and "vehicle" in rows
-            else rows
-            for key, rows in tables.items()
-            if key != "series" or one is next(iter(contents.each.values()))
-        }
-        found = features_of(own, contents.projection, one.last_plan)
-        features += [named(each, name) for each in found] if name else found
-    return geojson_text(features) if ending == ".geojson" else kml_text(features)
+def _csv_text(rows: pd.DataFrame) -> str:
+    texts = rows.select_dtypes(exclude=["number", "bool", "datetime"])
+    rows = rows.assign(**{name: column.map(csv_cell) for name, column in texts.items()})
+    form = "%Y-%m-%dT%H:%M:%S.%fZ"
+    return str(rows.to_csv(index=False, date_format=form, lineterminator="\n"))

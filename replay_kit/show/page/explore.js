@@ -10,9 +10,7 @@ function startMap(figure) {
   place.replaceChildren(map.canvas, map.tip);
   state.map = map;
   state.choices = figure.choices.map((_, number) => Number(input(map, number).value));
-  listLayers(map);
-  // a tab that is told its size late still opens on the plan
-  map.chosen = Object.keys(map.drawn.views)[0];
+  [map.chosen] = Object.keys(map.drawn.views);
   sizeMap(map);
   listen(map);
   place.dataset.drawn = "yes";
@@ -22,7 +20,7 @@ function sizeMap(map) {
   const ratio = Math.min(window.devicePixelRatio || 1, 2);
   [map.w, map.h] = [map.place.clientWidth, map.place.clientHeight];
   map.dark = !document.documentElement.classList.contains("printing") && window.matchMedia("(prefers-color-scheme: dark)").matches;
-  [map.canvas.width, map.canvas.height] = [map.w * ratio, map.h * ratio];
+  Object.assign(map.canvas, { width: map.w * ratio, height: map.h * ratio });
   map.canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
   // what the controls and, where they are as wide as the window, the keys leave free above and below [px]
   const [tools, keys, controls] = [".tools", ".keys", ":scope > .controls"].map((name) => part(map, name));
@@ -44,7 +42,6 @@ function drawMap(map) {
   for (const layer of [drawGround, drawField, drawDegrees, drawDrift, drawMarks]) layer(map, map.canvas.getContext("2d"));
   drawKeys(map);
   for (const button of map.place.parentElement.querySelectorAll("[data-view]")) button.setAttribute("aria-pressed", String(button.dataset.view === map.chosen));
-  map.place.dataset.choices = state.choices.join(",");
 }
 
 // Colour bar, length of a drift, length in km.
@@ -61,25 +58,13 @@ function drawKeys(map) {
   part(map, ".keys").innerHTML = parts.join("");
 }
 
-// One box for each kind of mark, to hide it.
-function listLayers(map) {
-  for (const name of new Set([...map.drawn.marks.map((mark) => mark.name).filter(Boolean), ...(map.drawn.scales ? ["drift"] : [])])) {
-    const [box, item, label] = [made("input", { type: "checkbox", checked: true }), made("li"), made("label")];
-    label.append(box, ` ${name}`);
-    item.append(label);
-    part(map, ".layers ul").append(item);
-    box.addEventListener("change", () => { map.hidden[box.checked ? "delete" : "add"](name); drawMap(map); });
-  }
-}
-
 // What the point nearest to the pointer says; empty where none is near.
 function saidAt(map, px, py) {
   let [best, said] = [9, ""];
   for (const mark of map.drawn.marks.filter(({ text, name }) => text && !map.hidden.has(name))) {
-    mark.x.forEach((x, k) => {
-      const at = mark.text[k] && isShown(map, mark, k) ? toScreen(map, x, mark.y[k]) : [Infinity, 0];
-      const far = Math.hypot(at[0] - px, at[1] - py);
-      if (far < best) [best, said] = [far, mark.text[k]];
+    mark.text.forEach((text, k) => {
+      const at = text && isShown(map, mark, k) ? toScreen(map, mark.x[k], mark.y[k]) : [Infinity, 0];
+      if (Math.hypot(at[0] - px, at[1] - py) < best) [best, said] = [Math.hypot(at[0] - px, at[1] - py), text];
     });
   }
   return said;
@@ -89,12 +74,11 @@ function saidAt(map, px, py) {
 function showTip(map, px, py) {
   const [[x, y], out] = [toPlace(map, px, py), new Float64Array(4)];
   const [kind, [longitude, latitude]] = [fieldReader(map)(x, y, out), degreesOf(map, x, y)];
-  const lines = [saidAt(map, px, py), `${degreeText(latitude, "NS", 1)}, ${degreeText(turned(longitude), "EW", 1)}`];
+  const lines = [saidAt(map, px, py), `${degreeText(latitude, "NS", 1)}, ${degreeText(longitude, "EW", 1)}`];
   if (kind === "known") {
-    const error = Math.hypot(out[2], out[3]) / Math.SQRT2;
-    const about = Number.isFinite(error) ? ` ± ${error.toFixed(error < 0.01 ? 3 : 2)}` : "";
+    const [error, north] = [Math.hypot(out[2], out[3]) / Math.SQRT2, [1, 0].map((k) => degreesOf(map, x + k, y + 1 - k)[1] - latitude)];
+    const about = error >= 0 ? ` ± ${error.toFixed(error < 0.01 ? 3 : 2)}` : "";
     // clockwise from true north, towards which latitude grows
-    const north = [1, 0].map((k) => degreesOf(map, x + k, y + 1 - k)[1] - latitude);
     const bearing = Math.round((Math.atan2(out[0], out[1]) - Math.atan2(...north)) * (180 / Math.PI) + 720) % 360;
     lines.push(`<b>${Math.hypot(out[0], out[1]).toFixed(2)}${about} m/s</b> toward ${String(bearing).padStart(3, "0")}°`);
     lines.push([1, 2].map((number) => map.figure.choices[number][state.choices[number]]).join(", "));
@@ -136,14 +120,15 @@ function listen(map) {
   on("wheel", (event) => { if (event.ctrlKey || event.metaKey) { event.preventDefault(); move(map, 0, 0, 2 ** (-event.deltaY / 240), ...at(event)); } }, { passive: false });
   on("keydown", (event) => {
     if (!(event.key in KEYS)) return;
-    move(map, ...KEYS[event.key]);
     event.preventDefault();
+    move(map, ...KEYS[event.key]);
     showTip(map, map.w / 2, map.h / 2);
   });
   for (const button of place.parentElement.querySelectorAll(".tools button")) {
     const { view, zoom } = button.dataset;
     button.addEventListener("click", () => { if (view) { fitView(map, view); drawMap(map); } else move(map, 0, 0, Number(zoom)); });
   }
+  part(map, ".layers").addEventListener("change", ({ target: { checked, name } }) => { map.hidden[checked ? "delete" : "add"](name); drawMap(map); });
   part(map, ".play")?.addEventListener("click", () => setPlaying(map, !map.timer));
   state.choices.forEach((_, number) => input(map, number).addEventListener("input", ({ target }) => { setPlaying(map, false); choose(map, number, Number(target.value)); }));
 }
@@ -152,8 +137,7 @@ function listen(map) {
 function choose(map, number, value) {
   const [control, text, { times }] = [input(map, number), map.figure.choices[number][value], map.drawn];
   [control.value, state.choices[number]] = [value, value];
-  if (number) control.setAttribute("aria-valuetext", text);
-  if (number) control.parentElement.querySelector("output").textContent = text;
+  if (number) [control.ariaValueText, control.nextElementSibling.textContent] = [text, text];
   map.quantity = state.choices[0] ? "error" : "speed";
   map.until = state.choices[2] === times.length - 1 ? Infinity : times[state.choices[2]];
   drawMap(map);

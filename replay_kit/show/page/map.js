@@ -22,12 +22,10 @@ function fieldReader(map) {
   const { figure: { packed }, drawn: { east, north } } = map;
   if (!packed.current) return () => "";
   const { shape: [, count, , rows, columns], scale } = packed.current;
-  const values = packedArray(map.figure, "current");
-  const outside = packed.outside && packedArray(map.figure, "outside");
+  const [values, outside] = [packedArray(map.figure, "current"), packed.outside && packedArray(map.figure, "outside")];
   const [, depth, time] = state.choices;
-  const size = rows * columns;
+  const [size, dx, dy] = [rows * columns, east[1] - east[0], north[1] - north[0]];
   const first = (depth * count + time) * 4 * size;
-  const [dx, dy] = [east[1] - east[0], north[1] - north[0]];
   return (x, y, out) => {
     const [a, b] = [(x - east[0]) / dx, (y - north[0]) / dy];
     const [i, j] = [Math.round(a), Math.round(b)];
@@ -36,10 +34,8 @@ function fieldReader(map) {
     if (values[first + near] === MISSING) return outside && outside[near] !== MISSING ? "outside" : "dry";
     const [i0, j0] = [clamp(Math.floor(a), 0, columns - 2), clamp(Math.floor(b), 0, rows - 2)];
     const [f, g] = [clamp(a - i0, 0, 1), clamp(b - j0, 0, 1)];
-    for (let part = 0; part < 4; part += 1) {
-      const start = first + part * size;
-      const k = start + j0 * columns + i0;
-      const [p, q, r, s, own] = [values[k], values[k + 1], values[k + columns], values[k + columns + 1], values[start + near]];
+    for (let part = 0, k = first + j0 * columns + i0; part < 4; part += 1, k += size) {
+      const [p, q, r, s, own] = [values[k], values[k + 1], values[k + columns], values[k + columns + 1], values[first + part * size + near]];
       const known = p !== MISSING && q !== MISSING && r !== MISSING && s !== MISSING;
       out[part] = own === MISSING ? NaN : scale * (known ? (1 - g) * (p + f * (q - p)) + g * (r + f * (s - r)) : own);
     }
@@ -52,9 +48,9 @@ function drawGround(map, context) {
   Object.assign(context, { fillStyle: styled("--panel"), strokeStyle: styled("--line"), lineWidth: 1 });
   context.fillRect(0, 0, map.w, map.h);
   for (let k = -map.h; k < map.w; k += 9) context.stroke(polygon([k, map.h], [k + map.h, 0]));
-  context.fillStyle = styled("--land");
   const land = new Path2D();
   for (const ring of map.drawn.frame.land) land.addPath(polygon(...ring.map(([x, y]) => toScreen(map, x, y))));
+  context.fillStyle = styled("--land");
   context.fill(land, "evenodd");
 }
 
@@ -73,8 +69,7 @@ function drawField(map, context) {
     const left = map.quantity === "speed" && Number.isFinite(error) ? clamp(1.6 - error / Math.max(speed, 1e-6), 0.3, 1) : 1;
     const k = Math.floor(at);
     const color = kind !== "known" ? land : Number.isFinite(at) ? pale.map((grey, c) => grey + left * (ramp[k][c] + (at - k) * (ramp[k + 1][c] - ramp[k][c]) - grey)) : pale;
-    for (let c = 0; c < 3; c += 1) image.data[4 * n + c] = color[c];
-    image.data[4 * n + 3] = 255;
+    image.data.set([...color, 255], 4 * n);
   }
   const own = Object.assign(document.createElement("canvas"), { width: image.width, height: image.height });
   own.getContext("2d").putImageData(image, 0, 0);
@@ -89,13 +84,12 @@ function halo(map, context, text, px, py, font = LABEL) {
 }
 
 // Meridians and parallels: along rows or columns of the window the place where a degree is passed, found by Newton's steps.
-const STEPS = [1 / 600, 1 / 300, 1 / 120, 1 / 60, 1 / 30, 1 / 12, 1 / 6, 1 / 4, 1 / 2, 1, 2, 5, 10, 15, 30];
 function drawDegrees(map, context) {
   for (const kind of [0, 1]) {
     const [along, across] = kind ? [map.h, map.w] : [map.w, map.h];
     const at = (p, q) => degreesOf(map, ...(kind ? toPlace(map, q, p) : toPlace(map, p, q)))[kind];
     const ends = [at(0, across / 2), at(along, across / 2)].sort((a, b) => a - b);
-    const step = STEPS.find((each) => (ends[1] - ends[0]) / each <= Math.max(along / 150, 2)) || 30;
+    const step = [1 / 600, 1 / 300, 1 / 120, 1 / 60, 1 / 30, 1 / 12, 1 / 6, 1 / 4, 1 / 2, 1, 2, 5, 10, 15, 30].find((each) => (ends[1] - ends[0]) / each <= Math.max(along / 150, 2)) || 30;
     for (let value = Math.ceil(ends[0] / step) * step; value <= ends[1]; value += step) {
       const line = Array.from({ length: 17 }, (_, n) => {
         let [p, q] = [along / 2, (n * across) / 16];
@@ -104,26 +98,24 @@ function drawDegrees(map, context) {
       });
       Object.assign(context, { strokeStyle: map.dark ? "#ffffff26" : "#0f19231f", lineWidth: 1 });
       context.stroke(polygon(...line));
-      const [label, text] = [line[0][kind], degreeText(kind ? value : turned(value), kind ? "NS" : "EW", step < 1 / 60 ? 1 : 0, step < 1)];
+      const [label, text] = [line[0][kind], degreeText(value, kind ? "NS" : "EW", step < 1 / 60 ? 1 : 0, step < 1)];
       if (kind && label > map.room.t + 32 && label < map.h - map.room.b) halo(map, context, text, 8, label - 5);
       if (!kind && label > 24 && label < along - 70) halo(map, context, text, label + 5, map.room.t + 12);
     }
   }
 }
 
-const turned = (longitude) => ((longitude + 540) % 360) - 180;
-function degreeText(value, letters, digits, minutes = true) {
+function degreeText(degrees, letters, digits, minutes = true) {
+  const value = letters === "EW" ? ((degrees + 540) % 360) - 180 : degrees;
   const whole = Math.round(Math.abs(value) * 60 * 10 ** digits) / 10 ** digits;
-  const part = minutes ? `${(whole % 60).toFixed(digits).padStart(digits ? 4 : 2, "0")}′` : "";
-  return `${Math.floor(whole / 60)}°${part}${whole ? ` ${letters[value < 0 ? 1 : 0]}` : ""}`;
+  return `${Math.floor(whole / 60)}°${minutes ? `${(whole % 60).toFixed(digits).padStart(digits ? 4 : 2, "0")}′` : ""}${whole ? ` ${letters[value < 0 ? 1 : 0]}` : ""}`;
 }
 
 // Where water drifts: streaks of equal duration [h], in which the fastest water crosses two spacings.
 const SPACING = 34;
 function driftHours(map) {
-  const wanted = (3.4 * SPACING) / map.k / (map.drawn.scales.speed.most * 3.6);
-  const far = (hours) => Math.abs(Math.log(hours / wanted));
-  return [0.25, 0.5, 1, 2, 3, 6, 12, 24, 48, 96, 240].reduce((best, each) => (far(each) < far(best) ? each : best));
+  const far = (hours) => Math.abs(Math.log((hours * map.k * map.drawn.scales.speed.most * 3.6) / (3.4 * SPACING)));
+  return [0.25, 0.5, 1, 2, 3, 6, 12, 24, 48, 96, 240].sort((one, other) => far(one) - far(other))[0];
 }
 
 function drawDrift(map, context) {
@@ -151,13 +143,12 @@ function drawDrift(map, context) {
   }
 }
 
-const colorOf = (color) => (color.startsWith("#") ? color : styled(`--${color}`));
 const isShown = (map, mark, k) => mark.x[k] !== null && (!mark.when || mark.when[k] <= map.until);
 
 function drawMarks(map, context) {
   const [labels, taken] = [[], []];
   for (const mark of map.drawn.marks.filter(({ name }) => !map.hidden.has(name))) {
-    const [color, light] = [colorOf(mark.color), mark.kind !== "points"];
+    const [color, light] = [mark.color.startsWith("#") ? mark.color : styled(`--${mark.color}`), mark.kind !== "points"];
     const at = mark.x.map((x, k) => (isShown(map, mark, k) ? toScreen(map, x, mark.y[k]) : null));
     if (light) drawLine(context, mark, at, color);
     else at.filter(Boolean).forEach((one) => drawSymbol(context, mark, ...one, color));
@@ -183,7 +174,6 @@ function drawLine(context, mark, at, color) {
   context.setLineDash([]);
 }
 
-// The symbols of all media, see core/colors.py.
 function drawSymbol(context, { symbol, size, edge, width }, px, py, color) {
   const [r, path] = [size / 2, new Path2D()];
   const stroke = (strokeStyle, lineWidth) => { Object.assign(context, { strokeStyle, lineWidth }); context.stroke(path); };

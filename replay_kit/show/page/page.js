@@ -1,4 +1,3 @@
-"use strict";
 // The page: packed data, values beside the pointer in charts, tables as CSV, folded parts, print. map.js draws the map, explore.js moves it.
 const MISSING = -32768;
 const bytesOf = (base64) => Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
@@ -15,16 +14,15 @@ function packedArray(figure, name) {
   const values = new Int16Array(bytes.length / 2);
   // low bytes, then high ones, of differences along an axis; the array wraps as the packing did
   for (let i = 0; i < values.length; i += 1) values[i] = (bytes[i] | (bytes[values.length + i] << 8)) + (Math.floor(i / stride) % shape[along] ? values[i - stride] : 0);
-  state.arrays[name] = values;
-  return values;
+  return (state.arrays[name] = values);
 }
 
 // Values in charts: what is nearest to the pointer, in the columns that the page offers.
 function listenChart(figure, svg, { box, ends, log, axes, names, marks }) {
   const column = (value) => (typeof value === "string" ? figure.tables[value.slice(0, value.indexOf("."))][value.slice(value.indexOf(".") + 1)] : value);
-  const number = (value) => (typeof value === "string" ? Date.parse(`${value.replace(" ", "T")}Z`) : value);
   const place = (value, axis) => {
-    const [low, high, at] = [...ends[axis], number(value)].map((each) => (log[axis] ? Math.log(each) : each));
+    const number = typeof value === "string" ? Date.parse(`${value.replace(" ", "T")}Z`) : value;
+    const [low, high, at] = [...ends[axis], number].map((each) => (log[axis] ? Math.log(each) : each));
     return axis ? box[1] + ((high - at) / (high - low)) * box[3] : box[0] + ((at - low) / (high - low)) * box[2];
   };
   const text = (value) => (typeof value === "number" ? Number(value.toPrecision(4)) : String(value).slice(0, 16));
@@ -56,12 +54,12 @@ function listenChart(figure, svg, { box, ends, log, axes, names, marks }) {
   svg.addEventListener("pointerleave", () => { tip.hidden = true; });
 }
 
-const csvCell = (value) => (value === null ? "" : /[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : value);
 function save({ dataset }) {
   const table = state.figures.find(({ key }) => key === dataset.figure).tables[dataset.table];
-  const columns = Object.values(table);
-  const rows = [Object.keys(table), ...columns[0].map((_, row) => columns.map((column) => column[row]))];
-  const file = new Blob([rows.map((row) => `${row.map(csvCell).join(",")}\n`).join("")], { type: "text/csv" });
+  const [names, columns] = [Object.keys(table), Object.values(table)];
+  const cell = (value) => (/[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : value ?? "");
+  const rows = [names, ...columns[0].map((_, row) => columns.map((column) => column[row]))].map((row) => `${row.map(cell).join(",")}\n`);
+  const file = new Blob(rows, { type: "text/csv" });
   const link = Object.assign(document.createElement("a"), { download: `${dataset.figure}-${dataset.table}.csv`, href: URL.createObjectURL(file) });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
@@ -82,16 +80,13 @@ async function start() {
   }
   for (const button of document.querySelectorAll("button[data-table]")) button.addEventListener("click", () => save(button));
   const again = () => { if (state.map) sizeMap(state.map); };
+  const print = ({ type }) => {
+    if (document.documentElement.classList.toggle("printing", type === "beforeprint")) document.querySelectorAll("details").forEach((one) => { one.open = true; });
+    again();
+  };
   window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", again);
-  window.addEventListener("resize", again);
-  window.addEventListener("hashchange", openTarget);
+  for (const [event, act] of Object.entries({ resize: again, hashchange: openTarget, beforeprint: print, afterprint: print })) window.addEventListener(event, act);
   openTarget();
-  for (const event of ["beforeprint", "afterprint"]) {
-    window.addEventListener(event, () => {
-      if (document.documentElement.classList.toggle("printing", event === "beforeprint")) document.querySelectorAll("details").forEach((one) => { one.open = true; });
-      again();
-    });
-  }
   document.body.dataset.ready = "yes";
 }
 

@@ -267,11 +267,16 @@ def _map_html(figure: Map, plot: str, about: str) -> str:
     )
     button = '<button type="button" class="play" aria-label="Play" aria-pressed="false">▶</button>'
     controls = "".join(_controls_html(figure))
+    names = [mark["name"] for mark in figure.drawn["marks"]] + ["drift"] * bool(controls)
+    layers = "".join(
+        f'<li><label><input type="checkbox" name="{escape(name)}" checked> {escape(name)}</label></li>'
+        for name in dict.fromkeys(filter(None, names))
+    )
     plot += '<p class="waiting">This map is drawn by JavaScript, in a browser of 2023 or later.</p>'
     return (
         f'<figure id="{figure.key}" class="map"><h3 class="unseen">{escape(figure.title)}</h3>'
         f'<div class="stage">{plot}</div><div class="tools">{views}{zoom}'
-        '<details class="layers"><summary>Layers</summary><ul></ul></details></div>'
+        f'<details class="layers"><summary>Layers</summary><ul>{layers}</ul></details></div>'
         f'<div class="keys" aria-hidden="true"></div><div class="controls">{button if controls else ""}{controls}</div></div>'
         f'<details class="about"><summary>About this map, and its data</summary>{about}</details></figure>'
     )

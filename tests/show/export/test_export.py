@@ -10,13 +10,14 @@ import pytest
 import xarray as xr
 
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.surfacing import Ellipse
+from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
+from replay_kit.results.geojson import features_of
 from replay_kit.show.export.export import export
-from replay_kit.show.export.features import features_of, kml_text
+from replay_kit.show.export.kml import kml_text
 from replay_kit.show.export.netcdf import ATTRIBUTES, _attributes
 from tests.core.flow.test_cf import PERSONAL, complaints, found_by
 from tests.results.cases import placed, write
-from tests.synthetic_flow import synthetic_flow
+from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 __all__ = ["complaints"]
 GX = "http://www.google.com/kml/ext/2.2"
@@ -137,44 +138,35 @@ def test_without_an_estimate_the_track_has_positions_alone(tmp_path, innovation)
     assert export(contents, tmp_path / "x.nc")["plans"] == 0
 
 
+NAMES = ["track", "begin", "last plan", "start", "vehicle", "goal, 100 m", "place 0", "place 1"]
+
+
 def test_geojson_and_kml_hold_track_places_and_plan(contents, tmp_path):
     export(contents, tmp_path / "x.geojson", PLACES)
     features = json.loads((tmp_path / "x.geojson").read_text())["features"]
-    assert [feature["properties"]["name"] for feature in features] == [
-        "track",
-        "last plan",
-        "place 0",
-        "place 1",
-    ]
+    assert [feature["properties"]["name"] for feature in features] == NAMES
     assert features[0]["geometry"] == {
         "type": "LineString",
         "coordinates": [[5.0, 62.0], [5.01, 62.002], [5.02, 62.004]],
     }
     last = contents.series(PLACES[1])
-    assert features[3]["properties"]["v_m_s"] == last.v[-1]
-    assert features[3]["properties"]["depth_m"] == 130.0
+    assert features[-1]["properties"]["v_m_s"] == last.v[-1]
+    assert features[-1]["properties"]["depth_m"] == 130.0
     export(contents, tmp_path / "x.kml", PLACES)
     root = ElementTree.parse(tmp_path / "x.kml").getroot()
     space = "{http://www.opengis.net/kml/2.2}"
-    assert [name.text for name in root.iter(f"{space}name")] == [
-        "track",
-        "last plan",
-        "place 0",
-        "place 1",
-    ]
+    assert [name.text for name in root.iter(f"{space}name")] == NAMES
     track = next(root.iter(f"{{{GX}}}Track"))
     assert [place.text for place in track.iter(f"{{{GX}}}coord")] == [
         "5.0000000 62.0000000 0",
         "5.0100000 62.0020000 0",
         "5.0200000 62.0040000 0",
     ]
-    # a time for each place of the track; one for each place's current
-    assert [when.text for when in track.iter(f"{space}when")] == [
-        "2023-11-14T22:13:20.123456789Z",
-        "2023-11-14T23:13:20.123456789Z",
-        "2023-11-15T00:13:20.123456789Z",
-    ]
-    assert len(list(root.iter(f"{space}TimeStamp"))) == 2
+    # a time for each place of the track, the same as in GeoJSON; one for each point
+    times = ["2023-11-14T22:13:20Z", "2023-11-14T23:13:20Z", "2023-11-15T00:13:20Z"]
+    assert [when.text for when in track.iter(f"{space}when")] == times
+    assert features[0]["properties"]["coordTimes"] == times
+    assert len(list(root.iter(f"{space}TimeStamp"))) == 6
 
 
 def test_features_are_styled_for_maps_and_kml_has_the_same_colours_in_its_own_order(
@@ -182,24 +174,14 @@ def test_features_are_styled_for_maps_and_kml_has_the_same_colours_in_its_own_or
 ):
     export(contents, tmp_path / "x.geojson", PLACES)
     export(contents, tmp_path / "x.kml", PLACES)
-    styles = [
-        feature["properties"]
-        for feature in json.loads((tmp_path / "x.geojson").read_text())["features"]
-    ]
-    assert [style.get("stroke", style.get("marker-color")) for style in styles] == [
-        "#1b2530",
-        "#b8500f",
-        "#5b6b78",
-        "#5b6b78",
-    ]
-    assert "when" not in json.loads((tmp_path / "x.geojson").read_text())["features"][0]
-    colors = [
-        color.text
-        for color in ElementTree.parse(tmp_path / "x.kml")
-        .getroot()
-        .iter("{http://www.opengis.net/kml/2.2}color")
-    ]
-    assert colors == ["ff30251b", "ff0f50b8", "ff786b5b", "ff786b5b"]
+    features = json.loads((tmp_path / "x.geojson").read_text())["features"]
+    styles = {one["properties"]["role"]: one["properties"] for one in features}
+    assert styles["track"]["stroke"] == styles["vehicle"]["marker-color"] == "#1b2530"
+    assert styles["plan"]["stroke"] == styles["goal"]["marker-color"] == "#b8500f"
+    assert styles["place"]["marker-color"] == "#5b6b78"
+    root = ElementTree.parse(tmp_path / "x.kml").getroot()
+    colors = [color.text for color in root.iter("{http://www.opengis.net/kml/2.2}color")]
+    assert colors[::2] == ["ff30251b", "ff0f50b8", "ff30251b", "ff786b5b"]
 
 
 def test_across_the_antimeridian_lines_are_continuous_in_geojson_and_within_180_in_kml(
@@ -208,7 +190,7 @@ def test_across_the_antimeridian_lines_are_continuous_in_geojson_and_within_180_
     contents = write(tmp_path / "r.mcap", placed(179.99, 62.0), [innovation] * 3, None)
     export(contents, tmp_path / "x.geojson", table="track")
     export(contents, tmp_path / "x.kml", table="track")
-    (track,) = json.loads((tmp_path / "x.geojson").read_text())["features"]
+    track, *_ = json.loads((tmp_path / "x.geojson").read_text())["features"]
     assert [point[0] for point in track["geometry"]["coordinates"]] == [179.99, 180.0, 180.01]
     places = [
         place.text
@@ -221,34 +203,28 @@ def test_across_the_antimeridian_lines_are_continuous_in_geojson_and_within_180_
     ]
 
 
-def test_surfacings_have_points_and_counter_clockwise_ellipses(contents):
+def test_surfacings_have_points_and_counter_clockwise_ellipses(tmp_path, innovation):
     ellipse = Ellipse(5.0, 62.0, 900.0, 300.0, 90.0)
-    row = {
-        "time": pd.Timestamp("2024-01-01"),
-        "distance": 12.5,
-        "predicted_longitude": 5.0,
-        "predicted_latitude": 62.0,
-    }
-    row |= {
-        "actual_longitude": 5.01,
-        "actual_latitude": 62.0,
-        "ellipse_longitude": ellipse.longitude,
-        "ellipse_latitude": ellipse.latitude,
-    }
-    row |= {"ellipse_major": 900.0, "ellipse_minor": 300.0, "ellipse_bearing": 90.0}
-    found = features_of({"surfacings": pd.DataFrame([row])}, contents.projection)
-    assert [feature["properties"]["name"] for feature in found] == [
-        "surfacing, predicted",
-        "surfacing, actual",
-        "90 % ellipse of a surfacing",
-    ]
-    assert found[1]["geometry"]["coordinates"] == [5.01, 62.0]
-    about = {"name": "surfacing, actual", "time": "2024-01-01T00:00:00Z", "distance_m": 12.5}
-    assert found[1]["properties"].items() >= about.items()
-    kml = kml_text(found)
-    assert kml.count("<TimeStamp><when>2024-01-01T00:00:00Z</when></TimeStamp>") == 2
+    predicted = Surfacing(TIME_NS, 5.0, 62.0, ellipse)
+    outcome = SurfacingOutcome(TIME_NS, predicted, TIME_NS, 5.01, 62.0, 12.5, 90.0)
+
+    def surface(writer):
+        writer.outcome(outcome)
+
+    contents = write(tmp_path / "r.mcap", synthetic_flow(), [innovation], None, more=surface)
+    export(contents, tmp_path / "x.geojson", table="surfacings")
+    found = json.loads((tmp_path / "x.geojson").read_text())["features"]
+    names = ["90 % ellipse of a surfacing", "surfacing, apart"]
+    names += ["surfacing, predicted", "surfacing, actual"]
+    assert [one["properties"]["name"] for one in found] == names
+    assert found[3]["geometry"]["coordinates"] == [5.01, 62.0]
+    time = "2023-11-14T22:13:20Z"
+    about = {"name": "surfacing, actual", "time": time, "distance_m": 12.5}
+    assert found[3]["properties"].items() >= about.items()
+    kml = kml_text(features_of(contents))
+    assert kml.count(f"<TimeStamp><when>{time}</when></TimeStamp>") == 4
     assert "<PolyStyle><color>260f50b8</color></PolyStyle>" in kml
-    x, y = np.array(found[2]["geometry"]["coordinates"][0]).T
+    x, y = np.array(found[0]["geometry"]["coordinates"][0]).T
     assert np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) > 0.0
 
 

@@ -28,8 +28,8 @@ from tests.synthetic_flow import synthetic_flow
 pytestmark = MARKS
 # as functions: the page allows no eval of expressions
 FITTED = """() => {
-    const plots = [...document.querySelectorAll(".plot[data-drawn]")].filter((plot) => plot.clientWidth);
-    return plots.every((plot) => (plot.querySelector("svg.main-svg, canvas")).clientWidth === plot.clientWidth);
+    const pictures = [...document.querySelectorAll(".plot canvas, .panel > svg")].filter((one) => one.clientWidth);
+    return pictures.length > 5 && pictures.every((one) => one.clientWidth === one.parentElement.clientWidth);
 }"""
 LANDED = """(key) => {
     const part = document.getElementById(key);
@@ -59,6 +59,7 @@ def test_a_report_is_written_draws_itself_and_obeys(browser, result, largest, tm
             assert check_drawn(tab, width) >= 6
             check_accessible(tab)
             _check_data(tab)
+            _check_values(tab)
             tab.set_viewport_size({"width": 700, "height": 900})
             tab.wait_for_function(FITTED)
 
@@ -70,14 +71,11 @@ def _check_controls(tab: Any) -> None:
     for control, value in (("current-map-1", "1"), ("current-map-2", "0")):
         tab.locator(f"#{control}").fill(value)
         tab.wait_for_function(
-            "([k, v]) => document.querySelector('#current-map .plot').dataset.choices.split(',')[k] === v",
-            arg=[int(control[-1]), value],
+            "([k, v]) => state.choices[k] === v", arg=[int(control[-1]), int(value)]
         )
         pictures.append(picture.screenshot())
     tab.locator("#current-map-0").select_option("1")
-    tab.wait_for_function(
-        "() => document.querySelector('#current-map .plot').dataset.choices.startsWith('1')"
-    )
+    tab.wait_for_function("() => state.choices[0] === 1")
     pictures.append(picture.screenshot())
     # by the keyboard alone
     picture.focus()
@@ -85,7 +83,7 @@ def _check_controls(tab: Any) -> None:
     pictures.append(picture.screenshot())
     picture.press("+")
     pictures.append(picture.screenshot())
-    assert "°" in tab.locator(".tip").inner_text()
+    assert "°" in tab.locator("#current-map .tip").inner_text()
     tab.locator("[data-view=region]").press("Enter")
     pictures.append(picture.screenshot())
     assert len(set(pictures)) == 7
@@ -108,19 +106,26 @@ def _check_links(tab: Any) -> None:
 
 
 def _check_data(tab: Any) -> None:
-    """Check the CSV of a table of columns, and of one of packed fields."""
+    """Check the CSV of a table."""
     with tab.expect_download() as download:
         tab.locator("button[data-table=track]").click()
     lines = Path(download.value.path()).read_text().splitlines()
     assert lines[0] == "time,longitude,latitude,depth_m,east_km,north_km,hours,dead_reckoned"
     assert len(lines) > 100
-    with tab.expect_download() as download:
-        tab.locator("button[data-table=current]").click()
-    assert (
-        Path(download.value.path())
-        .read_text()
-        .startswith("depth_m,time,longitude,latitude,u_m_s,v_m_s,")
-    )
+
+
+def _check_values(tab: Any) -> None:
+    """Check that a chart and a section say the values under the pointer."""
+    for key, said in (("error", "RMS standard error"), ("profiles", " m/s")):
+        picture = tab.locator(f"#{key} svg").first
+        picture.scroll_into_view_if_needed()
+        tip = tab.locator(f"#{key} .tip").first
+        box = picture.bounding_box()
+        for share in range(20, 95, 5):
+            tab.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.01 * share * box["height"])
+            if tip.is_visible():
+                break
+        assert said in tip.inner_text()
 
 
 KINDS = """() => {

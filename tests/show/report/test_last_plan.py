@@ -252,13 +252,9 @@ def test_geojson_kml_and_the_channel_hold_areas_and_ellipses(contents, tmp_path)
     export(contents, tmp_path / "x.geojson")
     features = json.loads((tmp_path / "x.geojson").read_text())["features"]
     names = [feature["properties"]["name"] for feature in features]
-    assert names == [
-        "last plan",
-        "90 % ellipse of planned surfacing 1",
-        "no-go area range",
-        "no-go area lane",
-    ]
-    about = features[0]["properties"]
+    areas = ["no-go area range", "no-go area lane", "90 % ellipse of planned surfacing 1"]
+    assert names == [*areas, "last plan", "planned surfacing 1", "start", "goal, 100 m"]
+    about = features[3]["properties"]
     assert (
         about["status"],
         about["energy_j"],
@@ -272,9 +268,9 @@ def test_geojson_kml_and_the_channel_hold_areas_and_ellipses(contents, tmp_path)
         40,
         0.725,
     )
-    (ring,) = features[2]["geometry"]["coordinates"]
+    (ring,) = features[0]["geometry"]["coordinates"]
     assert ring == [[5.02, 62.01], [5.04, 62.01], [5.04, 62.03], [5.02, 62.01]]
-    assert features[3]["properties"]["surface_only"] is True
+    assert features[1]["properties"]["surface_only"] is True
     export(contents, tmp_path / "x.kml")
     assert "5.0200000,62.0100000 5.0400000,62.0100000" in (tmp_path / "x.kml").read_text()
     ((_, value),) = decoded(contents.result.path)["/plan/geojson"]

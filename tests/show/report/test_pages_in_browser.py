@@ -88,7 +88,7 @@ def test_odd_results_are_drawn(browser, tmp_path, state, plan, name):
             unfold(tab)
             assert check_drawn(tab, width) >= 1
             tab.locator("#current-map .plot").hover()
-            assert "°" in tab.locator(".tip").inner_text()
+            assert "°" in tab.locator("#current-map .tip").inner_text()
 
 
 def _page(folder: Path, request: pytest.FixtureRequest, replay: Callable[[Path], Path]) -> str:
