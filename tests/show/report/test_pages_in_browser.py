@@ -7,7 +7,6 @@ import io
 from base64 import b64encode
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -23,12 +22,11 @@ from replay_kit.results import ResultWriter
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from tests.browser import MARKS, SCHEMES, check_drawn, chromium, opened, unfold
-from tests.results.cases import failed, one_bin, placed, write
+from tests.results.cases import placed
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
 from tests.results.result_samples import CONFIG, METADATA
-from tests.show.page.kinds import QUICK, SLOW
-from tests.show.report.replays import sample, seaglider
-from tests.synthetic_flow import TIME_NS, synthetic_flow
+from tests.show.report.replays import sample
+from tests.synthetic_flow import TIME_NS
 
 # fixtures of other modules are imported by their names
 # ruff: noqa: F811
@@ -36,7 +34,7 @@ from tests.synthetic_flow import TIME_NS, synthetic_flow
 pytestmark = MARKS
 REFERENCES = Path(__file__).parent / "references"
 #: Width and height of first screens.
-SCREENS = {"wide": (1440, 900), "narrow": (1280, 800), "phone": (390, 844)}
+SCREENS = {"wide": (1280, 900), "phone": (390, 844)}
 #: Blocks of pixels that are averaged, and the largest root mean square difference of two that are alike, of 1 from black to white.
 BLOCK, TOLERANCE = 10, 0.04
 MARKUP = "<img src=x onerror=alert(1)><script>alert(2)</script>&amp;"
@@ -91,38 +89,6 @@ def test_odd_results_are_drawn(browser, tmp_path, state, plan, name):
             assert "°" in tab.locator("#current-map .tip").inner_text()
 
 
-def _page(folder: Path, request: pytest.FixtureRequest, replay: Callable[[Path], Path]) -> str:
-    return report_html(read_result(replay(folder)))
-
-
-def _small(folder: Path, request: pytest.FixtureRequest, kind: str) -> str:
-    """Return the page of a small result: near Gran Canaria, without profiles of an ADCP, or of a plan that failed."""
-    innovation, plan = (request.getfixturevalue(name) for name in ("innovation", "plan"))
-    flow = placed(-15.55, 27.75) if kind == "island" else synthetic_flow()
-    flow.grid.wet[:, 2, 2] = kind != "island"
-    ends = {
-        name: replace(place, longitude=flow.grid.projection.longitude + far, latitude=latitude)
-        for name, place, far in (("start", plan.start, 0.0), ("goal", plan.goal, 0.05))
-        for latitude in [flow.grid.projection.latitude + 0.5 * far]
-    }
-    plan = replace(plan, **ends)
-    if kind == "failed":
-        plan = failed(plan, "no path around the shoal")
-    of_dive: dict[str, Any] = {"mean_current": np.array([0.1, -0.2]), "mean_kind": "dac"}
-    measured = one_bin(innovation, **of_dive) if kind == "dac" else innovation
-    each = [replace(measured, dive=k + 1) for k in range(4)]
-    return report_html(write(folder / "small.mcap", flow, each, plan).result)
-
-
-#: Pages by the names of their reference pictures.
-PAGES: dict[str, Callable[[Path, pytest.FixtureRequest], str]] = {
-    **{each.__name__: partial(_page, replay=each) for each in (sample, seaglider)},
-    **{kind: partial(_small, kind=kind) for kind in ("island", "dac", "failed")},
-    **{kind.rpartition("/")[2]: QUICK[kind] for kind in QUICK if kind != "show/report"},
-    "paper": SLOW["studies/paper"],
-}
-
-
 def blocks(picture: bytes) -> np.ndarray:
     """Return the block means of a picture, shape (rows, columns, 3): letters become grey."""
     pixels = matplotlib.image.imread(io.BytesIO(picture))[..., :3]
@@ -149,21 +115,21 @@ def first_screens(browser: Any, page: str) -> Iterator[tuple[str, bytes]]:
 @pytest.mark.skipif(
     not REFERENCES.is_dir(), reason="the reference pictures are not in the source archive"
 )
-@pytest.mark.parametrize("name", PAGES)
-def test_first_screens_are_the_reference_pictures(browser, tmp_path, request, name):
-    for screen, picture in first_screens(browser, PAGES[name](tmp_path, request)):
-        found, path = blocks(picture), tmp_path / f"{name}-{screen}.png"
+def test_first_screens_are_the_reference_pictures(browser, tmp_path):
+    page = report_html(read_result(sample(tmp_path)))
+    for screen, picture in first_screens(browser, page):
+        found, path = blocks(picture), tmp_path / f"sample-{screen}.png"
         matplotlib.image.imsave(path, found)
         expected = matplotlib.image.imread(REFERENCES / path.name)[..., :3]
         assert found.shape == expected.shape
         difference = float(np.sqrt(np.mean((found - expected) ** 2)))
         assert difference < TOLERANCE, f"look at {path}"
-        # a screen upside down is refused, also one of few words
+        # a screen upside down is refused
         assert float(np.sqrt(np.mean((found[::-1] - expected) ** 2))) > TOLERANCE
 
 
 def test_reference_pictures_are_few_and_small():
     files = sorted(REFERENCES.iterdir())
-    names = [f"{name}-{size}-{scheme}" for name, size, scheme in product(PAGES, SCREENS, SCHEMES)]
+    names = [f"sample-{size}-{scheme}" for size, scheme in product(SCREENS, SCHEMES)]
     assert [path.stem for path in files] == sorted(names)
-    assert sum(path.stat().st_size for path in files) < 8e6
+    assert sum(path.stat().st_size for path in files) < 3e5
