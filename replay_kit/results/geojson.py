@@ -19,8 +19,8 @@ from replay_kit.results.views.track import LastPlan, outlines_of, thinned
 
 #: Positions of a track; more are thinned.
 POSITIONS = 3000
-# More fixes than these hide the track.
-_FIXES = 150
+# Of a plan; and more fixes than these hide the track.
+_PLANNED, _FIXES = 1000, 150
 #: The roles of features from the lowest on a map to the highest, with the table of an export whose rows they are of.
 ROLES: Mapping[str, str] = {
     **{"bottom": "", "no_go": "plans", "ellipse": "plans", "past": "surfacings", "track": "track"},
@@ -173,7 +173,7 @@ def _of_plan(contents: Contents) -> Iterator[Feature]:
         return
     made = {"time": _made(plan)}
     if len(plan.track) > 1:
-        track = plan.track.iloc[thinned(len(plan.track), POSITIONS)]
+        track = plan.track.iloc[thinned(len(plan.track), _PLANNED)]
         line = positions(track["longitude"], track["latitude"], projection.longitude)
         times = _times(track.index)
         about: dict[str, Any] = {"begin": times[0], "end": times[-1], "coordTimes": times}

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from mcap.reader import make_reader
 from mcap.records import Attachment, Schema
@@ -16,7 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Projection
-from replay_kit.core.inputs import open_input
+from replay_kit.results.opened import Opened, opened, stream
 from replay_kit.results.topics import (
     CONFIG_NAME,
     DIGEST_NAME,
@@ -68,9 +68,18 @@ class ResultReader:
         return part_path(self.path, self.vehicle, Path()).name if self.vehicle else self.path.name
 
     @cached_property
+    def _opened(self) -> Opened:
+        """The file, which other readers of it share."""
+        return opened(self.path)
+
+    def _stream(self) -> BinaryIO:
+        assert self._opened.number
+        return stream(self.path)
+
+    @cached_property
     def summary(self) -> "Summary":
         """The summary of the whole file."""
-        with complete(self.path), open_input(self.path) as file:
+        with complete(self.path), self._stream() as file:
             found = make_reader(file).get_summary()
             if found is None or found.statistics is None:
                 raise ValueError("it has no summary")
@@ -84,7 +93,7 @@ class ResultReader:
     @cached_property
     def records(self) -> list[tuple[str, dict[str, str]]]:
         """Metadata records of the whole file, in order, with their names."""
-        with complete(self.path), open_input(self.path) as file:
+        with complete(self.path), self._stream() as file:
             return [(one.name, dict(one.metadata)) for one in make_reader(file).iter_metadata()]
 
     @cached_property
@@ -122,7 +131,7 @@ class ResultReader:
         number = json.loads(windows.get("vehicles", "{}")).get(self.vehicle)
         own = f"{WINDOW_NAME}{number}"
         found = dict[str, Attachment]()
-        with complete(self.path), open_input(self.path) as file:
+        with complete(self.path), self._stream() as file:
             for one in make_reader(file).iter_attachments():
                 owner, _, name = one.name.rpartition("/")
                 if self.vehicle and owner != self.vehicle and not _is_common(name):

@@ -24,7 +24,7 @@ from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from replay_kit.core.errors import LogError, ReplayKitError
-from replay_kit.core.inputs import open_input
+from replay_kit.results.opened import stream
 
 if TYPE_CHECKING:
     from mcap.summary import Summary
@@ -153,7 +153,7 @@ def checksums_fit(path: Path) -> bool | None:
     None for a file that cannot be opened or does not begin as an MCAP file: its readers say so.
     """
     try:
-        with open_input(path) as file:
+        with stream(path) as file:
             if file.read(len(_MAGIC)) != _MAGIC:
                 return None
             size = os.fstat(file.fileno()).st_size
@@ -192,7 +192,7 @@ def read_messages(path: Path, topics: Collection[str]) -> Iterator[tuple[int, by
     Raises:
         McapError: The file is damaged.
     """
-    with path.open("rb") as file:
+    with stream(path) as file:
         reader = make_reader(file)
         summary = reader.get_summary()
         if summary is None or not summary.chunk_indexes:
@@ -235,7 +235,7 @@ def newest_messages(
         until_ns: Time of the latest message [ns, UTC]; None for the last.
     """
     end = None if until_ns is None else until_ns + 1
-    with path.open("rb") as file:
+    with stream(path) as file:
         reader = make_reader(file)
         summary = reader.get_summary()
         found = reader.iter_messages([*topics], ending_before=end, reverse=True)

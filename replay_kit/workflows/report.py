@@ -11,7 +11,6 @@ from replay_kit.results.schemas import CONTRACT_VERSION
 from replay_kit.results.vehicles import part_path
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result
-from replay_kit.show.report.pages import report_html, several_html
 from replay_kit.workflows.sound import sound_result
 
 _RECOVERED = "The result is damaged or cut short: this shows what could be recovered."
@@ -32,6 +31,9 @@ def report(
         LogError: The file is missing, or is no result.
         ConfigError: The page exists and may not be replaced, or cannot be written.
     """
+    # here, because plots and exports need no pages
+    from replay_kit.show.report.pages import report_html, several_html
+
     check_paths([path], [out], overwrite)
     with opened(path, summary) as contents:
         each = {name: part_path(out, name, out.parent) for name in contents.each if name}

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from threadpoolctl import threadpool_limits
+
 from replay_kit.core.errors import LogError, ReplayKitError
 from replay_kit.core.message import Loss
 from replay_kit.core.paths import as_path
-from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.logs.mcap.writer import open_mcap_log
 from replay_kit.results.losses import loss_words
+from replay_kit.results.opened import shared
 from replay_kit.results.topics import DAMAGED, checksums_fit
 
 if TYPE_CHECKING:
@@ -65,7 +66,9 @@ def sound_result(path: Path) -> Iterator[Sound]:
     Raises:
         LogError: Too little of the file could be recovered.
     """
-    with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder:
+    # what a result holds is small: threads would mostly wait for each other
+    one = threadpool_limits(limits=1)
+    with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder, shared(path), one:
         sound = recover(path, Path(folder))
         try:
             yield sound
@@ -95,6 +98,10 @@ def recover(path: Path, folder: Path) -> Sound:
     """
     if checksums_fit(path) is not False:
         return Sound(path, path)
+    # here, because no sound result needs what reads logs
+    from replay_kit.logs.mcap.reader import McapReader
+    from replay_kit.logs.mcap.writer import open_mcap_log
+
     copy = folder / path.name.removesuffix(".part")
     with McapReader(path) as log, open_mcap_log(copy, log.profile() or "") as writer:
         for message in log.raw_messages(writer.copy_extra):

@@ -12,7 +12,6 @@ import io
 import json
 
 import numpy as np
-from scipy.linalg.lapack import dpstrf
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
@@ -88,6 +87,9 @@ def unpack(data: bytes, name: str) -> FlowEstimate:
 def _apart(p: Array) -> tuple[Array, Array]:
     """Return M and V of a covariance, shapes (n,) and (k, n)."""
     less = np.eye(len(p)) - p
+    # loads slowly, and what reads an estimate needs none
+    from scipy.linalg.lapack import dpstrf
+
     lower, pivots, rank, _ = dpstrf(less, tol=1e-13, lower=1)
     factor = np.zeros((len(p), rank))
     factor[pivots - 1] = np.tril(lower)[:, :rank]

@@ -105,7 +105,11 @@ class Velocities:
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a table with a row a point."""
-        return self.to_xarray().reset_coords().to_dataframe()
+        import pandas as pd
+
+        columns = self._columns()
+        points = pd.RangeIndex(len(columns["u"]), name="point")
+        return pd.DataFrame(columns, index=points)
 
 
 def _ends(dates: NDArray[np.datetime64]) -> str:

@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from io import BytesIO
-from math import isfinite
 from textwrap import fill
 from typing import Any, NamedTuple, TypeVar
 
@@ -388,8 +387,8 @@ class Drawn(NamedTuple):
 
 def panels_svg(figure: Figure) -> Iterator[Drawn]:
     """Yield the panels of a figure as a page has them; their titles and colour scales are the page's own."""
-    for number, panel in enumerate(figure.panels):
-        with rc_context(PAGE | {"svg.hashsalt": f"{figure.key}-{number}"}):
+    with rc_context(PAGE):
+        for number, panel in enumerate(figure.panels):
             yield _panel_svg(figure, number, panel)
 
 
@@ -450,8 +449,12 @@ def column_of(name: str, values: Any) -> list[Any]:
 
 def column(values: Any, digits: int = 5) -> list[float | None]:
     """Return numbers for JSON, rounded to some significant digits; what is not finite is None."""
-    each = np.asarray(values, dtype=np.float64).ravel().tolist()
-    return [float(f"{value:.{digits}g}") if isfinite(value) else None for value in each]
+    each = np.asarray(values, dtype=np.float64).ravel()
+    known, size = np.isfinite(each), np.abs(each)
+    with np.errstate(all="ignore"):
+        places = 10.0 ** (digits - 1 - np.floor(np.log10(np.where(known & (size > 0.0), size, 1.0))))
+        rounded = np.rint(each * places) / places
+    return list(np.where(known, rounded, None).tolist())
 
 
 _COLORS = {color: f"var(--{role})" for role, color in LIGHT.items()}

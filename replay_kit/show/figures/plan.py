@@ -9,7 +9,7 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import LastPlan, thinned
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 
-_POINTS = 3000
+_POINTS = 1000
 #: A bottom farther below the plan than this share of its depth is not drawn: dives would be flat.
 _BELOW = 2.5
 

@@ -152,8 +152,8 @@ def section_figure(contents: Contents) -> Figure:
     for k in shown:
         for axis, component in enumerate(COMPONENTS):
             name, most = f"{grid.names[k].replace(' ', '_')}_{component}_m_s", limits[k]
-            table[name] = np.round(grid.values[k, axis].ravel(), 4)
             error = _kind(grid.names[k]) == "error"
+            table[name] = np.round(grid.values[k, axis].ravel(), 4 if error else 3)
             scale = ("amp", 0.0, most, "m/s") if error else ("balance", -most, most, "m/s")
             mark = Mark("mesh", times, depths, grid.names[k], z=f"profiles.{name}", scale=scale)
             y = Axis("depth", "m", (float(depths[-1]), 0.0))

@@ -261,13 +261,9 @@ def coast_near(projection: Projection, longitude: Array, latitude: Array) -> lis
     (west, east), (south, north) = longitude, latitude
     least = float(max(east - west, north - south)) / _POINTS
     near = []
-    for ring in _rings():
-        (left, low), (right, high) = ring.min(axis=0), ring.max(axis=0)
-        if high < south or low > north:
-            continue
-        for turn in (-360.0, 0.0, 360.0):
-            if left + turn <= east and right + turn >= west:
-                near.append(shapely.Polygon(ring + np.array([turn, 0.0])))
+    for turn in (-360.0, 0.0, 360.0):
+        for ring in _rings_in(west - turn, east - turn, south, north):
+            near.append(shapely.Polygon(ring + np.array([turn, 0.0])))
     cut = shapely.clip_by_rect(near, west, south, east, north)
     parts = shapely.get_parts(shapely.simplify(cut, 0.5 * least))
     # what of a ring beside the box is cut to a line has no area
@@ -278,17 +274,22 @@ def coast_near(projection: Projection, longitude: Array, latitude: Array) -> lis
     ]
 
 
-def _rings() -> list[Array]:
-    """Return all rings of land, each shape (n, 2), longitude and latitude [degrees]."""
+def _rings_in(west: float, east: float, south: float, north: float) -> list[Array]:
+    """Return the rings of land whose boxes reach into a box, each shape (n, 2), longitude and latitude [degrees]."""
     path = files("replay_kit.show.page").joinpath("coast.npz")
     with path.open("rb") as file, np.load(file) as kept:
+        # each ring is its first point and the steps from it
+        counts, unit, origin = kept["counts"] + 1, kept["scale"], kept["origin"]
         steps = np.column_stack([kept["east"], kept["north"]]).astype(np.int64)
-        each = zip(kept["starts"], np.split(steps, np.cumsum(kept["counts"])[:-1]), strict=True)
-        unit, origin = kept["scale"], kept["origin"]
-    return [
-        origin + unit * np.concatenate([start[None], start + np.cumsum(part, axis=0)])
-        for start, part in each
-    ]
+        first = np.cumsum(counts) - counts
+        at = np.insert(steps, first - np.arange(first.size), 0, axis=0).cumsum(axis=0)
+        at += np.repeat(kept["starts"] - at[first], counts, axis=0)
+    places = origin + unit * at
+    (left, low), (right, high) = (
+        reach.reduceat(places, first).T for reach in (np.minimum, np.maximum)
+    )
+    found = np.flatnonzero((right >= west) & (left <= east) & (high >= south) & (low <= north))
+    return [places[first[k] : first[k] + counts[k]] for k in found.tolist()]
 
 
 def _caption(contents: Contents, slices: CurrentSlices | None) -> str:

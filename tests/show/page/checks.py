@@ -47,7 +47,9 @@ def check_ids(page: str) -> None:
         for attrs, _ in elements(page, "a")
         if (attrs["href"] or "").startswith("#")
     ]
-    named += [attrs["for"] for tag in ("label", "output") for attrs, _ in elements(page, tag)]
+    labels = [attrs for tag in ("label", "output") for attrs, _ in elements(page, tag)]
+    # a label of a layer is around its box
+    named += [attrs["for"] for attrs in labels if "for" in attrs]
     assert set(named) <= set(ids)
 
 
