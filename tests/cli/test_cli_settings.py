@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -13,6 +14,12 @@ from replay_kit.core.errors import ConfigError
 from tests.command import invoke, succeed
 from tests.places import ROOT
 from tests.planners.flow_samples import eddying_flow
+from tests.results.cases import write
+from tests.results.conftest import innovation, plan  # noqa: F401 - fixtures
+from tests.synthetic_flow import synthetic_flow
+
+# fixtures of other modules are imported by their names
+# ruff: noqa: F811
 
 # as a file and as options have them
 SAME = [
@@ -143,6 +150,21 @@ def test_a_plan_loads_no_more_than_it_needs(tmp_path):
     assert "planners.route.front" in found
 
 
+@pytest.mark.parametrize(
+    "line", ["status", "export -o {0}/x.kml", "plot trust -o {0}/x.svg", "report -o {0}/x.html"]
+)
+def test_what_shows_a_result_opens_it_once_and_loads_no_reader_of_logs(
+    line, tmp_path, innovation, plan
+):
+    innovations = [replace(innovation, dive=k + 1) for k in range(4)]
+    path = write(tmp_path / "r.mcap", synthetic_flow(), innovations, plan).result.path
+    command, _, options = line.format(tmp_path).partition(" ")
+    found, opened = loaded_and_opened(f"{command} {path} {options}")
+    foreign = ("replay_kit.logs", "replay_kit.estimator", "planners", "scipy.stats")
+    assert [name for name in found if name.startswith(foreign)] == []
+    assert opened == [str(path)]
+
+
 def slow_libraries(line: str) -> str:
     """Return which of the libraries that take long to load a command loads."""
     slow = "numpy scipy xarray pandas matplotlib casadi h5py mcap pymavlink"
@@ -151,11 +173,19 @@ def slow_libraries(line: str) -> str:
 
 def loaded(line: str) -> set[str]:
     """Return the modules that a command loads."""
+    return loaded_and_opened(line)[0]
+
+
+def loaded_and_opened(line: str) -> tuple[set[str], list[str]]:
+    """Return the modules that a command loads, and the results that it opens, each as often as it does."""
     code = (
-        "import sys\nfrom replay_kit.cli.app import main\n"
-        "try: main()\nexcept SystemExit: print(*sys.modules)"
+        "import sys\nfiles = []\n"
+        "sys.addaudithook(lambda name, args: name == 'open' and files.append(str(args[0])))\n"
+        "from replay_kit.cli.app import main\n"
+        "try: main()\nexcept SystemExit: print(*sys.modules, '|', *files)"
     )
-    return set(python("-c", code, *line.split()).splitlines()[-1].split())
+    names, _, files = python("-c", code, *line.split()).splitlines()[-1].partition("|")
+    return set(names.split()), [name for name in files.split() if name.endswith(".mcap")]
 
 
 def python(*arguments: str, env: dict[str, str] | None = None) -> str:

@@ -315,8 +315,7 @@ def export(
     with opened(result) as contents:
         of = contents if vehicle is None else contents.of(vehicle)
         rows = write(of, out, [(place[0], place[1], place[2]) for place in places], table)
-    of = "features" if out.suffix.lower() in (".kml", ".geojson") else "rows"
-    counted = ", ".join(f"{name} {count} {of}" for name, count in rows.items())
+    counted = ", ".join(f"{name} {count}" for name, count in rows.items())
     return _told(contents, f"{out}: {counted}")
 
 

@@ -107,9 +107,7 @@ class Velocities:
         """Return a table with a row a point."""
         import pandas as pd
 
-        columns = self._columns()
-        points = pd.RangeIndex(len(columns["u"]), name="point")
-        return pd.DataFrame(columns, index=points)
+        return pd.DataFrame(self._columns())
 
 
 def _ends(dates: NDArray[np.datetime64]) -> str:

@@ -1,1 +1,1 @@
-"""Figures as values, and the two backends that draw them: on a page with plotly, in print with matplotlib."""
+"""Figures as values, and the back end that draws them on pages and for papers."""

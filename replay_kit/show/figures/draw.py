@@ -270,11 +270,8 @@ def _in_print(text: str) -> str:
     return text.replace("m/s", "m s$^{-1}$")
 
 
-# Height of the notes and of the legend below a figure [inches a line], and the letters that fit into an inch.
-_LINE, _LETTERS = 0.13, 17.0
-# Of the legend: its letters that fit into an inch, as many as are as wide as the mark of an entry and the gap after it, and what is left
-# beside it for labels of axes [inches].
-_SMALL, _MARK, _BESIDE = 22.0, 9, 0.5
+# Height of the notes and of the legend below a figure [inches a line], and the letters that fit into an inch of each.
+_LINE, _LETTERS, _SMALL = 0.13, 17.0, 20.0
 
 
 class ShownCanvas(Canvas):
@@ -312,7 +309,7 @@ def drawn_into(axes: Axes, figure: Figure, number: int, letter: str = "") -> Non
 
 
 def compose(figure: Figure, columns: int) -> Canvas:
-    """Return a figure drawn for a paper: panels with letters, their common legend, and the notes below them.
+    """Return a figure drawn for a paper: panels with letters, their common legend, and the notes above it.
 
     Args:
         figure: The figure.
@@ -324,10 +321,8 @@ def compose(figure: Figure, columns: int) -> Canvas:
         across = min(figure.across if columns == 2 else 1, count)
         rows = [figure.panels[k : k + across] for k in range(0, count, across)]
         heights = [max(panel.height for panel in row) * width / across for row in rows]
-        shares = any(panel.shares_legend for panel in figure.panels)
         canvas = ShownCanvas(figsize=(width, sum(heights)), layout="constrained")
-        ratios = [*heights, *[_LINE] * shares]
-        grid = canvas.add_gridspec(len(rows) + shares, across, height_ratios=ratios)
+        grid = canvas.add_gridspec(len(rows), across, height_ratios=heights)
         entries: dict[str, Any] = {}
         for k, panel in enumerate(figure.panels):
             axes = canvas.add_subplot(grid[divmod(k, across)])
@@ -335,38 +330,37 @@ def compose(figure: Figure, columns: int) -> Canvas:
             if panel.shares_legend:
                 marks, labels = axes.get_legend_handles_labels()
                 entries |= dict(zip(labels, marks, strict=True))
-        if shares:
-            heights.append(_draw_legend(canvas.add_subplot(grid[len(rows), :]), entries, width))
-        grid.set_height_ratios(heights)
         notes = fill(" ".join(figure.notes), int(_LETTERS * width))
-        if notes:
-            canvas.supxlabel(notes, fontsize=6.0, color=PRINT["soft"], x=0.01, ha="left")
-        below = _LINE * (notes.count("\n") + 2) if notes else 0.0
-        canvas.set_size_inches(width, sum(heights) + below)
+        look: Any = {"fontsize": 6.0, "color": PRINT["soft"], "x": 0.01, "ha": "left"}
+        lines = notes.count("\n") + 2 if notes else 0
+        if entries:
+            beside = _beside([*entries], width)
+            lines += -(-len(entries) // beside)
+            below = canvas.legend(
+                [*entries.values()], [*entries], loc="outside lower left", ncols=beside
+            )
+            below.set_title(notes, {"size": 6.0})
+            below.set_alignment("left")
+            below.get_title().set_color(PRINT["soft"])
+        elif notes:
+            canvas.supxlabel(notes, **look)
+        canvas.set_size_inches(width, sum(heights) + _LINE * lines)
         # axes of a fixed shape depend on their size, which depends on the layout
-        for _ in range(3 * shares):
+        for _ in range(3 if entries else 0):
             canvas.draw_without_rendering()
         return canvas
 
     return styled(make)
 
 
-def _draw_legend(axes: Axes, entries: Mapping[str, Any], width: float) -> float:
-    """Draw a legend into axes of its own, as wide as a figure [inches], and return its height [inches]."""
-    axes.set_axis_off()
-    if not entries:
-        # a height nevertheless: axes without one are not laid out
-        return 0.1 * _LINE
-    room, names = (width - _BESIDE) * _SMALL, [*entries]
+def _beside(names: Sequence[str], width: float) -> int:
+    """Return how many columns of a legend fit into a figure [inches], as matplotlib fills them."""
 
     def letters(columns: int) -> int:
         each = np.array_split(np.array([len(name) for name in names]), columns)
-        return int(sum(lengths.max() + _MARK for lengths in each))
+        return int(sum(lengths.max() + 9 for lengths in each))
 
-    beside = next((n for n in range(len(names), 1, -1) if letters(n) <= room), 1)
-    place: Any = {"loc": "upper left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.0}
-    axes.legend([*entries.values()], names, ncols=beside, **place)
-    return _LINE * -(-len(names) // beside)
+    return next((n for n in range(len(names), 1, -1) if letters(n) <= _SMALL * width), 1)
 
 
 # Width of a panel of a page [px], and around its axes: left, right, above and below.
@@ -385,22 +379,22 @@ class Drawn(NamedTuple):
     about: dict[str, Any]
 
 
-def panels_svg(figure: Figure) -> Iterator[Drawn]:
-    """Yield the panels of a figure as a page has them; their titles and colour scales are the page's own."""
+def panels_svg(figure: Figure, wide: float = _WIDE) -> Iterator[Drawn]:
+    """Yield the panels of a figure as a page has them, so wide [px]; their titles and colour scales are the page's own."""
     with rc_context(PAGE):
         for number, panel in enumerate(figure.panels):
-            yield _panel_svg(figure, number, panel)
+            yield _panel_svg(figure, number, panel, wide)
 
 
-def _panel_svg(figure: Figure, number: int, panel: Panel) -> Drawn:
+def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
     left, right, above, below = _AROUND
     below += 60.0 * bool(panel.x.labels)
-    wide = _WIDE - left - right
+    wide = full - left - right
     high = wide * (1.0 if panel.equal else panel.height)
     total = high + above + below
     timed = values_of(figure.tables, panel.marks[0].x).dtype.kind == "M"
-    canvas = Canvas(figsize=(_WIDE / 72.0, total / 72.0), dpi=72)
-    axes = canvas.add_axes((left / _WIDE, below / total, wide / _WIDE, high / total))
+    canvas = Canvas(figsize=(full / 72.0, total / 72.0), dpi=72)
+    axes = canvas.add_axes((left / full, below / total, wide / full, high / total))
     draw_panel(axes, panel, figure.tables, _PAGE)
     if not panel.x.log and not panel.x.labels and not timed:
         axes.locator_params(axis="x", nbins=6)
@@ -452,9 +446,11 @@ def column(values: Any, digits: int = 5) -> list[float | None]:
     each = np.asarray(values, dtype=np.float64).ravel()
     known, size = np.isfinite(each), np.abs(each)
     with np.errstate(all="ignore"):
-        places = 10.0 ** (digits - 1 - np.floor(np.log10(np.where(known & (size > 0.0), size, 1.0))))
-        rounded = np.rint(each * places) / places
-    return list(np.where(known, rounded, None).tolist())
+        tens = np.floor(np.log10(np.where(known & (size > 0.0), size, 1.0)))
+        places = 10.0 ** (digits - 1 - tens)
+        rounded = (np.rint(each * places) / places).astype(object)
+    rounded[~known] = None
+    return list(rounded.tolist())
 
 
 _COLORS = {color: f"var(--{role})" for role, color in LIGHT.items()}

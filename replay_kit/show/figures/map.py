@@ -225,7 +225,7 @@ def marks_of(features: Iterable[Feature]) -> list[Mark]:
     for role, group in groupby(features, key=lambda one: str(one["properties"]["role"])):
         parts = [_places(one["geometry"]) for one in group]
         if ON_MAP[role]["kind"] != "points":
-            parts = [part for each in parts for part in (each, np.full((1, 2), np.nan))]
+            parts = [part for each in parts for part in (each, np.full((1, 2), np.nan))][:-1]
         x, y = np.concatenate(parts).T
         marks.append(Mark(x=x, y=y, **ON_MAP[role]))
     return marks

@@ -2,10 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 
-from replay_kit.core.colors import SYMBOLS
+import numpy as np
 
-_WIDE, _HIGH, _EDGE = 360.0, 240.0, 22.0
+from replay_kit.core.colors import SYMBOLS
+from replay_kit.show.figures.draw import panels_svg
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
+
 Points = Sequence[tuple[float, float]]
+# Of the way only some fixes are known here.
+_LOOKS = {
+    "ellipse": ("ring", SYMBOLS["plan"][0], "circle", "solid", 6.0),
+    "track": ("line", SYMBOLS["track"][0], "circle", "dot", 6.0),
+    "plan": ("joined", SYMBOLS["plan"][0], "circle", "solid", 5.0),
+    "goal": ("points", *SYMBOLS["goal"], "solid", 18.0),
+    "vehicle": ("points", *SYMBOLS["vehicle"], "solid", 11.0),
+}
 
 
 def small_map(places: Mapping[str, Points]) -> str:
@@ -14,51 +25,22 @@ def small_map(places: Mapping[str, Points]) -> str:
     Args:
         places: Points (east, north) [m] of ``track``, ``plan``, ``goal`` and ``ellipse``, those that are known.
     """
-    every = [point for points in places.values() for point in points]
-    if len(set(every)) < 2:
+    every = np.array([point for points in places.values() for point in points]) / 1e3
+    if len(np.unique(every, axis=0)) < 2:
         return ""
-    west, east = (end(point[0] for point in every) for end in (min, max))
-    south, north = (end(point[1] for point in every) for end in (min, max))
-    scale = min(
-        (_WIDE - 2.0 * _EDGE) / max(east - west, 1.0),
-        (_HIGH - 2.0 * _EDGE) / max(north - south, 1.0),
-    )
-
-    def at(point: tuple[float, float]) -> tuple[float, float]:
-        x = 0.5 * _WIDE + scale * (point[0] - 0.5 * (west + east))
-        return x, 0.5 * _HIGH - scale * (point[1] - 0.5 * (south + north))
-
-    def line(points: Points) -> str:
-        return " ".join(f"{x:.1f},{y:.1f}" for x, y in map(at, points))
-
-    ink, plan = (f"var(--{SYMBOLS[name][0]})" for name in ("track", "plan"))
-    track, legs = places.get("track", ()), places.get("plan", ())
-    out = []
-    if "ellipse" in places:
-        out.append(f'<polygon points="{line(places["ellipse"])}" fill="{plan}" opacity=".25"/>')
-    # of the way only some fixes are known here
-    out.append(
-        f'<polyline points="{line(track)}" fill="none" stroke="{ink}" stroke-width="2" stroke-dasharray="2 4"/>'
-    )
-    way = [*track[-1:], *legs]
-    out.append(f'<polyline points="{line(way)}" fill="none" stroke="{plan}" stroke-width="2"/>')
-    out += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2.5" fill="{plan}"/>' for x, y in map(at, legs)]
-    for x, y in map(at, track[-1:]):
-        out.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="6" fill="{ink}"/>')
-    for x, y in map(at, places.get("goal", ())):
-        arms = f"M{x - 11:.1f} {y:.1f}h22M{x:.1f} {y - 11:.1f}v22"
-        out.append(
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="6" fill="none" stroke="{plan}" stroke-width="2"/>'
-        )
-        out.append(f'<path d="{arms}" stroke="{plan}" stroke-width="2"/>')
-    km = next(
-        each
-        for each in (500, 200, 100, 50, 20, 10, 5, 2, 1, 0.5, 0.1)
-        if each * 1e3 * scale < 130 or each == 0.1
-    )
-    out.append(
-        f'<path d="M12 {_HIGH - 12}h{1e3 * km * scale:.1f}" stroke="{ink}" stroke-width="2"/>'
-    )
-    out.append(f'<text x="12" y="{_HIGH - 17}" fill="{ink}" font-size="12">{km:g} km</text>')
-    what = f"Map, north up, {(east - west) / 1e3:.0f} by {(north - south) / 1e3:.0f} km: {', '.join(places)}"
-    return f'<svg class="map" viewBox="0 0 {_WIDE:g} {_HIGH:g}" role="img" aria-label="{what}">{"".join(out)}</svg>'
+    vehicle = list(places.get("track", ())[-1:])
+    drawn = {**places, "plan": [*vehicle, *places.get("plan", ())], "vehicle": vehicle}
+    marks = []
+    for name, (kind, color, symbol, dash, size) in _LOOKS.items():
+        if drawn.get(name):
+            x, y = np.array(drawn[name]).T / 1e3
+            marks.append(Mark(kind, x, y, name, color, symbol, dash, size=size))  # type: ignore[arg-type]
+    least, most = every.min(axis=0), every.max(axis=0)
+    shape = np.array([1.5, 1.0])
+    half = 0.6 * shape * max(((most - least) / shape).max(), 0.1)
+    ends = [*zip(*(0.5 * (least + most) + side * half for side in (-1.0, 1.0)), strict=True)]
+    axes = Axis("east", "km", ends[0]), Axis("north", "km", ends[1])
+    (svg, _), *_ = panels_svg(Figure("small", "", [Panel("", *axes, marks, 1.0 / 1.5)]), 320.0)
+    wide, high = most - least
+    what = f"Map, north up, {wide:.0f} by {high:.0f} km: {', '.join(places)}"
+    return f'<div class="map" role="img" aria-label="{what}">{svg}</div>'

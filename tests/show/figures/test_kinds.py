@@ -37,7 +37,13 @@ def words(figure):
         for axes in figure.axes
         for text in [*axes.texts, axes.title, axes._left_title]
     ]
-    return " ".join(" ".join([*texts, figure.get_supxlabel()]).split())
+    return " ".join(" ".join([*texts, notes_of(figure)]).split())
+
+
+def notes_of(figure):
+    """Return what is said below a figure, as one line."""
+    titles = [legend.get_title().get_text() for legend in figure.legends]
+    return " ".join(" ".join([*titles, figure.get_supxlabel()]).split())
 
 
 @pytest.fixture

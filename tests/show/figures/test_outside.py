@@ -12,6 +12,7 @@ from replay_kit.results.views.slices import on_grid, published_slices, slices_of
 from replay_kit.show.figures.kinds import drawn
 from replay_kit.show.report.pages import report_html
 from tests.results.cases import turned, write
+from tests.show.figures.test_kinds import notes_of
 from tests.show.report.html_of import figures, text_of, unpacked
 from tests.synthetic_flow import synthetic_flow
 
@@ -62,7 +63,7 @@ def test_the_figures_hatch_them(contents):
     for land in (True, False):
         figure = drawn(contents(land=land), "map")
         assert figure.axes[0].patch.get_hatch()
-        said = " ".join(figure.get_supxlabel().split())
+        said = notes_of(figure)
         assert "Hatched: outside the forecast." in said
         assert ("Grey: land, or below the bottom." in said) == land
 
@@ -72,7 +73,7 @@ def test_a_plan_that_leads_out_of_the_forecast_says_so(plan, innovation, tmp_pat
     for spacing, beyond in ((5_000.0, False), (500.0, True)):
         flow = synthetic_flow(spacing=spacing)
         contents = write(tmp_path / f"{beyond}.mcap", flow, [innovation], plan)
-        said = " ".join(drawn(contents, "plan").get_supxlabel().split())
+        said = notes_of(drawn(contents, "plan"))
         assert ("Hatched: outside the forecast." in said) == beyond
 
 
@@ -82,4 +83,4 @@ def test_without_an_estimate_nothing_is_called_land_that_may_lie_outside(content
     figure = figures(report_html(result.result))["current-map"]
     assert figure["map"]["dry"] == said
     assert "outside" not in figure["packed"]
-    assert f"Grey: {said}." in " ".join(drawn(result, "map").get_supxlabel().split())
+    assert f"Grey: {said}." in notes_of(drawn(result, "map"))
