@@ -336,10 +336,11 @@ def compose(figure: Figure, columns: int) -> Canvas:
         if entries:
             beside = _beside([*entries], width)
             lines += -(-len(entries) // beside)
+            small: Any = {"size": 6.0}
             below = canvas.legend(
                 [*entries.values()], [*entries], loc="outside lower left", ncols=beside
             )
-            below.set_title(notes, {"size": 6.0})
+            below.set_title(notes, small)
             below.set_alignment("left")
             below.get_title().set_color(PRINT["soft"])
         elif notes:

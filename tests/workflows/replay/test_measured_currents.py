@@ -123,6 +123,7 @@ def test_table_and_page_name_both(replayed, tmp_path):
         assert table.iloc[-1][[f"dac_eastward_{name}", f"dac_{name}_standard_error"]].notna().all()
     assert table["dac_eastward_corrected"].isna().iloc[0]
     succeed(f"report {result} -o {tmp_path}/page.html")
-    traces = figures((tmp_path / "page.html").read_text())["mean-currents"]["traces"]
-    # of the eastward component, then of the northward one
-    assert [trace["name"] for trace in traces] == ["measured", "corrected", "estimated"] * 2
+    east, north = figures((tmp_path / "page.html").read_text())["mean-currents"]["panels"]
+    names = [mark["name"] for mark in east["marks"]]
+    assert names == [mark["name"] for mark in north["marks"]]
+    assert names == ["measured", "corrected", "estimated"]

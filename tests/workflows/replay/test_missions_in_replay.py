@@ -26,9 +26,8 @@ from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
 from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.figures.map import Chosen, plan_figure
 from replay_kit.show.notebook import read_result
-from replay_kit.show.figures.map import Chosen
-from replay_kit.show.figures.kinds import plan_panels
 from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import status_text
@@ -136,7 +135,7 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
     )
     assert words in " ".join(status_text(status_of(held)).split())
     contents = Contents(rk.open_result(path))
-    assert f"Dives {words}." in plan_panels(contents, Chosen()).notes
+    assert f"Dives {words}." in plan_figure(contents, Chosen()).notes
     last = held.fixes[-1]
     places = f"--start={last.longitude},{last.latitude},0 --goal={GOAL.longitude},{GOAL.latitude},0"
 
