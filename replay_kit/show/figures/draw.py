@@ -13,6 +13,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import ScaledTranslation
 
 from replay_kit.core.arrays import Array
@@ -197,6 +198,7 @@ def _draw_axes(axes: Axes, panel: Panel, tables: Tables, medium: _Medium) -> Non
         axes.set(**{f"{name}label": _in_print(str(axis)) if medium is _PAPER else str(axis)})
         if axis.log:
             axes.set(**{f"{name}scale": "log"})
+            _number_logarithms(getattr(axes, f"{name}axis"))
         if axis.ends is not None:
             axes.set(**{f"{name}lim": axis.ends})
         elif axis.from_zero:
@@ -220,6 +222,17 @@ def _draw_axes(axes: Axes, panel: Panel, tables: Tables, medium: _Medium) -> Non
         axes.locator_params(axis="y", nbins=3)
         axes.xaxis.set_major_formatter(lambda value, _: degrees_text(value, "EW"))
         axes.yaxis.set_major_formatter(lambda value, _: degrees_text(value, "NS"))
+
+
+def _number_logarithms(axis: Any) -> None:
+    """Give a logarithmic axis plain round numbers, of evenly spaced values where these are alike."""
+    least, most = axis.get_view_interval()
+    alike = most < 4.0 * least
+    subs = (1.0, 2.0, 5.0) if most < 1e3 * least else (1.0,)
+    even = MaxNLocator(5, steps=[1, 2, 5, 10])
+    axis.set_major_locator(even if alike else LogLocator(subs=subs))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(NullLocator())
 
 
 def _draw_labels(axes: Axes, labels: Sequence[tuple[float, float, str]], medium: _Medium) -> None:
@@ -389,7 +402,7 @@ def panels_svg(figure: Figure, wide: float = _WIDE) -> Iterator[Drawn]:
 
 def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
     left, right, above, below = _AROUND
-    below += 60.0 * bool(panel.x.labels)
+    below += min(4.5 * max(map(len, panel.x.labels), default=0), 90.0)
     wide = full - left - right
     high = wide * (1.0 if panel.equal else panel.height)
     total = high + above + below
@@ -397,6 +410,7 @@ def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
     canvas = Canvas(figsize=(full / 72.0, total / 72.0), dpi=72)
     axes = canvas.add_axes((left / full, below / total, wide / full, high / total))
     draw_panel(axes, panel, figure.tables, _PAGE)
+    axes.yaxis.set_label_coords(-46.0 / wide, 0.5)
     if not panel.x.log and not panel.x.labels and not timed:
         axes.locator_params(axis="x", nbins=6)
     if not panel.y.log:
