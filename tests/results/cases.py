@@ -155,5 +155,6 @@ def write_many(
                 block = []
             if k % (pings // 20) == 0:
                 writer.grids(now, flow, DEPTHS)
-        writer.innovations(block or [innovation])
+        if block:
+            writer.innovations(block)
         writer.finish(flow)

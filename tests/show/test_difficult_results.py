@@ -15,6 +15,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation
 from replay_kit.core.plan import Plan
 from replay_kit.results import ResultWriter
+from replay_kit.results.schemas import CONTRACT_VERSION
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.export import ENDINGS, export
 from replay_kit.show.figures.kinds import KINDS, drawn
@@ -66,7 +67,7 @@ def without_positions(path: Path, flow: FlowEstimate, innovation: Innovation, pl
 CASES: list[tuple[Case, str, set[str]]] = [
     (
         of_another_version,
-        "The result has version 4 of the contract, this program version 5",
+        f"The result has version 4 of the contract, this program version {CONTRACT_VERSION}",
         {"plans", "section", "track"},
     ),
     (without_estimate, "carries no estimate.npz", {"plans", "section", "track"}),

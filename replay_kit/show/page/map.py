@@ -19,7 +19,7 @@ from replay_kit.results.geojson import POSITIONS, features_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.results.views.track import thinned
+from replay_kit.results.views.track import Track, thinned
 from replay_kit.show.figures.draw import column
 from replay_kit.show.figures.map import Extent, bottom_lines, dry_text
 from replay_kit.show.figures.style import ON_MAP
@@ -41,10 +41,8 @@ def map_of(contents: Contents) -> Map | None:
     if slices is None and track.time_ns.size == 0 and not len(contents.result.plan_tracks):
         return None
     packed, drawn = _field(contents, slices) if slices is not None else ({}, {})
-    tables: dict[str, dict[str, Any]] = {}
-    for vehicle, one in contents.each.items():
-        held = _tables(one)
-        tables |= {f"{vehicle} {key}".strip(): table for key, table in held.items()}
+    each = {name: one.track for name, one in contents.each.items() if one.track.time_ns.size}
+    tables = {f"{name} track".strip(): _track_table(track) for name, track in each.items()}
     views = _views(contents, slices)
     lines = bottom_lines(contents, views["region"])
     drawn |= {
@@ -124,34 +122,19 @@ def _milliseconds(times: Sequence[str]) -> list[int]:
     return list(each.astype(np.int64).tolist())
 
 
-def _tables(contents: Contents) -> dict[str, dict[str, Any]]:
-    """Return track, surfacings and areas of a vehicle as columns."""
-    track, plan, found = contents.track, contents.last_plan, {}
-    if count := track.time_ns.size:
-        kept = thinned(count, POSITIONS)
-        found["track"] = {
-            "time": track.time_ns[kept].astype("datetime64[ns]"),
-            "longitude": track.longitude[kept],
-            "latitude": track.latitude[kept],
-            "depth_m": track.depth[kept],
-            "east_km": track.east[kept] / 1e3,
-            "north_km": track.north[kept] / 1e3,
-            "hours": (track.time_ns - track.time_ns[0])[kept] / 3.6e12,
-            "dead_reckoned": track.dead_reckoned[kept],
-        }
-    if len(table := contents.result.surfacings):
-        names = [
-            f"{kind}_{end}" for kind in ("predicted", "actual") for end in ("longitude", "latitude")
-        ]
-        columns = {name: table[name].to_numpy() for name in names}
-        lengths = {"distance_m": table["distance"].to_numpy(), "delay_s": table["delay"].to_numpy()}
-        found["surfacings"] = {"time": table.index.to_numpy(), **columns, **lengths}
-    if plan is not None and plan.areas:
-        rings = [np.array([*area.corners, area.corners[0]]) for area in plan.areas]
-        names = [area.name for area, ring in zip(plan.areas, rings, strict=True) for _ in ring]
-        longitude, latitude = np.concatenate(rings).T
-        found["no_go_areas"] = {"area": names, "longitude": longitude, "latitude": latitude}
-    return found
+def _track_table(track: Track) -> dict[str, Any]:
+    """Return a track as columns."""
+    kept = thinned(track.time_ns.size, POSITIONS)
+    return {
+        "time": track.time_ns[kept].astype("datetime64[ns]"),
+        "longitude": track.longitude[kept],
+        "latitude": track.latitude[kept],
+        "depth_m": track.depth[kept],
+        "east_km": track.east[kept] / 1e3,
+        "north_km": track.north[kept] / 1e3,
+        "hours": (track.time_ns - track.time_ns[0])[kept] / 3.6e12,
+        "dead_reckoned": track.dead_reckoned[kept],
+    }
 
 
 def _controls(contents: Contents, slices: CurrentSlices) -> list[Control]:

@@ -45,6 +45,8 @@ def browser() -> Iterator[Any]:
         yield own
 
 
+# real dives contradict the sample's ensemble, which a page shows as well
+@pytest.mark.filterwarnings("ignore:the gate prefers")
 @pytest.mark.parametrize(("result", "largest"), [(sample, 2e6), (seaglider, 2e6), (month, 2.5e6)])
 def test_a_report_is_written_draws_itself_and_obeys(browser, result, largest, tmp_path):
     page = tmp_path / "page.html"
