@@ -5,9 +5,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.resources import files
-from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import pytest
@@ -90,16 +88,6 @@ def thread_clock(tab: Any) -> Callable[[], float]:
         return float(next(each["value"] for each in metrics if each["name"] == "ThreadTime"))
 
     return spent
-
-
-def seconds_a_frame(tab: Any, frames: int = 31) -> float:
-    """Return the processor time of a frame of what moves in a tab [s], the median of some."""
-    spent = thread_clock(tab)
-    times = [spent()]
-    for _ in range(frames):
-        tab.evaluate("() => new Promise((done) => requestAnimationFrame(done))")
-        times.append(spent())
-    return median(later - earlier for earlier, later in pairwise(times))
 
 
 def seconds_to_first_picture(browser: Any, path: Path) -> float:

@@ -3,7 +3,7 @@ const LABEL = "12px system-ui, 'DejaVu Sans', sans-serif";
 const toScreen = (map, x, y) => [(x - map.x) * map.k + map.w / 2, (map.y - y) * map.k + map.h / 2];
 const toPlace = (map, px, py) => [(px - map.w / 2) / map.k + map.x, map.y - (py - map.h / 2) / map.k];
 const rgb = (color) => [1, 3, 5].map((k) => parseInt(color.slice(k, k + 2), 16));
-const polygon = (...points) => new Path2D(`M${points.join("L")}`);
+const trace = (context, ...points) => { context.beginPath(); points.forEach((point) => context.lineTo(...point)); return context; };
 
 // Longitude and latitude [degrees] of a place, linear between nodes and beyond them.
 function degreesOf(map, x, y) {
@@ -47,9 +47,9 @@ function fieldReader(map) {
 function drawGround(map, context) {
   Object.assign(context, { fillStyle: styled("--panel"), strokeStyle: styled("--line"), lineWidth: 1 });
   context.fillRect(0, 0, map.w, map.h);
-  for (let k = -map.h; k < map.w; k += 9) context.stroke(polygon([k, map.h], [k + map.h, 0]));
+  for (let k = -map.h; k < map.w; k += 9) trace(context, [k, map.h], [k + map.h, 0]).stroke();
   const land = new Path2D();
-  for (const ring of map.drawn.frame.land) land.addPath(polygon(...ring.map(([x, y]) => toScreen(map, x, y))));
+  for (const ring of map.drawn.frame.land) land.addPath(new Path2D(`M${ring.map(([x, y]) => toScreen(map, x, y)).join("L")}`));
   context.fillStyle = styled("--land");
   context.fill(land, "evenodd");
 }
@@ -58,6 +58,7 @@ function drawField(map, context) {
   if (!map.drawn.scales) return;
   const [read, out, step] = [fieldReader(map), new Float64Array(4), 2];
   const image = new ImageData(Math.ceil(map.w / step), Math.ceil(map.h / step));
+  const { data } = image;
   const { most, [map.dark ? "dark" : "light"]: colors } = map.drawn.scales[map.quantity];
   const [land, pale, ramp] = [rgb(styled("--land")), rgb(styled("--missing")), colors.map(rgb)];
   for (let n = 0; n < image.width * image.height; n += 1) {
@@ -67,9 +68,8 @@ function drawField(map, context) {
     const at = clamp((map.quantity === "speed" ? speed : error) / most, 0, 0.9999) * (ramp.length - 1);
     // less colour is left where the error comes near the current, and exceeds it
     const left = map.quantity === "speed" && Number.isFinite(error) ? clamp(1.6 - error / Math.max(speed, 1e-6), 0.3, 1) : 1;
-    const k = Math.floor(at);
-    const color = kind !== "known" ? land : Number.isFinite(at) ? pale.map((grey, c) => grey + left * (ramp[k][c] + (at - k) * (ramp[k + 1][c] - ramp[k][c]) - grey)) : pale;
-    image.data.set([...color, 255], 4 * n);
+    const [k, plain] = [Math.floor(at), kind === "known" ? pale : land];
+    for (let c = 0; c < 4; c += 1) data[4 * n + c] = c > 2 ? 255 : kind === "known" && at >= 0 ? pale[c] + left * (ramp[k][c] + (at - k) * (ramp[k + 1][c] - ramp[k][c]) - pale[c]) : plain[c];
   }
   const own = Object.assign(document.createElement("canvas"), { width: image.width, height: image.height });
   own.getContext("2d").putImageData(image, 0, 0);
@@ -97,7 +97,7 @@ function drawDegrees(map, context) {
         return kind ? [q, p] : [p, q];
       });
       Object.assign(context, { strokeStyle: map.dark ? "#ffffff26" : "#0f19231f", lineWidth: 1 });
-      context.stroke(polygon(...line));
+      trace(context, ...line).stroke();
       const [label, text] = [line[0][kind], degreeText(value, kind ? "NS" : "EW", step < 1 / 60 ? 1 : 0, step < 1)];
       if (kind && label > map.room.t + 32 && label < map.h - map.room.b) halo(map, context, text, 8, label - 5);
       if (!kind && label > 24 && label < along - 70) halo(map, context, text, label + 5, map.room.t + 12);
@@ -133,13 +133,13 @@ function drawDrift(map, context) {
     if (way.length < 6) continue;
     for (let k = 1; k < way.length; k += 1) {
       Object.assign(context, { strokeStyle: `rgba(${ink},${0.02 + 0.042 * k})`, lineWidth: 0.5 + 0.09 * k });
-      context.stroke(polygon(way[k - 1], way[k]));
+      trace(context, way[k - 1], way[k]).stroke();
     }
     const [[ax, ay], [bx, by]] = way.slice(-2);
     const far = Math.hypot(bx - ax, by - ay);
     const [dx, dy] = [(bx - ax) / far, (by - ay) / far];
     context.fillStyle = `rgba(${ink},0.5)`;
-    if (far >= 2) context.fill(polygon([bx + 3 * dx, by + 3 * dy], [bx - 2 * dx - 1.8 * dy, by - 2 * dy + 1.8 * dx], [bx - 2 * dx + 1.8 * dy, by - 2 * dy - 1.8 * dx]));
+    if (far >= 2) trace(context, [bx + 3 * dx, by + 3 * dy], [bx - 2 * dx - 1.8 * dy, by - 2 * dy + 1.8 * dx], [bx - 2 * dx + 1.8 * dy, by - 2 * dy - 1.8 * dx]).fill();
   }
 }
 
@@ -180,7 +180,7 @@ function drawSymbol(context, { symbol, size, edge, width }, px, py, color) {
   if (symbol === "x") path.addPath(new Path2D(`M${px - r} ${py - r}l${size} ${size}M${px + r} ${py - r}l${-size} ${size}`));
   else if (symbol === "diamond") path.addPath(new Path2D(`M${px} ${py - r}l${r} ${r}l${-r} ${r}l${-r} ${-r}Z`));
   else path.arc(px, py, symbol === "cross" ? 0.62 * r : r, 0, 7);
-  if (symbol === "cross") for (const [dx, dy] of [[r, 0], [-r, 0], [0, r], [0, -r]]) path.addPath(polygon([px + 0.3 * dx, py + 0.3 * dy], [px + 1.3 * dx, py + 1.3 * dy]));
+  if (symbol === "cross") for (const [dx, dy] of [[r, 0], [-r, 0], [0, r], [0, -r]]) path.addPath(new Path2D(`M${px + 0.3 * dx} ${py + 0.3 * dy}L${px + 1.3 * dx} ${py + 1.3 * dy}`));
   if (symbol === "cross") stroke(styled("--paper"), width + 3);
   if (edge) stroke(styled(`--${edge}`), size > 8 ? 4 : 3);
   context.fillStyle = color;

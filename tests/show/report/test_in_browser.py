@@ -123,8 +123,9 @@ def _check_values(tab: Any) -> None:
         picture.scroll_into_view_if_needed()
         tip = tab.locator(f"#{key} .tip").first
         box = picture.bounding_box()
-        for share in range(20, 95, 5):
-            tab.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.01 * share * box["height"])
+        for across, down in product(range(12, 100, 6), range(4, 90, 6)):
+            place = box["x"] + 0.01 * across * box["width"], box["y"] + 0.01 * down * box["height"]
+            tab.mouse.move(*place)
             if tip.is_visible():
                 break
         assert said in tip.inner_text()
