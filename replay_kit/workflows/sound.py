@@ -67,8 +67,11 @@ def sound_result(path: Path) -> Iterator[Sound]:
         LogError: Too little of the file could be recovered.
     """
     # what a result holds is small: threads would mostly wait for each other
-    one = threadpool_limits(limits=1)
-    with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder, shared(path), one:
+    with (
+        threadpool_limits(limits=1),
+        tempfile.TemporaryDirectory(prefix="replay_kit_") as folder,
+        shared(path),
+    ):
         sound = recover(path, Path(folder))
         try:
             yield sound

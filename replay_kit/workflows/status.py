@@ -8,6 +8,7 @@ from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.vehicles import part_path
 from replay_kit.show.status.held import Held, read_held
+from replay_kit.show.status.page import several_page, status_page
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.sound import Sound, sound_result
 
@@ -55,9 +56,6 @@ def write_pages(
     Raises:
         ConfigError: A page cannot be written.
     """
-    # here, because figures load slowly
-    from replay_kit.show.status.page import several_page
-
     if "" in statuses:
         write_page(statuses[""], path, refresh_s)
         return
@@ -74,6 +72,4 @@ def write_page(status: Status, path: Path, refresh_s: int = 60) -> None:
     Raises:
         ConfigError: The page cannot be written.
     """
-    from replay_kit.show.status.page import status_page
-
     write_whole(path, status_page(status, refresh_s))

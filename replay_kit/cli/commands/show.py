@@ -253,8 +253,7 @@ def plot(
     with opened(result) as contents:
         of = contents if figure == "map" and look.vehicle is None else contents.of(look.vehicle)
         chosen = Chosen(at, look.depth, time_ns)
-        content = saved(drawn(of, figure, chosen, look.columns), out.suffix.lower())
-    write_whole(out, content)
+        write_whole(out, saved(drawn(of, figure, chosen, look.columns), out.suffix.lower()))
     return _told(contents, f"Figure: {out}")
 
 
@@ -314,7 +313,7 @@ def export(
 
     with opened(result) as contents:
         of = contents if vehicle is None else contents.of(vehicle)
-        rows = write(of, out, [(place[0], place[1], place[2]) for place in places], table)
+        rows = write(of, out, [(x, y, z) for x, y, z in places], table)
     counted = ", ".join(f"{name} {count}" for name, count in rows.items())
     return _told(contents, f"{out}: {counted}")
 

@@ -105,9 +105,9 @@ class Velocities:
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a table with a row a point."""
-        import pandas as pd
+        from pandas import DataFrame
 
-        return pd.DataFrame(self._columns())
+        return DataFrame(self._columns())
 
 
 def _ends(dates: NDArray[np.datetime64]) -> str:

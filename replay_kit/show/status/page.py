@@ -12,7 +12,6 @@ from replay_kit.core.text import time_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.page.parts import compass
 from replay_kit.show.status.lines import brief_lines, line_age
-from replay_kit.show.status.small_map import small_map
 from replay_kit.show.status.status import Line, Status
 from replay_kit.show.vehicles import vehicle_rows
 
@@ -109,6 +108,9 @@ def _filled(parts: Mapping[str, str], now_ns: int, refresh_s: int) -> str:
 
 def _drawn(status: Status) -> str:
     """Return a small map, and the current at the vehicle as an arrow."""
+    # here, because figures load slowly
+    from replay_kit.show.status.small_map import small_map
+
     current = status.figures.get("current", {})
     one = current.get("corrected") or current.get("measured") or current.get("predicted")
     arrow = ""

@@ -13,8 +13,7 @@ from replay_kit.core.colors import LINES
 from replay_kit.core.text import csv_text
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
-from replay_kit.show.page.page import Section, page_html
-from replay_kit.show.page.parts import items_html, table_html
+from replay_kit.show.page.page import Section, items_html, page_html, table_html
 from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
 
