@@ -314,7 +314,7 @@ def export(
     with opened(result) as contents:
         of = contents if vehicle is None else contents.of(vehicle)
         rows = write(of, out, [(x, y, z) for x, y, z in places], table)
-    counted = ", ".join(f"{name} {count}" for name, count in rows.items())
+    counted = ", ".join(f"{name} {count} rows" for name, count in rows.items())
     return _told(contents, f"{out}: {counted}")
 
 

@@ -102,6 +102,9 @@ def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
         assert mark.z is not None
         _draw_arrows(axes, x, y, values_of(tables, mark.z), mark.size)
         return
+    if mark.kind == "band":
+        axes.fill(x, y, facecolor=color, alpha=0.2, linewidth=0.0, label=mark.name or None)
+        return
     if mark.kind == "bars":
         wide = float(np.diff(x).min()) if x.size > 1 else 0.8
         axes.bar(x, y, wide, color=color, alpha=0.6, label=mark.name)
@@ -114,14 +117,8 @@ def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
             known = ring[np.isfinite(ring[:, 0])]
             axes.fill(*known.T, facecolor=color, alpha=0.06, zorder=2.5)
     if mark.base is not None:
-        # the ground below a line, or a band without one
-        land: Any = {"color": medium.color("land")}
-        filled: Any = (
-            land if mark.kind == "line" else {"color": color, "alpha": 0.22, "label": mark.name}
-        )
-        axes.fill_between(x, y, values_of(tables, mark.base), linewidth=0.0, **filled)
-    if mark.kind == "area":
-        return
+        ground = values_of(tables, mark.base)
+        axes.fill_between(x, y, ground, color=medium.color("land"), linewidth=0.0)
     dots = mark.kind in ("points", "joined")
     look: Any = {
         **{"color": color, "linewidth": width, "label": mark.name or None},
@@ -402,6 +399,7 @@ def panels_svg(figure: Figure, wide: float = _WIDE) -> Iterator[Drawn]:
 
 def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
     left, right, above, below = _AROUND
+    below -= 0.0 if panel.x.label else 18.0
     below += min(4.5 * max(map(len, panel.x.labels), default=0), 90.0)
     wide = full - left - right
     high = wide * (1.0 if panel.equal else panel.height)

@@ -43,7 +43,7 @@ class Mark:
     """Values drawn in one look. Colours are roles of ``core.colors`` or ``#rrggbb``; sizes and widths are pixels of a page.
 
     Attributes:
-        kind: ``line``; ``points``; ``joined``, points on a line; ``bars``; ``area`` between y and ``base``; ``ring``, a filled closed
+        kind: ``line``; ``points``; ``joined``, points on a line; ``bars``; ``band``, a filled outline; ``ring``, a filled closed
             line; ``mesh``, cells coloured by ``z``; ``arrows``, whose components are ``z``.
         x: Along the horizontal axis; NaN leave a gap; of a mesh the edges or corners of its cells.
         y: Along the vertical axis.
@@ -57,13 +57,13 @@ class Mark:
         halo: Whether a light line lies below, for marks on a coloured field.
         step: Whether the line is a staircase.
         error: Standard deviations of y; None for none.
-        base: Where an area ends, or what is filled below a line; None for others.
+        base: Down to which the ground is filled below a line; None for others.
         text: What is said of each point beside the pointer; None for nothing.
         z: Values of the cells of a mesh, row by row; components of arrows, shape (2, n).
         scale: Colour scale of a mesh, the values at its ends, and the label of the colour bar.
     """
 
-    kind: Literal["line", "points", "joined", "bars", "area", "ring", "mesh", "arrows"]
+    kind: Literal["line", "points", "joined", "bars", "band", "ring", "mesh", "arrows"]
     x: Values
     y: Values
     name: str = ""

@@ -292,7 +292,8 @@ def _series_panel(series: Series, key: str, where: str) -> Panel:
     marks = [Mark("joined", times, values, "estimate", size=4.5)]
     name = "one standard error"
     if np.isfinite(errors).sum() > 1:
-        marks.append(Mark("area", times, values - errors, name, base=values + errors))
+        both = np.append(values - errors, (values + errors)[::-1])
+        marks.append(Mark("band", np.append(times, times[::-1]), both, name))
     elif np.isfinite(errors).any():
         marks.append(Mark("points", times[-1:], values[-1:], name, size=4.5, error=errors[-1:]))
     title = f"{_COMPONENTS[key]} current, {where}"

@@ -20,7 +20,16 @@ from replay_kit.show.figures.draw import column_of, panels_svg
 from replay_kit.show.figures.figure import Figure, Panel
 from replay_kit.show.page.parts import items_html, table_html
 
-__all__ = ["Control", "Map", "Section", "figure_html", "items_html", "page_html", "table_html"]
+__all__ = [
+    "Control",
+    "Map",
+    "Section",
+    "figure_html",
+    "items_html",
+    "legend",
+    "page_html",
+    "table_html",
+]
 
 #: Letters of a section in the menu.
 _MENU = 32
@@ -204,7 +213,7 @@ def figure_html(figure: Figure | Map, data: list[dict[str, Any]]) -> str:
         own = (
             "" if panel.title.lower() == figure.title.lower() else f"<h4>{escape(panel.title)}</h4>"
         )
-        panels.append(f'<div class="panel">{own}{svg}{_legend(panel)}</div>')
+        panels.append(f'<div class="panel">{own}{svg}{legend(panel)}</div>')
     return f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3>{plot}{"".join(panels)}</div>{about}</figure>'
 
 
@@ -216,7 +225,7 @@ def tables_of(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, An
     }
 
 
-def _legend(panel: Panel) -> str:
+def legend(panel: Panel) -> str:
     """Return the names of a panel's marks, where there are several, and the scale of its colours."""
     named = {mark.name: _swatch(mark) for mark in panel.marks if mark.name and mark.scale is None}
     if panel.band is not None:
@@ -239,7 +248,7 @@ def _legend(panel: Panel) -> str:
 
 def _swatch(mark: Any) -> str:
     color = mark.color if mark.color.startswith("#") else f"var(--{mark.color})"
-    if mark.kind in ("bars", "area", "ring"):
+    if mark.kind in ("bars", "band", "ring"):
         return f'<i class="band" style="background:{color}"></i>'
     dash = _DASHES.get(mark.dash, "solid")
     line = f'<i style="border-top:2px {dash} {color}"></i>' if mark.kind != "points" else ""

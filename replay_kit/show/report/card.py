@@ -10,6 +10,8 @@ from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import LastPlan
+from replay_kit.show.figures.draw import panels_svg
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.numbers import (
     clock_text,
     error_text,
@@ -20,14 +22,13 @@ from replay_kit.show.numbers import (
     nice,
     number,
 )
+from replay_kit.show.page.page import legend
 from replay_kit.show.page.parts import compass
 
 _CLASSES = {"trust": "good", "with care": "care", "do not use": "stop"}
 _WORDS = {"trust": "Trust", "with care": "Use with care", "do not use": "Do not use"}
 #: Standard deviations of a band that holds 90 %.
 _NINETY = 1.645
-# Of the profile's drawing [px].
-_WIDE, _HIGH, _LEFT = 330, 150, 46
 
 
 def card_html(contents: Contents) -> str:
@@ -237,58 +238,23 @@ def _profile(contents: Contents) -> str:
     known = np.isfinite(found.u)
     if not known.any():
         return ""
-    depth = flow.levels[known]
-    parts = [
-        (name, color, each[known], np.nan_to_num(_NINETY * error[known]))
-        for name, color, each, error in (
-            ("east", "two", found.u, found.u_standard_error),
-            ("north", "one", found.v, found.v_standard_error),
-        )
-    ]
-    reach = nice(
-        max(*(float((np.abs(value) + band).max()) for _, _, value, band in parts), 1e-3), True
-    )
+    depth, marks, words, reach = flow.levels[known], list[Mark](), list[str](), 1e-3
+    for name, color, each, error in (
+        ("east", "two", found.u, found.u_standard_error),
+        ("north", "one", found.v, found.v_standard_error),
+    ):
+        value, band = each[known], np.nan_to_num(_NINETY * error[known])
+        both = np.append(value - band, (value + band)[::-1])
+        marks.append(Mark("band", both, np.append(depth, depth[::-1]), "", color))
+        marks.append(Mark("line", value, depth, name, color))
+        words.append(f"{name} {fixed(value[0], 2)} to {fixed(value[-1], 2)} m/s")
+        reach = max(reach, float(np.abs(both).max()))
+    ends = nice(reach, True)
+    axes = Axis("", ends=(-ends, ends)), Axis("depth", "m", (max(float(depth[-1]), 1.0), 0.0))
+    panel = Panel("", *axes, marks, 0.52)
+    (svg, _), *_ = panels_svg(Figure("at-the-vehicle", "", [panel]), 350.0)
+    said = f"Current from {depth[0]:g} to {depth[-1]:g} m: {', '.join(words)}"
     return (
-        '<p class="title">Current at the vehicle by depth (bands: 90 %)</p>'
-        f'<svg class="profile" viewBox="0 0 {_WIDE} {_HIGH + 30}" role="img" aria-label="{_profile_words(parts, depth)}">'
-        f"{_profile_svg(parts, depth, reach)}</svg>"
+        '<p class="title">Current at the vehicle by depth [m/s] (bands: 90 %)</p>'
+        f'<div class="profile" role="img" aria-label="{said}">{svg}{legend(panel)}</div>'
     )
-
-
-def _profile_words(parts: Any, depth: Array) -> str:
-    ends = [f"{name} {fixed(v[0], 2)} to {fixed(v[-1], 2)} m/s" for name, _, v, _ in parts]
-    return f"Current from {depth[0]:g} to {depth[-1]:g} m: {', '.join(ends)}"
-
-
-def _profile_svg(parts: Any, depth: Array, reach: float) -> str:
-    deepest = max(float(depth[-1]), 1.0)
-    wide = _WIDE - _LEFT - 12
-
-    def x(value: Array | float) -> Any:
-        return _LEFT + 0.5 * wide * (1.0 + np.asarray(value) / reach)
-
-    def line(values: Array, depths: Array) -> str:
-        return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x(values), y(depths), strict=True))
-
-    def y(value: Array | float) -> Any:
-        return 8.0 + _HIGH * np.asarray(value) / deepest
-
-    out = []
-    for share in (-1.0, -0.5, 0.0, 0.5, 1.0):
-        at, unit = float(x(share * reach)), " m/s" if share == 0.0 else ""
-        text = f"{share * reach:.3g}{unit}".replace("-", "−")
-        out.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="8" y2="{_HIGH + 8}"/>')
-        out.append(f'<text x="{at:.1f}" y="{_HIGH + 24}">{text}</text>')
-    for level in np.arange(0.0, deepest + 1.0, nice(deepest / 4.0, True)):
-        out.append(
-            f'<text class="depth" x="{_LEFT - 6}" y="{float(y(level)) + 4:.1f}">{level:g} m</text>'
-        )
-    for number_, (name, color, value, band) in enumerate(parts):
-        both = f"{line(value + band, depth)} {line((value - band)[::-1], depth[::-1])}"
-        out.append(f'<polygon style="fill:var(--{color})" points="{both}"/>')
-        out.append(f'<polyline style="stroke:var(--{color})" points="{line(value, depth)}"/>')
-        side = _WIDE - 32 if value.mean() < 0.0 else _LEFT + 22
-        out.append(
-            f'<text class="name" style="fill:var(--{color})" x="{side}" y="{_HIGH - 18 + 16 * number_}">{name}</text>'
-        )
-    return "".join(out)

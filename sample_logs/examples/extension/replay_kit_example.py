@@ -14,7 +14,7 @@ from replay_kit.estimator.baselines import nearest_member
 from replay_kit.logs.glider.dialects import Dialect
 from replay_kit.measurements.checks.fold import Context, Found, Memory, Rows, windows
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.page.section import Section
+from replay_kit.show.page.page import Section
 
 #: EGO, the French gliders' form.
 EGO = Dialect(
