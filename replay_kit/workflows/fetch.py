@@ -38,8 +38,6 @@ from replay_kit.workflows.replay.inputs.region import (
 )
 from replay_kit.workflows.replay.inputs.scan import Reach, reach_of
 
-# s after which a server that gives nothing is given up
-_SILENCE = 60.0
 _Value = TypeVar("_Value")
 
 
@@ -231,9 +229,8 @@ def _received(request: Request, held: Sequence[Copy] | None) -> Fetched | None:
     if held is not None and _is_current(request, held):
         return None
     wanted, regions = wanted_of(request)
-    records = [None if region is None else region.to_record() for region in regions]
+    why = {"request": request.key, "regions": [one and one.to_record() for one in regions]}
     cuts = cuts_of(request.ensemble, wanted, config)
-    why = {"request": request.key, "regions": records}
     files = receive(cuts, wanted, config, cache_of(config), why)
     return replace(_fetched(request, files, regions), asked=True)
 
@@ -253,7 +250,7 @@ def _price(request: Request) -> list[dict[str, Any]]:
 
 def _asked(call: Callable[..., _Value], request: Request, *more: object) -> _Value:
     """Return what a call finds out from the servers of a request."""
-    return apart(call, request, *more, silence=_SILENCE, what=str(request.addresses[0]))
+    return apart(call, request, *more, what=str(request.addresses[0]))
 
 
 def copy_whole(source: Path, out: Path) -> None:

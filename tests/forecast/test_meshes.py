@@ -110,7 +110,7 @@ def schism(nodes, triangles):
             "SCHISM_hgrid_node_y": (dims[1], nodes[:, 1]),
             "SCHISM_hgrid_face_nodes": (("nSCHISM_hgrid_face", "three"), triangles + 1),
             "member": ("member", [0, 1]),
-            "zCoordinates": (dims, np.stack([heights, heights])),
+            "zCoordinates": (dims, [heights] * 2),
             "horizontalVelX": (dims, of_members(u)),
             "horizontalVelY": (dims, of_members(v)),
         }

@@ -19,6 +19,8 @@ from replay_kit.core.progress import announce, shown_by
 
 _LOG = logging.getLogger(__name__)
 _Value = TypeVar("_Value")
+# s after which a process that announces no progress is ended
+_SILENCE = 60.0
 # s between two words of progress, and memory that a server's answers may take [bytes]
 _OFTEN, _MEMORY = 0.2, 4 << 30
 
@@ -41,13 +43,12 @@ def asking() -> Iterator[None]:
         _ASKING.reset(token)
 
 
-def apart(function: Callable[..., _Value], *arguments: Any, silence: float, what: str) -> _Value:
+def apart(function: Callable[..., _Value], *arguments: Any, what: str) -> _Value:
     """Return the value of a call in a process of its own; progress and log come from it.
 
     Args:
         function: Of a module, so that it can be found by its name; its arguments and its value can be pickled.
         arguments: Of it.
-        silence: Time after which the process is ended unless it announces progress [s].
         what: What is asked, for errors.
 
     Raises:
@@ -69,9 +70,9 @@ def apart(function: Callable[..., _Value], *arguments: Any, silence: float, what
             file.write(pickle.dumps((sys.path, function, arguments)))
         with Connection(os.dup(process.stdout.fileno()), writable=False) as said:
             while True:
-                if not said.poll(silence):
+                if not said.poll(_SILENCE):
                     raise ForecastError(
-                        f"{what}: the server was silent for {silence:g} s; check the connection, or try again later"
+                        f"{what}: the server was silent for {_SILENCE:g} s; check the connection, or try again later"
                     )
                 kind, value = said.recv()
                 if kind == "progress":

@@ -42,7 +42,7 @@ def sea(times: int = 4, shape: tuple[int, int] = (30, 40), step: float = 0.1) ->
 def here(monkeypatch):
     """Servers are asked in this process."""
 
-    def call(function, *arguments, silence, what):
+    def call(function, *arguments, what):
         servers.served.cache_clear()
         fsspec.filesystem("http").invalidate_cache()
         with apart.asking():

@@ -147,11 +147,11 @@ def test_a_chunk_larger_than_memory_is_refused(asker, monkeypatch):
 def test_a_call_apart_gives_its_value_its_progress_and_its_error():
     told = []
     with shown_by(lambda *words: told.append(words)):
-        assert apart(calls.announces, "abc", silence=20.0, what="x") == "ABC"
+        assert apart(calls.announces, "abc", what="x") == "ABC"
     assert told[0] == (0, 3, "abc")
     assert len(told) == 3
     with pytest.raises(ForecastError, match="no such sea"):
-        apart(calls.refuses, silence=20.0, what="x")
+        apart(calls.refuses, what="x")
 
 
 @pytest.mark.parametrize(
@@ -162,14 +162,15 @@ def test_a_call_apart_gives_its_value_its_progress_and_its_error():
         (calls.takes_all, 20.0, "x: the server sends more than this machine may hold"),
     ],
 )
-def test_a_call_that_hangs_dies_or_takes_all_memory_is_ended(call, silence, words):
+def test_a_call_that_hangs_dies_or_takes_all_memory_is_ended(call, silence, words, monkeypatch):
+    monkeypatch.setattr("replay_kit.forecast.remote.apart._SILENCE", silence)
     with pytest.raises(ForecastError, match=words):
-        apart(call, silence=silence, what="x")
+        apart(call, what="x")
 
 
 @pytest.mark.parametrize("fault", ["", pytest.param("flood", marks=pytest.mark.full)])
 def test_a_forecast_is_fetched_in_a_process_of_its_own(tmp_path, objects, fault, monkeypatch):
-    monkeypatch.setattr(fetch, "_SILENCE", 8.0)
+    monkeypatch.setattr("replay_kit.forecast.remote.apart._SILENCE", 8.0)
     files = Files(objects, lambda path, number: fault if path.startswith("uo/0") else "")
     with serving(files):
         forecast = {"cache": str(tmp_path), "region": (153.0, -39.5, 154.5, -38.5)}
