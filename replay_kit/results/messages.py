@@ -4,7 +4,7 @@ Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from typing import Any, Literal
@@ -14,7 +14,7 @@ import foxglove.messages as fox
 import numpy as np
 from numpy.typing import ArrayLike
 
-from replay_kit.core.errors import Finding, ReplayKitError, finding_json
+from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
@@ -98,11 +98,10 @@ def vehicle_transform(
     )
 
 
-def consistency(time_ns: int, findings: Sequence[Finding]) -> bytes:
-    """Return ``replay_kit.Consistency``: all findings so far."""
+def consistency(time_ns: int, findings: Sequence[Mapping[str, Any]]) -> bytes:
+    """Return ``replay_kit.Consistency``: all findings so far, as ``finding_json`` has them."""
     found = [
-        {_FINDING.get(key, key): value or "" for key, value in finding_json(finding).items()}
-        for finding in findings
+        {_FINDING.get(key, key): value or "" for key, value in one.items()} for one in findings
     ]
     return encode("Consistency", {"timestamp": _time(time_ns), "findings": found})
 

@@ -17,11 +17,13 @@ from mcap_protobuf.decoder import DecoderFactory
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import open_input
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.topics import (
     CONFIG_NAME,
     DIGEST_NAME,
     EARLIER_ESTIMATE,
     ESTIMATE_NAME,
+    SUMMARY_NAME,
     WINDOW_NAME,
     WINDOWS_RECORD,
     complete,
@@ -136,6 +138,18 @@ class ResultReader:
                 if wanted(name):
                     found[name] = one
         return found
+
+    @cached_property
+    def outcome(self) -> Outcome | None:
+        """The outcome of the run, or of the vehicle in it; None where the result keeps none, as of an unfinished run."""
+        whole = self if not self.vehicle else ResultReader(self.path)
+        held = whole.attachments(lambda name: name.rpartition("/")[2] == SUMMARY_NAME)
+        records = {name.rpartition("/")[0]: json.loads(one.data) for name, one in held.items()}
+        if (record := records.pop("", None)) is None:
+            return None
+        # results of earlier versions keep one of each vehicle beside that of all
+        found = outcome_from(record if record.get("vehicles") else record | {"vehicles": records})
+        return found.vehicles.get(self.vehicle) if self.vehicle else found
 
     def text(self, name: str) -> str:
         """Return an attached text; empty without one."""

@@ -27,7 +27,7 @@ from replay_kit.results.innovations import (
     table_of,
     tables_of,
 )
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import MESSAGES, TIME, decode, numbers
 from replay_kit.results.slices import surface_table
@@ -48,12 +48,12 @@ class ResultFile:
 
     Attributes:
         path: The result MCAP.
-        summary: Of the replay that made it; None for a result that was opened.
+        made: Outcome of the replay that has just made it, with its wall times and score; None for a result that was opened.
         vehicle: One of several vehicles, whose part this is; empty for the whole.
     """
 
     path: Path
-    summary: ReplaySummary | None = None
+    made: Outcome | None = None
     vehicle: str = ""
 
     def __repr__(self) -> str:
@@ -78,6 +78,11 @@ class ResultFile:
     def reader(self) -> ResultReader:
         """What reads its records and messages."""
         return ResultReader(self.path, self.vehicle)
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """What the run found and how far to trust it: counts, fit, verdict, plan, surfacings, contradictions, losses."""
+        return self.made or self.reader.outcome or Outcome(complete=False)
 
     @cached_property
     def estimate(self) -> FlowEstimate:

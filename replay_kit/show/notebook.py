@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replay_kit.results.innovations import Columns
-from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.result import ResultFile, result_path
-from replay_kit.results.views.record import outcome_of_result, read_record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,14 +20,9 @@ class Result(ResultFile):
     """What a replay found: its estimate and tables (see ``ResultFile``), and its figures."""
 
     @cached_property
-    def outcome(self) -> Outcome:
-        """What the run found and how far to trust it: counts, fit, verdict, plan, surfacings, contradictions, losses."""
-        return outcome_of_result(self, read_record(self.reader))
-
-    @cached_property
     def vehicles(self) -> Mapping[str, "Result"]:
         """Of several vehicles that share the estimate the result of each, by its name; none of one alone."""
-        each = {} if self.summary is None else self.summary.vehicles
+        each = {} if self.made is None else self.made.vehicles
         return {
             one.name: Result(self.path, each.get(one.name), one.name)
             for one in self.reader.vehicles
@@ -57,7 +50,7 @@ def read_result(path: str | Path) -> Result:
 
 def as_pooled(result: Result) -> Result:
     """Return a result, of several vehicles as one whose tables hold all of them."""
-    return Pooled(result.path, result.summary) if result.reader.vehicles else result
+    return Pooled(result.path, result.made) if result.reader.vehicles else result
 
 
 class Pooled(Result):

@@ -25,7 +25,8 @@ from replay_kit.forecast import find_sources
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.place import LogTracks
 from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.outcome.outcome import Outcome, made
+from replay_kit.results.outcome.parts import correction_part
 from replay_kit.workflows.replay.events import Aside, Track
 from replay_kit.workflows.replay.inputs.estimator import build, flow_at, with_window
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
@@ -50,8 +51,8 @@ def smooth(
     config: RunConfig,
     progress: Progress = silent,
     forecasts: Forecasts | None = None,
-) -> ReplaySummary:
-    """Write the smoothed result of logs, and return the summary of the replay that it begins with.
+) -> Outcome:
+    """Write the smoothed result of logs, and return the outcome of the replay that it begins with.
 
     An estimator that is static counts all measurements the same at all times: smoothed, it is its last estimate.
 
@@ -77,29 +78,25 @@ def smooth(
             estimator = build(forecasts, config)
         with clock.stage("estimate"):
             run, inputs, done = _forward(job, config, estimator, forecasts, progress)
-            reports = [reader.report() for reader in inputs.by_vehicle[0]]
+            of, (account,) = run.of[0], inputs.accounts(run)
             if config.consistency.on_failure != "ignore":
                 each = (event.columns for event, _ in done if isinstance(event, Track))
                 tracks = reduce(LogTracks.after, each, LogTracks())
-                names = [report.path for report in reports]
+                names = [report.path for report in account.reports]
                 require_one_vehicle(MonitoringState(tracks=tracks), names)
-            of = run.of[0]
-            of.statistics.require_usable(reports, forecasts.ensemble.grid)
+            account.require_usable(forecasts.ensemble.grid)
         progress(0, 0, "smoothing")
         with clock.stage("smooth"):
             _write(job, config, forecasts, estimator, run, done)
     notes = (
         *forecasts.notes,
-        *of.statistics.notes(reports),
+        *account.notes(),
         *estimator.notes(),
         *_notes(estimator),
     )
-    return replace(
-        of.statistics.summary(reports),
-        seconds=dict(clock.seconds),
-        notes=notes,
-        flight_correction=of.flight.correction(of.statistics.profiles.corrections),
-    )
+    correction = correction_part(of.flight.correction(of.counts.corrections))
+    more = {"seconds": clock.seconds, "notes": notes, "flight_correction": correction}
+    return made(account.part() | more)
 
 
 def check_smoothable(forecasts: Forecasts) -> None:

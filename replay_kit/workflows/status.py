@@ -40,12 +40,7 @@ def read_each(path: Path) -> tuple[dict[str, Held], Outcome | None]:
     vehicles = [one.name for one in reader.vehicles if not one.why_not]
     if not vehicles:
         return {"": read_held(reader)}, None
-    # loads tables, which the status of one vehicle does without
-    from replay_kit.results.views.record import outcome_of_record, read_record
-
-    found = {name: read_held(ResultReader(path, name)) for name in vehicles}
-    record = read_record(reader)
-    return found, None if record.summary is None else outcome_of_record(record)
+    return {name: read_held(ResultReader(path, name)) for name in vehicles}, reader.outcome
 
 
 def write_pages(

@@ -250,7 +250,6 @@ def smooth(
     )
     config = settings.load()
 
-    from replay_kit.results.outcome.from_run import outcome_of
     from replay_kit.show.summary import print_summary
     from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs
@@ -259,8 +258,7 @@ def smooth(
     (job,) = local_forecasts([(job, config)])
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     with part_named(outputs.out), progress() as advance:
-        summary = smooth_logs(job, config, advance)
-    outcome = outcome_of(summary)
+        outcome = smooth_logs(job, config, advance)
     print_summary(outcome, console_beside(outputs.json_file), outputs.verbose)
     write_json(outputs.json_file, outcome.to_json())
-    return summary.exit_code
+    return outcome.exit_code

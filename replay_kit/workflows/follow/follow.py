@@ -24,7 +24,6 @@ from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import STREAMS
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.outcome.run import ReplaySummary
 from replay_kit.show.status.held import Held
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.follow.sources import read_goal, with_goal
@@ -65,8 +64,8 @@ def follow(
     planner_of: PlannerFactory,
     options: FollowOptions,
     clock: Clock | None = None,
-) -> ReplaySummary | None:
-    """Follow logs until nothing new has come for a while, and return the last summary; None when there was nothing to replay.
+) -> Outcome | None:
+    """Follow logs until nothing new has come for a while, and return the last outcome; None when there was nothing to replay.
 
     The estimate is that of one replay of the files as they are in the end. After an interrupt, or when the process is killed, another
     call goes on from what is on the disk.
@@ -137,7 +136,7 @@ class Follower:
         self._outcome: Outcome | None = None
         if self._good and self._out.is_file():
             self._held, self._outcome = read_each(self._out)
-        self._summary: ReplaySummary | None = None
+        self._made: Outcome | None = None
         self._shown: dict[str, Status] = {}
         self._due = False
         self._set_goal(job.goal if options.goal_file is None else read_goal(options.goal_file))
@@ -147,7 +146,7 @@ class Follower:
         """The result."""
         return self._out
 
-    def run(self) -> ReplaySummary | None:
+    def run(self) -> Outcome | None:
         """Look and replay until nothing new has come for long enough."""
         first, idle_since = True, self._clock.idle_s()
         while True:
@@ -156,7 +155,7 @@ class Follower:
             first = False
             limit = self._options.until_idle_s
             if limit is not None and self._clock.idle_s() - idle_since >= limit:
-                return self._summary
+                return self._made
             self._clock.wait(
                 self._options.interval_s
                 if limit is None
@@ -259,8 +258,8 @@ class Follower:
                 raise
             self._say(f"not replayed, the result before stays: {error}", once=True)
             return
-        assert self._summary is not None
-        took, dives = self._clock.idle_s() - began, count_text(len(self._summary.by_dive), "dive")
+        assert self._made is not None
+        took, dives = self._clock.idle_s() - began, count_text(len(self._made.by_dive), "dive")
         self._options.tell(
             f"{count_text(len(self._memory.used), 'file')}, {dives} replayed in {took:.1f} s: {self._out}"
         )
@@ -302,11 +301,11 @@ class Follower:
             estimator=partial(self._estimator, job),
             tell=self._options.tell,
         )
-        summary, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
-        self._summary, (self._held, self._outcome) = summary, read_each(self._out)
+        self._made, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
+        self._held, self._outcome = read_each(self._out)
         self._good |= set(used)
         if self._options.report is not None:
-            report(self._out, self._options.report, overwrite=True, summary=summary)
+            report(self._out, self._options.report, overwrite=True, made=self._made)
 
     def _vehicles(self, used: tuple[Path, ...]) -> tuple[Vehicle, ...]:
         """Return the vehicles that have files among those that are used, with these."""

@@ -24,6 +24,7 @@ from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.region import for_region
 from replay_kit.results.vehicles import VEHICLES_RECORD
+from replay_kit.workflows.replay.account import Account
 from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
@@ -84,6 +85,13 @@ class Prepared:
             return each[0]
         return merged_by(*each, key=lambda message: (message.time_ns, message.input))
 
+    def accounts(self, run: Run) -> list[Account]:
+        """Return what became of the messages and measurements of each vehicle so far."""
+        return [
+            Account(of.counts, [log.report() for log in logs], merged, logs[0].input)
+            for of, logs, merged in zip(run.of, self.by_vehicle, self.merged, strict=True)
+        ]
+
     def play(self, run: Run, done: Callable[[int], None] | None = None) -> None:
         """Pass all messages through a run; ``done`` is called with the number of messages of each block."""
         messages = self.messages()
@@ -96,7 +104,7 @@ class Prepared:
     def finish(self, run: Run) -> None:
         """End a run after the last message; ConfigError where none lies in the time span that is asked for."""
         check_span(self.job.logs, run.config, run.last_ns if run.messages else None)
-        run.finish(self.merged, [logs[0].input for logs in self.by_vehicle])
+        run.finish()
 
 
 def _to_end(messages: Iterator[Message], number: int) -> Iterator[Message]:

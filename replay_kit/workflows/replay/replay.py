@@ -1,7 +1,7 @@
 """One log end to end: messages in, observations, estimates and plans out.
 
 The messages' own times drive the loop; nothing depends on the wall clock, and the same inputs and options give the same bytes. Wall times
-go to the summary only.
+go to the outcome returned only.
 """
 
 import gc
@@ -26,11 +26,10 @@ from replay_kit.core.inputs import check_unchanged
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs.reader import reading
 from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.results.outcome.from_run import failed
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.outcome.outcome import Outcome, failed
 from replay_kit.results.topics import Digest
 from replay_kit.workflows.replay.checkpoint import States, run_identity
-from replay_kit.workflows.replay.conclude import conclude, counted, findings_so_far
+from replay_kit.workflows.replay.conclude import conclude, findings_so_far, so_far
 from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
@@ -60,8 +59,8 @@ def replay(
     progress: Progress = silent,
     on_digest: Callable[[Digest], None] | None = None,
     forecasts: Forecasts | None = None,
-) -> tuple[ReplaySummary, FlowEstimate]:
-    """Replay logs through the estimator and return the summary and the final estimate.
+) -> tuple[Outcome, FlowEstimate]:
+    """Replay logs through the estimator and return the outcome and the final estimate.
 
     Args:
         job: Inputs and outputs.
@@ -84,14 +83,14 @@ def replay(
     with threads, _collecting_seldom():
         job = identified(job, config)
         try:
-            return _replay(job, config, planner_of, progress, on_digest, forecasts)
+            return _replay(job, config, planner_of, progress, on_digest, forecasts)[:2]
         except MeasurementError as error:
             vehicles = by_tracks(job, config, error)
             if not vehicles:
                 raise
         # taken for one vehicle's, the logs are of several
         job = identified(replace(job, vehicles=vehicles), config)
-        return _replay(job, config, planner_of, progress, on_digest, None)
+        return _replay(job, config, planner_of, progress, on_digest, None)[:2]
 
 
 @contextmanager
@@ -111,10 +110,15 @@ def _replay(
     progress: Progress,
     on_digest: Callable[[Digest], None] | None,
     forecasts: Forecasts | None,
-) -> tuple[ReplaySummary, FlowEstimate]:
+) -> tuple[Outcome, FlowEstimate, Run]:
     read = input_stamps(job)
     # before the run itself: a forecast that cannot be used should cost no result
-    others = tuple(rivals(job, lambda each: _replay(each, config, None, progress, None, None)[0]))
+    others = tuple(
+        rivals(
+            job,
+            lambda each: _replay(each, config, None, progress, None, None)[2].log_evidence,
+        )
+    )
     run, inputs = prepare(job, config, planner_of, progress, forecasts)
     run.follow_up = follow_up
     states = _states(run, inputs)
@@ -124,7 +128,7 @@ def _replay(
         )
         check_unchanged(read, may_grow=job.following is not None)
         progress(0, 1, "writing the results")
-        summary, flow = conclude(run, inputs, others)
+        outcome, flow = conclude(run, inputs, others)
     except StateError as error:
         if run.writer is not None:
             run.writer.abandon()
@@ -139,11 +143,11 @@ def _replay(
             (run.writer.discard if unusable else run.writer.abandon)()
         if isinstance(error, ReplayKitError) and unusable:
             error.findings = error.findings or findings_so_far(run)
-            error.answer = failed(error, counted(run, inputs)).to_json()
+            error.answer = failed(error, so_far(run, inputs)).to_json()
         raise
     if states is not None:
         states.end()
-    return summary, flow
+    return outcome, flow, run
 
 
 def _states(run: Run, inputs: Prepared) -> States | None:

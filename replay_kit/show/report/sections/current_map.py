@@ -179,7 +179,7 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
         texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")
     if contents.seabed is not None:
         texts.append(
-            f"Labelled lines: depth of the bottom, from {escape(bathymetry_name(contents.record))}."
+            f"Labelled lines: depth of the bottom, from {escape(bathymetry_name(contents.metadata))}."
         )
     texts.append(
         "Ellipses hold 90 % of the predicted surfacings; a line joins each predicted surfacing to the actual one. Land is from Natural "
