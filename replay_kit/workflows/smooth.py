@@ -21,7 +21,7 @@ from replay_kit.core.observation import Innovation
 from replay_kit.core.progress import Progress, Stopwatch, silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import smooth as smoothed
-from replay_kit.forecast import find_sources
+from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.place import LogTracks
 from replay_kit.results.mcap_writer import ResultWriter
@@ -86,17 +86,16 @@ def smooth(
                 require_one_vehicle(MonitoringState(tracks=tracks), names)
             account.require_usable(forecasts.ensemble.grid)
         progress(0, 0, "smoothing")
+        notes = [*account.notes(), *estimator.notes(), *_notes(estimator)]
+        correction = of.flight.correction(of.counts.corrections)
+        more = {
+            "notes": [*forecasts.notes, *notes],
+            "flight_correction": correction_part(correction),
+        }
+        outcome = made(account.part() | more, [*job.logs, *ensemble_files(job.ensemble)])
         with clock.stage("smooth"):
-            _write(job, config, forecasts, estimator, run, done)
-    notes = (
-        *forecasts.notes,
-        *account.notes(),
-        *estimator.notes(),
-        *_notes(estimator),
-    )
-    correction = correction_part(of.flight.correction(of.counts.corrections))
-    more = {"seconds": clock.seconds, "notes": notes, "flight_correction": correction}
-    return made(account.part() | more)
+            _write(job, config, forecasts, estimator, run, done, outcome)
+    return replace(outcome, seconds=dict(clock.seconds))
 
 
 def check_smoothable(forecasts: Forecasts) -> None:
@@ -156,6 +155,7 @@ def _write(
     estimator: Estimator[Any],
     run: Run,
     done: Sequence[tuple[Any, Innovation | None]],
+    outcome: Outcome,
 ) -> None:
     """Write the result."""
     measured = [event for event, innovation in done if innovation is not None]
@@ -202,6 +202,7 @@ def _write(
         dives = [dive for mean in run.of[0].monitoring.means if (dive := flown_of(mean))]
         if (flown := AsFlown.of(dives)) is not None:
             writer.write_metadata(AS_FLOWN, flown.to_record())
+        writer.summary(published[-1], outcome)
         flow = flow_at(estimator, states[-1], published[-1])
         writer.finish(replace(flow, span_ns=(min(times), max(times))))
     except BaseException:

@@ -1,6 +1,6 @@
 """Small results that lack something, or lie where maps are difficult."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Place, Plan
 from replay_kit.results import ResultWriter
+from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
@@ -102,9 +103,44 @@ def write(
                 start_time_ns=start + 9 * 3_600_000_000_000,
             )
             writer.plan(centred, centre)
+        writer.summary(start, outcome_of(innovations))
         if estimate:
             writer.finish(flow)
     return Contents(read_result(path))
+
+
+def outcome_of(innovations: Sequence[Innovation]) -> Outcome:
+    """Return the outcome of measurements, all of them used."""
+
+    def rms(name: str, of: Sequence[Innovation]) -> float | None:
+        squares = sum(float(np.nansum(getattr(one, name) ** 2)) for one in of)
+        dof = sum(one.dof for one in of)
+        return np.sqrt(squares / dof) if dof else None
+
+    def nis(of: Sequence[Innovation]) -> float | None:
+        dof = sum(one.dof for one in of)
+        return sum(one.nis for one in of) / dof if dof else None
+
+    bins = sum(one.dof for one in innovations) // 2
+    names = {"before": "innovation", "after": "residual", "prior": "prior_innovation"}
+    dives = {
+        number: [one for one in innovations if one.dive == number]
+        for number in sorted({one.dive for one in innovations if one.dive > 0})
+    }
+    return made(
+        {
+            "observations": {"used": len(innovations), "rejected": 0}
+            | {"bins_used": bins, "bins_rejected": {}},
+            "rms_innovation": {name: rms(each, innovations) for name, each in names.items()},
+            "nis_per_dof": nis(innovations),
+            "by_dive": [
+                {"dive": number, "profiles": len(of), "bins": sum(one.dof for one in of) // 2}
+                | {"rms_innovation_predicted": None, "nis_per_dof": nis(of)}
+                | {"rms_innovation_prior": rms("prior_innovation", of)}
+                for number, of in dives.items()
+            ],
+        }
+    )
 
 
 def failed(plan: Plan, message: str = "no path") -> Plan:

@@ -21,7 +21,7 @@ from replay_kit.results.innovations import (
     picked,
     tables_of,
 )
-from replay_kit.results.outcome.from_run import flight_correction_json
+from replay_kit.results.outcome.parts import correction_part
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.along_track import mean_currents
 from tests.results.cases import one_bin
@@ -215,6 +215,6 @@ def test_mean_currents_of_dives_alone_are_shown(result):
 
 def test_the_correction_is_stated_with_its_size_and_the_dives_it_is_from():
     found = FlightCorrection((0.03, 0.04), 0.6, -0.01, 0.07, 0.06, 5, 8.44)
-    figures = flight_correction_json(found)
+    figures = correction_part(found)
     assert (figures["corrected"], figures["largest_m_s"], figures["dives"]) == (2, 0.04, 5)
     assert figures["rms_m_s"] == pytest.approx(0.05 / np.sqrt(2.0))

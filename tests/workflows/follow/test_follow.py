@@ -55,7 +55,7 @@ def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean
     # once for all replays with a forecast
     assert sum("replayed in" in text for text in sea.told) > 1 == built.call_count
     assert same(sea, tmp_path)
-    assert [row.dive for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
+    assert [row["dive"] for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
     assert any(
         text.startswith("dive003.mcap") and ("grew" in text or "written anew" in text)
         for text in sea.told

@@ -8,7 +8,8 @@ import pytest
 
 from replay_kit.core.message import LogReport, Message
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.workflows.replay.statistics import RunStatistics
+from replay_kit.workflows.replay.account import Account
+from replay_kit.workflows.replay.stages.counts import Counts
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.logs.glider import glider_samples as made
@@ -144,11 +145,12 @@ def test_a_note_that_several_logs_have_is_given_once():
     def report(path, *notes):
         return LogReport(path, "seaglider", {}, {}, (), notes=notes)
 
-    notes = RunStatistics().notes([report("a.nc", "feet", "miles"), report("b.nc", "feet")])
+    notes = Account(Counts(), [report("a.nc", "feet", "miles"), report("b.nc", "feet")]).notes()
     assert notes == ["2 logs: feet", "a.nc: miles"]
-    notes = RunStatistics().notes(
-        [report("a.nc", "1 fixes"), report("b.nc", "3 fixes", "read as time: t, depth: z")]
-    )
+    notes = Account(
+        Counts(),
+        [report("a.nc", "1 fixes"), report("b.nc", "3 fixes", "read as time: t, depth: z")],
+    ).notes()
     assert notes == [
         "2 logs: 1 to 3 fixes",
         "b.nc: 2 variables were read by their names, which replay-kit info lists",
@@ -160,7 +162,7 @@ def test_logs_of_several_missions_are_told(tmp_path):
         LogReport(f"{name}.nc", "seaglider", {}, {}, (), mission=name)
         for name in ("sg1", "sg2", "sg2")
     ]
-    assert RunStatistics().notes(of) == [
+    assert Account(Counts(), of).notes() == [
         "the logs are of 2 missions, merged as if one vehicle had made them: sg1, sg2"
     ]
-    assert RunStatistics().notes(of[1:]) == []
+    assert Account(Counts(), of[1:]).notes() == []
