@@ -93,16 +93,19 @@ class Collection:
 
 
 @contextmanager
-def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collection]:
-    """Give an ensemble's files, opened; they are closed at the end.
+def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Iterator[Collection]:
+    """Give an ensemble's files, opened; they are closed at the end, unless they were given open.
 
     Args:
-        given: Files, stores, folders and patterns.
+        given: Files, stores, folders and patterns, or what this function gave for them.
         rule: What a member is; None to find out.
 
     Raises:
         ForecastError: Files are missing, unreadable, hold no current, or do not belong together.
     """
+    if isinstance(given, Collection):
+        yield given
+        return
     sources = find_sources(given)
     try:
         with ExitStack() as stack:

@@ -37,7 +37,7 @@ from replay_kit.workflows.replay.inputs.region import (
     from_record,
     inside_extent,
 )
-from replay_kit.workflows.replay.inputs.scan import Reach, reach_of
+from replay_kit.workflows.replay.inputs.scan import Logs, Reach
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,7 +165,7 @@ def request_of(job: ReplayJob, config: RunConfig) -> Request:
     Raises:
         LogError: A log cannot be opened.
     """
-    return Request((job,), config, (reach_of(job.logs, config),))
+    return Request((job,), config, (Logs([job.logs], config).reach,))
 
 
 def _joined(requests: Sequence[Request]) -> Request:
@@ -279,7 +279,7 @@ def wanted_of(request: Request, session: Session) -> tuple[Wanted, tuple[FoundRe
             with open_extent(request.ensemble, config.forecast, reach.first_ns) as extent:
                 if extent is not None:
                     inside_extent(extent, reach.places)
-            one = find_region(job.logs, request.ensemble, config, reach.first_ns, job.goals)
+            one = find_region(reach, request.ensemble, config, reach.first_ns, job.goals)
         found.append(one)
         boxes.append(None if one is None else _reached(one, reach))
     whole = None

@@ -30,8 +30,14 @@ from replay_kit.results.outcome.parts import correction_part
 from replay_kit.workflows.replay.events import Aside, Track
 from replay_kit.workflows.replay.inputs.estimator import build, flow_at, with_window
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, forecasts_of
+from replay_kit.workflows.replay.inputs.job import (
+    ReplayJob,
+    check_outputs,
+    forecasts_of,
+    logs_of,
+)
 from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_settings_toml
+from replay_kit.workflows.replay.inputs.scan import Logs
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, require_one_vehicle
@@ -50,7 +56,6 @@ def smooth(
     job: ReplayJob,
     config: RunConfig,
     progress: Progress = silent,
-    forecasts: Forecasts | None = None,
 ) -> Outcome:
     """Write the smoothed result of logs, and return the outcome of the replay that it begins with.
 
@@ -60,7 +65,6 @@ def smooth(
         job: Logs, ensemble and result; its goal and its other outputs do not count.
         config: The run's settings; grids are published every ``output.interval``.
         progress: Called with how much is done of each stage.
-        forecasts: What ``forecasts_of`` reads for this job; None reads it.
 
     Raises:
         LogError: A log cannot be opened.
@@ -73,11 +77,12 @@ def smooth(
         clock = Stopwatch()
         progress(0, 0, "reading the forecast")
         with clock.stage("forecast"):
-            forecasts = forecasts or forecasts_of(job, config)
+            logs = logs_of(job, config)
+            forecasts = forecasts_of(job, config, logs)
             check_smoothable(forecasts)
             estimator = build(forecasts, config)
         with clock.stage("estimate"):
-            run, inputs, done = _forward(job, config, estimator, forecasts, progress)
+            run, inputs, done = _forward(job, config, estimator, forecasts, logs, progress)
             of, (account,) = run.of[0], inputs.accounts(run)
             if config.consistency.on_failure != "ignore":
                 each = (event.columns for event, _ in done if isinstance(event, Track))
@@ -128,13 +133,15 @@ def _forward(
     config: RunConfig,
     estimator: Estimator[Any],
     forecasts: Forecasts,
+    logs: Logs,
     progress: Progress,
 ) -> tuple[Run, Prepared, list[tuple[Any, Innovation | None]]]:
     """Return the replay of the logs, each profile alone and all as stated, and its events with their innovations; None of positions."""
     unchecked = config.consistency.model_copy(update={"on_failure": "ignore"})
     config = config.model_copy(update={"consistency": unchecked})
     job = replace(job, out=None, truth=None, goal=None)
-    run, inputs = prepare(job, config, None, silent, forecasts, with_window(estimator, 0.0))
+    alone = with_window(estimator, 0.0)
+    run, inputs = prepare(job, config, None, silent, forecasts, alone, logs)
     done = list[tuple[Any, Innovation | None]]()
 
     def keep(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
@@ -144,7 +151,7 @@ def _forward(
                 done.append((step.event, None if found is None else found.innovation))
 
     run.follow_up = keep
-    inputs.play(run, reading(inputs.by_vehicle[0], progress, "reading the logs"))
+    inputs.play(run, reading(inputs.logs.all, progress, "reading the logs"))
     return run, inputs, done
 
 

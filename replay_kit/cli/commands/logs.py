@@ -104,7 +104,7 @@ def info(
                 import_check_json,
                 print_import_check,
             )
-            from replay_kit.workflows.replay.inputs.scan import look_ahead
+            from replay_kit.workflows.replay.inputs.scan import Logs
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             if not logs and config.forecast.region is None and addresses_in(ensemble):
@@ -112,7 +112,7 @@ def info(
                 return 0
             files = local_ensemble(ensemble, logs, config)
             # as a replay of the logs would read it
-            near_ns = look_ahead(logs, config)[1] if logs else None
+            near_ns = Logs([logs], config).ahead()[1] if logs else None
             forecast = describe_ensemble(files, config.forecast, near_ns)
             check = check_logs(logs, files, config) if logs else None
     console = console_beside(json_file, suggest)

@@ -43,10 +43,10 @@ from replay_kit.workflows.follow.watch import (
 )
 from replay_kit.workflows.replay.inputs.estimator import built
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
-from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle
+from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle, logs_of
 from replay_kit.workflows.replay.inputs.provenance import named_hash
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, from_record
-from replay_kit.workflows.replay.inputs.scan import look_ahead
+from replay_kit.workflows.replay.inputs.scan import Logs
 from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
@@ -334,7 +334,8 @@ class Follower:
 
     def _forecasts(self, job: ReplayJob) -> Forecasts:
         """Return the forecast, read anew when its files or the beginning of the logs changed."""
-        stamps, ahead = stamps_of(ensemble_files(job.ensemble)), look_ahead(job.logs, self._config)
+        logs = logs_of(job, self._config)
+        stamps, ahead = stamps_of(ensemble_files(job.ensemble)), logs.ahead()
         if (
             self._forecast is not None
             and self._forecast[0] == stamps
@@ -343,7 +344,7 @@ class Follower:
             return self._forecast[1]
         try:
             found = read_forecasts(
-                job.ensemble, self._config, ahead[1], ahead[0], self._region(job, ahead[1])
+                job.ensemble, self._config, ahead[1], ahead[0], self._region(job, logs, ahead[1])
             )
         except ReplayKitError as error:
             if self._forecast is None or self._forecast[2] != ahead:
@@ -359,10 +360,10 @@ class Follower:
         self._forecast = stamps, found, ahead
         return found
 
-    def _region(self, job: ReplayJob, near_ns: int | None) -> FoundRegion | None:
+    def _region(self, job: ReplayJob, logs: Logs, near_ns: int | None) -> FoundRegion | None:
         """Return the part of the forecast that the first replay needed; None where it read all, or what the settings state."""
         if not self._memory.region:
-            found = find_region(job.logs, job.ensemble, self._config, near_ns, job.goals)
+            found = find_region(logs, job.ensemble, self._config, near_ns, job.goals)
             self._remember(region=json.dumps(None if found is None else found.to_record()))
         record = json.loads(self._memory.region)
         return None if record is None else from_record(record)

@@ -25,7 +25,7 @@ from replay_kit.estimator.update.screening import Screened, columns_of, screened
 from replay_kit.workflows.replay.conclude import useless_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of
+from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of, logs_of
 from replay_kit.workflows.replay.prepare import prepare
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
@@ -60,10 +60,11 @@ def check_inputs(
     Raises:
         ReplayKitError: As the replay itself would, for inputs that it would refuse.
     """
-    forecasts = forecasts_of(job, config)
+    logs = logs_of(job, config)
+    forecasts = forecasts_of(job, config, logs)
     screen = (_Screen if config.estimator.name == OWN else _OfProfiles)(forecasts)
     job = replace(job, out=None, truth=None)
-    run, inputs = prepare(job, config, planner_of, silent, forecasts, screen)
+    run, inputs = prepare(job, config, planner_of, silent, forecasts, screen, logs)
     inputs.play(run)
     useless_of(run, inputs)
     return CheckedInputs(forecasts, screen.profiles, screen.used, tuple(screen.first))

@@ -36,7 +36,6 @@ from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
     check_outputs,
     copy_inputs,
-    flat,
     input_stamps,
 )
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
@@ -123,9 +122,7 @@ def _replay(
     run.follow_up = follow_up
     states = _states(run, inputs)
     try:
-        _loop(
-            run, inputs, states, on_digest, reading(flat(inputs.by_vehicle), progress, "replaying")
-        )
+        _loop(run, inputs, states, on_digest, reading(inputs.logs.all, progress, "replaying"))
         check_unchanged(read, may_grow=job.following is not None)
         progress(0, 1, "writing the results")
         outcome, flow = conclude(run, inputs, others)

@@ -8,7 +8,7 @@ from replay_kit.config.run import OutputConfig, RunConfig
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.scan import look_ahead
+from replay_kit.workflows.replay.inputs.scan import Logs
 from tests.workflows.replay.interrupted import goes_on, make_ocean, run_until
 
 CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
@@ -66,7 +66,7 @@ def test_a_wrong_clock_costs_the_stray_stamps_alone_and_is_told(ocean, tmp_path)
 
 
 def test_the_first_time_of_a_log_is_not_that_of_a_stray_stamp(ocean):
-    assert look_ahead([ocean / "broken.mcap"], CONFIG)[1] < YEAR_2200
+    assert Logs([[ocean / "broken.mcap"]], CONFIG).ahead()[1] < YEAR_2200
 
 
 @pytest.mark.full
