@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replay_kit.results.innovations import Columns
-from replay_kit.results.result import ResultFile, result_path
+from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.result import ResultFile, check_result
+from replay_kit.results.topics import OpenResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,7 +26,7 @@ class Result(ResultFile):
         """Of several vehicles that share the estimate the result of each, by its name; none of one alone."""
         each = {} if self.made is None else self.made.vehicles
         return {
-            one.name: Result(self.path, each.get(one.name), one.name)
+            one.name: Result(self.path, each.get(one.name), one.name, self.reader.file)
             for one in self.reader.vehicles
             if not one.why_not
         }
@@ -38,19 +40,29 @@ class Result(ResultFile):
         return Plots(self)
 
 
-def read_result(path: str | Path) -> Result:
+def read_result(
+    path: Path, made: Outcome | None = None, opened: OpenResult | None = None
+) -> Result:
     """Return a result that ``replay`` wrote, with its estimate and tables; they are read when first asked for.
+
+    Args:
+        path: The result.
+        made: As of ``ResultFile``.
+        opened: The file, where it is open.
 
     Raises:
         LogError: The file is missing, or is no complete result.
-        ConfigError: The path is neither text nor a ``Path``.
     """
-    return as_pooled(Result(result_path(path)))
+    result = Result(path, made, opened=opened)
+    check_result(result.reader)
+    return as_pooled(result)
 
 
 def as_pooled(result: Result) -> Result:
     """Return a result, of several vehicles as one whose tables hold all of them."""
-    return Pooled(result.path, result.made) if result.reader.vehicles else result
+    if not result.reader.vehicles:
+        return result
+    return Pooled(result.path, result.made, opened=result.reader.file)
 
 
 class Pooled(Result):

@@ -64,10 +64,9 @@ def opened(path: Path, made: Outcome | None = None) -> Iterator[Contents]:
         LogError: The file is missing, or is no result.
     """
     with sound_result(path) as sound:
-        result = read_result(sound.path)
+        result = read_result(sound.path, made, sound.file)
         notes = (*sound.lines, *(_RECOVERED for _ in sound.losses[:1]), *_version_notes(result))
-        given = type(result)(result.path, made)
-        yield Contents(given, notes, sound.exit_code)
+        yield Contents(result, notes, sound.exit_code)
 
 
 def page_of(result: Path) -> Path:

@@ -26,21 +26,20 @@ def read_status(
         LogError: The file is missing, or is no result.
     """
     with sound_result(path) as sound:
-        each, outcome = read_each(sound.path)
+        each, outcome = read_each(ResultReader(sound.path, opened=sound.file))
         return {name: status_of(held, now_ns) for name, held in each.items()}, outcome, sound
 
 
-def read_each(path: Path) -> tuple[dict[str, Held], Outcome | None]:
+def read_each(reader: ResultReader) -> tuple[dict[str, Held], Outcome | None]:
     """Return what the status of each vehicle of a result needs, under an empty name that of the only one, and the outcome of several.
 
     Raises:
         LogError: The file is missing, or is no complete result.
     """
-    reader = ResultReader(path)
     vehicles = [one.name for one in reader.vehicles if not one.why_not]
     if not vehicles:
         return {"": read_held(reader)}, None
-    return {name: read_held(ResultReader(path, name)) for name in vehicles}, reader.outcome
+    return {name: read_held(reader.part(name)) for name in vehicles}, reader.outcome
 
 
 def write_pages(

@@ -5,7 +5,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import IndexType, Writer
 
-from replay_kit.results.topics import newest_messages, read_messages
+from replay_kit.results.topics import OpenResult
 
 TOPICS = ("/a", "/b", "/c")
 
@@ -38,9 +38,9 @@ def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path, chunks, in
                 (message.log_time, message.data)
                 for _, _, message in make_reader(file).iter_messages(topics=topic)
             ]
-        assert list(read_messages(path, [topic])) == expected
-        assert list(newest_messages(path, [topic])) == expected[::-1]
+        assert list(OpenResult(path).messages([topic])) == expected
+        assert list(OpenResult(path).newest([topic])) == expected[::-1]
         until = [one for one in expected[::-1] if one[0] <= 30]
-        assert list(newest_messages(path, [topic], 30)) == until
+        assert list(OpenResult(path).newest([topic], 30)) == until
         assert len(expected) == (0 if topic == "/c" else 150)
-    assert list(read_messages(path, ["/unknown"])) == []
+    assert list(OpenResult(path).messages(["/unknown"])) == []

@@ -24,6 +24,7 @@ from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.registry import STREAMS
 from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.reader import ResultReader
 from replay_kit.show.status.held import Held
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.follow.sources import read_goal, with_goal
@@ -135,7 +136,7 @@ class Follower:
         self._held: dict[str, Held] = {}
         self._outcome: Outcome | None = None
         if self._good and self._out.is_file():
-            self._held, self._outcome = read_each(self._out)
+            self._held, self._outcome = read_each(ResultReader(self._out))
         self._made: Outcome | None = None
         self._shown: dict[str, Status] = {}
         self._due = False
@@ -302,7 +303,7 @@ class Follower:
             tell=self._options.tell,
         )
         self._made, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
-        self._held, self._outcome = read_each(self._out)
+        self._held, self._outcome = read_each(ResultReader(self._out))
         self._good |= set(used)
         if self._options.report is not None:
             report(self._out, self._options.report, overwrite=True, made=self._made)
