@@ -24,26 +24,8 @@ if TYPE_CHECKING:
 TOPIC, _NAME = "/flow/innovation", "Innovations"
 _FIELDS = {field.name: field.type for field in MESSAGES[_NAME]}
 BINS = [*_FIELDS][[*_FIELDS].index("depth") :]
-_MEANS = {"mean_current_measured": "mean_current", "mean_current_corrected": "corrected_current"}
-_PAIRS = [name.removesuffix("_east") for name in _FIELDS if name.endswith("_east")]
-# The attributes of an innovation that columns, and pairs of the components east and north, hold.
-_HELD = (
-    {name: name for name in _FIELDS if not name.endswith(("_east", "_north"))}
-    | {name: _MEANS.get(name, name) for name in _PAIRS}
-    | {
-        "timestamp": "time_ns",
-        "source_time": "source.time_ns",
-        "source_input": "source.input",
-        "source_topic": "source.topic",
-        "source_position": "source.position",
-        "gate_threshold": "gate",
-        "mean_current_kind": "mean_kind",
-        "mean_current_measured_standard_error": "mean_std",
-        "mean_current_corrected_standard_error": "corrected_std",
-        "mean_current_estimated_standard_error": "estimated_std",
-        "bins": "depth.size",
-    }
-)
+_MEANS = ("mean_current_measured", "mean_current_corrected")
+_ENDS = ("_east", "_north")
 #: Rows of tables made at once, and the most profiles and bins that are kept for figures.
 _ROWS, MOST, MOST_BINS = 2048, 20_000, 300_000
 _RMS = ("innovation", "residual", "prior_innovation")
@@ -62,23 +44,20 @@ Tables = tuple["pd.DataFrame", "pd.DataFrame"]
 
 def block_of(innovations: Sequence[Innovation]) -> bytes:
     """Return ``replay_kit.Innovations``, without columns of which nothing is known."""
-    columns: dict[str, Any] = {}
-    for name, path in _HELD.items():
-        held = [*map(attrgetter(path), innovations)]
-        if name in _PAIRS:
-            rows = [1 if name in _MEANS else one.depth.size for one in innovations]
-            whole = [
-                np.full((count, 2), np.nan) if pair is None else pair
+    known = dict[str, Any]()
+    for field in MESSAGES[_NAME]:
+        held: list[Any] = [*map(attrgetter(field.path), innovations)]
+        if field.name.endswith(_ENDS):
+            of_bins, end = field.name in BINS, field.name.endswith(_ENDS[1])
+            rows = [one.depth.size if of_bins else 1 for one in innovations]
+            held = [
+                np.full(count, np.nan) if pair is None else np.atleast_2d(pair)[:, int(end)]
                 for count, pair in zip(rows, held, strict=True)
             ]
-            columns[f"{name}_east"], columns[f"{name}_north"] = np.vstack(whole).T
-        else:
-            columns[name] = np.concatenate(held) if name in BINS else held
-    known = {
-        name: values
-        for name, values in columns.items()
-        if _FIELDS[name] not in ("float", "double") or not np.isnan(values).all()
-    }
+        one_behind_the_other = field.name in BINS or field.name.endswith(_ENDS)
+        values = np.concatenate(held) if one_behind_the_other else held
+        if field.type not in ("float", "double") or not np.isnan(values).all():
+            known[field.name] = values
     return encode(_NAME, known)
 
 
