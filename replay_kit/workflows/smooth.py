@@ -151,7 +151,9 @@ def _forward(
                 done.append((step.event, None if found is None else found.innovation))
 
     run.follow_up = keep
-    inputs.play(run, reading(inputs.logs.all, progress, "reading the logs"))
+    advance = reading(inputs.logs.all, progress, "reading the logs")
+    for block in inputs.played(run):
+        advance(len(block))
     return run, inputs, done
 
 

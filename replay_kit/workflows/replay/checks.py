@@ -5,6 +5,7 @@ They are the replay itself with an estimator that screens its measurements and e
 """
 
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -65,7 +66,7 @@ def check_inputs(
     screen = (_Screen if config.estimator.name == OWN else _OfProfiles)(forecasts)
     job = replace(job, out=None, truth=None)
     run, inputs = prepare(job, config, planner_of, silent, forecasts, screen, logs)
-    inputs.play(run)
+    deque(inputs.played(run), 0)
     useless_of(run, inputs)
     return CheckedInputs(forecasts, screen.profiles, screen.used, tuple(screen.first))
 

@@ -88,17 +88,32 @@ class Prepared:
             for of, logs, merged in zip(run.of, self.logs.by_vehicle, self.logs.merged, strict=True)
         ]
 
-    def play(self, run: Run, done: Callable[[int], None] | None = None) -> None:
-        """Pass all messages through a run; ``done`` is called with the number of messages of each block."""
-        messages = self.messages()
-        while block := next_block(messages):
-            run.take(block)
-            if done is not None:
-                done(len(block))
-        self.finish(run)
+    def played(
+        self,
+        run: Run,
+        messages: Iterator[Message] | None = None,
+        begin: Callable[[int], None] | None = None,
+    ) -> Iterator[list[Message]]:
+        """Pass messages through a run, and yield each block of them once it is done; then end the run.
 
-    def finish(self, run: Run) -> None:
-        """End a run after the last message; ConfigError where none lies in the time span that is asked for."""
+        Args:
+            run: The run.
+            messages: Those that are left; None for all.
+            begin: Called with the time of the run's first message [ns, UTC] before it.
+
+        Raises:
+            ConfigError: No message lies in the time span that is asked for.
+        """
+        messages = messages or self.messages()
+        while True:
+            with run.clock.stage("read"):
+                block = next_block(messages, run.config.output.checkpoint_interval)
+            if not block:
+                break
+            if begin is not None and not run.messages:
+                begin(block[0].time_ns)
+            run.take(block)
+            yield block
         self.logs.check_span(run.last_ns if run.messages else None)
         run.finish()
 

@@ -39,7 +39,6 @@ from replay_kit.workflows.replay.inputs.job import (
     input_stamps,
 )
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
-from replay_kit.workflows.replay.inputs.scan import next_block
 from replay_kit.workflows.replay.inputs.vehicles import by_tracks, identified
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
@@ -169,29 +168,19 @@ def _loop(
     on_messages: Callable[[int], None],
 ) -> None:
     """Pass the logs' messages, those after a state, through the run."""
-    job, messages = inputs.job, inputs.messages()
-    checkpoint = None
-    if states is not None:
-        checkpoint, messages = states.resume(inputs.messages)
+    job, begin = inputs.job, partial(_begin_result, run, inputs)
+    checkpoint, messages = (None, None) if states is None else states.resume(inputs.messages)
     if job.out is not None:
         goes_on = checkpoint is not None and job.following is None and part_of(job.out).exists()
         run.writer = ResultWriter(job.out, job.overwrite, on_digest, goes_on)
     if states is not None and checkpoint is not None:
-        states.restore(run, checkpoint, partial(_begin_result, run, inputs))
-    while True:
-        with run.clock.stage("read"):
-            block = next_block(messages, run.config.output.checkpoint_interval)
-        if not block:
-            break
-        if not run.messages:
-            _begin_result(run, inputs, block[0].time_ns)
-        run.take(block)
+        states.restore(run, checkpoint, begin)
+    for block in inputs.played(run, messages, begin):
         on_messages(len(block))
         if run.writer is not None:
             run.writer.digest(run.last_ns)
         if states is not None:
             states.keep(run, block)
-    inputs.finish(run)
 
 
 def _begin_result(run: Run, inputs: Prepared, time_ns: int) -> None:
