@@ -94,10 +94,10 @@ class Collection:
 
 @contextmanager
 def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Iterator[Collection]:
-    """Give an ensemble's files, opened; they are closed at the end, unless they were given open.
+    """Give an ensemble's files, opened; they are closed at the end, unless given open.
 
     Args:
-        given: Files, stores, folders and patterns, or what this function gave for them.
+        given: Files, stores, folders and patterns.
         rule: What a member is; None to find out.
 
     Raises:

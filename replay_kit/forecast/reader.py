@@ -74,7 +74,7 @@ def read_ensemble(
     """Return the chosen part of an ensemble forecast in its local frame.
 
     Args:
-        path: NetCDF files, Zarr stores, folders or patterns; opened or not.
+        path: NetCDF files, Zarr stores, folders or patterns.
         config: What a member is, region, levels, lead, time and axes.
         near_ns: The log's middle time [ns, UTC]: among several times or dated leads the nearest is taken unless the
             configuration names one.

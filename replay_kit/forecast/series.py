@@ -31,7 +31,7 @@ def read_series(
     """Return the forecast at each of its dated times, in order; one alone where it has no more, or where one was chosen.
 
     Args:
-        path: NetCDF files, Zarr stores, folders or patterns; opened or not.
+        path: NetCDF files, Zarr stores, folders or patterns.
         config: Region and levels; a lead or a time chosen here leaves one alone.
         near_ns: As in ``read_ensemble``.
         place_at: As in ``read_ensemble``.

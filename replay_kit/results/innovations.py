@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.observation import Flag, Innovation, Reason
+from replay_kit.core.observation import Innovation
 from replay_kit.results import earlier
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import ARRAYS, MESSAGES, decode, encode, numbers
@@ -162,13 +162,11 @@ class Measured:
         sums: Over all measurements, a row for each dive, topic, kind of mean current (empty for profiles), decision and whether accepted:
             ``measurements``, those ``with_bins`` that were used, ``dof``, ``nis``, ``signal_dof``, those for which the prior was
             ``square_*`` of the innovations [m^2/s^2], and times of the ``first`` and the ``last``.
-        reasons: Number of bins not used by their reasons, sums of ``Reason``.
     """
 
     observations: "pd.DataFrame"
     innovations: "pd.DataFrame"
     sums: "pd.DataFrame"
-    reasons: Counter[int]
 
     @property
     def count(self) -> int:
@@ -179,18 +177,6 @@ class Measured:
     def profiles(self) -> int:
         """Number of measurements with bins used that are no mean currents."""
         return int(self.sums["with_bins"][self.sums["mean_current_kind"] == ""].sum())
-
-    @property
-    def bins_rejected(self) -> dict[str, int]:
-        """Number of bins not used by reason, in the order of the reasons; a bin can have several."""
-        counts = {
-            str(reason.name).lower(): sum(
-                count for code, count in self.reasons.items() if code & int(reason)
-            )
-            for reason in Reason
-            if reason
-        }
-        return {name: count for name, count in counts.items() if count}
 
 
 def measured_of(
@@ -205,20 +191,17 @@ def measured_of(
     """
     import pandas as pd
 
-    sums, reasons, seen, bins, every = list[pd.DataFrame](), Counter[int](), Counter[str](), 0, 1
+    sums, seen, bins, every = list[pd.DataFrame](), Counter[str](), 0, 1
     for columns in larger(blocks()):
         observations, of_bins = tables_of(columns)
         sums.append(_sums(_addends(observations)))
-        unused = ~np.isin(of_bins["flags"], [Flag.GOOD, Flag.SUSPECT])
-        codes, counts = np.unique(of_bins["reasons"].to_numpy()[unused], return_counts=True)
-        reasons.update(dict(zip(codes.tolist(), counts.tolist(), strict=True)))
         _places(columns, seen)
         bins += len(of_bins)
     while max(seen.total() / most, bins / most_bins) > every:
         every *= 2
     seen.clear()
     kept = (picked(one, _places(one, seen) % every == 0) for one in larger(blocks()))
-    return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)), reasons)
+    return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)))
 
 
 def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":

@@ -210,6 +210,8 @@ class OpenResult:
             found = self.reader.get_summary()
             if found is None or found.statistics is None:
                 raise ValueError("it has no summary")
+            if found.statistics.message_count and not found.chunk_indexes:
+                raise ValueError("its messages are in no chunks")
         return found
 
     @cached_property
@@ -236,12 +238,6 @@ class OpenResult:
             McapError: The file is damaged.
         """
         summary = self.summary
-        if not summary.chunk_indexes:
-            # the library then reads from the beginning
-            yield from [
-                (one.log_time, one.data) for *_, one in self.reader.iter_messages([*topics])
-            ]
-            return
         wanted = {number for number, channel in summary.channels.items() if channel.topic in topics}
         waiting: list[tuple[int, int, bytes]] = []
         for index in sorted(
@@ -277,8 +273,6 @@ class OpenResult:
         """
         end = None if until_ns is None else until_ns + 1
         found = self.reader.iter_messages([*topics], ending_before=end, reverse=True)
-        if not self.summary.chunk_indexes:
-            found = reversed([*found])
         return ((message.log_time, message.data) for _, _, message in found)
 
 

@@ -45,10 +45,7 @@ def read_result(
 ) -> Result:
     """Return a result that ``replay`` wrote, with its estimate and tables; they are read when first asked for.
 
-    Args:
-        path: The result.
-        made: As of ``ResultFile``.
-        opened: The file, where it is open.
+    Arguments are those of ``ResultFile``.
 
     Raises:
         LogError: The file is missing, or is no complete result.

@@ -12,7 +12,7 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
     """Yield what was used, how well it was predicted, and the flight model's correction."""
     counts = outcome.observations
     if not outcome.complete:
-        yield Sentence(["Observations: not counted, as in all but whole replays"])
+        yield Sentence(["Observations: not counted"])
         return
     rejected = ", ".join(f"{{bins_rejected.{name}}} {name}" for name in counts["bins_rejected"])
     means, sources = counts.get("mean_currents", 0), counts.get("sources", ())

@@ -13,10 +13,13 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Place, Plan
+from replay_kit.logs import merge
 from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
+from replay_kit.workflows.replay.account import Account
+from replay_kit.workflows.replay.stages.counts import Counts, Sums
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 from tests.synthetic_flow import synthetic_flow
 
@@ -111,36 +114,14 @@ def write(
 
 def outcome_of(innovations: Sequence[Innovation]) -> Outcome:
     """Return the outcome of measurements, all of them used."""
-
-    def rms(name: str, of: Sequence[Innovation]) -> float | None:
-        squares = sum(float(np.nansum(getattr(one, name) ** 2)) for one in of)
-        dof = sum(one.dof for one in of)
-        return np.sqrt(squares / dof) if dof else None
-
-    def nis(of: Sequence[Innovation]) -> float | None:
-        dof = sum(one.dof for one in of)
-        return sum(one.nis for one in of) / dof if dof else None
-
-    bins = sum(one.dof for one in innovations) // 2
-    names = {"before": "innovation", "after": "residual", "prior": "prior_innovation"}
-    dives = {
-        number: [one for one in innovations if one.dive == number]
-        for number in sorted({one.dive for one in innovations if one.dive > 0})
-    }
-    return made(
-        {
-            "observations": {"used": len(innovations), "rejected": 0}
-            | {"bins_used": bins, "bins_rejected": {}},
-            "rms_innovation": {name: rms(each, innovations) for name, each in names.items()},
-            "nis_per_dof": nis(innovations),
-            "by_dive": [
-                {"dive": number, "profiles": len(of), "bins": sum(one.dof for one in of) // 2}
-                | {"rms_innovation_predicted": None, "nis_per_dof": nis(of)}
-                | {"rms_innovation_prior": rms("prior_innovation", of)}
-                for number, of in dives.items()
-            ],
-        }
-    )
+    dives = dict[int, Sums]()
+    for one in innovations:
+        sums = dives.get(one.dive, Sums())
+        dives[one.dive] = sums.with_profile(one, np.empty((0, 2)))
+    total = Sums(*map(sum, zip(*dives.values(), strict=True)))
+    part = Account(Counts(total=total, dives=dives), (), merge([], 0.0)).part()
+    rows = [row | {"rms_innovation_predicted": None} for row in part["by_dive"] if row["dive"]]
+    return made(part | {"by_dive": rows, "messages": None})
 
 
 def failed(plan: Plan, message: str = "no path") -> Plan:

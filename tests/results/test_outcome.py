@@ -2,7 +2,7 @@
 
 import json
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ import pytest
 from replay_kit.core.errors import Finding, MeasurementError, finding_json
 from replay_kit.core.message import Loss
 from replay_kit.results.losses import loss_json
-from replay_kit.results.outcome.outcome import Outcome, failed, made, outcome_from
+from replay_kit.results.outcome.outcome import failed, made, outcome_from
 
 RUN = {
     "messages": [{"topic": "/adcp", "read": 5, "used": 4, "skipped": 1, "reasons": []}],
@@ -29,26 +29,18 @@ OUTSIDE = "the log begins 2.0 days outside the forecast's times"
 PLAN = {"message": "ok", "odds": None}
 
 
-def test_what_a_result_keeps_is_the_outcome_of_the_run_field_by_field():
+def test_what_a_result_keeps_is_the_outcome_of_the_run_but_for_wall_times_and_score():
     own = made(RUN | {"plan": PLAN | {"status": "partial"}})
-    for more in ({"consistency": FOUND, "losses": LOST}, {"vehicles": {"sg1": own}, "unused": {}}):
-        outcome = made(RUN | more, [Path("/data/sea/ensemble.nc")])
+    late = {"seconds": {"read": 1.0}, "truth": {"rmse": 0.1}}
+    for more in ({"consistency": FOUND, "losses": LOST}, {"vehicles": {"sg1": own}}):
+        outcome = made(RUN | more | late, [Path("/data/sea/ensemble.nc")])
         kept = outcome_from(json.loads(outcome.to_record()))
-        for one in fields(Outcome):
-            assert getattr(kept, one.name) == getattr(outcome, one.name), one.name
-        assert kept.to_json() == outcome.to_json()
-        assert outcome_from(outcome.to_json()) == outcome
+        assert kept == outcome == outcome_from(outcome.to_json())
+        assert kept.to_json() == outcome.to_json() | {"seconds": {}, "truth": None}
         assert json.loads(json.dumps(outcome.to_json(), allow_nan=False)) == outcome.to_json()
     assert kept.by_dive == ({"dive": 1, "profiles": 4, "rms_innovation_prior": None},)
     assert kept.notes == ("members: 40 fields of ensemble.nc",)
     assert kept != made(RUN)
-
-
-def test_wall_times_are_of_the_run_alone():
-    outcome = made(RUN | {"seconds": {"read": 1.0}})
-    assert outcome.to_json()["seconds"] == {"read": 1.0}
-    assert outcome_from(json.loads(outcome.to_record())).seconds == {}
-    assert outcome.to_record() == made(RUN).to_record()
 
 
 @pytest.mark.parametrize(

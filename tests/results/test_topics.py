@@ -10,19 +10,12 @@ from replay_kit.results.topics import OpenResult
 TOPICS = ("/a", "/b", "/c")
 
 
-@pytest.mark.parametrize(
-    ("chunks", "index"),
-    [
-        pytest.param(True, IndexType.ALL, id="chunks with indexes"),
-        pytest.param(True, IndexType.CHUNK, id="chunks without indexes of messages"),
-        pytest.param(False, IndexType.ALL, id="no chunks"),
-    ],
-)
-def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path, chunks, index):
+@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.CHUNK])
+def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path, index):
     """Times go back over several chunks, and many are equal."""
     path, draw = tmp_path / "log.mcap", np.random.default_rng(0)
     with path.open("wb") as file:
-        writer = Writer(file, chunk_size=200, use_chunking=chunks, index_types=index)
+        writer = Writer(file, chunk_size=200, index_types=index)
         writer.start()
         channels = [writer.register_channel(topic, "", 0) for topic in TOPICS]
         # none of the last topic

@@ -182,7 +182,6 @@ def replay(
     from replay_kit.results.outcome.outcome import failed
     from replay_kit.workflows.planning.adapters import planner_of
     from replay_kit.workflows.replay.inputs.job import check_outputs
-    from replay_kit.workflows.replay.inputs.vehicles import identified
     from replay_kit.workflows.replay.replay import replay as replay_logs
 
     job = _job(logs, inputs, outputs)
@@ -195,7 +194,6 @@ def replay(
         return following.run(job, config, console, outputs.page, outputs.json_file)
     if dry_run:
         return _dry_run(job, config, outputs, console)
-    job = identified(job, config)
     try:
         with part_named(outputs.out), progress() as advance:
             advance(0, 0, "reading the forecast")

@@ -134,10 +134,10 @@ class Follower:
         self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
         self._built: tuple[Forecasts, Estimator[Any]] | None = None
         self._held: dict[str, Held] = {}
-        self._outcome: Outcome | None = None
-        if self._good and self._out.is_file():
-            self._held, self._outcome = read_each(ResultReader(self._out))
         self._made: Outcome | None = None
+        if self._good and self._out.is_file():
+            reader = ResultReader(self._out)
+            self._held, self._made = read_each(reader), reader.outcome
         self._shown: dict[str, Status] = {}
         self._due = False
         self._set_goal(job.goal if options.goal_file is None else read_goal(options.goal_file))
@@ -303,7 +303,7 @@ class Follower:
             tell=self._options.tell,
         )
         self._made, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
-        self._held, self._outcome = read_each(ResultReader(self._out))
+        self._held = read_each(ResultReader(self._out))
         self._good |= set(used)
         if self._options.report is not None:
             report(self._out, self._options.report, overwrite=True, made=self._made)
@@ -395,7 +395,7 @@ class Follower:
             statuses[name] = status_of(held, wall_ns if under_way else None)
         if statuses != self._shown:
             again_s = max(int(self._options.interval_s), 5)
-            write_pages(statuses, self._outcome, self._options.status, again_s)
+            write_pages(statuses, self._made, self._options.status, again_s)
             self._shown = statuses
         self._remember(given=standing(statuses, self._memory.given))
         for name, status in statuses.items():

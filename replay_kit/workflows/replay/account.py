@@ -43,24 +43,14 @@ class Account:
     Attributes:
         counts: Of both.
         reports: Of its logs.
-        merged: The messages of these; None where they were given one by one.
+        merged: The messages of these.
         first_input: Number of the first of its logs.
     """
 
     counts: Counts
     reports: Sequence[LogReport]
-    merged: Merge[Message] | None = None
+    merged: Merge[Message]
     first_input: int = 0
-
-    @property
-    def late(self) -> Mapping[str, int]:
-        """Messages later than the reorder window allows, by topic."""
-        return {} if self.merged is None else self.merged.late
-
-    @property
-    def astray(self) -> Mapping[str, int]:
-        """Messages set aside because their stamps are far from their neighbours', by topic."""
-        return {} if self.merged is None else self.merged.astray
 
     def topics(self) -> list[dict[str, Any]]:
         """Return a row for each topic of the logs: number of messages read, used and skipped, and these by reason."""
@@ -73,8 +63,8 @@ class Account:
         for (topic, reason), count in self.counts.skipped.items():
             reasons[topic][reason] += count
         for counts, why in (
-            (self.late, "later than the reorder window allows"),
-            (self.astray, "its stamp is far from its neighbours'"),
+            (self.merged.late, "later than the reorder window allows"),
+            (self.merged.astray, "its stamp is far from its neighbours'"),
         ):
             for topic, count in counts.items():
                 reasons[topic][why] += count
@@ -151,20 +141,21 @@ class Account:
 
     def notes(self) -> list[str]:
         """Return notes on the clocks of the logs, on measurements that were not used, and on messages that could not be decoded."""
-        doubt = "" if self.merged is None else self.merged.doubtful_times
-        jumps = () if self.merged is None else self.merged.jumps
         return [
-            *([doubt] if doubt else []),
+            *filter(None, [self.merged.doubtful_times]),
             *(
                 f"{report.path}: {report.without_stamp} messages without a stamp were ordered by their log time"
                 for report in self.reports
                 if report.without_stamp
             ),
             *_notes_of(self.reports),
-            *(f"{self.reports[jump.input - self.first_input].path}: {jump}" for jump in jumps),
+            *(
+                f"{self.reports[jump.input - self.first_input].path}: {jump}"
+                for jump in self.merged.jumps
+            ),
             *(
                 f"{count} messages on {topic} were set aside: their stamps are more than a day from those before and after"
-                for topic, count in sorted(self.astray.items())
+                for topic, count in sorted(self.merged.astray.items())
             ),
             *self.counts.notes(),
             *(
@@ -180,10 +171,8 @@ class Account:
 
     def lost_pings(self) -> str:
         """Return which pings were lost for want of a setting, where they are more than a fifth of a topic's; else empty."""
-        words, rows, late = [], self.topics(), self.late
-        if self.merged is not None and any(
-            late.get(row["topic"], 0) > _MANY_LOST * row["read"] for row in rows
-        ):
+        words, rows, late = [], self.topics(), self.merged.late
+        if any(late.get(row["topic"], 0) > _MANY_LOST * row["read"] for row in rows):
             seconds = math.ceil(self.merged.late_by_s)
             # what they would have placed follows from it
             return (
@@ -210,7 +199,7 @@ class Account:
             "messages": rows,
             "lost_pings": self.lost_pings(),
             "losses": [{"file": path} | loss_json(loss) for path, loss in losses],
-            "late": sum(self.late.values()),
+            "late": sum(self.merged.late.values()),
         }
 
 

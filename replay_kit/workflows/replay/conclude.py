@@ -36,7 +36,6 @@ from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.prepare import Prepared
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.scoring import (
-    TruthScore,
     name_of,
     rival_inputs,
     score_against_truth,
@@ -310,7 +309,7 @@ def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str
 
 def _score(
     run: Run, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
-) -> tuple[TruthScore | None, list[str]]:
+) -> tuple[dict[str, float | None] | None, list[str]]:
     """Return the score, or as much of it as there is, and why the rest is missing."""
     job, forecasts, prior_flow, config = (
         inputs.job,
@@ -348,6 +347,5 @@ def _score(
         ]
     except PlanError as error:
         return score, [f"the plans cannot be flown in the truth: {error}"]
-    return replace(
-        score, closest_approach_m=closest[0], ensemble_mean_closest_approach_m=closest[1]
-    ), []
+    names = ("closest_approach_m", "ensemble_mean_closest_approach_m")
+    return score | dict(zip(names, closest, strict=True)), []

@@ -94,12 +94,9 @@ class Prepared:
         messages: Iterator[Message] | None = None,
         begin: Callable[[int], None] | None = None,
     ) -> Iterator[list[Message]]:
-        """Pass messages through a run, and yield each block of them once it is done; then end the run.
+        """Pass messages, None for all, through a run, and yield each block once it is done; then end the run.
 
-        Args:
-            run: The run.
-            messages: Those that are left; None for all.
-            begin: Called with the time of the run's first message [ns, UTC] before it.
+        ``begin`` is called with the time of the run's first message [ns, UTC] before it.
 
         Raises:
             ConfigError: No message lies in the time span that is asked for.

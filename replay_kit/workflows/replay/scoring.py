@@ -43,27 +43,6 @@ class ScoredPoints:
         return self.points[:, 0], self.points[:, 1], self.depth
 
 
-@dataclass(frozen=True, slots=True)
-class TruthScore:
-    """Errors of the estimate against a known truth.
-
-    Attributes:
-        rmse: RMS length of the error vector over the wet grid points scored [m/s].
-        rel_error: ``rmse`` over the truth's RMS speed there.
-        ensemble_mean_rmse: The same as ``rmse`` for the ensemble's mean [m/s].
-        points: Grid points scored.
-        closest_approach_m: Of the plan, flown in the truth; NaN without a goal.
-        ensemble_mean_closest_approach_m: Of the plan made on the ensemble's mean, flown in the truth.
-    """
-
-    rmse: float
-    rel_error: float
-    ensemble_mean_rmse: float
-    points: int
-    closest_approach_m: float = float("nan")
-    ensemble_mean_closest_approach_m: float = float("nan")
-
-
 def score_against_truth(
     flow: FlowEstimate,
     ensemble: Ensemble,
@@ -71,8 +50,8 @@ def score_against_truth(
     positions: Sequence[tuple[float, float]],
     radius_km: float | None,
     config: EstimatorConfig,
-) -> tuple[TruthScore, FlowEstimate]:
-    """Return the scores, without closest approaches, and the truth as a flow.
+) -> tuple[dict[str, float | None], FlowEstimate]:
+    """Return the scores as an outcome has them, without closest approaches, and the truth as a flow.
 
     The truth is compared at its own grid points that lie inside the ensemble's region and levels: RMSE is the root mean square
     length of the error vector, unweighted, and the relative error is over the truth's RMS speed there.
@@ -92,7 +71,14 @@ def score_against_truth(
     at = scored_points(flow.grid, truth, near)
     mean = _ensemble_mean_at(ensemble, truth, config, at)
     rmse, speed = rms_length(flow.velocity(*at.place) - at.velocity), rms_length(at.velocity)
-    score = TruthScore(rmse, rmse / speed, rms_length(mean - at.velocity), int(at.depth.size))
+    score: dict[str, float | None] = {
+        "rmse": rmse,
+        "rel_error": rmse / speed,
+        "ensemble_mean_rmse": rms_length(mean - at.velocity),
+        "points": int(at.depth.size),
+        "closest_approach_m": None,
+        "ensemble_mean_closest_approach_m": None,
+    }
     return score, embed_member(truth, 0, config)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.message import LogReport, Message
+from replay_kit.logs import merge
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.account import Account
 from replay_kit.workflows.replay.stages.counts import Counts
@@ -141,11 +142,15 @@ def test_mean_currents_of_real_files_are_used(ocean, name, used):
     assert answer["observations"]["used"] + answer["observations"]["rejected"] == used
 
 
+def account_of(reports):
+    return Account(Counts(), reports, merge([], 0.0))
+
+
 def test_a_note_that_several_logs_have_is_given_once():
     def report(path, *notes):
         return LogReport(path, "seaglider", {}, {}, (), notes=notes)
 
-    notes = Account(Counts(), [report("a.nc", "feet", "miles"), report("b.nc", "feet")]).notes()
+    notes = account_of([report("a.nc", "feet", "miles"), report("b.nc", "feet")]).notes()
     assert notes == ["2 logs: feet", "a.nc: miles"]
     notes = Account(
         Counts(),
@@ -162,7 +167,7 @@ def test_logs_of_several_missions_are_told(tmp_path):
         LogReport(f"{name}.nc", "seaglider", {}, {}, (), mission=name)
         for name in ("sg1", "sg2", "sg2")
     ]
-    assert Account(Counts(), of).notes() == [
+    assert account_of(of).notes() == [
         "the logs are of 2 missions, merged as if one vehicle had made them: sg1, sg2"
     ]
-    assert Account(Counts(), of[1:]).notes() == []
+    assert account_of(of[1:]).notes() == []

@@ -11,6 +11,7 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import GroupTotals, PathMean
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
+from replay_kit.logs import merge
 from replay_kit.workflows.replay.account import Account
 from replay_kit.workflows.replay.stages.counts import Sums
 from tests import synthetic
@@ -113,7 +114,7 @@ def test_an_estimator_that_supports_path_means_is_given_them_in_order():
 def test_another_is_not_and_the_report_counts_them():
     run = given(False)
     assert [len(each) for each in run.current] == [1, 1]
-    (notes,) = Account(run.vehicles[0].counts, ()).notes()
+    (notes,) = Account(run.vehicles[0].counts, (), merge([], 0.0)).notes()
     assert notes == "1 mean currents (dac): not supported by this estimator"
 
 

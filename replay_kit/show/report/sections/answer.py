@@ -106,9 +106,8 @@ def next_steps(contents: Contents) -> list[str]:
         out.append(
             "Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty."
         )
-    if not (out or outcome.complete):
-        out.append("Replay the log to its end for a verdict.")
-    return out or ["Nothing: the estimate agrees with what was measured."]
+    agrees = "Nothing: the estimate agrees with what was measured."
+    return out or [agrees if outcome.complete else "Replay the log to its end."]
 
 
 def _is_neutral(note: str) -> bool:
@@ -204,7 +203,7 @@ def words_section(contents: Contents) -> Section:
 def _in_short(contents: Contents) -> str:
     outcome = contents.outcome
     if not outcome.complete:
-        return "What was used is not counted: this is no result of a whole replay."
+        return "What was used is not counted."
     used, rms = outcome.observations, outcome.rms_innovation
     forms = f"{{used}} measurement{'s' * (used['used'] != 1)} of the current used"
     parts = [sentence(forms, used, "observations.").html]
