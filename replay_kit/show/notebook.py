@@ -24,9 +24,9 @@ class Result(ResultFile):
     @cached_property
     def vehicles(self) -> Mapping[str, "Result"]:
         """Of several vehicles that share the estimate the result of each, by its name; none of one alone."""
-        each = {} if self.made is None else self.made.vehicles
+        made, file = self.made, self.reader.file
         return {
-            one.name: Result(self.path, each.get(one.name), one.name, self.reader.file)
+            one.name: Result(self.path, made and made.vehicles.get(one.name), one.name, file)
             for one in self.reader.vehicles
             if not one.why_not
         }
@@ -43,7 +43,7 @@ class Result(ResultFile):
 def read_result(
     path: Path, made: Outcome | None = None, opened: OpenResult | None = None
 ) -> Result:
-    """Return a result that ``replay`` wrote, with its estimate and tables; they are read when first asked for.
+    """Return a result that ``replay`` wrote, with tables that are read when first asked for.
 
     Arguments are those of ``ResultFile``.
 

@@ -11,9 +11,6 @@ from replay_kit.show.numbers import Sentence, joined, sentence
 def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
     """Yield what was used, how well it was predicted, and the flight model's correction."""
     counts = outcome.observations
-    if not outcome.complete:
-        yield Sentence(["Observations: not counted"])
-        return
     rejected = ", ".join(f"{{bins_rejected.{name}}} {name}" for name in counts["bins_rejected"])
     means, sources = counts.get("mean_currents", 0), counts.get("sources", ())
     others, values = (sum(row[name] for row in sources) for name in ("used", "values"))

@@ -79,7 +79,11 @@ def smooth(
         with clock.stage("forecast"):
             logs = logs_of(job, config)
             forecasts = forecasts_of(job, config, logs)
-            check_smoothable(forecasts)
+            if forecasts.read is not None:
+                raise ConfigError(
+                    "smooth: windows that follow the vehicle are not smoothed; state one region with --region, or allow more "
+                    "points with forecast.window_points"
+                )
             estimator = build(forecasts, config)
         with clock.stage("estimate"):
             run, inputs, done = _forward(job, config, estimator, forecasts, logs, progress)
@@ -101,15 +105,6 @@ def smooth(
         with clock.stage("smooth"):
             _write(job, config, forecasts, estimator, run, done, outcome)
     return replace(outcome, seconds=dict(clock.seconds))
-
-
-def check_smoothable(forecasts: Forecasts) -> None:
-    """Raise ConfigError when windows follow the vehicle, of which none holds all of the log."""
-    if forecasts.read is not None:
-        raise ConfigError(
-            "smooth: windows that follow the vehicle are not smoothed; state one region with --region, or allow more points "
-            "with forecast.window_points"
-        )
 
 
 def published_times(first_ns: int, last_ns: int, interval: float) -> list[int]:

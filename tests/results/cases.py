@@ -120,7 +120,7 @@ def outcome_of(innovations: Sequence[Innovation]) -> Outcome:
         dives[one.dive] = sums.with_profile(one, np.empty((0, 2)))
     total = Sums(*map(sum, zip(*dives.values(), strict=True)))
     part = Account(Counts(total=total, dives=dives), (), merge([], 0.0)).part()
-    rows = [row | {"rms_innovation_predicted": None} for row in part["by_dive"] if row["dive"]]
+    rows = [row | {"rms_innovation_predicted": None} for row in part["by_dive"]]
     return made(part | {"by_dive": rows, "messages": None})
 
 

@@ -145,7 +145,7 @@ def test_topics_alike_share_a_line_unless_all_are_asked_for():
     ]
 
 
-COUNTS = {"used": 4, "rejected": 0, "bins_used": 4, "mean_currents": 0, "bins_rejected": {}}
+COUNTS = {"used": 4, "rejected": 0, "bins_used": 4, "bins_rejected": {}}
 DIVES = ((1, 1, 0.1), (2, 3, 0.3), (3, 0, math.nan), (4, 1, 0.2), (5, 1, 0.05))
 FOUND = {
     "messages": [

@@ -42,7 +42,7 @@ from replay_kit.workflows.follow.watch import (
     standing,
     write_memory,
 )
-from replay_kit.workflows.replay.inputs.estimator import built
+from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle, logs_of
 from replay_kit.workflows.replay.inputs.provenance import named_hash
@@ -320,7 +320,7 @@ class Follower:
     def _estimator(self, job: ReplayJob, forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
         """Return the estimator of a forecast: built once, for all replays until the next one."""
         if self._built is None or self._built[0] is not forecasts:
-            self._built = forecasts, built(forecasts, config, job)
+            self._built = forecasts, build(forecasts, config, len(job.each_vehicle))
         return self._built[1]
 
     def _without_folders(self, text: str) -> str:

@@ -1,6 +1,7 @@
 """The end of a replay: its outcome, its estimate, and the score against a truth."""
 
 import json
+import re
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from replay_kit.config.run import OutputConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN
-from replay_kit.core.errors import Finding, MeasurementError, PlanError, finding_json
+from replay_kit.core.errors import MeasurementError, PlanError, finding_json
 from replay_kit.core.evidence import Evidence
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -48,6 +49,8 @@ from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
 # Measurements times vehicles up to which the estimate is made without each: it takes as many updates.
 _MOST_DENIED = 20_000
+# In a note on a forecast that is not of the log's place or time.
+_OUTSIDE = re.compile("outside|is no forecast")
 _NOT_DENIED = (
     "the estimate without each vehicle was not made: there are too many vehicles and measurements"
 )
@@ -202,11 +205,6 @@ def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
     return together({one.name: own for one, own in zip(run.setups, accounts, strict=True)})
 
 
-def findings_so_far(run: Run) -> tuple[Finding, ...]:
-    """Return the contradictions found so far, of all vehicles."""
-    return tuple(found for of in run.of for found in of.monitoring.findings)
-
-
 def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
     """Return why vehicles gave nothing to the estimate, by their names.
 
@@ -246,15 +244,9 @@ def _found(run: Run, number: int, inputs: Prepared, flow: FlowEstimate) -> dict[
         "notes": account.notes() + of.publishing.surface.notes,
         "consistency": [*map(finding_json, findings)],
         "doubts": blind,
-        "outside": _outside(inputs),
+        "outside": [note for note in inputs.forecasts.notes if _OUTSIDE.search(note)],
         "flight_correction": correction_part(of.flight.correction(of.counts.corrections)),
     }
-
-
-def _outside(inputs: Prepared) -> list[str]:
-    """Return why the forecast is not of the log's place or time."""
-    notes = inputs.forecasts.notes
-    return [note for note in notes if "outside" in note or "is no forecast" in note]
 
 
 def _of_several(
@@ -288,7 +280,7 @@ def _of_several(
             for name, one in zip(names, each, strict=True)
             for found in one["consistency"]
         ],
-        "outside": _outside(inputs),
+        "outside": each[0]["outside"],
     }
 
 

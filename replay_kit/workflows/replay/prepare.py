@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from heapq import merge as merged_by
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.region import for_region
 from replay_kit.results.vehicles import VEHICLES_RECORD
 from replay_kit.workflows.replay.account import Account
-from replay_kit.workflows.replay.inputs.estimator import built
+from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
@@ -156,7 +157,8 @@ def prepare(
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         if estimator is None:
-            estimator = built(forecasts, with_planner_kind(job, logs.all, config), job)
+            make = job.estimator or partial(build, vehicles=len(job.each_vehicle))
+            estimator = make(forecasts, with_planner_kind(job, logs.all, config))
         prior_flow = estimator.flow(estimator.initial())
     setups, speeds_of = list[Setup](), _speeds_of(firsts, forecasts, config, speeds)
     for number, (vehicle, of_vehicle) in enumerate(

@@ -29,7 +29,7 @@ from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, failed
 from replay_kit.results.topics import Digest
 from replay_kit.workflows.replay.checkpoint import States, run_identity
-from replay_kit.workflows.replay.conclude import conclude, findings_so_far, so_far
+from replay_kit.workflows.replay.conclude import conclude, so_far
 from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
@@ -138,7 +138,8 @@ def _replay(
         if run.writer is not None:
             (run.writer.discard if unusable else run.writer.abandon)()
         if isinstance(error, ReplayKitError) and unusable:
-            error.findings = error.findings or findings_so_far(run)
+            found = (one for of in run.of for one in of.monitoring.findings)
+            error.findings = error.findings or tuple(found)
             error.answer = failed(error, so_far(run, inputs)).to_json()
         raise
     if states is not None:

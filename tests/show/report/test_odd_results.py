@@ -73,7 +73,7 @@ def test_one_ping_without_an_estimate(write, state, innovation):
     assert list(figures(page)) == ["current-map", "profiles", "innovations"]
     words = text_of(page, "answer")
     assert "without dives" in words
-    assert "Observations: not counted" in words
+    assert "What was used is not counted." in words
     assert "The result does not hold the counts of messages" in words
     assert "--no-estimate" in words
     assert "Without an estimate, the section shows the difference" in text_of(page, "section")

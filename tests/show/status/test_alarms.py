@@ -49,7 +49,7 @@ BAD = {
 }
 FINDING = Finding("headings", 0, "off by 90", "the mounting", "check the mounting")
 RMS = dict.fromkeys(("before", "after", "prior"), 0.1)
-COUNTS = {"used": 4, "rejected": 0, "bins_used": 4, "mean_currents": 0, "bins_rejected": {}}
+COUNTS = {"used": 4, "rejected": 0, "bins_used": 4, "bins_rejected": {}}
 
 
 def outcome_of(plan=None, findings=(FINDING,), note=""):

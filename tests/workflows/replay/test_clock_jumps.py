@@ -52,9 +52,7 @@ def test_a_wrong_clock_costs_the_stray_stamps_alone_and_is_told(ocean, tmp_path)
     assert broken.late == 0
     assert broken.observations["used"] == sound.observations["used"] > 25
     (row,) = (row for row in broken.messages if row["topic"] == "/vehicle/fix")
-    assert {one["reason"]: one["count"] for one in row["reasons"]} == {
-        "its stamp is far from its neighbours'": 2
-    }
+    assert row["skipped"] == 2
     (jump,) = (note for note in broken.notes if "clock jumps" in note)
     assert jump.startswith("broken.mcap: the clock jumps from ")
     assert jump.endswith("days were added to their stamps")

@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -17,7 +17,6 @@ from replay_kit.core.errors import (
     finding_line,
     finding_text,
 )
-from replay_kit.core.message import Loss
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build
 from replay_kit.logs import open_log
@@ -28,8 +27,7 @@ from replay_kit.measurements.checks.pairs import COMPASS, SCALE
 from replay_kit.measurements.checks.place import FROZEN, REPEATED
 from replay_kit.measurements.checks.profile import ENSEMBLE
 from replay_kit.measurements.means import TOO_FAST
-from replay_kit.results.losses import loss_json
-from replay_kit.results.outcome.outcome import failed, made
+from replay_kit.results.outcome.outcome import failed
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result
 from replay_kit.show.report.sections.answer import found_warnings
@@ -227,14 +225,6 @@ def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean,
     )
     ignoring = with_settings(consistency={"on_failure": "ignore"})
     assert replay(job, ignoring)[0].exit_code == 0
-
-
-def test_loss_goes_before_contradiction_and_both_are_listed(summary_of):
-    summary = summary_of("stale from ping 11")
-    lost = {"file": "a.mcap", **loss_json(Loss("cut", 1, 2))}
-    both = made({**asdict(summary), "losses": [lost]})
-    assert (both.exit_code, both.exit_codes) == (4, (4, 6))
-    assert both.to_json()["status"] == "loss"
 
 
 def invoked(ocean, log, tmp_path, more=""):

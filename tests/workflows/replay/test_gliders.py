@@ -142,32 +142,20 @@ def test_mean_currents_of_real_files_are_used(ocean, name, used):
     assert answer["observations"]["used"] + answer["observations"]["rejected"] == used
 
 
-def account_of(reports):
-    return Account(Counts(), reports, merge([], 0.0))
+def test_notes_that_several_logs_have_are_given_once_and_their_missions():
+    def notes(*logs, mission=""):
+        reports = [
+            LogReport(path, "seaglider", {}, {}, (), notes=own, mission=mission and path)
+            for path, *own in logs
+        ]
+        return Account(Counts(), reports, merge([], 0.0)).notes()
 
-
-def test_a_note_that_several_logs_have_is_given_once():
-    def report(path, *notes):
-        return LogReport(path, "seaglider", {}, {}, (), notes=notes)
-
-    notes = account_of([report("a.nc", "feet", "miles"), report("b.nc", "feet")]).notes()
-    assert notes == ["2 logs: feet", "a.nc: miles"]
-    notes = Account(
-        Counts(),
-        [report("a.nc", "1 fixes"), report("b.nc", "3 fixes", "read as time: t, depth: z")],
-    ).notes()
-    assert notes == [
+    assert notes(("a.nc", "feet", "miles"), ("b.nc", "feet")) == ["2 logs: feet", "a.nc: miles"]
+    assert notes(("a.nc", "1 fixes"), ("b.nc", "3 fixes", "read as time: t, depth: z")) == [
         "2 logs: 1 to 3 fixes",
         "b.nc: 2 variables were read by their names, which replay-kit info lists",
     ]
-
-
-def test_logs_of_several_missions_are_told(tmp_path):
-    of = [
-        LogReport(f"{name}.nc", "seaglider", {}, {}, (), mission=name)
-        for name in ("sg1", "sg2", "sg2")
-    ]
-    assert account_of(of).notes() == [
+    assert notes(("sg1",), ("sg2",), ("sg2",), mission="stated") == [
         "the logs are of 2 missions, merged as if one vehicle had made them: sg1, sg2"
     ]
-    assert account_of(of[1:]).notes() == []
+    assert notes(("sg2",), ("sg2",), mission="stated") == []

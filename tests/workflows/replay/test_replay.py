@@ -331,7 +331,7 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
     )
     score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
     # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
-    assert score.rmse < 6e-3
+    assert score["rmse"] < 6e-3
 
 
 def test_a_truth_that_is_not_there_costs_no_time(ocean, tmp_path):

@@ -11,8 +11,6 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.observation import GroupTotals, PathMean
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
-from replay_kit.logs import merge
-from replay_kit.workflows.replay.account import Account
 from replay_kit.workflows.replay.stages.counts import Sums
 from tests import synthetic
 from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
@@ -114,8 +112,7 @@ def test_an_estimator_that_supports_path_means_is_given_them_in_order():
 def test_another_is_not_and_the_report_counts_them():
     run = given(False)
     assert [len(each) for each in run.current] == [1, 1]
-    (notes,) = Account(run.vehicles[0].counts, (), merge([], 0.0)).notes()
-    assert notes == "1 mean currents (dac): not supported by this estimator"
+    assert run.vehicles[0].counts.unsupported == {"dac": 1}
 
 
 def test_a_group_counts_as_its_profiles_do():

@@ -106,8 +106,7 @@ def next_steps(contents: Contents) -> list[str]:
         out.append(
             "Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty."
         )
-    agrees = "Nothing: the estimate agrees with what was measured."
-    return out or [agrees if outcome.complete else "Replay the log to its end."]
+    return out or ["Nothing: the estimate agrees with what was measured."]
 
 
 def _is_neutral(note: str) -> bool:
@@ -182,8 +181,9 @@ def _surfacings(contents: Contents) -> str:
 def words_section(contents: Contents) -> Section:
     """Return the answer in words."""
     outcome = contents.outcome
+    used = estimate_sentences(outcome) if outcome.complete else ()
     parts = {
-        "What was measured": [Sentence([_measured(contents)]), *estimate_sentences(outcome)],
+        "What was measured": [Sentence([_measured(contents)]), *used],
         "What was found": [*_found(contents), *found_sentences(outcome)],
         "What was not used, and why": [*_not_used(contents)],
     }

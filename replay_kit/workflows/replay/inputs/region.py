@@ -95,7 +95,7 @@ class HasPlaces(Protocol):
 
     @property
     def places(self) -> Array:
-        """Longitude and latitude [degrees], shape (n, 2)."""
+        """As of ``Reach``."""
         ...
 
 
