@@ -50,9 +50,9 @@ WRONG = [
     ("replay_kit/core/geodesy.py", "from casadi import SX"),
     (
         "planners/hazards/domain.py",
-        "from replay_kit.workflows.replay.statistics import RunStatistics",
+        "from replay_kit.workflows.replay.account import Account",
     ),
-    ("replay_kit/estimator/filter.py", "import replay_kit.results.outcome.run"),
+    ("replay_kit/estimator/filter.py", "import replay_kit.results.outcome.outcome"),
     ("replay_kit/estimator/filter.py", "from mcap.reader import make_reader"),
 ]
 

@@ -35,11 +35,8 @@ def test_a_replay_is_one_call_and_its_answer_one_more(result):
     got = result.estimate.velocity_at(153.1, -40.25, 150.0)
     assert np.isfinite([got.u, got.v]).all()
     assert 0.0 < got.u_standard_error < 0.3
-    assert (
-        result.summary.profiles_used == (result.observations["decision"] == "accepted").sum() > 20
-    )
-    summary = result.summary
-    assert result.outcome.observations["used"] == summary.profiles_used
+    used = result.outcome.observations["used"]
+    assert used == (result.observations["decision"] == "accepted").sum() > 20
     assert repr(result.outcome).startswith(result.outcome.decision.word)
 
 
@@ -53,7 +50,7 @@ def test_what_is_opened_is_what_was_made(result, tmp_path):
     )
     opened = rk.open_result(str(tmp_path / "out.mcap"))
     assert made.path.read_bytes() == result.path.read_bytes()
-    assert opened.summary is None
+    assert opened.made is None
     assert opened.outcome == made.outcome
     np.testing.assert_array_equal(opened.estimate.latent, result.estimate.latent)
     # of the covariance a result keeps what single precision holds
@@ -101,7 +98,7 @@ def test_what_is_lost_of_a_log_is_a_warning(tmp_path):
     (tmp_path / "cut.mcap").write_bytes(LOG.read_bytes()[:-200_000])
     with pytest.warns(
         UserWarning,
-        match="lost: 1 damaged parts of the logs, 0 late messages; result.summary.losses",
+        match="lost: 1 damaged parts of the logs, 0 late messages; result.outcome.losses",
     ):
         rk.replay(tmp_path / "cut.mcap", ENSEMBLE, settings=SETTINGS)
 

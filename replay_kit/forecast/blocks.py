@@ -93,16 +93,19 @@ class Collection:
 
 
 @contextmanager
-def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collection]:
-    """Give an ensemble's files, opened; they are closed at the end.
+def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Iterator[Collection]:
+    """Give an ensemble's files, opened, as they may be given.
 
     Args:
-        given: Files, stores, folders and patterns.
-        rule: What a member is; None to find out.
+        given: Files, stores, folders, patterns.
+        rule: What a member is; None finds out.
 
     Raises:
         ForecastError: Files are missing, unreadable, hold no current, or do not belong together.
     """
+    if isinstance(given, Collection):
+        yield given
+        return
     sources = find_sources(given)
     try:
         with ExitStack() as stack:
@@ -116,14 +119,11 @@ def open_collection(given: Paths, rule: MemberRule | None) -> Iterator[Collectio
             alone = [
                 f"{path.name}: {name}" for _, path, ds in of_suffix for name in without_partner(ds)
             ]
-            notes = (
-                (
-                    f"{WARNING}members with only one component were excluded: {some_text(alone)}; add the other",
-                )
-                if alone
-                else ()
-            )
-            yield _collected(files, rule, (*sources.notes, *notes))
+            notes = sources.notes
+            if alone:
+                excluded = f"members with only one component were excluded: {some_text(alone)}"
+                notes += (f"{WARNING}{excluded}; add the other",)
+            yield _collected(files, rule, notes)
     # values of unexpected kinds and damaged data blocks are found where they are used
     except _FOREIGN as error:
         names, words = ", ".join(map(str, sources.files[:3])), " ".join(str(error).split())[:200]

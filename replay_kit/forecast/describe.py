@@ -226,7 +226,7 @@ class Extent:
 
 @contextmanager
 def open_extent(
-    path: Paths, config: ForecastConfig, near_ns: int | None
+    path: Paths | Collection, config: ForecastConfig, near_ns: int | None
 ) -> Iterator[Extent | None]:
     """Give where the points of a forecast lie; None where its files do not say what a member is.
 

@@ -65,7 +65,7 @@ class Reading:
 
 
 def read_ensemble(
-    path: Paths,
+    path: Paths | Collection,
     config: ForecastConfig,
     *,
     near_ns: int | None = None,

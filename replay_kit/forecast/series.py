@@ -22,7 +22,7 @@ _DAY_NS = 86_400 * 10**9
 
 
 def read_series(
-    path: Paths,
+    path: Paths | Collection,
     config: ForecastConfig,
     *,
     near_ns: int | None = None,

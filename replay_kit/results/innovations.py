@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.observation import Flag, Innovation, Reason
+from replay_kit.core.observation import Innovation
 from replay_kit.results import earlier
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import ARRAYS, MESSAGES, decode, encode, numbers
@@ -24,26 +24,8 @@ if TYPE_CHECKING:
 TOPIC, _NAME = "/flow/innovation", "Innovations"
 _FIELDS = {field.name: field.type for field in MESSAGES[_NAME]}
 BINS = [*_FIELDS][[*_FIELDS].index("depth") :]
-_MEANS = {"mean_current_measured": "mean_current", "mean_current_corrected": "corrected_current"}
-_PAIRS = [name.removesuffix("_east") for name in _FIELDS if name.endswith("_east")]
-# The attributes of an innovation that columns, and pairs of the components east and north, hold.
-_HELD = (
-    {name: name for name in _FIELDS if not name.endswith(("_east", "_north"))}
-    | {name: _MEANS.get(name, name) for name in _PAIRS}
-    | {
-        "timestamp": "time_ns",
-        "source_time": "source.time_ns",
-        "source_input": "source.input",
-        "source_topic": "source.topic",
-        "source_position": "source.position",
-        "gate_threshold": "gate",
-        "mean_current_kind": "mean_kind",
-        "mean_current_measured_standard_error": "mean_std",
-        "mean_current_corrected_standard_error": "corrected_std",
-        "mean_current_estimated_standard_error": "estimated_std",
-        "bins": "depth.size",
-    }
-)
+_MEANS = ("mean_current_measured", "mean_current_corrected")
+_ENDS = ("_east", "_north")
 #: Rows of tables made at once, and the most profiles and bins that are kept for figures.
 _ROWS, MOST, MOST_BINS = 2048, 20_000, 300_000
 _RMS = ("innovation", "residual", "prior_innovation")
@@ -62,23 +44,20 @@ Tables = tuple["pd.DataFrame", "pd.DataFrame"]
 
 def block_of(innovations: Sequence[Innovation]) -> bytes:
     """Return ``replay_kit.Innovations``, without columns of which nothing is known."""
-    columns: dict[str, Any] = {}
-    for name, path in _HELD.items():
-        held = [*map(attrgetter(path), innovations)]
-        if name in _PAIRS:
-            rows = [1 if name in _MEANS else one.depth.size for one in innovations]
-            whole = [
-                np.full((count, 2), np.nan) if pair is None else pair
+    known = dict[str, Any]()
+    for field in MESSAGES[_NAME]:
+        held: list[Any] = [*map(attrgetter(field.path), innovations)]
+        if field.name.endswith(_ENDS):
+            of_bins, end = field.name in BINS, field.name.endswith(_ENDS[1])
+            rows = [one.depth.size if of_bins else 1 for one in innovations]
+            held = [
+                np.full(count, np.nan) if pair is None else np.atleast_2d(pair)[:, int(end)]
                 for count, pair in zip(rows, held, strict=True)
             ]
-            columns[f"{name}_east"], columns[f"{name}_north"] = np.vstack(whole).T
-        else:
-            columns[name] = np.concatenate(held) if name in BINS else held
-    known = {
-        name: values
-        for name, values in columns.items()
-        if _FIELDS[name] not in ("float", "double") or not np.isnan(values).all()
-    }
+        one_behind_the_other = field.name in BINS or field.name.endswith(_ENDS)
+        values = np.concatenate(held) if one_behind_the_other else held
+        if field.type not in ("float", "double") or not np.isnan(values).all():
+            known[field.name] = values
     return encode(_NAME, known)
 
 
@@ -183,13 +162,11 @@ class Measured:
         sums: Over all measurements, a row for each dive, topic, kind of mean current (empty for profiles), decision and whether accepted:
             ``measurements``, those ``with_bins`` that were used, ``dof``, ``nis``, ``signal_dof``, those for which the prior was
             ``square_*`` of the innovations [m^2/s^2], and times of the ``first`` and the ``last``.
-        reasons: Number of bins not used by their reasons, sums of ``Reason``.
     """
 
     observations: "pd.DataFrame"
     innovations: "pd.DataFrame"
     sums: "pd.DataFrame"
-    reasons: Counter[int]
 
     @property
     def count(self) -> int:
@@ -200,18 +177,6 @@ class Measured:
     def profiles(self) -> int:
         """Number of measurements with bins used that are no mean currents."""
         return int(self.sums["with_bins"][self.sums["mean_current_kind"] == ""].sum())
-
-    @property
-    def bins_rejected(self) -> dict[str, int]:
-        """Number of bins not used by reason, in the order of the reasons; a bin can have several."""
-        counts = {
-            str(reason.name).lower(): sum(
-                count for code, count in self.reasons.items() if code & int(reason)
-            )
-            for reason in Reason
-            if reason
-        }
-        return {name: count for name, count in counts.items() if count}
 
 
 def measured_of(
@@ -226,20 +191,17 @@ def measured_of(
     """
     import pandas as pd
 
-    sums, reasons, seen, bins, every = list[pd.DataFrame](), Counter[int](), Counter[str](), 0, 1
+    sums, seen, bins, every = list[pd.DataFrame](), Counter[str](), 0, 1
     for columns in larger(blocks()):
         observations, of_bins = tables_of(columns)
         sums.append(_sums(_addends(observations)))
-        unused = ~np.isin(of_bins["flags"], [Flag.GOOD, Flag.SUSPECT])
-        codes, counts = np.unique(of_bins["reasons"].to_numpy()[unused], return_counts=True)
-        reasons.update(dict(zip(codes.tolist(), counts.tolist(), strict=True)))
         _places(columns, seen)
         bins += len(of_bins)
     while max(seen.total() / most, bins / most_bins) > every:
         every *= 2
     seen.clear()
     kept = (picked(one, _places(one, seen) % every == 0) for one in larger(blocks()))
-    return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)), reasons)
+    return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)))
 
 
 def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":

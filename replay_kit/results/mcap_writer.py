@@ -4,7 +4,6 @@ The file is written as ``OUT.mcap.part`` and gets its name only when it is compl
 are those of the events, never of the writing, so that the same run gives the same bytes.
 """
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -13,7 +12,6 @@ from typing import Any, Protocol
 
 import foxglove
 
-from replay_kit.core.errors import Finding
 from replay_kit.core.flow.compact import pack
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection, Seabed
@@ -25,6 +23,7 @@ from replay_kit.results import messages
 from replay_kit.results.innovations import TOPIC, block_of
 from replay_kit.results.layout.layout import layout_of, layout_text
 from replay_kit.results.mcap_file import Definition, ResultFile, Written
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import (
     Slice,
@@ -129,8 +128,8 @@ class ResultWriter(ResultFile):
         frame = self._vehicle or messages.VEHICLE_FRAME
         self._log("/tf", messages.vehicle_transform(time_ns, place, heading, frame), time_ns)
 
-    def consistency(self, time_ns: int, findings: Sequence[Finding]) -> None:
-        """Write all findings so far to ``/flow/consistency``."""
+    def consistency(self, time_ns: int, findings: Sequence[Mapping[str, Any]]) -> None:
+        """Write all findings so far, as ``finding_json`` has them, to ``/flow/consistency``."""
         self._log_own(
             "/flow/consistency", "Consistency", messages.consistency(time_ns, findings), time_ns
         )
@@ -220,19 +219,14 @@ class ResultWriter(ResultFile):
         written, self._arrow_scale = state
         self.restore(source, written)
 
-    def summary(self, time_ns: int, summary: Mapping[str, Any]) -> None:
-        """Attach the summary of the run as ``summary.json``, for the report; wall times do not belong there.
+    def summary(self, time_ns: int, outcome: Outcome) -> None:
+        """Attach the outcome of the run, of several vehicles with those of each, as ``summary.json``.
 
         Args:
             time_ns: Time of the run's last message [ns, UTC].
-            summary: As ``Outcome.to_record`` returns it.
+            outcome: The outcome.
         """
-        self.attach(
-            time_ns,
-            name_of(self._vehicle, SUMMARY_NAME),
-            "application/json",
-            (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode(),
-        )
+        self.attach(time_ns, SUMMARY_NAME, "application/json", outcome.to_record())
 
     def window(self, number: int, flow: FlowEstimate) -> None:
         """Attach the last estimate of a window that the vehicle has left, as ``estimate_window_1.npz`` and so on.

@@ -4,9 +4,10 @@ Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache
+from operator import attrgetter
 from typing import Any, Literal
 from zlib import crc32
 
@@ -14,7 +15,7 @@ import foxglove.messages as fox
 import numpy as np
 from numpy.typing import ArrayLike
 
-from replay_kit.core.errors import Finding, ReplayKitError, finding_json
+from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
@@ -39,17 +40,6 @@ _LEVELS = {
 _SECOND = 1_000_000_000
 # a finding's key in JSON, whose field has another name
 _FINDING = {"set": "advice"}
-# fields of the messages and whence they are
-_OF_PLAN = (
-    "timestamp=start_time_ns start goal status message heading_deg glide_angle_deg speed velocity_through_water duration closest_approach "
-    "track_time energy battery"
-)
-_OF_SURFACING = (
-    "timestamp=fix.time_ns dive_begin=forecast.start.time_ns dive=forecast.dive earlier_dives=forecast.earlier start=forecast.start "
-    "actual=fix distance direction_deg ellipse_bearing=forecast.outer.bearing_deg inner_major=forecast.inner.major "
-    "inner_minor=forecast.inner.minor outer_major=forecast.outer.major outer_minor=forecast.outer.minor inside_inner=in_inner "
-    "inside_outer=in_outer log_score persistent_log_score persistent_distance persistent_radius=forecast.persistent_radius"
-)
 
 
 def stamp(time_ns: int) -> fox.Timestamp:
@@ -98,11 +88,10 @@ def vehicle_transform(
     )
 
 
-def consistency(time_ns: int, findings: Sequence[Finding]) -> bytes:
-    """Return ``replay_kit.Consistency``: all findings so far."""
+def consistency(time_ns: int, findings: Sequence[Mapping[str, Any]]) -> bytes:
+    """Return ``replay_kit.Consistency``: all findings so far, as ``finding_json`` has them."""
     found = [
-        {_FINDING.get(key, key): value or "" for key, value in finding_json(finding).items()}
-        for finding in findings
+        {_FINDING.get(key, key): value or "" for key, value in one.items()} for one in findings
     ]
     return encode("Consistency", {"timestamp": _time(time_ns), "findings": found})
 
@@ -155,13 +144,12 @@ def plan_controls(plan: Plan) -> bytes:
     return _own(
         "Plan",
         plan,
-        _OF_PLAN,
         track_east=east,
         track_north=north,
         track_depth=depth,
         statistics=[{"name": name, "value": str(value)} for name, value in statistics],
         track_bottom=() if plan.bottom is None else plan.bottom,
-        **({} if plan.odds is None else {"odds": asdict(plan.odds)}),
+        odds=None if plan.odds is None else asdict(plan.odds),
     )
 
 
@@ -171,7 +159,6 @@ def plan_outcome(outcome: SurfacingOutcome) -> bytes:
     return _own(
         "PlanOutcome",
         outcome,
-        "timestamp=time_ns planned_time=planned_ns predicted_time=predicted.time_ns predicted distance direction_deg delay=late",
         actual=outcome,
         inside_ellipse=bool(outcome.inside),
         **{
@@ -182,17 +169,15 @@ def plan_outcome(outcome: SurfacingOutcome) -> bytes:
 
 def surfacing_message(outcome: DiveOutcome) -> bytes:
     """Return ``replay_kit.Surfacing``; figures of the last dive's current are NaN where it has no spread yet."""
-    return _own("Surfacing", outcome, _OF_SURFACING, expected=outcome.forecast)
+    return _own("Surfacing", outcome)
 
 
-def _own(name: str, value: Any, names: str, **more: Any) -> bytes:
-    """Return a message of the table with attributes of a value, see ``attributes``, and more fields; places and times of any kind."""
-    held = attributes(value, names) | more
+def _own(name: str, value: Any, **more: Any) -> bytes:
+    """Return a message of the table with the attributes of a value that its fields name, and other fields; places and times of any kind."""
+    kinds, held = {TIME: _time, ".replay_kit.Place": _place}, dict[str, Any]()
     for field in MESSAGES[name]:
-        if field.type == TIME:
-            held[field.name] = _time(held[field.name])
-        elif field.type == ".replay_kit.Place":
-            held[field.name] = _place(held[field.name])
+        of = more[field.name] if field.name in more else attrgetter(field.path)(value)
+        held[field.name] = kinds[field.type](of) if field.type in kinds else of
     return encode(name, held)
 
 

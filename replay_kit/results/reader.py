@@ -5,29 +5,27 @@ A reader of one vehicle's part finds what is the vehicle's (``vehicles.py``) und
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
-from mcap.reader import make_reader
 from mcap.records import Attachment, Schema
 from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Projection
-from replay_kit.results.opened import Opened, opened, stream
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.topics import (
     CONFIG_NAME,
     DIGEST_NAME,
     EARLIER_ESTIMATE,
     ESTIMATE_NAME,
+    SUMMARY_NAME,
     WINDOW_NAME,
     WINDOWS_RECORD,
-    complete,
+    OpenResult,
     message_counts,
-    newest_messages,
-    read_messages,
 )
 from replay_kit.results.vehicles import (
     VEHICLES_RECORD,
@@ -54,6 +52,7 @@ class ResultReader:
     Attributes:
         path: The file.
         vehicle: Name of one of its vehicles; empty for the whole result.
+        opened: The file, where it is open.
 
     Raises:
         LogError: From each attribute and method: the file is missing, or is no complete result.
@@ -61,40 +60,36 @@ class ResultReader:
 
     path: Path
     vehicle: str = ""
+    opened: OpenResult | None = field(default=None, compare=False, repr=False)
+
+    @cached_property
+    def file(self) -> OpenResult:
+        """The file, opened once for all vehicles."""
+        return self.opened or OpenResult(self.path)
+
+    def part(self, vehicle: str) -> "ResultReader":
+        """Return the part of a vehicle, or with an empty name the whole."""
+        return ResultReader(self.path, vehicle, self.file)
 
     @property
     def name(self) -> str:
         """What to call it: the file's name, and of a vehicle's part that with the vehicle's."""
         return part_path(self.path, self.vehicle, Path()).name if self.vehicle else self.path.name
 
-    @cached_property
-    def _opened(self) -> Opened:
-        """The file, which other readers of it share."""
-        return opened(self.path)
-
-    def _stream(self) -> BinaryIO:
-        assert self._opened.number
-        return stream(self.path)
-
-    @cached_property
+    @property
     def summary(self) -> "Summary":
         """The summary of the whole file."""
-        with complete(self.path), self._stream() as file:
-            found = make_reader(file).get_summary()
-            if found is None or found.statistics is None:
-                raise ValueError("it has no summary")
-        return found
+        return self.file.summary
 
     @cached_property
     def topics(self) -> dict[str, int]:
         """Number of messages by topic, of the whole file."""
         return message_counts(self.summary)
 
-    @cached_property
+    @property
     def records(self) -> list[tuple[str, dict[str, str]]]:
         """Metadata records of the whole file, in order, with their names."""
-        with complete(self.path), self._stream() as file:
-            return [(one.name, dict(one.metadata)) for one in make_reader(file).iter_metadata()]
+        return self.file.records
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
@@ -131,20 +126,30 @@ class ResultReader:
         number = json.loads(windows.get("vehicles", "{}")).get(self.vehicle)
         own = f"{WINDOW_NAME}{number}"
         found = dict[str, Attachment]()
-        with complete(self.path), self._stream() as file:
-            for one in make_reader(file).iter_attachments():
-                owner, _, name = one.name.rpartition("/")
-                if self.vehicle and owner != self.vehicle and not _is_common(name):
-                    continue
-                if not self.vehicle:
-                    name = one.name
-                stem, dot, ending = name.partition(".")
-                if number and stem in ("estimate", own):
-                    # so that the last one is that of the vehicle's window
-                    name = f"{own if stem == 'estimate' else 'estimate'}{dot}{ending}"
-                if wanted(name):
-                    found[name] = one
+        for one in self.summary.attachment_indexes:
+            owner, _, name = one.name.rpartition("/")
+            if self.vehicle and owner != self.vehicle and not _is_common(name):
+                continue
+            if not self.vehicle:
+                name = one.name
+            stem, dot, ending = name.partition(".")
+            if number and stem in ("estimate", own):
+                # so that the last one is that of the vehicle's window
+                name = f"{own if stem == 'estimate' else 'estimate'}{dot}{ending}"
+            if wanted(name):
+                found[name] = self.file.attachment(one.offset)
         return found
+
+    @cached_property
+    def outcome(self) -> Outcome | None:
+        """The outcome of the run, or of the vehicle in it; None where the result keeps none, as of an unfinished run."""
+        held = self.part("").attachments(lambda name: name.rpartition("/")[2] == SUMMARY_NAME)
+        records = {name.rpartition("/")[0]: json.loads(one.data) for name, one in held.items()}
+        if (record := records.pop("", None)) is None:
+            return None
+        # results of earlier versions keep one of each vehicle beside that of all
+        found = outcome_from(record if record.get("vehicles") else record | {"vehicles": records})
+        return found.vehicles.get(self.vehicle) if self.vehicle else found
 
     def text(self, name: str) -> str:
         """Return an attached text; empty without one."""
@@ -158,8 +163,8 @@ class ResultReader:
     ) -> Iterator[tuple[int, bytes]]:
         """Yield time [ns, UTC] and payload of the messages of a topic by time, or from the newest one, at most of a time, back."""
         if newest:
-            return newest_messages(self.path, self._own(topic), until_ns)
-        return read_messages(self.path, self._own(topic))
+            return self.file.newest(self._own(topic), until_ns)
+        return self.file.messages(self._own(topic))
 
     def schema(self, topic: str) -> Schema | None:
         """Return the schema of a topic; None where it has no messages."""

@@ -14,7 +14,6 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
 from replay_kit.results.innovations import (
     Columns,
@@ -27,11 +26,11 @@ from replay_kit.results.innovations import (
     table_of,
     tables_of,
 )
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import MESSAGES, TIME, decode, numbers
 from replay_kit.results.slices import surface_table
-from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME
+from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME, OpenResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -48,13 +47,15 @@ class ResultFile:
 
     Attributes:
         path: The result MCAP.
-        summary: Of the replay that made it; None for a result that was opened.
+        made: Outcome of the replay that has just made it, with its wall times and score; None for a result that was opened.
         vehicle: One of several vehicles, whose part this is; empty for the whole.
+        opened: The file, where it is open.
     """
 
     path: Path
-    summary: ReplaySummary | None = None
+    made: Outcome | None = None
     vehicle: str = ""
+    opened: OpenResult | None = None
 
     def __repr__(self) -> str:
         """Return what the result holds."""
@@ -77,7 +78,12 @@ class ResultFile:
     @cached_property
     def reader(self) -> ResultReader:
         """What reads its records and messages."""
-        return ResultReader(self.path, self.vehicle)
+        return ResultReader(self.path, self.vehicle, self.opened)
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """What the run found and how far to trust it: counts, fit, verdict, plan, surfacings, contradictions, losses."""
+        return self.made or self.reader.outcome or Outcome(complete=False)
 
     @cached_property
     def estimate(self) -> FlowEstimate:
@@ -240,15 +246,9 @@ class ResultFile:
         return table_of(columns)
 
 
-def result_path(path: str | Path) -> Path:
-    """Return the path of a result that ``replay`` wrote.
-
-    Raises:
-        LogError: The file is missing, or is no complete result.
-        ConfigError: The path is neither text nor a ``Path``.
-    """
-    path = as_path(path, "result")
-    records = ResultReader(path).metadata
+def check_result(reader: ResultReader) -> None:
+    """Raise LogError when a file is no complete result that ``replay`` wrote."""
+    path, records = reader.path, reader.metadata
     if "contract" not in records:
         raise LogError(
             f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log"
@@ -257,7 +257,6 @@ def result_path(path: str | Path) -> Path:
         raise LogError(
             f"{path}: expected a result of version 0.2.0 or later, got one of contract version {version}; replay the log again"
         )
-    return path
 
 
 def _table(rows: list[Any], columns: str) -> "pd.DataFrame":

@@ -42,17 +42,20 @@ class Field(NamedTuple):
         name: Field name.
         type: Protobuf scalar, or the full name of a message with a leading dot.
         repeated: True for a list.
+        path: Of the attribute that it holds, in the value that the message is of; of a list in columns in each of the values, and of a
+            name that ends with ``_east`` or ``_north`` of a pair of both.
     """
 
     name: str
     type: str
-    repeated: bool = False
+    repeated: bool
+    path: str
 
 
 def _fields(type_name: str, *names: str) -> tuple[Field, ...]:
-    """Return fields of one type; ``[]`` behind the type makes them lists."""
-    kind = type_name.removesuffix("[]")
-    return tuple(Field(name, kind, kind != type_name) for name in names)
+    """Return fields of one type, each ``name`` or ``name=path.to.attribute``; ``[]`` behind the type makes them lists."""
+    kind, pairs = type_name.removesuffix("[]"), [each.partition("=") for each in names]
+    return tuple(Field(name, kind, kind != type_name, path or name) for name, _, path in pairs)
 
 
 MESSAGES: dict[str, tuple[Field, ...]] = {
@@ -62,46 +65,39 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("float[]", "x"),
     ),
     "Innovations": (
-        *_fields("sfixed64[]", "timestamp"),
-        *_fields("fixed32[]", "source_input"),
-        *_fields("string[]", "source_topic"),
-        *_fields("fixed64[]", "source_position"),
-        *_fields("sfixed64[]", "source_time"),
+        *_fields("sfixed64[]", "timestamp=time_ns"),
+        *_fields("fixed32[]", "source_input=source.input"),
+        *_fields("string[]", "source_topic=source.topic"),
+        *_fields("fixed64[]", "source_position=source.position"),
+        *_fields("sfixed64[]", "source_time=source.time_ns"),
         *_fields("fixed32[]", "dive"),
         *_fields("double[]", "nis"),
         *_fields("fixed32[]", "dof"),
         *_fields("bool[]", "accepted"),
         *_fields("double[]", "error_inflation"),
         *_fields("string[]", "decision"),
-        *_fields("double[]", "gate_statistic", "gate_threshold", "signal_dof"),
-        *_fields("string[]", "mean_current_kind"),
+        *_fields("double[]", "gate_statistic", "gate_threshold=gate", "signal_dof"),
+        *_fields("string[]", "mean_current_kind=mean_kind"),
         *_fields(
             "double[]",
-            "mean_current_measured_east",
-            "mean_current_measured_north",
-            "mean_current_corrected_east",
-            "mean_current_corrected_north",
-            "mean_current_measured_standard_error",
-            "mean_current_corrected_standard_error",
-            "mean_current_estimated_standard_error",
+            "mean_current_measured_east=mean_current",
+            "mean_current_measured_north=mean_current",
+            "mean_current_corrected_east=corrected_current",
+            "mean_current_corrected_north=corrected_current",
+            "mean_current_measured_standard_error=mean_std",
+            "mean_current_corrected_standard_error=corrected_std",
+            "mean_current_estimated_standard_error=estimated_std",
         ),
-        *_fields("fixed32[]", "profiles", "bins"),
-        *_fields(
-            "float[]",
-            "depth",
-            "measured_east",
-            "measured_north",
-            "innovation_east",
-            "innovation_north",
-            "innovation_std_east",
-            "innovation_std_north",
-            "residual_east",
-            "residual_north",
-            "prior_innovation_east",
-            "prior_innovation_north",
-            "replayed_residual_east",
-            "replayed_residual_north",
-        ),
+        *_fields("fixed32[]", "profiles", "bins=depth.size"),
+        *_fields("float[]", "depth", "measured_east=measured", "measured_north=measured"),
+        *_fields("float[]", "innovation_east=innovation", "innovation_north=innovation"),
+        *_fields("float[]", "innovation_std_east=innovation_std"),
+        *_fields("float[]", "innovation_std_north=innovation_std"),
+        *_fields("float[]", "residual_east=residual", "residual_north=residual"),
+        *_fields("float[]", "prior_innovation_east=prior_innovation"),
+        *_fields("float[]", "prior_innovation_north=prior_innovation"),
+        *_fields("float[]", "replayed_residual_east=replayed_residual"),
+        *_fields("float[]", "replayed_residual_north=replayed_residual"),
         *_fields("sfixed32[]", "flags"),
         *_fields("fixed32[]", "reasons"),
     ),
@@ -114,7 +110,7 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("double", "reached", "reached_held", "safe", "miss_median", "miss_90_percent"),
     ),
     "Plan": (
-        *_fields(TIME, "timestamp"),
+        *_fields(TIME, "timestamp=start_time_ns"),
         *_fields("string", "status", "message"),
         *_fields(".replay_kit.Place", "start", "goal"),
         *_fields("double", "heading_deg", "glide_angle_deg", "speed"),
@@ -127,33 +123,25 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("double[]", "track_bottom"),
     ),
     "PlanOutcome": (
-        *_fields(TIME, "timestamp", "planned_time", "predicted_time"),
+        *_fields(TIME, "timestamp=time_ns", "planned_time=planned_ns"),
+        *_fields(TIME, "predicted_time=predicted.time_ns"),
         *_fields(".replay_kit.Place", "predicted", "actual"),
-        *_fields("double", "distance", "direction_deg", "delay"),
+        *_fields("double", "distance", "direction_deg", "delay=late"),
         *_fields("bool", "inside_ellipse"),
-        *_fields(
-            "double",
-            "ellipse_longitude",
-            "ellipse_latitude",
-            "ellipse_major",
-            "ellipse_minor",
-            "ellipse_bearing",
-        ),
+        *_fields("double", "ellipse_longitude", "ellipse_latitude"),
+        *_fields("double", "ellipse_major", "ellipse_minor", "ellipse_bearing"),
     ),
     "Surfacing": (
-        *_fields(TIME, "timestamp", "dive_begin"),
-        *_fields("uint32", "dive", "earlier_dives"),
-        *_fields(".replay_kit.Place", "start", "expected", "actual"),
-        *_fields("double", "distance", "direction_deg", "ellipse_bearing"),
-        *_fields("double", "inner_major", "inner_minor", "outer_major", "outer_minor"),
-        *_fields("bool", "inside_inner", "inside_outer"),
-        *_fields(
-            "double",
-            "log_score",
-            "persistent_log_score",
-            "persistent_distance",
-            "persistent_radius",
-        ),
+        *_fields(TIME, "timestamp=fix.time_ns", "dive_begin=forecast.start.time_ns"),
+        *_fields("uint32", "dive=forecast.dive", "earlier_dives=forecast.earlier"),
+        *_fields(".replay_kit.Place", "start=forecast.start", "expected=forecast", "actual=fix"),
+        *_fields("double", "distance", "direction_deg"),
+        *_fields("double", "ellipse_bearing=forecast.outer.bearing_deg"),
+        *_fields("double", "inner_major=forecast.inner.major", "inner_minor=forecast.inner.minor"),
+        *_fields("double", "outer_major=forecast.outer.major", "outer_minor=forecast.outer.minor"),
+        *_fields("bool", "inside_inner=in_inner", "inside_outer=in_outer"),
+        *_fields("double", "log_score", "persistent_log_score", "persistent_distance"),
+        *_fields("double", "persistent_radius=forecast.persistent_radius"),
     ),
 }
 

@@ -6,11 +6,13 @@ libraries that read estimates.
 
 import os
 import struct
+import weakref
 import zlib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -20,11 +22,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from replay_kit.core.errors import LogError, ReplayKitError
-from replay_kit.results.opened import stream
+from replay_kit.core.inputs import open_input
 
 if TYPE_CHECKING:
     from mcap.summary import Summary
@@ -135,9 +137,10 @@ def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> 
     Raises:
         ReplayKitError: The file does not hold what was written.
     """
-    if not checksums_fit(path):
-        raise ReplayKitError(f"{path}: the result does not read back; is the disk full?")
     with path.open("rb") as file:
+        if not checksums_fit(file):
+            raise ReplayKitError(f"{path}: the result does not read back; is the disk full?")
+        file.seek(0)
         summary = make_reader(file).get_summary()
     assert summary is not None, "its checksum fits"
     read, attached = message_counts(summary), len(summary.attachment_indexes)
@@ -147,31 +150,23 @@ def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> 
         )
 
 
-def checksums_fit(path: Path) -> bool | None:
-    """Return whether a file states checksums of its data and of its summary, and both fit; nothing is unpacked.
-
-    None for a file that cannot be opened or does not begin as an MCAP file: its readers say so.
-    """
+def checksums_fit(file: BinaryIO) -> bool:
+    """Return whether a file states checksums of its data and of its summary, and both fit; nothing is unpacked."""
     try:
-        with stream(path) as file:
-            if file.read(len(_MAGIC)) != _MAGIC:
-                return None
-            size = os.fstat(file.fileno()).st_size
-            at = size - len(_MAGIC) - _FOOTER.size
-            file.seek(max(at, 0))
-            opcode, _, summary, _, summary_crc = _FOOTER.unpack(file.read(_FOOTER.size))
-            end = summary - _DATA_END.size
-            if opcode != Opcode.FOOTER or file.read() != _MAGIC or not len(_MAGIC) <= end < at:
-                return False
-            file.seek(end)
-            opcode, _, crc = _DATA_END.unpack(file.read(_DATA_END.size))
-            # the summary's checksum covers the footer up to itself
-            if opcode != Opcode.DATA_END or _crc(file, size - _TAIL - summary) != summary_crc:
-                return False
-            file.seek(0)
-            return bool(_crc(file, end) == crc)
-    except OSError:
-        return None
+        size = os.fstat(file.fileno()).st_size
+        at = size - len(_MAGIC) - _FOOTER.size
+        file.seek(max(at, 0))
+        opcode, _, summary, _, summary_crc = _FOOTER.unpack(file.read(_FOOTER.size))
+        end = summary - _DATA_END.size
+        if opcode != Opcode.FOOTER or file.read() != _MAGIC or not len(_MAGIC) <= end < at:
+            return False
+        file.seek(end)
+        opcode, _, crc = _DATA_END.unpack(file.read(_DATA_END.size))
+        # the summary's checksum covers the footer up to itself
+        if opcode != Opcode.DATA_END or _crc(file, size - _TAIL - summary) != summary_crc:
+            return False
+        file.seek(0)
+        return bool(_crc(file, end) == crc)
     except struct.error:
         return False
 
@@ -184,23 +179,65 @@ def _crc(file: BinaryIO, length: int) -> int:
     return crc
 
 
-def read_messages(path: Path, topics: Collection[str]) -> Iterator[tuple[int, bytes]]:
-    """Yield time [ns, UTC] and payload of the messages of topics by time, those of one time as they lie in the file.
+class OpenResult:
+    """A result MCAP, opened once; each read finds its own place, so that one may begin before another has ended.
 
-    The messages of other topics are passed over by their lengths: the library makes a value of each, which takes longer than all else.
-
-    Raises:
-        McapError: The file is damaged.
+    Attributes:
+        path: The file.
+        file: The same, opened; it is closed with the last reader of it.
     """
-    with stream(path) as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        if summary is None or not summary.chunk_indexes:
-            yield from (
-                (message.log_time, message.data)
-                for _, _, message in reader.iter_messages(topics=[*topics])
-            )
-            return
+
+    def __init__(self, path: Path) -> None:
+        """Open the file.
+
+        Raises:
+            LogError: It is missing, or is no MCAP file.
+        """
+        self.path = path
+        with complete(path):
+            self.file = open_input(path)
+            weakref.finalize(self, self.file.close)
+            self.reader = make_reader(self.file)
+
+    @cached_property
+    def summary(self) -> "Summary":
+        """The summary.
+
+        Raises:
+            LogError: There is none.
+        """
+        with complete(self.path):
+            found = self.reader.get_summary()
+            if found is None or found.statistics is None:
+                raise ValueError("it has no summary")
+            if found.statistics.message_count and not found.chunk_indexes:
+                raise ValueError("its messages are in no chunks")
+        return found
+
+    @cached_property
+    def records(self) -> list[tuple[str, dict[str, str]]]:
+        """Metadata records, in order, with their names."""
+        with complete(self.path):
+            return [(one.name, dict(one.metadata)) for one in self.reader.iter_metadata()]
+
+    def attachment(self, offset: int) -> Attachment:
+        """Return the attachment at a place that the summary states."""
+        with complete(self.path):
+            self.file.seek(offset)
+            record = next(StreamReader(self.file, skip_magic=True).records)
+            if not isinstance(record, Attachment):
+                raise ValueError(f"expected an attachment, got {type(record).__name__}")
+        return record
+
+    def messages(self, topics: Collection[str]) -> Iterator[tuple[int, bytes]]:
+        """Yield time [ns, UTC] and payload of the messages of topics by time, those of one time as they lie in the file.
+
+        The messages of other topics are passed over by their lengths: the library makes a value of each, which takes longer than all else.
+
+        Raises:
+            McapError: The file is damaged.
+        """
+        summary = self.summary
         wanted = {number for number, channel in summary.channels.items() if channel.topic in topics}
         waiting: list[tuple[int, int, bytes]] = []
         for index in sorted(
@@ -216,34 +253,27 @@ def read_messages(path: Path, topics: Collection[str]) -> Iterator[tuple[int, by
                     len(waiting),
                 )
                 yield from ((time_ns, data) for time_ns, _, data in waiting[:before])
-                file.seek(index.chunk_start_offset + _HEAD.size)
+                self.file.seek(index.chunk_start_offset + _HEAD.size)
                 waiting = [
                     *waiting[before:],
-                    *_in_chunk(Chunk.read(ReadDataStream(file)), wanted, index.chunk_start_offset),
+                    *_in_chunk(
+                        Chunk.read(ReadDataStream(self.file)), wanted, index.chunk_start_offset
+                    ),
                 ]
         yield from ((time_ns, data) for time_ns, _, data in sorted(waiting))
 
+    def newest(
+        self, topics: Collection[str], until_ns: int | None = None
+    ) -> Iterator[tuple[int, bytes]]:
+        """Yield time [ns, UTC] and payload of the messages of topics from the last one back; no more is read than is asked for.
 
-def newest_messages(
-    path: Path, topics: Collection[str], until_ns: int | None = None
-) -> Iterator[tuple[int, bytes]]:
-    """Yield time [ns, UTC] and payload of the messages of topics from the last one back; no more of the file is read than is asked for.
-
-    Args:
-        path: The result.
-        topics: Their topics.
-        until_ns: Time of the latest message [ns, UTC]; None for the last.
-    """
-    end = None if until_ns is None else until_ns + 1
-    with stream(path) as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        found = reader.iter_messages([*topics], ending_before=end, reverse=True)
-        if summary is None or not summary.chunk_indexes:
-            # the library then reads from the beginning
-            found = reversed([*found])
-        for _, _, message in found:
-            yield message.log_time, message.data
+        Args:
+            topics: Their topics.
+            until_ns: Time of the latest message [ns, UTC]; None for the last.
+        """
+        end = None if until_ns is None else until_ns + 1
+        found = self.reader.iter_messages([*topics], ending_before=end, reverse=True)
+        return ((message.log_time, message.data) for _, _, message in found)
 
 
 def _in_chunk(chunk: Chunk, wanted: set[int], offset: int) -> Iterator[tuple[int, int, bytes]]:

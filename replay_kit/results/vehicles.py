@@ -1,8 +1,8 @@
 """Results of several vehicles with one estimate: the names of what is one vehicle's.
 
 Topics, records and attachments of the estimate are those of any result. What is one vehicle's has its name before it: ``/sg1/fix`` stands
-for ``/vehicle/fix``, ``/sg1/innovation`` for ``/flow/innovation``, ``/sg1/plan/path`` for ``/plan/path``, the attachment
-``sg1/summary.json`` for ``summary.json``.
+for ``/vehicle/fix``, ``/sg1/innovation`` for ``/flow/innovation``, ``/sg1/plan/path`` for ``/plan/path``, the record
+``sg1/replay_kit.as_flown`` for ``replay_kit.as_flown``.
 """
 
 import json

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from replay_kit.results.innovations import Columns
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.result import ResultFile, result_path
-from replay_kit.results.views.record import outcome_of_result, read_record
+from replay_kit.results.result import ResultFile, check_result
+from replay_kit.results.topics import OpenResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,16 +22,11 @@ class Result(ResultFile):
     """What a replay found: its estimate and tables (see ``ResultFile``), and its figures."""
 
     @cached_property
-    def outcome(self) -> Outcome:
-        """What the run found and how far to trust it: counts, fit, verdict, plan, surfacings, contradictions, losses."""
-        return outcome_of_result(self, read_record(self.reader))
-
-    @cached_property
     def vehicles(self) -> Mapping[str, "Result"]:
         """Of several vehicles that share the estimate the result of each, by its name; none of one alone."""
-        each = {} if self.summary is None else self.summary.vehicles
+        made, file = self.made, self.reader.file
         return {
-            one.name: Result(self.path, each.get(one.name), one.name)
+            one.name: Result(self.path, made and made.vehicles.get(one.name), one.name, file)
             for one in self.reader.vehicles
             if not one.why_not
         }
@@ -45,19 +40,26 @@ class Result(ResultFile):
         return Plots(self)
 
 
-def read_result(path: str | Path) -> Result:
-    """Return a result that ``replay`` wrote, with its estimate and tables; they are read when first asked for.
+def read_result(
+    path: Path, made: Outcome | None = None, opened: OpenResult | None = None
+) -> Result:
+    """Return a result that ``replay`` wrote, with tables that are read when first asked for.
+
+    Arguments are those of ``ResultFile``.
 
     Raises:
         LogError: The file is missing, or is no complete result.
-        ConfigError: The path is neither text nor a ``Path``.
     """
-    return as_pooled(Result(result_path(path)))
+    result = Result(path, made, opened=opened)
+    check_result(result.reader)
+    return as_pooled(result)
 
 
 def as_pooled(result: Result) -> Result:
     """Return a result, of several vehicles as one whose tables hold all of them."""
-    return Pooled(result.path, result.summary) if result.reader.vehicles else result
+    if not result.reader.vehicles:
+        return result
+    return Pooled(result.path, result.made, opened=result.reader.file)
 
 
 class Pooled(Result):

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from replay_kit.core.errors import finding_line
 from replay_kit.results.losses import lost_text
-from replay_kit.results.outcome.outcome import Outcome, outcome_from
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.sentences import estimate_sentences, further_sentences
 from replay_kit.show.text import folded, not_used_lines, print_lines, print_table
 from replay_kit.show.vehicles import (
@@ -50,9 +50,9 @@ def print_summary(outcome: Outcome, console: Console, verbose: bool = False) -> 
         print_lines(console, map(str, [*estimate_sentences(outcome), *further_sentences(outcome)]))
         print_lines(console, _closing_lines(outcome))
         if verbose:
-            for name, values in outcome.vehicles.items():
+            for name, own in outcome.vehicles.items():
                 console.print(f"\n{name}")
-                print_summary(outcome_from(values), console, verbose)
+                print_summary(own, console, verbose)
         return
     rows = [
         (row["topic"], *(str(row[name]) for name in ("read", "used", "skipped"))) for row in topics

@@ -32,37 +32,35 @@ def vehicle_rows(outcome: Outcome) -> list[tuple[str, ...]]:
 
 def vehicle_cells(outcome: Outcome) -> list[tuple[str | Shown, ...]]:
     """Return a row for each vehicle; also for those that gave nothing to the estimate."""
-    rows = [
-        _row(name, values, outcome.value.get(name, {})) for name, values in outcome.vehicles.items()
-    ]
+    rows = [_row(name, own, outcome.value.get(name, {})) for name, own in outcome.vehicles.items()]
     aside = [name for name in outcome.unused if name not in outcome.vehicles]
     return rows + [(name, "0", *[""] * (len(COLUMNS) - 3), "not used") for name in aside]
 
 
-def _row(name: str, values: Mapping[str, Any], value: Mapping[str, Any]) -> tuple[str | Shown, ...]:
-    counts, plan = values["observations"], values["plan"]
+def _row(name: str, own: Outcome, value: Mapping[str, Any]) -> tuple[str | Shown, ...]:
+    counts, plan, word = own.observations, own.plan, own.decision.word
     error, without = (value.get(f"standard_error{end}") for end in ("", "_without"))
-    found = [one["contradiction"] for one in values["consistency"]]
+    found = [one["name"] for one in own.consistency]
     of, used, means = f"vehicles.{name}", counts["used"], counts.get("mean_currents", 0)
-    nis = values["nis_per_dof"]
+    nis = own.nis_per_dof
     return (
         name,
         Shown(f"{of}.observations.used", used, str(used)),
         Shown(f"{of}.observations.mean_currents", means, str(means)),
-        _cm(f"{of}.rms_innovation.before", values["rms_innovation"]["before"]),
+        _cm(f"{of}.rms_innovation.before", own.rms_innovation["before"]),
         "" if nis is None else Shown(f"{of}.nis_per_dof", nis, f"{nis:.2f}"),
         _cm(f"value.{name}.rms_change", value.get("rms_change")),
         f"{without / error:.2f}" if error and without else "",
         "" if plan is None else plan["status"],
-        f"{values['decision']}: {found[0]}" if found else values["decision"],
+        f"{word}: {found[0]}" if found else word,
     )
 
 
 def vehicle_sentences(outcome: Outcome) -> Iterator[str]:
     """Yield what is to be known of each vehicle that is not in its row, each as a sentence."""
-    for name, values in outcome.vehicles.items():
-        yield from (f"ALARM: {name}: {alarm['text']}" for alarm in values["alarms"])
-        yield from (f"Note: {name}: {note}" for note in values["notes"])
+    for name, own in outcome.vehicles.items():
+        yield from (f"ALARM: {name}: {alarm.text}" for alarm in own.alarms)
+        yield from (f"Note: {name}: {note}" for note in own.notes)
 
 
 def _cm(key: str, value: float | None) -> str | Shown:

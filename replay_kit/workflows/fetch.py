@@ -36,7 +36,7 @@ from replay_kit.workflows.replay.inputs.region import (
     from_record,
     inside_extent,
 )
-from replay_kit.workflows.replay.inputs.scan import Reach, reach_of
+from replay_kit.workflows.replay.inputs.scan import Logs, Reach
 
 _Value = TypeVar("_Value")
 
@@ -167,7 +167,7 @@ def request_of(job: ReplayJob, config: RunConfig) -> Request:
         LogError: A log cannot be opened.
     """
     needed = ReplayJob(job.logs, job.ensemble, goal=job.goal, vehicles=job.vehicles)
-    return Request((needed,), config, (reach_of(job.logs, config),))
+    return Request((needed,), config, (Logs([job.logs], config).reach,))
 
 
 def _joined(requests: Sequence[Request]) -> Request:
@@ -295,7 +295,7 @@ def wanted_of(request: Request) -> tuple[Wanted, tuple[FoundRegion | None, ...]]
             with open_extent(request.ensemble, config.forecast, reach.first_ns) as extent:
                 if extent is not None:
                     inside_extent(extent, reach.places)
-            one = find_region(job.logs, request.ensemble, config, reach.first_ns, job.goals)
+            one = find_region(reach, request.ensemble, config, reach.first_ns, job.goals)
         found.append(one)
         boxes.append(None if one is None else _reached(one, reach))
     whole = None

@@ -17,7 +17,7 @@ from time import monotonic
 from typing import Any, TypedDict, Unpack
 
 from replay_kit.config.run import RunConfig, load_config
-from replay_kit.core.errors import ConfigError, ReplayKitError
+from replay_kit.core.errors import ConfigError, ReplayKitError, finding_text
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
@@ -151,7 +151,7 @@ def replay(
 
             job = with_local_forecasts([(job, config)])[0]
         with _notebook_progress() as progress:
-            summary, flow = replay_job(
+            outcome, flow = replay_job(
                 job, config, planner_factory(options.get("planner")), progress
             )
     except BaseException as error:
@@ -160,12 +160,12 @@ def replay(
         if isinstance(error, ReplayKitError):
             error.args = tuple(held.named(str(words)) for words in error.args)
         raise
-    if 4 in summary.exit_codes:
-        lost = f"{len(summary.losses)} damaged parts of the logs, {summary.late} late messages"
-        warnings.warn(f"lost: {lost}; result.summary.losses says what", stacklevel=2)
-    if 6 in summary.exit_codes:
-        warnings.warn("; ".join(map(str, summary.findings)), stacklevel=2)
-    result = as_pooled(Result(file, summary))
+    if 4 in outcome.exit_codes:
+        lost = f"{len(outcome.losses)} damaged parts of the logs, {outcome.late} late messages"
+        warnings.warn(f"lost: {lost}; result.outcome.losses says what", stacklevel=2)
+    if 6 in outcome.exit_codes:
+        warnings.warn("; ".join(map(finding_text, outcome.consistency)), stacklevel=2)
+    result = as_pooled(Result(file, outcome))
     # the estimate is at hand, and need not be read back
     vars(result)["estimate"] = flow
     if folder is not None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.paths import check_paths
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.schemas import CONTRACT_VERSION
 from replay_kit.results.vehicles import part_path
 from replay_kit.results.views.contents import Contents
@@ -17,7 +17,7 @@ _RECOVERED = "The result is damaged or cut short: this shows what could be recov
 
 
 def report(
-    path: Path, out: Path, overwrite: bool = False, summary: ReplaySummary | None = None
+    path: Path, out: Path, overwrite: bool = False, made: Outcome | None = None
 ) -> tuple[int, Contents]:
     """Write the report on a result, and return its size in bytes and what it shows.
 
@@ -25,7 +25,7 @@ def report(
         path: A result of a replay or a plan; of one that is cut short the whole chunks are shown.
         out: The page.
         overwrite: Whether an existing page is replaced.
-        summary: Of the replay that has just made the result, for its score against a truth, which is not in the file.
+        made: Of the replay that has just made the result, for its score against a truth, which is not in the file.
 
     Raises:
         LogError: The file is missing, or is no result.
@@ -35,7 +35,7 @@ def report(
     from replay_kit.show.report.pages import report_html, several_html
 
     check_paths([path], [out], overwrite)
-    with opened(path, summary) as contents:
+    with opened(path, made) as contents:
         each = {name: part_path(out, name, out.parent) for name in contents.each if name}
         check_paths([path], each.values(), overwrite)
         for name, page in each.items():
@@ -55,21 +55,20 @@ def _write(path: Path, text: str) -> int:
 
 
 @contextmanager
-def opened(path: Path, summary: ReplaySummary | None = None) -> Iterator[Contents]:
+def opened(path: Path, made: Outcome | None = None) -> Iterator[Contents]:
     """Yield the contents of a result, with notes on what was lost of it; of one that is cut short, what could be recovered.
 
     Args:
         path: As in ``report``.
-        summary: As in ``report``.
+        made: As in ``report``.
 
     Raises:
         LogError: The file is missing, or is no result.
     """
     with sound_result(path) as sound:
-        result = read_result(sound.path)
+        result = read_result(sound.path, made, sound.file)
         notes = (*sound.lines, *(_RECOVERED for _ in sound.losses[:1]), *_version_notes(result))
-        given = type(result)(result.path, summary)
-        yield Contents(given, notes, sound.exit_code)
+        yield Contents(result, notes, sound.exit_code)
 
 
 def page_of(result: Path) -> Path:

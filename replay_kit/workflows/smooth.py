@@ -21,16 +21,23 @@ from replay_kit.core.observation import Innovation
 from replay_kit.core.progress import Progress, Stopwatch, silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import smooth as smoothed
-from replay_kit.forecast import find_sources
+from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.place import LogTracks
 from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.outcome.outcome import Outcome, made
+from replay_kit.results.outcome.parts import correction_part
 from replay_kit.workflows.replay.events import Aside, Track
 from replay_kit.workflows.replay.inputs.estimator import build, flow_at, with_window
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs, forecasts_of
+from replay_kit.workflows.replay.inputs.job import (
+    ReplayJob,
+    check_outputs,
+    forecasts_of,
+    logs_of,
+)
 from replay_kit.workflows.replay.inputs.provenance import run_metadata, run_settings_toml
+from replay_kit.workflows.replay.inputs.scan import Logs
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, require_one_vehicle
@@ -49,9 +56,8 @@ def smooth(
     job: ReplayJob,
     config: RunConfig,
     progress: Progress = silent,
-    forecasts: Forecasts | None = None,
-) -> ReplaySummary:
-    """Write the smoothed result of logs, and return the summary of the replay that it begins with.
+) -> Outcome:
+    """Write the smoothed result of logs, and return the outcome of the replay that it begins with.
 
     An estimator that is static counts all measurements the same at all times: smoothed, it is its last estimate.
 
@@ -59,7 +65,6 @@ def smooth(
         job: Logs, ensemble and result; its goal and its other outputs do not count.
         config: The run's settings; grids are published every ``output.interval``.
         progress: Called with how much is done of each stage.
-        forecasts: What ``forecasts_of`` reads for this job; None reads it.
 
     Raises:
         LogError: A log cannot be opened.
@@ -72,43 +77,34 @@ def smooth(
         clock = Stopwatch()
         progress(0, 0, "reading the forecast")
         with clock.stage("forecast"):
-            forecasts = forecasts or forecasts_of(job, config)
-            check_smoothable(forecasts)
+            logs = logs_of(job, config)
+            forecasts = forecasts_of(job, config, logs)
+            if forecasts.read is not None:
+                raise ConfigError(
+                    "smooth: windows that follow the vehicle are not smoothed; state one region with --region, or allow more "
+                    "points with forecast.window_points"
+                )
             estimator = build(forecasts, config)
         with clock.stage("estimate"):
-            run, inputs, done = _forward(job, config, estimator, forecasts, progress)
-            reports = [reader.report() for reader in inputs.by_vehicle[0]]
+            run, inputs, done = _forward(job, config, estimator, forecasts, logs, progress)
+            of, (account,) = run.of[0], inputs.accounts(run)
             if config.consistency.on_failure != "ignore":
                 each = (event.columns for event, _ in done if isinstance(event, Track))
                 tracks = reduce(LogTracks.after, each, LogTracks())
-                names = [report.path for report in reports]
+                names = [report.path for report in account.reports]
                 require_one_vehicle(MonitoringState(tracks=tracks), names)
-            of = run.of[0]
-            of.statistics.require_usable(reports, forecasts.ensemble.grid)
+            account.require_usable(forecasts.ensemble.grid)
         progress(0, 0, "smoothing")
+        notes = [*account.notes(), *estimator.notes(), *_notes(estimator)]
+        correction = of.flight.correction(of.counts.corrections)
+        more = {
+            "notes": [*forecasts.notes, *notes],
+            "flight_correction": correction_part(correction),
+        }
+        outcome = made(account.part() | more, [*job.logs, *ensemble_files(job.ensemble)])
         with clock.stage("smooth"):
-            _write(job, config, forecasts, estimator, run, done)
-    notes = (
-        *forecasts.notes,
-        *of.statistics.notes(reports),
-        *estimator.notes(),
-        *_notes(estimator),
-    )
-    return replace(
-        of.statistics.summary(reports),
-        seconds=dict(clock.seconds),
-        notes=notes,
-        flight_correction=of.flight.correction(of.statistics.profiles.corrections),
-    )
-
-
-def check_smoothable(forecasts: Forecasts) -> None:
-    """Raise ConfigError when windows follow the vehicle, of which none holds all of the log."""
-    if forecasts.read is not None:
-        raise ConfigError(
-            "smooth: windows that follow the vehicle are not smoothed; state one region with --region, or allow more points "
-            "with forecast.window_points"
-        )
+            _write(job, config, forecasts, estimator, run, done, outcome)
+    return replace(outcome, seconds=dict(clock.seconds))
 
 
 def published_times(first_ns: int, last_ns: int, interval: float) -> list[int]:
@@ -132,13 +128,15 @@ def _forward(
     config: RunConfig,
     estimator: Estimator[Any],
     forecasts: Forecasts,
+    logs: Logs,
     progress: Progress,
 ) -> tuple[Run, Prepared, list[tuple[Any, Innovation | None]]]:
     """Return the replay of the logs, each profile alone and all as stated, and its events with their innovations; None of positions."""
     unchecked = config.consistency.model_copy(update={"on_failure": "ignore"})
     config = config.model_copy(update={"consistency": unchecked})
     job = replace(job, out=None, truth=None, goal=None)
-    run, inputs = prepare(job, config, None, silent, forecasts, with_window(estimator, 0.0))
+    alone = with_window(estimator, 0.0)
+    run, inputs = prepare(job, config, None, silent, forecasts, alone, logs)
     done = list[tuple[Any, Innovation | None]]()
 
     def keep(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
@@ -148,7 +146,9 @@ def _forward(
                 done.append((step.event, None if found is None else found.innovation))
 
     run.follow_up = keep
-    inputs.play(run, reading(inputs.by_vehicle[0], progress, "reading the logs"))
+    advance = reading(inputs.logs.all, progress, "reading the logs")
+    for block in inputs.played(run):
+        advance(len(block))
     return run, inputs, done
 
 
@@ -159,6 +159,7 @@ def _write(
     estimator: Estimator[Any],
     run: Run,
     done: Sequence[tuple[Any, Innovation | None]],
+    outcome: Outcome,
 ) -> None:
     """Write the result."""
     measured = [event for event, innovation in done if innovation is not None]
@@ -205,6 +206,7 @@ def _write(
         dives = [dive for mean in run.of[0].monitoring.means if (dive := flown_of(mean))]
         if (flown := AsFlown.of(dives)) is not None:
             writer.write_metadata(AS_FLOWN, flown.to_record())
+        writer.summary(published[-1], outcome)
         flow = flow_at(estimator, states[-1], published[-1])
         writer.finish(replace(flow, span_ns=(min(times), max(times))))
     except BaseException:

@@ -14,14 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from threadpoolctl import threadpool_limits
-
 from replay_kit.core.errors import LogError, ReplayKitError
 from replay_kit.core.message import Loss
 from replay_kit.core.paths import as_path
 from replay_kit.results.losses import loss_words
-from replay_kit.results.opened import shared
-from replay_kit.results.topics import DAMAGED, checksums_fit
+from replay_kit.results.topics import DAMAGED, OpenResult, checksums_fit
 
 if TYPE_CHECKING:
     from replay_kit.show.notebook import Result
@@ -35,16 +32,21 @@ class Sound:
     """A result whose checksums fit.
 
     Attributes:
-        path: Where it can be read.
+        file: What can be read of it, opened.
         of: The file that was given.
         losses: What of that file is not in it.
         unchecked: Whether the file has no checksum that covers all of it, as files of other programs.
     """
 
-    path: Path
+    file: OpenResult
     of: Path
     losses: tuple[Loss, ...] = ()
     unchecked: bool = False
+
+    @property
+    def path(self) -> Path:
+        """Where it can be read."""
+        return self.file.path
 
     @property
     def exit_code(self) -> int:
@@ -66,12 +68,7 @@ def sound_result(path: Path) -> Iterator[Sound]:
     Raises:
         LogError: Too little of the file could be recovered.
     """
-    # what a result holds is small: threads would mostly wait for each other
-    with (
-        threadpool_limits(limits=1),
-        tempfile.TemporaryDirectory(prefix="replay_kit_") as folder,
-        shared(path),
-    ):
+    with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder:
         sound = recover(path, Path(folder))
         try:
             yield sound
@@ -93,15 +90,17 @@ def _too_little(sound: Sound, error: Exception) -> LogError:
 def recover(path: Path, folder: Path) -> Sound:
     """Return a result whose checksums fit; a copy of what could be recovered is made only of a damaged file.
 
-    A file that cannot be opened, or is no MCAP file, is returned as it is: its readers say so.
-
     Args:
         path: The result.
         folder: Where the copy is made.
+
+    Raises:
+        LogError: The file is missing, or is no MCAP file.
     """
-    if checksums_fit(path) is not False:
-        return Sound(path, path)
-    # here, because no sound result needs what reads logs
+    file = OpenResult(path)
+    if checksums_fit(file.file):
+        return Sound(file, path)
+    # here, because a sound result needs no reader of logs
     from replay_kit.logs.mcap.reader import McapReader
     from replay_kit.logs.mcap.writer import open_mcap_log
 
@@ -110,7 +109,7 @@ def recover(path: Path, folder: Path) -> Sound:
         for message in log.raw_messages(writer.copy_extra):
             writer.copy(message)
         losses = log.report().losses
-    return Sound(copy, path, losses) if losses else Sound(path, path, unchecked=True)
+    return Sound(OpenResult(copy), path, losses) if losses else Sound(file, path, unchecked=True)
 
 
 def open_result(path: str | Path) -> "Result":
@@ -128,7 +127,7 @@ def open_result(path: str | Path) -> "Result":
     given, folder = as_path(path, "result"), tempfile.mkdtemp(prefix="replay_kit_")
     try:
         sound = recover(given, Path(folder))
-        result = read_result(sound.path)
+        result = read_result(sound.path, opened=sound.file)
     except BaseException:
         shutil.rmtree(folder)
         raise

@@ -26,26 +26,20 @@ def read_status(
         LogError: The file is missing, or is no result.
     """
     with sound_result(path) as sound:
-        each, outcome = read_each(sound.path)
-        return {name: status_of(held, now_ns) for name, held in each.items()}, outcome, sound
+        reader = ResultReader(sound.path, opened=sound.file)
+        each = read_each(reader)
+        found = {name: status_of(held, now_ns) for name, held in each.items()}
+        return found, None if "" in each else reader.outcome, sound
 
 
-def read_each(path: Path) -> tuple[dict[str, Held], Outcome | None]:
-    """Return what the status of each vehicle of a result needs, under an empty name that of the only one, and the outcome of several.
+def read_each(reader: ResultReader) -> dict[str, Held]:
+    """Return what the status of each vehicle of a result needs, under an empty name that of the only one.
 
     Raises:
         LogError: The file is missing, or is no complete result.
     """
-    reader = ResultReader(path)
-    vehicles = [one.name for one in reader.vehicles if not one.why_not]
-    if not vehicles:
-        return {"": read_held(reader)}, None
-    # loads tables, which the status of one vehicle does without
-    from replay_kit.results.views.record import outcome_of_record, read_record
-
-    found = {name: read_held(ResultReader(path, name)) for name in vehicles}
-    record = read_record(reader)
-    return found, None if record.summary is None else outcome_of_record(record)
+    names = [one.name for one in reader.vehicles if not one.why_not] or [""]
+    return {name: read_held(reader.part(name)) for name in names}
 
 
 def write_pages(

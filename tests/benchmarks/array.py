@@ -21,7 +21,7 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.notebook import Result, read_result
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import leave_out
@@ -61,7 +61,7 @@ _PAIRS = tuple(
     for row, column in ((0.3, 0.15), (0.34, 0.17), (0.6, 0.75), (0.64, 0.77))
 )
 # What replays a job of some logs.
-_Outcome = tuple[ReplaySummary, FlowEstimate]
+_Outcome = tuple[Outcome, FlowEstimate]
 
 
 def rows(tiny: bool) -> list[Row]:
@@ -140,18 +140,15 @@ def _replays(ensemble: Ensemble, config: RunConfig) -> Any:
 
 
 def _case(truth: Ensemble, pooled: _Outcome, singles: list[_Outcome]) -> dict[str, float]:
-    summary, flow = pooled
+    outcome, flow = pooled
     errors = [_scores(one, truth)[0] for _, one in singles]
-    evidence = [
-        one.evidence.total.log_evidence / one.evidence.total.measurements if one.evidence else 0.0
-        for one, _ in singles
-    ]
+    evidence = [one.evidence["per_measurement"] if one.evidence else 0.0 for one, _ in singles]
     rmse, covered = _scores(flow, truth)
     return {
         "pooled": rmse,
         "singles": float(np.mean(errors)),
         "chosen": errors[int(np.argmax(evidence))],
-        "nis": summary.nis_per_dof,
+        "nis": outcome.nis_per_dof or float("nan"),
         "covered": covered,
     }
 
@@ -187,8 +184,8 @@ def findings_of(turned: bool, arrays: Iterable[int]) -> Row:
             logs = write_array(
                 Path(folder), case.truth, 3, _CHECKED_PINGS, faults=faults, seed=number
             )
-            summary, _ = _replays(case.ensemble, config)(list(logs.values()))
-        found = {name for name, one in summary.vehicles.items() if one.findings}
+            outcome, _ = _replays(case.ensemble, config)(list(logs.values()))
+        found = {name for name, one in outcome.vehicles.items() if one.consistency}
         named += f"sg{bad + 1}" in found
         blamed += bool(found - ({f"sg{bad + 1}"} if turned else set()))
     what = "one of three compasses turned: named .95" if turned else "three sound gliders: blamed 0"

@@ -79,8 +79,8 @@ def _replayed(folder: Path, log: Path, window: float | str) -> dict[str, Any]:
         assert summary.truth is not None
         return {
             "seconds": took,
-            "rmse": summary.truth.rmse,
-            "used": summary.profiles_used,
+            "rmse": summary.truth["rmse"],
+            "used": summary.observations["used"],
             "stages": dict(summary.seconds),
         }
 

@@ -1,6 +1,6 @@
 """Small results that lack something, or lie where maps are difficult."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,13 @@ from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Place, Plan
+from replay_kit.logs import merge
 from replay_kit.results import ResultWriter
+from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
+from replay_kit.workflows.replay.account import Account
+from replay_kit.workflows.replay.stages.counts import Counts, Sums
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 from tests.synthetic_flow import synthetic_flow
 
@@ -102,9 +106,22 @@ def write(
                 start_time_ns=start + 9 * 3_600_000_000_000,
             )
             writer.plan(centred, centre)
+        writer.summary(start, outcome_of(innovations))
         if estimate:
             writer.finish(flow)
     return Contents(read_result(path))
+
+
+def outcome_of(innovations: Sequence[Innovation]) -> Outcome:
+    """Return the outcome of measurements, all of them used."""
+    dives = dict[int, Sums]()
+    for one in innovations:
+        sums = dives.get(one.dive, Sums())
+        dives[one.dive] = sums.with_profile(one, np.empty((0, 2)))
+    total = Sums(*map(sum, zip(*dives.values(), strict=True)))
+    part = Account(Counts(total=total, dives=dives), (), merge([], 0.0)).part()
+    rows = [row | {"rms_innovation_predicted": None} for row in part["by_dive"]]
+    return made(part | {"by_dive": rows, "messages": None})
 
 
 def failed(plan: Plan, message: str = "no path") -> Plan:

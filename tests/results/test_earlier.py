@@ -46,7 +46,6 @@ def test_innovations(result, innovation):
         np.testing.assert_allclose(pair(bins, name), [*each, *each, each[0]], rtol=1e-6)
     assert bins["replayed_residual_east"].isna().all()
     assert bins["flags"].tolist() == [1, 1, 9, 1] * 2 + [1]
-    assert result.measured.bins_rejected == {"missing": 2}
 
 
 def test_a_mean_current_has_the_name_of_what_it_is(result, contract, innovation):

@@ -21,9 +21,8 @@ from replay_kit.results.innovations import (
     picked,
     tables_of,
 )
-from replay_kit.results.outcome.from_run import flight_correction_json
+from replay_kit.results.outcome.parts import correction_part
 from replay_kit.results.result import ResultFile
-from replay_kit.results.views.along_track import mean_currents
 from tests.results.cases import one_bin
 from tests.results.result_samples import CONFIG, METADATA, decoded
 from tests.synthetic_flow import TIME_NS
@@ -196,7 +195,6 @@ def test_of_a_long_log_each_topic_is_thinned_alike_and_no_mean_current_left_out(
     for one in (measured, fewer):
         pd.testing.assert_frame_equal(one.sums, result.measured.sums)
         assert (one.count, one.profiles) == (66, 60)
-        assert one.bins_rejected == {"missing": 60}
     used = whole[whole["accepted"]]
     sums = measured.sums[measured.sums["accepted"]]
     assert sums["measurements"].sum() == len(used)
@@ -207,14 +205,8 @@ def test_of_a_long_log_each_topic_is_thinned_alike_and_no_mean_current_left_out(
     assert sums["last"].max() == used.index.max()
 
 
-def test_mean_currents_of_dives_alone_are_shown(result):
-    means = mean_currents(result.measured)
-    assert means.dive.tolist() == [1, 2, 3, 4, 5]
-    np.testing.assert_allclose(means.estimated + means.residual, [[0.1, 0.2]] * 5, rtol=1e-12)
-
-
 def test_the_correction_is_stated_with_its_size_and_the_dives_it_is_from():
     found = FlightCorrection((0.03, 0.04), 0.6, -0.01, 0.07, 0.06, 5, 8.44)
-    figures = flight_correction_json(found)
+    figures = correction_part(found)
     assert (figures["corrected"], figures["largest_m_s"], figures["dives"]) == (2, 0.04, 5)
     assert figures["rms_m_s"] == pytest.approx(0.05 / np.sqrt(2.0))

@@ -97,6 +97,7 @@ def test_a_grid_holds_the_flow_and_its_error_where_they_are_known(flow, tmp_path
         east = place.x + size.x * (np.arange(7) + 0.5)
         north = place.y + size.y * (np.arange(5) + 0.5)
         np.testing.assert_allclose(east, flow.grid.east[0])
+        np.testing.assert_allclose(north, flow.grid.north[:, 0])
         wet = flow.grid.wet[np.argmin(np.abs(flow.levels - depth))] & (depth < 500.0)
         velocity = flow.velocity(east, north[:, None], depth)
         error = flow.standard_error(east, north[:, None], depth)

@@ -59,10 +59,3 @@ def test_a_slice_has_a_cell_near_each_point_of_a_grid_along_the_axes(flow, name)
     assert apart.max() < 0.25 * min(found.cell)
     # the only dry point of the first level is a corner
     assert np.isfinite(found.velocity[..., 0]).sum() >= 0.75 * east.size
-
-
-def test_a_slice_along_the_grid_s_own_axes_has_its_points(flow):
-    found = depth_slices(flow, [0.5])[0]
-    np.testing.assert_array_equal(found.east, flow.grid.east[0])
-    np.testing.assert_array_equal(found.north, flow.grid.north[:, 0])
-    np.testing.assert_array_equal(np.isfinite(found.velocity[..., 0]), flow.grid.wet[0])

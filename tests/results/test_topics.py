@@ -5,24 +5,17 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import IndexType, Writer
 
-from replay_kit.results.topics import newest_messages, read_messages
+from replay_kit.results.topics import OpenResult
 
 TOPICS = ("/a", "/b", "/c")
 
 
-@pytest.mark.parametrize(
-    ("chunks", "index"),
-    [
-        pytest.param(True, IndexType.ALL, id="chunks with indexes"),
-        pytest.param(True, IndexType.CHUNK, id="chunks without indexes of messages"),
-        pytest.param(False, IndexType.ALL, id="no chunks"),
-    ],
-)
-def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path, chunks, index):
+@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.CHUNK])
+def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path, index):
     """Times go back over several chunks, and many are equal."""
     path, draw = tmp_path / "log.mcap", np.random.default_rng(0)
     with path.open("wb") as file:
-        writer = Writer(file, chunk_size=200, use_chunking=chunks, index_types=index)
+        writer = Writer(file, chunk_size=200, index_types=index)
         writer.start()
         channels = [writer.register_channel(topic, "", 0) for topic in TOPICS]
         # none of the last topic
@@ -38,9 +31,9 @@ def test_messages_come_by_time_then_as_they_lie_in_the_file(tmp_path, chunks, in
                 (message.log_time, message.data)
                 for _, _, message in make_reader(file).iter_messages(topics=topic)
             ]
-        assert list(read_messages(path, [topic])) == expected
-        assert list(newest_messages(path, [topic])) == expected[::-1]
+        assert list(OpenResult(path).messages([topic])) == expected
+        assert list(OpenResult(path).newest([topic])) == expected[::-1]
         until = [one for one in expected[::-1] if one[0] <= 30]
-        assert list(newest_messages(path, [topic], 30)) == until
+        assert list(OpenResult(path).newest([topic], 30)) == until
         assert len(expected) == (0 if topic == "/c" else 150)
-    assert list(read_messages(path, ["/unknown"])) == []
+    assert list(OpenResult(path).messages(["/unknown"])) == []

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
-from replay_kit.results.losses import code_of
-from replay_kit.results.outcome.from_run import outcome_of, outcomes_json, plan_json
-from replay_kit.results.outcome.run import DiveRow, ReplaySummary, TopicRow
+from replay_kit.results.losses import code_of, coded
+from replay_kit.results.outcome.outcome import made
+from replay_kit.results.outcome.parts import plan_part, surfacings_part
 from replay_kit.show.sentences import energy_sentence, outcomes_sentence, plan_sentence
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import (
@@ -145,27 +145,27 @@ def test_topics_alike_share_a_line_unless_all_are_asked_for():
     ]
 
 
-SUMMARY = ReplaySummary(
-    messages=tuple(TopicRow(f"/adcp/cell_{k}", 5, 3, 2, {"late: by 3 s": 2}) for k in (1, 2, 3)),
-    losses=(),
-    late=0,
-    profiles_used=4,
-    profiles_rejected=0,
-    bins_used=4,
-    bins_rejected={},
-    rms_before=0.1,
-    rms_after=0.1,
-    rms_prior=0.1,
-    nis_per_dof=1.0,
-    by_dive=tuple(
-        DiveRow(k, 1, bins, rms, 0.2, 1.0)
-        for k, bins, rms in ((1, 1, 0.1), (2, 3, 0.3), (3, 0, math.nan), (4, 1, 0.2), (5, 1, 0.05))
-    ),
-)
+COUNTS = {"used": 4, "rejected": 0, "bins_used": 4, "bins_rejected": {}}
+DIVES = ((1, 1, 0.1), (2, 3, 0.3), (3, 0, math.nan), (4, 1, 0.2), (5, 1, 0.05))
+FOUND = {
+    "messages": [
+        {"topic": f"/adcp/cell_{k}", "read": 5, "used": 3, "skipped": 2}
+        | {"reasons": coded({"late: by 3 s": 2})}
+        for k in (1, 2, 3)
+    ],
+    "observations": COUNTS,
+    "rms_innovation": dict.fromkeys(("before", "after", "prior"), 0.1),
+    "nis_per_dof": 1.0,
+    "by_dive": [
+        {"dive": k, "profiles": 1, "bins": bins, "rms_innovation_predicted": rms}
+        | {"rms_innovation_prior": 0.2, "nis_per_dof": 1.0}
+        for k, bins, rms in DIVES
+    ],
+}
 
 
 def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for():
-    few = printed(lambda console: print_summary(outcome_of(SUMMARY), console), 400)
+    few = printed(lambda console: print_summary(made(FOUND), console), 400)
     # sqrt((1 x 0.1^2 + 3 x 0.3^2 + 0.2^2 + 0.05^2) / 6)
     assert (
         "Dives: 5; RMS innovation 23.18 cm/s predicted from earlier dives, 20.00 cm/s by the prior forecast; "
@@ -173,7 +173,7 @@ def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for():
     ) in few
     assert "/adcp/cell_1 ... _3, 3 topics     5     3        2" in few
     assert "Not used: 6 x /adcp/cell_1 ... _3, 3 topics: late: by 3 s" in few
-    whole = printed(lambda console: print_summary(outcome_of(SUMMARY), console, verbose=True), 400)
+    whole = printed(lambda console: print_summary(made(FOUND), console, verbose=True), 400)
     assert not any("worst" in line for line in whole)
     assert sum(line.startswith("/adcp/cell_") for line in whole) == 3
     assert [line.split() for line in whole if line.split()[1:3] == ["1", "3"]] == [
@@ -182,19 +182,19 @@ def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for():
 
 
 def test_reasons_have_codes_in_json():
-    assert outcome_of(SUMMARY).to_json()["messages"][0]["reasons"] == [
+    assert made(FOUND).to_json()["messages"][0]["reasons"] == [
         {"code": "late", "reason": "late: by 3 s", "count": 2}
     ]
 
 
 def test_a_plan_is_told_by_how_to_steer_and_a_failed_one_by_why(plan, failed_plan):
     assert (
-        str(plan_sentence(plan_json(plan) or {}))
+        str(plan_sentence(plan_part(plan) or {}))
         == "Plan: reached: steer 45.0 degrees true at 0.30 m/s through water, 20.00 degrees down; ok"
     )
-    assert str(plan_sentence(plan_json(failed_plan) or {})) == "Plan: failed: no path"
+    assert str(plan_sentence(plan_part(failed_plan) or {})) == "Plan: failed: no path"
     for energy, told in ((5.0, 5.0), (math.nan, None), (math.inf, None)):
-        kept = outcome_of(replace(SUMMARY, plan=replace(plan, energy=energy, battery=energy))).plan
+        kept = made({"plan": plan_part(replace(plan, energy=energy, battery=energy))}).plan
         assert (kept["energy_j"], kept["battery_j"]) == (told, told)
 
 
@@ -219,17 +219,17 @@ def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside
         for area, late, away, distance in misses
     ]
     assert (
-        str(outcomes_sentence(outcomes_json(made)))
+        str(outcomes_sentence(surfacings_part(made)))
         == "Plan vs. actual surfacings: 4 predicted by the plan before; median distance 2250 m, +2 min, 67 % inside the 90 % ellipse"
     )
     assert (
-        str(outcomes_sentence(outcomes_json(made[3:])))
+        str(outcomes_sentence(surfacings_part(made[3:])))
         == "Plan vs. actual surfacings: 1 predicted by the plan before; median distance 9000 m, +4 min"
     )
-    told = outcomes_json(made)
+    told = surfacings_part(made)
     assert [one["inside_ellipse"] for one in told["each"]] == [True, False, True, None]
     assert [one["delay_s"] for one in told["each"]] == [60.0, -120.0, 600.0, 240.0]
-    assert (told["count"], told["inside_ellipse"], outcomes_json(made[3:])["inside_ellipse"]) == (
+    assert (told["count"], told["inside_ellipse"], surfacings_part(made[3:])["inside_ellipse"]) == (
         4,
         pytest.approx(2.0 / 3.0),
         None,

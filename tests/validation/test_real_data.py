@@ -26,7 +26,7 @@ def test_each_dive_is_predicted_better_from_the_dives_before_than_by_the_ensembl
     convert(sorted((DATA / "seaglider").glob("p17101*.nc")), log, False, RunConfig().logs)
     config = load_config(None, {"forecast": {"place": True}, "estimator": {"modes": 100}})
     summary, _ = replay(ReplayJob((log,), DATA / "qg" / "climatology.nc"), config)
-    assert [row.dive for row in summary.by_dive] == [100, 101, 102, 103, 104]
+    assert [row["dive"] for row in summary.by_dive] == [*range(100, 105)]
     for row in summary.by_dive[1:]:
         assert row.rms_innovation_predicted < row.rms_innovation_prior
 
@@ -43,5 +43,5 @@ def test_fifty_pings_tell_the_north_atlantic_truth(tmp_path):
             ReplayJob((log,), folder / "ensemble.nc", truth=str(folder / "truth.nc")), config
         )
         assert summary.truth is not None
-        errors.append(summary.truth.rel_error)
+        errors.append(summary.truth["rel_error"])
     assert np.mean(errors) <= 0.33

@@ -100,8 +100,7 @@ class Following:
         page: Path | None,
         json_file: Path | None,
     ) -> int:
-        """Follow the logs of a job, and return the exit code of the last summary."""
-        from replay_kit.results.outcome.from_run import outcome_of
+        """Follow the logs of a job, and return the exit code of the last replay."""
         from replay_kit.show.summary import print_summary
         from replay_kit.workflows.follow.follow import follow
         from replay_kit.workflows.follow.watch import FollowOptions
@@ -128,12 +127,11 @@ class Following:
             report=page,
             tell=tell,
         )
-        summary = follow(job, config, planner_of, options)
-        if summary is None:
+        outcome = follow(job, config, planner_of, options)
+        if outcome is None:
             raise LogError(
                 "no log that can be replayed has arrived; check the folder and the messages about its files"
             )
-        outcome = outcome_of(summary)
         print_summary(outcome, console)
         write_json(json_file, outcome.to_json())
-        return summary.exit_code
+        return outcome.exit_code

@@ -104,7 +104,7 @@ def info(
                 import_check_json,
                 print_import_check,
             )
-            from replay_kit.workflows.replay.inputs.scan import look_ahead
+            from replay_kit.workflows.replay.inputs.scan import Logs
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             if not logs and config.forecast.region is None and addresses_in(ensemble):
@@ -112,7 +112,7 @@ def info(
                 return 0
             files = local_ensemble(ensemble, logs, config)
             # as a replay of the logs would read it
-            near_ns = look_ahead(logs, config)[1] if logs else None
+            near_ns = Logs([logs], config).ahead()[1] if logs else None
             forecast = describe_ensemble(files, config.forecast, near_ns)
             check = check_logs(logs, files, config) if logs else None
     console = console_beside(json_file, suggest)
@@ -250,7 +250,6 @@ def smooth(
     )
     config = settings.load()
 
-    from replay_kit.results.outcome.from_run import outcome_of
     from replay_kit.show.summary import print_summary
     from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs
@@ -259,8 +258,7 @@ def smooth(
     (job,) = local_forecasts([(job, config)])
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     with part_named(outputs.out), progress() as advance:
-        summary = smooth_logs(job, config, advance)
-    outcome = outcome_of(summary)
+        outcome = smooth_logs(job, config, advance)
     print_summary(outcome, console_beside(outputs.json_file), outputs.verbose)
     write_json(outputs.json_file, outcome.to_json())
-    return summary.exit_code
+    return outcome.exit_code

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from replay_kit.config.run import RunConfig
     from replay_kit.core.plan import Place
-    from replay_kit.results.outcome.run import ReplaySummary
+    from replay_kit.results.outcome.outcome import Outcome
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
 
@@ -179,10 +179,9 @@ def replay(
     config = settings.load()
 
     # what takes long to load, after what is quickly refused
-    from replay_kit.results.outcome.from_run import failed
+    from replay_kit.results.outcome.outcome import failed
     from replay_kit.workflows.planning.adapters import planner_of
     from replay_kit.workflows.replay.inputs.job import check_outputs
-    from replay_kit.workflows.replay.inputs.vehicles import identified
     from replay_kit.workflows.replay.replay import replay as replay_logs
 
     job = _job(logs, inputs, outputs)
@@ -195,16 +194,15 @@ def replay(
         return following.run(job, config, console, outputs.page, outputs.json_file)
     if dry_run:
         return _dry_run(job, config, outputs, console)
-    job = identified(job, config)
     try:
         with part_named(outputs.out), progress() as advance:
             advance(0, 0, "reading the forecast")
-            summary, _ = replay_logs(job, config, planner_of, advance)
+            outcome, _ = replay_logs(job, config, planner_of, advance)
     except (MeasurementError, ForecastError) as error:
         write_json(outputs.json_file, error.answer or failed(error).to_json())
         raise
-    _answer(outputs, summary, console)
-    return summary.exit_code
+    _answer(outputs, outcome, console)
+    return outcome.exit_code
 
 
 def _named(inputs: Inputs) -> dict[str, tuple[Path, ...]]:
@@ -275,16 +273,14 @@ def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "
     return 0
 
 
-def _answer(outputs: Outputs, summary: "ReplaySummary", console: "Console") -> None:
+def _answer(outputs: Outputs, outcome: "Outcome", console: "Console") -> None:
     """Print the summary, and write the report and the JSON if they are asked for."""
-    from replay_kit.results.outcome.from_run import outcome_of
     from replay_kit.show.summary import print_summary
 
-    outcome = outcome_of(summary)
     print_summary(outcome, console, outputs.verbose)
     if outputs.page is not None:
         from replay_kit.workflows.report import report
 
-        report(outputs.out, outputs.page, outputs.overwrite, summary)
+        report(outputs.out, outputs.page, outputs.overwrite, outcome)
         console.print(f"Report: {outputs.page}; open it in a browser.")
     write_json(outputs.json_file, outcome.to_json())

@@ -1,12 +1,18 @@
-"""The outcome of a replay: one frozen value, the same from the run that has just ended and from its result file.
+"""The outcome of a replay: one frozen value, made when the run ends, kept in its result and read back as the same.
 
 Everything that is shown of a run (its summary, ``--json``, status, report, the table of a fleet, alarms) formats this value.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+from pydantic_core import to_json
+
+from replay_kit.core.errors import ReplayKitError, finding_json
 from replay_kit.results.outcome.verdict import (
     Decision,
     RunAlarm,
@@ -20,6 +26,8 @@ _STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
 Values = Mapping[str, Any]
 # Of a run of several vehicles alone.
 _OF_SEVERAL = ("vehicles", "value", "unused")
+# Of the run that has just ended alone: no result has the same bytes with them.
+_OF_RUN = ("seconds", "truth")
 _NO_OBSERVATIONS = {
     "used": 0,
     "rejected": 0,
@@ -53,8 +61,9 @@ class Outcome:
         lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
         doubts: What the measurements cannot tell.
         outside: Why the forecast is not of this place or time.
-        vehicles: The outcome of each vehicle as JSON, by its name, where several share the estimate; the other figures are then of all.
-        value: What each vehicle gives to the estimate, by its name; see ``ReplaySummary``.
+        vehicles: The outcome of each vehicle by its name, where several share the estimate; the other figures are then of all.
+        value: Of each vehicle, by its name: ``measurements`` it gave, RMS change of the estimate at the published depths without them
+            (``rms_change``), and its standard error there with and without them [m/s] (data denial).
         unused: Vehicles that gave nothing to the estimate, and why.
         exit_codes: All that apply, the one that the run ends with first; empty where it is 0.
         error: Why the run failed; empty otherwise.
@@ -66,25 +75,25 @@ class Outcome:
     observations: Values = field(default_factory=lambda: _NO_OBSERVATIONS)
     rms_innovation: Values = field(default_factory=lambda: _NO_RMS)
     nis_per_dof: float | None = None
-    by_dive: Sequence[Values] = ()
+    by_dive: tuple[Values, ...] = ()
     plan: Values | None = None
-    consistency: Sequence[Values] = ()
-    messages: Sequence[Values] | None = None
-    losses: Sequence[Values] = ()
+    consistency: tuple[Values, ...] = ()
+    messages: tuple[Values, ...] | None = None
+    losses: tuple[Values, ...] = ()
     late: int = 0
     surfacings: Values | None = None
     expected_surfacings: Values | None = None
     evidence: Values | None = None
     referee: Values | None = None
     flight_correction: Values | None = None
-    notes: Sequence[str] = ()
+    notes: tuple[str, ...] = ()
     lost_pings: str = ""
-    doubts: Sequence[str] = ()
-    outside: Sequence[str] = ()
-    vehicles: Mapping[str, Values] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
+    vehicles: Mapping[str, "Outcome"] = field(default_factory=dict)
     value: Mapping[str, Values] = field(default_factory=dict)
     unused: Mapping[str, str] = field(default_factory=dict)
-    exit_codes: Sequence[int] = ()
+    exit_codes: tuple[int, ...] = ()
     error: str = ""
     complete: bool = True
     seconds: Values = field(default_factory=dict, compare=False)
@@ -121,9 +130,11 @@ class Outcome:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as the JSON object of ``--json``: its attributes, and what follows from them."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        values = {name: values[name] for name in values if name not in ("error", "complete")}
-        made = {
+        left = ("error", "complete", *(() if self.vehicles else _OF_SEVERAL))
+        values: dict[str, Any] = _codec().dump_python(self, mode="json", exclude={*left})
+        if self.vehicles:
+            values["vehicles"] = {name: one.to_json() for name, one in self.vehicles.items()}
+        return {
             "status": "failed" if self.error else _STATUS[self.exit_code],
             **({"error": self.error} if self.error else {}),
             "exit_code": self.exit_code,
@@ -131,31 +142,57 @@ class Outcome:
             "reasons": list(self.decision.reasons),
             "alarms": [{"kind": one.kind, "text": one.text} for one in self.alarms],
             "verdict": list(self.verdict),
-        }
-        if not self.vehicles:
-            values = {name: values[name] for name in values if name not in _OF_SEVERAL}
-        return made | {name: _listed(value) for name, value in values.items()}
+        } | values
 
-    def to_record(self) -> dict[str, Any]:
-        """Return what a result keeps of it: ``to_json`` without wall times, the score, and what follows from the rest."""
-        derived = ("seconds", "truth", "alarms", "decision", "reasons", "vehicles")
-        return {name: value for name, value in self.to_json().items() if name not in derived}
+    def to_record(self) -> bytes:
+        """Return what a result keeps of it: its attributes as JSON, without wall times and the score against a truth."""
+        return _codec().dump_json(self, exclude={*_OF_RUN}, indent=1) + b"\n"
+
+
+@cache
+def _codec() -> TypeAdapter[Outcome]:
+    return TypeAdapter(Outcome)
+
+
+def made(values: Values, inputs: Iterable[Path] = ()) -> Outcome:
+    """Return the outcome with some values: numbers that are not finite are None, and its exit codes follow from the others.
+
+    Args:
+        values: Attributes by name, of anything that JSON has a form for.
+        inputs: Files that texts name without their folders, which change no byte of a result.
+    """
+    text = to_json(values, inf_nan_mode="null", fallback=lambda number: number.item())
+    for path in inputs:
+        text = text.replace(to_json(str(path))[1:-1], to_json(path.name)[1:-1])
+    return _with_codes(_codec().validate_json(text))
 
 
 def outcome_from(record: Values) -> Outcome:
-    """Return the outcome that a result keeps; of an earlier version as much of it as it kept.
-
-    Args:
-        record: As ``Outcome.to_record`` returned it.
-    """
-    known = {one.name for one in fields(Outcome)}
-    values = {name: value for name, value in record.items() if name in known}
+    """Return the outcome of a record or of a JSON object, what else these hold left out; of an earlier version as much as it kept."""
     if "doubts" not in record:
         # kept among the sentences of the verdict, after those on use, consistency and gain
         told = record.get("verdict", ())[3:]
-        values["doubts"] = [text for text in told if "per degree of freedom" not in text]
-    return Outcome(**values)
+        doubts = [text for text in told if "per degree of freedom" not in text]
+        record = {**record, "doubts": doubts}
+    return _codec().validate_python(record)
 
 
-def _listed(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+def failed(error: ReplayKitError, so_far: Outcome | None = None) -> Outcome:
+    """Return the outcome of a run that ended with an error.
+
+    Args:
+        error: What ended it.
+        so_far: What it had found; None when it had not begun.
+    """
+    found = tuple(finding_json(one) for one in error.findings)
+    ended = _with_codes(replace(so_far or Outcome(), consistency=found))
+    codes = (error.exit_code, *(ended.exit_codes if so_far else ()))
+    return replace(ended, exit_codes=codes, error=str(error), complete=False)
+
+
+def _with_codes(outcome: Outcome) -> Outcome:
+    """Return an outcome with 4 when bytes, frames or late messages were lost, and 6 when inputs contradict each other or themselves."""
+    each = (outcome, *outcome.vehicles.values())
+    lost = outcome.losses or outcome.late or outcome.unused
+    found = any(one["severity"] != "warning" for of in each for one in of.consistency)
+    return replace(outcome, exit_codes=(4,) * bool(lost) + (6,) * found)

@@ -68,10 +68,10 @@ def decide(outcome: "Outcome") -> Decision:
     word: Word = "do not use" if worst else "with care" if others else "trust"
     named = dict[str, list[str]]()
     for name, one in outcome.vehicles.items():
-        for reason in one["reasons"]:
+        for reason in one.decision.reasons:
             named.setdefault(reason, []).append(name)
     own = (f"{', '.join(names)}: {reason}" for reason, names in named.items())
-    words = (word, *(one["decision"] for one in outcome.vehicles.values()))
+    words = (word, *(one.decision.word for one in outcome.vehicles.values()))
     reasons = tuple(dict.fromkeys((*worst, *others, *own)))
     return Decision(max(words, key=get_args(Word).index), reasons)
 

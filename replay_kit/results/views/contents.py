@@ -22,7 +22,6 @@ from replay_kit.results.views.along_track import (
     mean_currents,
 )
 from replay_kit.results.views.history import EstimateHistory, Series, mean_to_depth, series_of
-from replay_kit.results.views.record import RunRecord, outcome_of_result, read_record
 from replay_kit.results.views.slices import CurrentSlices, on_grid, published_slices, slices_of
 from replay_kit.results.views.track import LastPlan, Track, last_plan, published_seabed, track_of
 
@@ -66,15 +65,15 @@ class Contents:
             )
         return self.each[vehicle]
 
-    @cached_property
-    def record(self) -> RunRecord:
-        """How the result was made."""
-        return read_record(self.result.reader)
+    @property
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """Records of how the result was made, by name."""
+        return self.result.reader.metadata
 
-    @cached_property
+    @property
     def outcome(self) -> Outcome:
         """The run's outcome."""
-        return outcome_of_result(self.result, self.record)
+        return self.result.outcome
 
     @property
     def projection(self) -> Projection:
@@ -131,7 +130,7 @@ class Contents:
     @cached_property
     def dive_depth(self) -> float:
         """Depth of the vehicle's dives [m]: of the plan's, as flown, of the track, or of the deepest published current."""
-        plan, flown = self.last_plan, AsFlown.in_metadata(self.record.metadata)
+        plan, flown = self.last_plan, AsFlown.in_metadata(self.metadata)
         if plan is not None and plan.legs:
             return max(float(leg["depth_m"]) for leg in plan.legs)
         if flown is not None and flown.depth > 1.0:

@@ -294,7 +294,7 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
     if count > POSITIONS:
         texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")
     if contents.seabed is not None:
-        name = escape(bathymetry_name(contents.record))
+        name = escape(bathymetry_name(contents.metadata))
         texts.append(f"Labelled lines: depth of the bottom, from {name}.")
     texts.append(
         "Ellipses hold 90 % of the predicted surfacings; a line joins each predicted surfacing to the actual one. Land is from Natural "

@@ -10,6 +10,7 @@ from replay_kit.core.errors import finding_line
 from replay_kit.core.extensions import additions
 from replay_kit.core.text import count_text, time_text
 from replay_kit.results.result import ResultFile
+from replay_kit.results.topics import CONFIG_NAME
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.show.numbers import Sentence, number
@@ -30,8 +31,8 @@ _LONG = 12
 
 def again_section(contents: Contents) -> Section:
     """Return what it takes to reproduce the result, and the summary as a table."""
-    record, missing = contents.record, []
-    inputs = record.metadata.get("replay_kit.inputs", {})
+    metadata, missing = contents.metadata, []
+    inputs = metadata.get("replay_kit.inputs", {})
     html = ""
     if any(name.startswith("log") for name in inputs):
         html += (
@@ -39,7 +40,7 @@ def again_section(contents: Contents) -> Section:
             f"to the result:</p><pre>{escape(_command(contents))}</pre>"
         )
     elif inputs:
-        made = "; replay-kit verify reproduces it" if "replay_kit.plan" in record.metadata else ""
+        made = "; replay-kit verify reproduces it" if "replay_kit.plan" in metadata else ""
         missing.append(f"This result was made by replay-kit plan; its options are below{made}.")
     else:
         missing.append("The result does not name its inputs.")
@@ -50,8 +51,8 @@ def again_section(contents: Contents) -> Section:
             "Inputs",
         )
     versions = {
-        **record.metadata.get("contract", {}),
-        **record.metadata.get("replay_kit.versions", {}),
+        **metadata.get("contract", {}),
+        **metadata.get("replay_kit.versions", {}),
     }
     names = {"version": "contract of the result", "replay_kit": "replay-kit"}
     shown = {names.get(name, name): value for name, value in versions.items()}
@@ -62,8 +63,8 @@ def again_section(contents: Contents) -> Section:
     )
     html += _settings(contents, missing)
     region = {
-        **record.metadata.get("replay_kit.region", {}),
-        **record.metadata.get("replay_kit.options", {}),
+        **metadata.get("replay_kit.region", {}),
+        **metadata.get("replay_kit.options", {}),
     }
     rows = [
         [escape(name.replace("_", " ")), escape(value)] for name, value in region.items() if value
@@ -78,10 +79,10 @@ def again_section(contents: Contents) -> Section:
 
 
 def _command(contents: Contents) -> str:
-    inputs = contents.record.metadata["replay_kit.inputs"]
+    inputs = contents.metadata["replay_kit.inputs"]
     names = {key: text.rpartition(" sha256:")[0] for key, text in inputs.items()}
     logs = [names[key] for key in names if key.startswith("log")]
-    goal = contents.record.metadata.get("replay_kit.options", {}).get("goal", "")
+    goal = contents.metadata.get("replay_kit.options", {}).get("goal", "")
     parts = [
         "replay-kit",
         "replay",
@@ -108,7 +109,7 @@ def _input(name: str, text: str) -> list[str]:
 
 
 def _settings(contents: Contents, missing: list[str]) -> str:
-    toml = contents.record.config_toml
+    toml = contents.result.reader.text(CONFIG_NAME)
     if not toml:
         missing.append("The result does not hold its configuration.")
         return ""

@@ -1,6 +1,5 @@
 """What the status of a result is made of, read from the file: only the messages that it needs are decoded."""
 
-import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,10 +11,10 @@ import numpy as np
 from replay_kit.core.errors import LogError
 from replay_kit.core.grid import Projection
 from replay_kit.results.innovations import Columns, blocks_in, joined, picked
-from replay_kit.results.outcome.outcome import Outcome, outcome_from
+from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import decode
-from replay_kit.results.topics import CONFIG_NAME, SUMMARY_NAME, complete
+from replay_kit.results.topics import CONFIG_NAME, complete
 
 # Two plans tell what changed; their surfacings and the measurements between them tell why.
 _PLANS, _OUTCOMES = 2, 50
@@ -101,7 +100,7 @@ def read_held(reader: ResultReader) -> Held:
         ),
         metadata=metadata,
         settings=tomllib.loads(reader.text(CONFIG_NAME)),
-        outcome=outcome_from(json.loads(text)) if (text := reader.text(SUMMARY_NAME)) else None,
+        outcome=reader.outcome,
         projection=reader.projection,
         fixes=fixes,
         reckoned=reckoned,

@@ -384,7 +384,7 @@ def _forecast(held: Held, now_ns: int) -> _Answer:
 
 def _fit(held: Held, now_ns: int) -> _Answer:
     outcome = held.outcome
-    if outcome is None:
+    if outcome is None or not outcome.complete:
         why = "no verdict: the run did not finish, or an earlier version made the result"
         return [why], {"findings": [], "verdict": [], "nis_per_dof": None}, held.last_ns
     text = [

@@ -15,7 +15,6 @@ from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
-from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.workflows.fleet.cluster import Cluster
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.planning.adapters import planner_of
@@ -107,10 +106,10 @@ def run_mission(mission: Mission) -> Outcome:
 
 def _run(mission: Mission, made: Path, identity: str) -> Outcome:
     began = time.perf_counter()
-    summary, _ = replay(replace(mission.job, out=made), mission.config, planner_of)
+    outcome, _ = replay(replace(mission.job, out=made), mission.config, planner_of)
     digest = file_hash(made)
     os.replace(made, mission.result)
-    answer = outcome_of(summary).to_json() | {"seconds_in_all": time.perf_counter() - began}
+    answer = outcome.to_json() | {"seconds_in_all": time.perf_counter() - began}
     record = {
         "result": mission.result.name,
         "sha256": digest,
@@ -122,7 +121,7 @@ def _run(mission: Mission, made: Path, identity: str) -> Outcome:
     write_whole(made.with_suffix(".json"), json.dumps(record, indent=1, allow_nan=False) + "\n")
     # after the result: a record says that the result is complete
     os.replace(made.with_suffix(".json"), mission.record)
-    return Outcome(mission.name, answer, digest, exit_code=summary.exit_code)
+    return Outcome(mission.name, answer, digest, exit_code=outcome.exit_code)
 
 
 def _identity(mission: Mission) -> str:

@@ -24,7 +24,7 @@ from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.formats import may_grow
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.reader import ResultReader
 from replay_kit.show.status.held import Held
 from replay_kit.show.status.status import Status, status_of
 from replay_kit.workflows.follow.sources import read_goal, with_goal
@@ -42,12 +42,12 @@ from replay_kit.workflows.follow.watch import (
     standing,
     write_memory,
 )
-from replay_kit.workflows.replay.inputs.estimator import built
+from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
-from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle
+from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle, logs_of
 from replay_kit.workflows.replay.inputs.provenance import named_hash
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, from_record
-from replay_kit.workflows.replay.inputs.scan import look_ahead
+from replay_kit.workflows.replay.inputs.scan import Logs
 from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
@@ -65,8 +65,8 @@ def follow(
     planner_of: PlannerFactory,
     options: FollowOptions,
     clock: Clock | None = None,
-) -> ReplaySummary | None:
-    """Follow logs until nothing new has come for a while, and return the last summary; None when there was nothing to replay.
+) -> Outcome | None:
+    """Follow logs until nothing new has come for a while, and return the last outcome; None when there was nothing to replay.
 
     The estimate is that of one replay of the files as they are in the end. After an interrupt, or when the process is killed, another
     call goes on from what is on the disk.
@@ -134,10 +134,10 @@ class Follower:
         self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
         self._built: tuple[Forecasts, Estimator[Any]] | None = None
         self._held: dict[str, Held] = {}
-        self._outcome: Outcome | None = None
+        self._made: Outcome | None = None
         if self._good and self._out.is_file():
-            self._held, self._outcome = read_each(self._out)
-        self._summary: ReplaySummary | None = None
+            reader = ResultReader(self._out)
+            self._held, self._made = read_each(reader), reader.outcome
         self._shown: dict[str, Status] = {}
         self._due = False
         self._set_goal(job.goal if options.goal_file is None else read_goal(options.goal_file))
@@ -147,7 +147,7 @@ class Follower:
         """The result."""
         return self._out
 
-    def run(self) -> ReplaySummary | None:
+    def run(self) -> Outcome | None:
         """Look and replay until nothing new has come for long enough."""
         first, idle_since = True, self._clock.idle_s()
         while True:
@@ -156,7 +156,7 @@ class Follower:
             first = False
             limit = self._options.until_idle_s
             if limit is not None and self._clock.idle_s() - idle_since >= limit:
-                return self._summary
+                return self._made
             self._clock.wait(
                 self._options.interval_s
                 if limit is None
@@ -259,8 +259,8 @@ class Follower:
                 raise
             self._say(f"not replayed, the result before stays: {error}", once=True)
             return
-        assert self._summary is not None
-        took, dives = self._clock.idle_s() - began, count_text(len(self._summary.by_dive), "dive")
+        assert self._made is not None
+        took, dives = self._clock.idle_s() - began, count_text(len(self._made.by_dive), "dive")
         self._options.tell(
             f"{count_text(len(self._memory.used), 'file')}, {dives} replayed in {took:.1f} s: {self._out}"
         )
@@ -302,11 +302,11 @@ class Follower:
             estimator=partial(self._estimator, job),
             tell=self._options.tell,
         )
-        summary, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
-        self._summary, (self._held, self._outcome) = summary, read_each(self._out)
+        self._made, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
+        self._held = read_each(ResultReader(self._out))
         self._good |= set(used)
         if self._options.report is not None:
-            report(self._out, self._options.report, overwrite=True, summary=summary)
+            report(self._out, self._options.report, overwrite=True, made=self._made)
 
     def _vehicles(self, used: tuple[Path, ...]) -> tuple[Vehicle, ...]:
         """Return the vehicles that have files among those that are used, with these."""
@@ -320,7 +320,7 @@ class Follower:
     def _estimator(self, job: ReplayJob, forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
         """Return the estimator of a forecast: built once, for all replays until the next one."""
         if self._built is None or self._built[0] is not forecasts:
-            self._built = forecasts, built(forecasts, config, job)
+            self._built = forecasts, build(forecasts, config, len(job.each_vehicle))
         return self._built[1]
 
     def _without_folders(self, text: str) -> str:
@@ -335,7 +335,8 @@ class Follower:
 
     def _forecasts(self, job: ReplayJob) -> Forecasts:
         """Return the forecast, read anew when its files or the beginning of the logs changed."""
-        stamps, ahead = stamps_of(ensemble_files(job.ensemble)), look_ahead(job.logs, self._config)
+        logs = logs_of(job, self._config)
+        stamps, ahead = stamps_of(ensemble_files(job.ensemble)), logs.ahead()
         if (
             self._forecast is not None
             and self._forecast[0] == stamps
@@ -344,7 +345,7 @@ class Follower:
             return self._forecast[1]
         try:
             found = read_forecasts(
-                job.ensemble, self._config, ahead[1], ahead[0], self._region(job, ahead[1])
+                job.ensemble, self._config, ahead[1], ahead[0], self._region(job, logs, ahead[1])
             )
         except ReplayKitError as error:
             if self._forecast is None or self._forecast[2] != ahead:
@@ -360,10 +361,10 @@ class Follower:
         self._forecast = stamps, found, ahead
         return found
 
-    def _region(self, job: ReplayJob, near_ns: int | None) -> FoundRegion | None:
+    def _region(self, job: ReplayJob, logs: Logs, near_ns: int | None) -> FoundRegion | None:
         """Return the part of the forecast that the first replay needed; None where it read all, or what the settings state."""
         if not self._memory.region:
-            found = find_region(job.logs, job.ensemble, self._config, near_ns, job.goals)
+            found = find_region(logs, job.ensemble, self._config, near_ns, job.goals)
             self._remember(region=json.dumps(None if found is None else found.to_record()))
         record = json.loads(self._memory.region)
         return None if record is None else from_record(record)
@@ -394,7 +395,7 @@ class Follower:
             statuses[name] = status_of(held, wall_ns if under_way else None)
         if statuses != self._shown:
             again_s = max(int(self._options.interval_s), 5)
-            write_pages(statuses, self._outcome, self._options.status, again_s)
+            write_pages(statuses, self._made, self._options.status, again_s)
             self._shown = statuses
         self._remember(given=standing(statuses, self._memory.given))
         for name, status in statuses.items():

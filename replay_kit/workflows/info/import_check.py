@@ -54,7 +54,7 @@ from replay_kit.measurements.observed import blocks, rows
 from replay_kit.workflows.replay.checks import check_inputs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import find_region
-from replay_kit.workflows.replay.inputs.scan import look_ahead, open_readers
+from replay_kit.workflows.replay.inputs.scan import Logs, open_readers
 
 # profiles examined, spread over the log: their joint covariance is one matrix
 _MOST_PROFILES = 200
@@ -137,8 +137,9 @@ def _checked(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig
     if forecasts.read is None:
         return forecasts.ensemble
     # a replay would read windows that follow the vehicle
-    _, near_ns = look_ahead(logs, config)
-    region = find_region(logs, ensemble, config, near_ns, (), may_follow=False)
+    opened = Logs([logs], config)
+    _, near_ns = opened.ahead()
+    region = find_region(opened, ensemble, config, near_ns, (), may_follow=False)
     part = (
         config.forecast
         if region is None

@@ -144,7 +144,7 @@ def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
         from replay_kit.workflows.sound import sound_result
 
         with sound_result(path) as sound:
-            reader = ResultReader(sound.path)
+            reader = ResultReader(sound.path, opened=sound.file)
             flow, held = reader.estimate(), read_held(reader)
             if not _holds(flow, places):
                 flows = reversed(reader.estimates())

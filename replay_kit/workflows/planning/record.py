@@ -14,6 +14,8 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Plan
 from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.results.outcome.outcome import made
+from replay_kit.results.outcome.parts import plan_part
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.bathymetry import seabed_of
 from replay_kit.workflows.planning.inputs import PlannedOn
@@ -83,6 +85,7 @@ def write_plan(
             writer.seabed(begin, seabed_of(on.bathymetry, on.region))
         writer.plan(over_bottom(replace(plan, areas=areas), on.bathymetry, projection), projection)
         writer.digest(begin)
+        writer.summary(begin, made({"plan": plan_part(plan), "complete": False}))
 
 
 def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> PlanRequest:

@@ -5,6 +5,7 @@ They are the replay itself with an estimator that screens its measurements and e
 """
 
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -25,7 +26,7 @@ from replay_kit.estimator.update.screening import Screened, columns_of, screened
 from replay_kit.workflows.replay.conclude import useless_of
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of
+from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of, logs_of
 from replay_kit.workflows.replay.prepare import prepare
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
@@ -60,11 +61,12 @@ def check_inputs(
     Raises:
         ReplayKitError: As the replay itself would, for inputs that it would refuse.
     """
-    forecasts = forecasts_of(job, config)
+    logs = logs_of(job, config)
+    forecasts = forecasts_of(job, config, logs)
     screen = (_Screen if config.estimator.name == OWN else _OfProfiles)(forecasts)
     job = replace(job, out=None, truth=None)
-    run, inputs = prepare(job, config, planner_of, silent, forecasts, screen)
-    inputs.play(run)
+    run, inputs = prepare(job, config, planner_of, silent, forecasts, screen, logs)
+    deque(inputs.played(run), 0)
     useless_of(run, inputs)
     return CheckedInputs(forecasts, screen.profiles, screen.used, tuple(screen.first))
 

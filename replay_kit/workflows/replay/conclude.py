@@ -1,117 +1,123 @@
-"""The end of a replay: its summary, its estimate, and the score against a truth."""
+"""The end of a replay: its outcome, its estimate, and the score against a truth."""
 
 import json
+import re
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import OutputConfig, RunConfig
+from replay_kit.config.run import OutputConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN
-from replay_kit.core.errors import Finding, MeasurementError, PlanError
+from replay_kit.core.errors import MeasurementError, PlanError, finding_json
+from replay_kit.core.evidence import Evidence
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.message import LogReader
+from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Profiles
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.formats import logs_in
-from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.results.outcome.from_run import outcome_of
-from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
+from replay_kit.results.outcome.outcome import Outcome, made
+from replay_kit.results.outcome.parts import (
+    correction_part,
+    expected_part,
+    plan_part,
+    referee_part,
+    surfacings_part,
+)
 from replay_kit.results.slices import depth_slices
 from replay_kit.results.topics import WINDOWS_RECORD
+from replay_kit.workflows.replay.account import together
 from replay_kit.workflows.replay.follow_up import end, left_windows, publish
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.inputs.job import open_truth
 from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.prepare import Prepared
 from replay_kit.workflows.replay.run import Run
-from replay_kit.workflows.replay.scoring import name_of, rival_inputs, score_against_truth
+from replay_kit.workflows.replay.scoring import (
+    name_of,
+    rival_inputs,
+    score_against_truth,
+)
 from replay_kit.workflows.replay.stages.consistency import conclusions, require_one_vehicle
 from replay_kit.workflows.replay.stages.forecast_file import check_file
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.replay.stages.publishing import published_depths
-from replay_kit.workflows.replay.state import OfVehicle
-from replay_kit.workflows.replay.statistics import pooled
 from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
 # Measurements times vehicles up to which the estimate is made without each: it takes as many updates.
 _MOST_DENIED = 20_000
+# In a note on a forecast that is not of the log's place or time.
+_OUTSIDE = re.compile("outside|is no forecast")
 _NOT_DENIED = (
     "the estimate without each vehicle was not made: there are too many vehicles and measurements"
 )
 
 
 def conclude(
-    run: Run, inputs: Prepared, others: tuple[Rival, ...] = ()
-) -> tuple[ReplaySummary, FlowEstimate]:
+    run: Run, inputs: Prepared, others: Sequence[tuple[str, Evidence]] = ()
+) -> tuple[Outcome, FlowEstimate]:
     """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result.
 
     Args:
         run: After the last message.
         inputs: What was read.
-        others: The log evidence under other forecasts.
+        others: The names of other forecasts, and the log evidence under each.
     """
     job, useless = inputs.job, useless_of(run, inputs)
     logs = [file for path in job.logs for file in logs_in(path)]
     about = cited((*logs, *ensemble_files(job.ensemble)), run.config)
     flows, windows = _last_flows(run, about)
-    flow = flows[0]
-    each = [_summary(run, number, inputs, own, others) for number, own in enumerate(flows)]
-    summary = each[0]
+    found = [_found(run, number, inputs, own) for number, own in enumerate(flows)]
+    for each, of in zip(found, run.of, strict=True):
+        if others and (evidence := of.counts.log_evidence) is not None:
+            each["referee"] = referee_part(name_of(job.ensemble), evidence, others)
+    files = (*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values())
     if job.vehicles:
-        names = [one.name for one in run.setups]
-        value = value_of_each(run, flows)
-        unused = {one.name: one.why_not for one in job.vehicles if one.why_not} | useless
-        notes = (*_notes(run, inputs, flow, ()), *map(": ".join, unused.items()))
-        if not value:
-            notes += (_NOT_DENIED,)
-        if windows:
-            notes += (
-                f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {names[0]}; "
-                "the result holds all",
-            )
-        notes += tuple(f"{one.name}: {text}" for one in job.vehicles for text in one.notes)
-        summary = replace(
-            counted(run, inputs),
-            vehicles=dict(zip(names, each, strict=True)),
-            value=value,
-            unused=unused,
-            notes=notes,
-            findings=tuple(
-                replace(found, name=f"{name}: {found.name}")
-                for name, one in zip(names, each, strict=True)
-                for found in one.findings
-            ),
-            outside=summary.outside,
-            inputs=summary.inputs,
+        outcome = made(_of_several(run, inputs, flows, found, useless, bool(windows)), files)
+    else:
+        outcome = made(
+            found[0] | {"notes": _notes(run, inputs, flows[0], found[0]["notes"])}, files
         )
     with run.clock.stage("write"):
-        if (writer := run.writer) is not None:
-            for number, (setup, one) in enumerate(zip(run.setups, each, strict=True)):
-                with writer.of(setup.name):
-                    _record(writer, run, number, one)
-            if job.vehicles:
-                writer.summary(run.last_ns, outcome_of(summary).to_record())
-            withdrawn = run.of[0].publishing.withdrawn
-            stated = {"withdrawn": str(withdrawn)} if withdrawn else {}
-            stated |= {"vehicles": json.dumps(windows)} if windows else {}
-            if stated:
-                writer.write_metadata(WINDOWS_RECORD, stated)
-            writer.finish(flow)
-        if job.netcdf is not None:
-            write_grid(flow, job.netcdf)
-        if job.save_estimate is not None:
-            flow.save(job.save_estimate)
-    said = [*summary.notes]
-    score = None
+        _write(run, inputs, outcome, [each["consistency"] for each in found], flows[0], windows)
+    score, said = None, list[str]()
     if inputs.truth is not None:
         with run.clock.stage("score"):
-            score, failures = _score(run, inputs, inputs.truth, flow)
-            said += failures
-    return replace(summary, seconds=dict(run.clock.seconds), truth=score, notes=tuple(said)), flow
+            score, said = _score(run, inputs, inputs.truth, flows[0])
+    truth, seconds = made({"truth": score}).truth, dict(run.clock.seconds)
+    notes = (*outcome.notes, *said)
+    return replace(outcome, seconds=seconds, truth=truth, notes=notes), flows[0]
+
+
+def _write(
+    run: Run,
+    inputs: Prepared,
+    outcome: Outcome,
+    findings: Sequence[Sequence[Mapping[str, Any]]],
+    flow: FlowEstimate,
+    windows: Mapping[str, int],
+) -> None:
+    """Write the end of the result, and the files that hold the estimate."""
+    if (writer := run.writer) is not None:
+        for setup, of, own in zip(run.setups, run.of, findings, strict=True):
+            with writer.of(setup.name):
+                writer.consistency(run.last_ns, own)
+                if (flown := of.forecasts.as_flown) is not None:
+                    writer.record(AS_FLOWN, flown.to_record())
+        writer.summary(run.last_ns, outcome)
+        withdrawn = run.of[0].publishing.withdrawn
+        stated = {"withdrawn": str(withdrawn)} if withdrawn else {}
+        stated |= {"vehicles": json.dumps(windows)} if windows else {}
+        if stated:
+            writer.write_metadata(WINDOWS_RECORD, stated)
+        writer.finish(flow)
+    if inputs.job.netcdf is not None:
+        write_grid(flow, inputs.job.netcdf)
+    if inputs.job.save_estimate is not None:
+        flow.save(inputs.job.save_estimate)
 
 
 def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate], dict[str, int]]:
@@ -187,22 +193,16 @@ def _rms(values: Array) -> float | None:
     return float(np.sqrt(np.mean(known**2))) if known.size else None
 
 
-def counted(run: Run, inputs: Prepared) -> ReplaySummary:
-    """Return the summary of what was counted so far, of all vehicles together."""
-    each = {
-        setup.name: (of.statistics, [reader.report() for reader in readers])
-        for setup, of, readers in zip(run.setups, run.of, inputs.by_vehicle, strict=True)
-    }
-    if inputs.job.vehicles:
-        return pooled(each)
-    ((statistics, reports),) = each.values()
-    summary: ReplaySummary = statistics.summary(reports)
-    return summary
+def so_far(run: Run, inputs: Prepared) -> Outcome:
+    """Return the outcome of what was counted so far, of all vehicles together."""
+    return made(_counted(run, inputs))
 
 
-def findings_so_far(run: Run) -> tuple[Finding, ...]:
-    """Return the contradictions found so far, of all vehicles."""
-    return tuple(found for of in run.of for found in of.monitoring.findings)
+def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
+    accounts = inputs.accounts(run)
+    if not inputs.job.vehicles:
+        return accounts[0].part()
+    return together({one.name: own for one, own in zip(run.setups, accounts, strict=True)})
 
 
 def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
@@ -212,9 +212,13 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
         MeasurementError: The only vehicle gave nothing, or none of several.
     """
     useless, last = dict[str, str](), None
-    for setup, of, readers in zip(run.setups, run.of, inputs.by_vehicle, strict=True):
+    for setup, of, account in zip(run.setups, run.of, inputs.accounts(run), strict=True):
         try:
-            _require_usable(of, readers, inputs.forecasts.ensemble.grid, setup.config)
+            names = [*[""] * account.first_input, *(one.path for one in account.reports)]
+            require_one_vehicle(of.monitoring, names)
+            if not of.monitoring.explains_no_profile:
+                account.require_usable(inputs.forecasts.ensemble.grid)
+            account.require_left_out(setup.config.measurements.without)
         except MeasurementError as error:
             if not inputs.job.vehicles or error.findings:
                 raise
@@ -224,61 +228,60 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
     return useless
 
 
-def _require_usable(
-    of: OfVehicle, readers: Sequence[LogReader], grid: Grid, config: RunConfig
-) -> None:
-    reports = [reader.report() for reader in readers]
-    names = [report.path for report in reports]
-    require_one_vehicle(of.monitoring, [*[""] * readers[0].input, *names])
-    if not of.monitoring.explains_no_profile:
-        of.statistics.require_usable(reports, grid)
-    of.statistics.require_left_out(config.measurements.without)
-
-
-def _summary(
-    run: Run, number: int, inputs: Prepared, flow: FlowEstimate, others: tuple[Rival, ...]
-) -> ReplaySummary:
-    """Return the summary of one vehicle."""
-    job, setup, of = inputs.job, run.setups[number], run.of[number]
-    reports = [reader.report() for reader in inputs.by_vehicle[number]]
-    of_logs = of.statistics.notes(reports) + of.publishing.surface.notes
-    found, blind = conclusions(
-        of.monitoring,
-        of.statistics.profiles,
-        setup.config,
-        of.statistics.skipped,
-        check_file(setup.estimator, of.monitoring.means),
-    )
-    summary: ReplaySummary = of.statistics.summary(reports)
-    told = setup.config.planner.depth
+def _found(run: Run, number: int, inputs: Prepared, flow: FlowEstimate) -> dict[str, Any]:
+    """Return what was found with one vehicle, as the values of an outcome."""
+    setup, of, account = run.setups[number], run.of[number], inputs.accounts(run)[number]
+    of_file = check_file(setup.estimator, of.monitoring.means)
+    findings, blind = conclusions(of.monitoring, of.counts, setup.config, of_file)
+    told, planning = setup.config.planner.depth, of.planning
     depth = told if isinstance(told, float) else None
-    return replace(
-        summary,
-        plan=None if of.planning.result is None else of.planning.result.plan,
-        plan_note=of.planning.failure,
-        outcomes=of.planning.outcomes,
-        surfacings=of.forecasts.outcomes,
-        next_surfacing=next_surfacing(of.forecasts, flow, depth),
-        ensemble=name_of(job.ensemble) if others else "",
-        rivals=others,
-        # what is not of the vehicle is said once, of all
-        notes=tuple(of_logs if job.vehicles else _notes(run, inputs, flow, of_logs)),
-        findings=found,
-        doubts=blind,
-        outside=tuple(
-            note for note in inputs.forecasts.notes if "outside" in note or "is no forecast" in note
-        ),
-        inputs=(*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values()),
-        flight_correction=of.flight.correction(of.statistics.profiles.corrections),
-    )
+    following = next_surfacing(of.forecasts, flow, depth)
+    plan = None if planning.result is None else planning.result.plan
+    return account.part() | {
+        "plan": plan_part(plan, planning.failure),
+        "surfacings": surfacings_part(planning.outcomes),
+        "expected_surfacings": expected_part(of.forecasts.outcomes, following),
+        "notes": account.notes() + of.publishing.surface.notes,
+        "consistency": [*map(finding_json, findings)],
+        "doubts": blind,
+        "outside": [note for note in inputs.forecasts.notes if _OUTSIDE.search(note)],
+        "flight_correction": correction_part(of.flight.correction(of.counts.corrections)),
+    }
 
 
-def _record(writer: ResultWriter, run: Run, number: int, summary: ReplaySummary) -> None:
-    """Write what is found of one vehicle at the end."""
-    writer.consistency(run.last_ns, summary.findings)
-    writer.summary(run.last_ns, outcome_of(summary).to_record())
-    if (flown := run.of[number].forecasts.as_flown) is not None:
-        writer.record(AS_FLOWN, flown.to_record())
+def _of_several(
+    run: Run,
+    inputs: Prepared,
+    flows: Sequence[FlowEstimate],
+    each: Sequence[Mapping[str, Any]],
+    useless: dict[str, str],
+    windowed: bool,
+) -> dict[str, Any]:
+    """Return what was found with several vehicles together, as the values of an outcome."""
+    names, named = [one.name for one in run.setups], inputs.job.vehicles
+    value = value_of_each(run, flows)
+    unused = {one.name: one.why_not for one in named if one.why_not} | useless
+    notes = [*_notes(run, inputs, flows[0], ()), *map(": ".join, unused.items())]
+    if not value:
+        notes.append(_NOT_DENIED)
+    if windowed:
+        notes.append(
+            f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {names[0]}; "
+            "the result holds all"
+        )
+    notes += [f"{one.name}: {text}" for one in named for text in one.notes]
+    return _counted(run, inputs) | {
+        "vehicles": {name: made(one) for name, one in zip(names, each, strict=True)},
+        "value": value,
+        "unused": unused,
+        "notes": notes,
+        "consistency": [
+            found | {"name": f"{name}: {found['name']}"}
+            for name, one in zip(names, each, strict=True)
+            for found in one["consistency"]
+        ],
+        "outside": each[0]["outside"],
+    }
 
 
 def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
@@ -298,7 +301,7 @@ def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str
 
 def _score(
     run: Run, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
-) -> tuple[TruthScore | None, list[str]]:
+) -> tuple[dict[str, float | None] | None, list[str]]:
     """Return the score, or as much of it as there is, and why the rest is missing."""
     job, forecasts, prior_flow, config = (
         inputs.job,
@@ -313,7 +316,7 @@ def _score(
     if forecasts.read is not None:
         forecasts, box = forecasts.in_last_window(flow.grid)
         truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
-    positions = [place for of in run.of for place in of.statistics.profiles.positions]
+    positions = [place for of in run.of for place in of.counts.positions]
     ensemble = forecasts.nearest(flow.time_ns)
     try:
         score, truth_flow = score_against_truth(
@@ -336,6 +339,5 @@ def _score(
         ]
     except PlanError as error:
         return score, [f"the plans cannot be flown in the truth: {error}"]
-    return replace(
-        score, closest_approach_m=closest[0], ensemble_mean_closest_approach_m=closest[1]
-    ), []
+    names = ("closest_approach_m", "ensemble_mean_closest_approach_m")
+    return score | dict(zip(names, closest, strict=True)), []

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
-from replay_kit.core.arrays import replace
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.workflows.replay.events import Aside, Track
@@ -71,17 +70,17 @@ def _follow_one(run: Run, number: int, step: Step, event: Any) -> None:
         return
     _plan(run, number, plans.before_event, event, before)
     if run.writer is not None:
-        publishing = run.of[number].publishing
-        if run.is_pooled:
-            window = run.estimator(number).window(step.after)
-            publishing = replace(publishing, next_slices_ns=run.next_slices_ns.get(window))
-        publishing, outputs = publish_step(
-            publishing, event, step.assimilation, setup.config.output, after
-        )
-        if run.is_pooled:
-            run.next_slices_ns[window] = publishing.next_slices_ns
+        state, settings = run.of[number].publishing, setup.config.output
+        publishing, outputs = publish_step(state, event, step.assimilation, after)
         run.put(number, publishing=publishing)
         run.write(number, outputs)
+        # vehicles share the slices of a window
+        window = run.estimator(number).window(step.after) if run.is_pooled else None
+        due_ns = run.next_slices_ns.get(window)
+        if step.assimilation is not None and (due_ns is None or event.time_ns >= due_ns):
+            run.next_slices_ns[window] = event.time_ns + int(settings.interval * 1e9)
+            slices = depth_slices(event.time_ns, after(event.time_ns), settings)
+            run.write(number, (slices,))
     depth, forecasts = setup.config.measurements.surface_depth, run.of[number].forecasts
     _expect(run, number, forecast_step(forecasts, event, step.assimilation, before, depth))
     _plan(run, number, plans.after_event, event, after)

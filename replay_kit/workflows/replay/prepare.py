@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from heapq import merge as merged_by
 from pathlib import Path
 from typing import Any
@@ -14,24 +15,23 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader, Message
+from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, Stopwatch
 from replay_kit.core.region import Region, centre, inside
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import find_sources
-from replay_kit.logs import merge
-from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.region import for_region
 from replay_kit.results.vehicles import VEHICLES_RECORD
-from replay_kit.workflows.replay.inputs.estimator import built
+from replay_kit.workflows.replay.account import Account
+from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
     Vehicle,
-    flat,
     forecasts_of,
-    open_each,
+    logs_of,
     open_truth,
 )
 from replay_kit.workflows.replay.inputs.provenance import (
@@ -42,7 +42,7 @@ from replay_kit.workflows.replay.inputs.provenance import (
     run_options,
     vehicles_record,
 )
-from replay_kit.workflows.replay.inputs.scan import check_span, next_block, reach_of
+from replay_kit.workflows.replay.inputs.scan import Logs, next_block
 from replay_kit.workflows.replay.inputs.vehicles import first_windows
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.scoring import rival_inputs
@@ -58,8 +58,7 @@ class Prepared:
 
     Attributes:
         job: Inputs and outputs.
-        by_vehicle: The opened logs of each vehicle.
-        merged: Their messages in order.
+        logs: The logs, opened.
         forecasts: The forecast that the estimator is built from.
         prior_flow: The estimate before any observation.
         truth: What the estimate is scored against; None without.
@@ -67,8 +66,7 @@ class Prepared:
     """
 
     job: ReplayJob
-    by_vehicle: Sequence[Sequence[LogReader]]
-    merged: Sequence[Merge[Message]]
+    logs: Logs
     forecasts: Forecasts
     prior_flow: FlowEstimate
     truth: Ensemble | None
@@ -78,25 +76,44 @@ class Prepared:
         """Begin the messages of all vehicles in order of time, those of one time in the order of the inputs, and where each one's end."""
         each = [
             _to_end(iter(merged), logs[0].input)
-            for merged, logs in zip(self.merged, self.by_vehicle, strict=True)
+            for merged, logs in zip(self.logs.merged, self.logs.by_vehicle, strict=True)
         ]
         if len(each) == 1:
             return each[0]
         return merged_by(*each, key=lambda message: (message.time_ns, message.input))
 
-    def play(self, run: Run, done: Callable[[int], None] | None = None) -> None:
-        """Pass all messages through a run; ``done`` is called with the number of messages of each block."""
-        messages = self.messages()
-        while block := next_block(messages):
-            run.take(block)
-            if done is not None:
-                done(len(block))
-        self.finish(run)
+    def accounts(self, run: Run) -> list[Account]:
+        """Return what became of the messages and measurements of each vehicle so far."""
+        return [
+            Account(of.counts, [log.report() for log in logs], merged, logs[0].input)
+            for of, logs, merged in zip(run.of, self.logs.by_vehicle, self.logs.merged, strict=True)
+        ]
 
-    def finish(self, run: Run) -> None:
-        """End a run after the last message; ConfigError where none lies in the time span that is asked for."""
-        check_span(self.job.logs, run.config, run.last_ns if run.messages else None)
-        run.finish(self.merged, [logs[0].input for logs in self.by_vehicle])
+    def played(
+        self,
+        run: Run,
+        messages: Iterator[Message] | None = None,
+        begin: Callable[[int], None] | None = None,
+    ) -> Iterator[list[Message]]:
+        """Pass messages, None for all, through a run, and yield each block once it is done; then end the run.
+
+        ``begin`` is called with the time of the run's first message [ns, UTC] before it.
+
+        Raises:
+            ConfigError: No message lies in the time span that is asked for.
+        """
+        messages = messages or self.messages()
+        while True:
+            with run.clock.stage("read"):
+                block = next_block(messages, run.config.output.checkpoint_interval)
+            if not block:
+                break
+            if begin is not None and not run.messages:
+                begin(block[0].time_ns)
+            run.take(block)
+            yield block
+        self.logs.check_span(run.last_ns if run.messages else None)
+        run.finish()
 
 
 def _to_end(messages: Iterator[Message], number: int) -> Iterator[Message]:
@@ -115,6 +132,7 @@ def prepare(
     progress: Progress,
     forecasts: Forecasts | None,
     estimator: Estimator[Any] | None = None,
+    logs: Logs | None = None,
 ) -> tuple[Run, Prepared]:
     """Return a replay before its first message, and what was read for it.
 
@@ -125,28 +143,32 @@ def prepare(
         progress: Called with how much is done of each stage.
         forecasts: What ``forecasts_of`` reads for this job; None reads it.
         estimator: In place of that of the settings.
+        logs: Its logs, where they are open.
     """
     progress(0, 0, "reading the forecast")
     clock = Stopwatch()
     with clock.stage("forecast"):
-        forecasts = forecasts or forecasts_of(job, config)
+        logs = logs or logs_of(job, config)
+        forecasts = forecasts or forecasts_of(job, config, logs)
         ensemble = forecasts.ensemble
         speeds = checked_speeds(ensemble, config)
         truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
     firsts = first_windows(job, forecasts)
-    readers = open_each(job, config)
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         if estimator is None:
-            estimator = built(forecasts, with_planner_kind(job, flat(readers), config), job)
+            make = job.estimator or partial(build, vehicles=len(job.each_vehicle))
+            estimator = make(forecasts, with_planner_kind(job, logs.all, config))
         prior_flow = estimator.flow(estimator.initial())
     setups, speeds_of = list[Setup](), _speeds_of(firsts, forecasts, config, speeds)
-    for number, (vehicle, of_vehicle) in enumerate(zip(job.each_vehicle, readers, strict=True)):
+    for number, (vehicle, of_vehicle) in enumerate(
+        zip(job.each_vehicle, logs.by_vehicle, strict=True)
+    ):
         own = with_planner_kind(vehicle, of_vehicle, config)
         problem = None
         if vehicle.goal is not None and planner_of is not None:
             planner = planner_of(own.planner, ensemble.grid)
-            check_goal(planner, ensemble, vehicle, own)
+            check_goal(planner, ensemble, vehicle.goal, logs)
             goals = () if job.following is None else job.following.goals
             surface = own.measurements.surface_depth
             problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals)
@@ -157,15 +179,11 @@ def prepare(
         setups.append(Setup(follows, own, problem, speeds, vehicle.name))
     # without a goal nothing reads the bathymetry
     bathymetry = config.planner.bathymetry_path if any(one.problem for one in setups) else None
-    metadata = _metadata(job, forecasts, readers, prior_flow, bathymetry)
-    logs = config.logs
-    merged = [
-        merge(of_vehicle, logs.reorder_window, logs.start_ns, logs.end_ns) for of_vehicle in readers
-    ]
+    metadata = _metadata(job, forecasts, logs.all, prior_flow, bathymetry)
     measured_by = for_region(setups[0].config, ensemble).measurements
-    owners = [number for number, of_vehicle in enumerate(readers) for _ in of_vehicle]
+    owners = [number for number, of_vehicle in enumerate(logs.by_vehicle) for _ in of_vehicle]
     run = Run(setups, measured_by, clock, owners)
-    return run, Prepared(job, readers, merged, forecasts, prior_flow, truth, metadata)
+    return run, Prepared(job, logs, forecasts, prior_flow, truth, metadata)
 
 
 def _speeds_of(
@@ -197,7 +215,7 @@ def _speeds_of(
 def _metadata(
     job: ReplayJob,
     forecasts: Forecasts,
-    readers: Sequence[Sequence[LogReader]],
+    readers: Sequence[LogReader],
     prior_flow: FlowEstimate,
     bathymetry: Path | None,
 ) -> dict[str, Mapping[str, str]]:
@@ -215,9 +233,7 @@ def _metadata(
     if job.vehicles:
         metadata[VEHICLES_RECORD] = vehicles_record(job)
     if assumed := {
-        Path(log.path).name: "; ".join(log.report().notes)
-        for log in flat(readers)
-        if log.report().notes
+        Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes
     }:
         metadata["replay_kit.reading"] = assumed
     if times := forecast_times(forecasts):
@@ -246,15 +262,12 @@ def with_planner_kind(
     return config.model_copy(update={"planner": config.planner.resolved(gliders)})
 
 
-def check_goal(
-    planner: Planner, flow: HasGrid, job: ReplayJob | Vehicle, config: RunConfig
-) -> None:
-    """Raise PlanError when the goal is outside the region or on land, and say so when the whole log is outside the region too."""
-    assert job.goal is not None
+def check_goal(planner: Planner, flow: HasGrid, goal: Place, logs: Logs) -> None:
+    """Raise PlanError when the goal is outside the region or on land, and say so when the logs are outside the region too."""
     try:
-        planner.check(flow, job.goal)
+        planner.check(flow, goal)
     except PlanError as error:
-        places = reach_of(job.logs, config).places
+        places = logs.reach.places
         local = to_local(flow.grid.projection, *places.T)
         if not len(places) or np.any(inside_grid(flow.grid, *local)):
             raise

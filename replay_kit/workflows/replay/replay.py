@@ -1,7 +1,7 @@
 """One log end to end: messages in, observations, estimates and plans out.
 
 The messages' own times drive the loop; nothing depends on the wall clock, and the same inputs and options give the same bytes. Wall times
-go to the summary only.
+go to the outcome returned only.
 """
 
 import gc
@@ -26,22 +26,19 @@ from replay_kit.core.inputs import check_unchanged
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs.reader import reading
 from replay_kit.results.mcap_writer import ResultWriter
-from replay_kit.results.outcome.from_run import failed
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.outcome.outcome import Outcome, failed
 from replay_kit.results.topics import Digest
 from replay_kit.workflows.replay.checkpoint import States, run_identity
-from replay_kit.workflows.replay.conclude import conclude, counted, findings_so_far
+from replay_kit.workflows.replay.conclude import conclude, so_far
 from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
     check_outputs,
     copy_inputs,
-    flat,
     input_stamps,
 )
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
-from replay_kit.workflows.replay.inputs.scan import next_block
 from replay_kit.workflows.replay.inputs.vehicles import by_tracks, identified
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
@@ -60,8 +57,8 @@ def replay(
     progress: Progress = silent,
     on_digest: Callable[[Digest], None] | None = None,
     forecasts: Forecasts | None = None,
-) -> tuple[ReplaySummary, FlowEstimate]:
-    """Replay logs through the estimator and return the summary and the final estimate.
+) -> tuple[Outcome, FlowEstimate]:
+    """Replay logs through the estimator and return the outcome and the final estimate.
 
     Args:
         job: Inputs and outputs.
@@ -84,14 +81,14 @@ def replay(
     with threads, _collecting_seldom():
         job = identified(job, config)
         try:
-            return _replay(job, config, planner_of, progress, on_digest, forecasts)
+            return _replay(job, config, planner_of, progress, on_digest, forecasts)[:2]
         except MeasurementError as error:
             vehicles = by_tracks(job, config, error)
             if not vehicles:
                 raise
         # taken for one vehicle's, the logs are of several
         job = identified(replace(job, vehicles=vehicles), config)
-        return _replay(job, config, planner_of, progress, on_digest, None)
+        return _replay(job, config, planner_of, progress, on_digest, None)[:2]
 
 
 @contextmanager
@@ -111,20 +108,23 @@ def _replay(
     progress: Progress,
     on_digest: Callable[[Digest], None] | None,
     forecasts: Forecasts | None,
-) -> tuple[ReplaySummary, FlowEstimate]:
+) -> tuple[Outcome, FlowEstimate, Run]:
     read = input_stamps(job)
     # before the run itself: a forecast that cannot be used should cost no result
-    others = tuple(rivals(job, lambda each: _replay(each, config, None, progress, None, None)[0]))
+    others = tuple(
+        rivals(
+            job,
+            lambda each: _replay(each, config, None, progress, None, None)[2].log_evidence,
+        )
+    )
     run, inputs = prepare(job, config, planner_of, progress, forecasts)
     run.follow_up = follow_up
     states = _states(run, inputs)
     try:
-        _loop(
-            run, inputs, states, on_digest, reading(flat(inputs.by_vehicle), progress, "replaying")
-        )
+        _loop(run, inputs, states, on_digest, reading(inputs.logs.all, progress, "replaying"))
         check_unchanged(read, may_grow=job.following is not None)
         progress(0, 1, "writing the results")
-        summary, flow = conclude(run, inputs, others)
+        outcome, flow = conclude(run, inputs, others)
     except StateError as error:
         if run.writer is not None:
             run.writer.abandon()
@@ -138,12 +138,13 @@ def _replay(
         if run.writer is not None:
             (run.writer.discard if unusable else run.writer.abandon)()
         if isinstance(error, ReplayKitError) and unusable:
-            error.findings = error.findings or findings_so_far(run)
-            error.answer = failed(error, counted(run, inputs)).to_json()
+            found = (one for of in run.of for one in of.monitoring.findings)
+            error.findings = error.findings or tuple(found)
+            error.answer = failed(error, so_far(run, inputs)).to_json()
         raise
     if states is not None:
         states.end()
-    return summary, flow
+    return outcome, flow, run
 
 
 def _states(run: Run, inputs: Prepared) -> States | None:
@@ -168,29 +169,19 @@ def _loop(
     on_messages: Callable[[int], None],
 ) -> None:
     """Pass the logs' messages, those after a state, through the run."""
-    job, messages = inputs.job, inputs.messages()
-    checkpoint = None
-    if states is not None:
-        checkpoint, messages = states.resume(inputs.messages)
+    job, begin = inputs.job, partial(_begin_result, run, inputs)
+    checkpoint, messages = (None, None) if states is None else states.resume(inputs.messages)
     if job.out is not None:
         goes_on = checkpoint is not None and job.following is None and part_of(job.out).exists()
         run.writer = ResultWriter(job.out, job.overwrite, on_digest, goes_on)
     if states is not None and checkpoint is not None:
-        states.restore(run, checkpoint, partial(_begin_result, run, inputs))
-    while True:
-        with run.clock.stage("read"):
-            block = next_block(messages, run.config.output.checkpoint_interval)
-        if not block:
-            break
-        if not run.messages:
-            _begin_result(run, inputs, block[0].time_ns)
-        run.take(block)
+        states.restore(run, checkpoint, begin)
+    for block in inputs.played(run, messages, begin):
         on_messages(len(block))
         if run.writer is not None:
             run.writer.digest(run.last_ns)
         if states is not None:
             states.keep(run, block)
-    inputs.finish(run)
 
 
 def _begin_result(run: Run, inputs: Prepared, time_ns: int) -> None:

@@ -16,26 +16,26 @@ from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.arrays import replace
 from replay_kit.core.as_flown import FlownDive
 from replay_kit.core.block import LINEAR, PING, POSITION, Block
-from replay_kit.core.errors import Finding
+from replay_kit.core.errors import Finding, finding_json
+from replay_kit.core.evidence import Evidence
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
 from replay_kit.core.observation import LinearMeasurement, Profiles, VehicleState
 from replay_kit.core.progress import Stopwatch
 from replay_kit.estimator import Estimator
-from replay_kit.logs.merge import Merge
 from replay_kit.measurements.observed import begun, taken
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.events import Aside, Event, Item, Track, items
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.stages import consistency
-from replay_kit.workflows.replay.stages.admission import Admission, admitted
+from replay_kit.workflows.replay.stages.admission import admitted
 from replay_kit.workflows.replay.stages.consistency import FoundWith
+from replay_kit.workflows.replay.stages.counts import summed
 from replay_kit.workflows.replay.stages.estimation import (
     Dive,
     Given,
     Step,
     assimilate,
-    inputs_of,
     kept,
     state_after,
 )
@@ -124,6 +124,12 @@ class Run:
         """Whether there are several vehicles."""
         return len(self.setups) > 1
 
+    @property
+    def log_evidence(self) -> Evidence | None:
+        """Of the measurements of all vehicles; None where the estimator states no density."""
+        each = [of.counts for of in self.of]
+        return (summed(each) if self.is_pooled else each[0]).log_evidence
+
     def estimator(self, number: int) -> Estimator[Any]:
         """Return the estimator of a vehicle, whose gate rejects neither of two sources that contradict each other."""
         found: Estimator[Any] = consistency.trusting(
@@ -205,36 +211,17 @@ class Run:
             monitoring, block, found = consistency.checked(
                 of.monitoring, block, setup.config, setup.speeds
             )
-        statistics = of.statistics.after_messages(block.counts())
-        self.put(number, stream=stream, monitoring=monitoring, statistics=statistics)
+        counts = of.counts.after_messages(block.counts())
+        self.put(number, stream=stream, monitoring=monitoring, counts=counts)
         # what waited for the end of the logs comes with it
         due = np.minimum(block.events[:, 0] - first, len(places) - 1)
         return block, found, [places[k] for k in due.tolist()]
 
     def give(self, number: int, block: Block, begin: int, end: int) -> None:
         """Take events of a vehicle, from one to before another of a block that was checked."""
-        if end <= begin:
-            return
-        of, setup = self.of[number], self.setups[number]
-        state, events = admitted(
-            Admission(of.monitoring, of.flight, of.statistics),
-            block,
-            block.events[begin:end],
-            setup.config,
-            inputs_of(setup.estimator),
-        )
-        waiting = of.waiting.followed_by(events, of.due_ns)
-        first = [int(events.time.min())] if len(events) else []
-        first += [] if of.first_ns is None else [of.first_ns]
-        self.put(
-            number,
-            monitoring=state.monitoring,
-            flight=state.flight,
-            statistics=state.statistics,
-            waiting=waiting,
-            due_ns=int(waiting.due[-1]) if len(waiting) else of.due_ns,
-            first_ns=min(first, default=None),
-        )
+        if end > begin:
+            rows = block.events[begin:end]
+            self.of[number] = admitted(self.of[number], self.setups[number], block, rows)
 
     def _act_on(self, number: int, found: FoundWith, time_ns: int) -> None:
         """Take up what was found: rebuild the estimate without an instrument that is not believed, open the gate between two sources.
@@ -258,11 +245,11 @@ class Run:
             self._rebuild(number)
         of, estimator = self.of[number], self.estimator(number)
         self.current, monitoring, counts = consistency.readmitted(
-            estimator, self.current, of.monitoring, of.statistics.profiles
+            estimator, self.current, of.monitoring, of.counts
         )
-        self.put(number, monitoring=monitoring, statistics=replace(of.statistics, profiles=counts))
+        self.put(number, monitoring=monitoring, counts=counts)
         self.write(number, map(_warning, named))
-        every = monitoring.findings
+        every = [*map(finding_json, monitoring.findings)]
         self.write(number, (lambda writer: writer.consistency(time_ns, every),))
 
     def _rebuild(self, number: int) -> None:
@@ -293,12 +280,11 @@ class Run:
             )
         for other, dive in enumerate(dives):
             own, before = [step for of, step in steps if of == other], self.of[other]
-            counts = consistency.rebuilt(before.statistics.profiles, own)
             fresh = replace(before.monitoring, gated=(), decisions={})
             self.put(
                 other,
                 dive=dive,
-                statistics=replace(before.statistics, profiles=counts),
+                counts=before.counts.rebuilt(own),
                 monitoring=consistency.with_gated(fresh, own),
             )
         self.put(0, publishing=withdraw_windows(self.of[0].publishing))
@@ -381,7 +367,7 @@ class Run:
             self.put(
                 number,
                 dive=dive,
-                statistics=of.statistics.after_steps(own) if own else of.statistics,
+                counts=of.counts.after(own) if own else of.counts,
                 monitoring=consistency.with_gated(of.monitoring, own),
             )
             self.write(number, publish_innovations(own))
@@ -397,12 +383,10 @@ class Run:
         given = [one for one in self.kept if windowed or one[0] != number]
         return state_after(self._estimators, given, self.setups[0].estimator.block_size, number)
 
-    def finish(self, merged: Sequence[Merge[Message]], first_inputs: Sequence[int]) -> None:
-        """Pass on all that waits, and take up what merging the logs found; arguments of each vehicle as of ``RunStatistics.with_order``."""
+    def finish(self) -> None:
+        """Pass on all that waits."""
         self._release(close=True)
         self._assimilate()
-        for number, ordered in enumerate(zip(merged, first_inputs, strict=True)):
-            self.put(number, statistics=self.of[number].statistics.with_order(*ordered))
 
     def flow(self, number: int, state: Any, time_ns: int) -> FlowEstimate:
         """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
@@ -425,7 +409,7 @@ class Run:
     @property
     def position(self) -> VehicleState | None:
         """The last position of the first vehicle; None before one."""
-        held = [self.of[0].statistics.profiles.last_position]
+        held = [self.of[0].counts.last_position]
         held += [event[-1] for _, event in self._waiting if isinstance(event, Track)]
         waiting = self.of[0].waiting
         if (waiting.kind == POSITION).any():

@@ -11,13 +11,13 @@ from scipy.spatial import cKDTree
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
+from replay_kit.core.evidence import Evidence
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.paths import Paths
 from replay_kit.estimator import embed_member
 from replay_kit.forecast import ensemble_files
-from replay_kit.results.outcome.run import ReplaySummary, Rival, TruthScore
 from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
 
 
@@ -50,8 +50,8 @@ def score_against_truth(
     positions: Sequence[tuple[float, float]],
     radius_km: float | None,
     config: EstimatorConfig,
-) -> tuple[TruthScore, FlowEstimate]:
-    """Return the scores, without closest approaches, and the truth as a flow.
+) -> tuple[dict[str, float | None], FlowEstimate]:
+    """Return the scores as an outcome has them, without closest approaches, and the truth as a flow.
 
     The truth is compared at its own grid points that lie inside the ensemble's region and levels: RMSE is the root mean square
     length of the error vector, unweighted, and the relative error is over the truth's RMS speed there.
@@ -71,14 +71,14 @@ def score_against_truth(
     at = scored_points(flow.grid, truth, near)
     mean = _ensemble_mean_at(ensemble, truth, config, at)
     rmse, speed = rms_length(flow.velocity(*at.place) - at.velocity), rms_length(at.velocity)
-    score = TruthScore(
-        rmse,
-        rmse / speed,
-        rms_length(mean - at.velocity),
-        int(at.depth.size),
-        float("nan"),
-        float("nan"),
-    )
+    score: dict[str, float | None] = {
+        "rmse": rmse,
+        "rel_error": rmse / speed,
+        "ensemble_mean_rmse": rms_length(mean - at.velocity),
+        "points": int(at.depth.size),
+        "closest_approach_m": None,
+        "ensemble_mean_closest_approach_m": None,
+    }
     return score, embed_member(truth, 0, config)
 
 
@@ -174,36 +174,36 @@ def check_against(job: ReplayJob) -> None:
         seen.add(files)
 
 
-def rivals(job: ReplayJob, run: Callable[[ReplayJob], ReplaySummary]) -> Iterator[Rival]:
-    """Yield the evidence of a job's log under each of the other forecasts.
+def rivals(
+    job: ReplayJob, run: Callable[[ReplayJob], Evidence | None]
+) -> Iterator[tuple[str, Evidence]]:
+    """Yield the name of each of the other forecasts, and the evidence of a job's log under it.
 
     Args:
         job: The run that they are compared with.
-        run: Replays a job.
+        run: Replays a job, and returns the log evidence.
 
     Raises:
         ForecastError: The estimate from one states no density of the measurements.
     """
+    alone = replace(
+        job,
+        out=None,
+        goal=None,
+        netcdf=None,
+        save_estimate=None,
+        truth=None,
+        checkpoint=None,
+        region=None,
+        against=(),
+    )
     for each in job.against:
-        name = name_of(each)
-        alone = replace(
-            job,
-            ensemble=each,
-            out=None,
-            goal=None,
-            netcdf=None,
-            save_estimate=None,
-            truth=None,
-            checkpoint=None,
-            region=None,
-            against=(),
-        )
-        evidence = run(alone).evidence
+        evidence = run(replace(alone, ensemble=each))
         if evidence is None:
             raise ForecastError(
-                f"{name}: this estimator states no density of the measurements, so there is no evidence to compare"
+                f"{name_of(each)}: this estimator states no density of the measurements, so there is no evidence to compare"
             )
-        yield Rival(name, evidence)
+        yield name_of(each), evidence
 
 
 def name_of(ensemble: Paths) -> str:

@@ -10,10 +10,10 @@ from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.observed import Stream
 from replay_kit.workflows.replay.events import Events
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
+from replay_kit.workflows.replay.stages.counts import Counts
 from replay_kit.workflows.replay.stages.estimation import Dive, Given
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import PublishingState
-from replay_kit.workflows.replay.statistics import RunStatistics
 from replay_kit.workflows.replay.surfacings.flight_bias import FlightState
 from replay_kit.workflows.replay.surfacings.forecasts import ForecastState
 
@@ -49,7 +49,7 @@ class OfVehicle:
         ended: Whether its logs have ended.
         publishing: Of what is published.
         planning: Of the plans.
-        statistics: What was counted.
+        counts: Of messages and measurements.
         monitoring: Of the consistency checks.
         forecasts: Of the surfacings expected.
         flight: Of the flight model's error.
@@ -63,7 +63,7 @@ class OfVehicle:
     ended: bool = False
     publishing: PublishingState = field(default_factory=PublishingState)
     planning: PlanningState = field(default_factory=PlanningState)
-    statistics: RunStatistics = field(default_factory=RunStatistics)
+    counts: Counts = field(default_factory=Counts)
     monitoring: MonitoringState = field(default_factory=MonitoringState)
     forecasts: ForecastState = field(default_factory=ForecastState)
     flight: FlightState = field(default_factory=FlightState)

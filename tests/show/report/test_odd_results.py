@@ -16,6 +16,8 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
+from replay_kit.results.outcome.outcome import made
+from replay_kit.results.outcome.parts import plan_part
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from tests.results.cases import failed, placed, write_many
@@ -68,10 +70,10 @@ def test_one_ping_without_an_estimate(write, state, innovation):
         writer.innovations([replace(innovation, dive=0)])
 
     page = write(fill)
-    assert list(figures(page)) == ["current-map", "profiles", "innovations", "calibration"]
+    assert list(figures(page)) == ["current-map", "profiles", "innovations"]
     words = text_of(page, "answer")
     assert "without dives" in words
-    assert "1 profiles used (3 bins), 0 rejected; bins not used: 1 missing" in words
+    assert "What was used is not counted." in words
     assert "The result does not hold the counts of messages" in words
     assert "--no-estimate" in words
     assert "Without an estimate, the section shows the difference" in text_of(page, "section")
@@ -142,7 +144,9 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state
     def fill(writer: ResultWriter) -> None:
         writer.fix(state)
         writer.plan(plan, Projection(5.0, 62.0))
-        writer.plan(failed(plan, "no <way>"), Projection(5.0, 62.0))
+        last = failed(plan, "no <way>")
+        writer.plan(last, Projection(5.0, 62.0))
+        writer.summary(TIME_NS, made({"plan": plan_part(last)}))
         for ellipse in (None, Ellipse(5.0, 62.0, 300.0, 200.0, 10.0)):
             predicted = Surfacing(TIME_NS + SECOND, 5.0, 62.0, ellipse)
             writer.outcome(

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.core.errors import Finding
+from replay_kit.core.errors import Finding, finding_json
 from replay_kit.core.plan import Odds
 from replay_kit.results import ResultWriter
-from replay_kit.results.outcome.from_run import outcome_of
-from replay_kit.results.outcome.run import ReplaySummary
+from replay_kit.results.outcome.outcome import made
+from replay_kit.results.outcome.parts import plan_part
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
@@ -48,7 +48,14 @@ BAD = {
     },
 }
 FINDING = Finding("headings", 0, "off by 90", "the mounting", "check the mounting")
-SUMMARY = ReplaySummary((), (), 0, 4, 0, 4, {}, 0.1, 0.1, 0.1, 1.0, (), findings=(FINDING,))
+RMS = dict.fromkeys(("before", "after", "prior"), 0.1)
+COUNTS = {"used": 4, "rejected": 0, "bins_used": 4, "bins_rejected": {}}
+
+
+def outcome_of(plan=None, findings=(FINDING,), note=""):
+    found = [finding_json(one) for one in findings]
+    values = {"observations": COUNTS, "rms_innovation": RMS, "nis_per_dof": 1.0}
+    return made(values | {"plan": plan_part(plan, note), "consistency": found})
 
 
 def written(path, plan, findings=(FINDING,)):
@@ -56,10 +63,7 @@ def written(path, plan, findings=(FINDING,)):
     with ResultWriter(path) as writer:
         writer.start(flow.grid.projection, plan.start_time_ns, METADATA, CONFIG)
         writer.plan(plan, flow.grid.projection)
-        writer.summary(
-            plan.start_time_ns,
-            outcome_of(replace(SUMMARY, plan=plan, findings=findings)).to_record(),
-        )
+        writer.summary(plan.start_time_ns, outcome_of(plan, findings))
     return path
 
 
@@ -77,19 +81,16 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
     assert text.splitlines()[1] == f"! PLAN: {said}"
     assert page.index(f"<b>plan</b> {said}") < page.index("<b>consistency</b>")
     assert "arrives after" not in text + page
-    assert read_result(path).outcome == outcome_of(replace(SUMMARY, plan=plan))
+    outcome = outcome_of(plan)
+    assert read_result(path).outcome == outcome
     shown = found_warnings(Contents(read_result(path)))
     assert shown[0][1] == said[:1].upper() + said[1:] + "."
     assert shown[0][0] == ("stop" if plan.status in ("unsafe", "failed") else "care")
-    made = replace(SUMMARY, plan=plan)
-    assert [one["kind"] for one in outcome_of(made).to_json()["alarms"]] == ["plan", "consistency"]
-    assert (
-        outcome_of(made).to_json()["alarms"][0]["text"]
-        == status.figures["alarms"][0]["text"]
-        == said
-    )
+    alarms = outcome.to_json()["alarms"]
+    assert [one["kind"] for one in alarms] == ["plan", "consistency"]
+    assert alarms[0]["text"] == status.figures["alarms"][0]["text"] == said
     printed = io.StringIO()
-    print_summary(outcome_of(made), SafeConsole(file=printed, width=400))
+    print_summary(outcome, SafeConsole(file=printed, width=400))
     assert printed.getvalue().splitlines()[0] == f"ALARM: {said}"
 
 
@@ -100,13 +101,13 @@ def test_a_plan_that_arrives_is_no_alarm(plan, tmp_path):
     status = status_of(read_held(ResultReader(path)))
     assert status.alarms == ()
     assert "plan reached: arrives after 1.0 h, 12 m off" in status_text(status)
-    assert outcome_of(replace(SUMMARY, plan=plan, findings=())).alarms == ()
+    assert outcome_of(plan, ()).alarms == ()
     assert not any("plan" in text for _, text in found_warnings(Contents(read_result(path))))
 
 
 def test_a_replay_that_could_make_no_plan_in_the_end_says_so_first():
     """An earlier plan of it may have arrived."""
-    outcome = outcome_of(replace(SUMMARY, plan_note="the goal is on land"))
+    outcome = outcome_of(note="the goal is on land")
     assert outcome.to_json()["alarms"][0] == {
         "kind": "plan",
         "text": "the plan failed: the goal is on land",

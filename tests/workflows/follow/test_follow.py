@@ -14,10 +14,10 @@ from replay_kit import open_result
 from replay_kit.core.errors import ForecastError
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
+from replay_kit.workflows.follow import follow as following
 from replay_kit.workflows.follow.watch import read_memory, write_memory
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay import run as running
-from replay_kit.workflows.replay.inputs import estimator as basis
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.verify import verify
 from tests import synthetic
@@ -50,12 +50,12 @@ def same(sea: Sea, tmp_path: Path) -> bool:
 def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean, dives, tmp_path):
     sea = Sea(ocean, tmp_path, goal=None)
     arrive = delivered(dives, [1], 2, cut(dives[2]))
-    with mock.patch.object(basis, "build", wraps=basis.build) as built:
+    with mock.patch.object(following, "build", wraps=following.build) as built:
         summary = sea.follow([sea.put(one.name, one.data) for one in arrive])
     # once for all replays with a forecast
     assert sum("replayed in" in text for text in sea.told) > 1 == built.call_count
     assert same(sea, tmp_path)
-    assert [row.dive for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
+    assert [row["dive"] for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
     assert any(
         text.startswith("dive003.mcap") and ("grew" in text or "written anew" in text)
         for text in sea.told

@@ -157,8 +157,12 @@ def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_pat
     )
     alone = RunConfig(time=TimeConfig(window=0.0))
     summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), alone)
-    assert (summary.profiles_used, summary.profiles_rejected, summary.bins_used) == (2, 1, 7)
-    assert summary.bins_rejected["tilt"] == 5
+    assert (
+        summary.observations["used"],
+        summary.observations["rejected"],
+        summary.observations["bins_used"],
+    ) == (2, 1, 7)
+    assert summary.observations["bins_rejected"]["tilt"] == 5
     ((_, found),) = decoded(tmp_path / "out.mcap")["/flow/innovation"]
     assert (list(found.accepted), list(found.bins)) == ([True, True, False], [5, 5, 5])
     assert list(found.flags[5:]) == [1, 4, 3, 1, 9, 4, 4, 4, 4, 9]

@@ -61,7 +61,7 @@ def fed(run, values, last=True):
     run.give(0, block_of(values), 0, len(values))
     run.last_ns = values[-1].time_ns
     if last:
-        run.finish([], [])
+        run.finish()
     else:
         run.take([])
     return run

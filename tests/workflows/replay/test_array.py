@@ -152,8 +152,8 @@ def test_a_vehicle_whose_sources_contradict_each_other_is_left_out(tmp_path, tru
     expected = rk.replay(sound, ENSEMBLE, settings=SETTINGS)
     assert found.estimate.latent == pytest.approx(expected.estimate.latent, abs=1e-9)
     vehicles = found.outcome.vehicles
-    assert [len(vehicles[name]["consistency"]) > 0 for name in logs] == [False, False, True]
-    assert vehicles["sg3"]["observations"]["used"] == 0
+    assert [len(vehicles[name].consistency) > 0 for name in logs] == [False, False, True]
+    assert vehicles["sg3"].observations["used"] == 0
     assert found.outcome.observations["used"] == expected.outcome.observations["used"]
 
 
@@ -214,8 +214,8 @@ def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
     succeed(f"report {out}")
     page = (tmp_path / "array.html").read_text()
     assert all(f'href="array.sg{k}.html"' in page for k in (1, 2, 3))
-    for name, values in result.outcome.vehicles.items():
-        used = values["observations"]["used"]
+    for name, own in result.outcome.vehicles.items():
+        used = own.observations["used"]
         assert f'<data data-key="vehicles.{name}.observations.used" value="{used}">' in page
     assert (tmp_path / "array.sg2.html").stat().st_size > 100_000
     refused = invoke(f"plot {out} dac -o {tmp_path / 'd.png'}")

@@ -8,7 +8,7 @@ from replay_kit.config.run import OutputConfig, RunConfig
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.scan import look_ahead
+from replay_kit.workflows.replay.inputs.scan import Logs
 from tests.workflows.replay.interrupted import goes_on, make_ocean, run_until
 
 CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
@@ -50,11 +50,11 @@ def test_a_wrong_clock_costs_the_stray_stamps_alone_and_is_told(ocean, tmp_path)
     sound, _ = run(ocean, "sound.mcap", None)
     broken, _ = run(ocean, "broken.mcap", tmp_path / "out.mcap")
     assert broken.late == 0
-    assert broken.profiles_used == sound.profiles_used > 25
-    (row,) = (row for row in broken.messages if row.topic == "/vehicle/fix")
-    assert row.reasons["its stamp is far from its neighbours'"] == 2
+    assert broken.observations["used"] == sound.observations["used"] > 25
+    (row,) = (row for row in broken.messages if row["topic"] == "/vehicle/fix")
+    assert row["skipped"] == 2
     (jump,) = (note for note in broken.notes if "clock jumps" in note)
-    assert jump.startswith(f"{ocean / 'broken.mcap'}: the clock jumps from ")
+    assert jump.startswith("broken.mcap: the clock jumps from ")
     assert jump.endswith("days were added to their stamps")
     assert (
         "2 messages on /vehicle/fix were set aside: their stamps are more than a day from those before and after"
@@ -64,7 +64,7 @@ def test_a_wrong_clock_costs_the_stray_stamps_alone_and_is_told(ocean, tmp_path)
 
 
 def test_the_first_time_of_a_log_is_not_that_of_a_stray_stamp(ocean):
-    assert look_ahead([ocean / "broken.mcap"], CONFIG)[1] < YEAR_2200
+    assert Logs([[ocean / "broken.mcap"]], CONFIG).ahead()[1] < YEAR_2200
 
 
 @pytest.mark.full

@@ -14,10 +14,9 @@ from replay_kit.core.errors import (
     Finding,
     ForecastError,
     MeasurementError,
-    finding_json,
     finding_line,
+    finding_text,
 )
-from replay_kit.core.message import Loss
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build
 from replay_kit.logs import open_log
@@ -28,7 +27,7 @@ from replay_kit.measurements.checks.pairs import COMPASS, SCALE
 from replay_kit.measurements.checks.place import FROZEN, REPEATED
 from replay_kit.measurements.checks.profile import ENSEMBLE
 from replay_kit.measurements.means import TOO_FAST
-from replay_kit.results.outcome.from_run import failed, outcome_of
+from replay_kit.results.outcome.outcome import failed
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result
 from replay_kit.show.report.sections.answer import found_warnings
@@ -36,7 +35,7 @@ from replay_kit.studies.twins.make import Twin
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.consistency import MonitoringState, conclusions, trusting
-from replay_kit.workflows.replay.stages.counts import ProfileCounts, Sums
+from replay_kit.workflows.replay.stages.counts import Counts, Sums
 from tests import synthetic
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
@@ -95,25 +94,25 @@ def summary_of(ocean):
 
 def test_a_sound_log_has_no_finding_and_a_verdict(summary_of):
     summary = summary_of()
-    assert summary.findings == ()
+    assert summary.consistency == ()
     assert (summary.exit_code, summary.exit_codes) == (0, ())
-    answer = outcome_of(summary).to_json()
+    answer = summary.to_json()
     assert (answer["status"], answer["consistency"], answer["exit_codes"]) == ("done", [], [])
-    assert summary.profiles_used + summary.profiles_rejected == PINGS + 6
+    assert summary.observations["used"] + summary.observations["rejected"] == PINGS + 6
     # six pings lie outside the water of the ensemble
     assert answer["verdict"][:2] == ["60 of 66 observations used", "no contradiction found"]
     assert answer["verdict"][2].startswith(
-        f"RMS misfit: forecast {100.0 * summary.rms_prior:.1f}, estimate before update "
+        f"RMS misfit: forecast {100.0 * summary.rms_innovation['prior']:.1f}, estimate before update "
     )
 
 
 def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(ocean):
     summary = run(ocean, ocean / "turned.mcap")
-    (finding,) = summary.findings
-    assert finding.name == "compass or instrument turned"
-    assert "turned by +180 degrees clockwise" in finding.evidence
+    (finding,) = summary.consistency
+    assert finding["name"] == "compass or instrument turned"
+    assert "turned by +180 degrees clockwise" in finding["evidence"]
     assert summary.exit_code == 6
-    observations = outcome_of(summary).to_json()["observations"]
+    observations = summary.to_json()["observations"]
     assert (observations["used"], observations["rejected"]) == (6, PINGS)
     turned = Result(ocean / "out.mcap")
     estimate, events = turned.estimate, turned.events
@@ -125,22 +124,22 @@ def test_a_turned_instrument_is_left_out_and_the_estimate_is_rebuilt_without_it(
         estimate.velocity(*places), abs=1e-9
     )
     assert (events["level"] == "warning").sum() == 1
-    assert events["message"].iloc[0] == str(finding)
+    assert events["message"].iloc[0] == finding_text(finding)
 
 
 @pytest.mark.full
 def test_two_sources_that_contradict_each_other_are_both_kept(ocean):
     log = faulty(ocean, "profiles: both signs")
     summary = run(ocean, log)
-    (finding,) = summary.findings
-    assert finding.name == "two sources of the current contradict each other"
-    assert "both signs wrong" in finding.evidence
+    (finding,) = summary.consistency
+    assert finding["name"] == "two sources of the current contradict each other"
+    assert "both signs wrong" in finding["evidence"]
     assert summary.exit_code == 6
     # two mean currents were rejected by the gate before it was known; the six rejected lie outside the water of the ensemble
-    assert (summary.profiles_used, summary.profiles_rejected) == (PINGS, 6)
+    assert (summary.observations["used"], summary.observations["rejected"]) == (PINGS, 6)
     assert not [note for note in summary.notes if "were rejected" in note]
     ignored = run(ocean, log, with_settings(consistency={"on_failure": "ignore"}))
-    assert (ignored.findings, ignored.exit_code) == ((), 0)
+    assert (ignored.consistency, ignored.exit_code) == ((), 0)
     assert ignored.doubts[0] == "no consistency check was made (consistency.on_failure)"
 
 
@@ -163,9 +162,11 @@ def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean, summary_of):
         run(ocean, log, with_settings(measurements={"velocity_unit": unit}))
         for unit in ("cm/s", "m/s")
     )
-    assert mended.findings == ()
-    assert mended.rms_after == pytest.approx(summary_of().rms_after, rel=1e-9)
-    assert (odd.findings[0].name, odd.exit_code) == ("unit of the velocities", 6)
+    assert mended.consistency == ()
+    assert mended.rms_innovation["after"] == pytest.approx(
+        summary_of().rms_innovation["after"], rel=1e-9
+    )
+    assert (odd.consistency[0]["name"], odd.exit_code) == ("unit of the velocities", 6)
 
 
 @pytest.mark.parametrize(
@@ -180,19 +181,17 @@ def test_a_wrong_unit_ends_the_run_unless_it_is_stated(ocean, summary_of):
 )
 def test_profiles_of_a_fault_are_not_used_and_counted(summary_of, fault, names, rejected, reason):
     summary = summary_of(fault)
-    assert [finding.name for finding in summary.findings] == names
-    assert rejected in (None, summary.profiles_rejected)
-    assert summary.bins_rejected[reason] > 0
+    assert [finding["name"] for finding in summary.consistency] == names
+    assert rejected in (None, summary.observations["rejected"])
+    assert summary.observations["bins_rejected"][reason] > 0
     assert summary.exit_code == 6
 
 
 def test_without_its_profiles_and_mean_currents_a_log_leaves_the_prior(ocean):
     no_means = with_settings(measurements={"without": ("dac",)})
     alone = run(ocean, faulty(ocean, "up for down"), no_means)
-    assert (alone.profiles_used, alone.exit_code) == (0, 6)
-    assert (
-        "no observation changed the estimate: it is the prior forecast" in outcome_of(alone).verdict
-    )
+    assert (alone.observations["used"], alone.exit_code) == (0, 6)
+    assert "no observation changed the estimate: it is the prior forecast" in alone.verdict
 
 
 def test_frozen_positions_of_a_log_without_measurements_are_no_result(ocean):
@@ -226,13 +225,6 @@ def test_an_ensemble_in_another_unit_is_refused_unless_checks_are_ignored(ocean,
     )
     ignoring = with_settings(consistency={"on_failure": "ignore"})
     assert replay(job, ignoring)[0].exit_code == 0
-
-
-def test_loss_goes_before_contradiction_and_both_are_listed(summary_of):
-    summary = summary_of("stale from ping 11")
-    both = replace(summary, losses=(("a.mcap", Loss("cut", 1, 2)),))
-    assert (both.exit_code, both.exit_codes) == (4, (4, 6))
-    assert outcome_of(both).to_json()["status"] == "loss"
 
 
 def invoked(ocean, log, tmp_path, more=""):
@@ -335,25 +327,23 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     log = tmp_path / "other.mcap"
     write_mcap_log(log, list(in_other_water(open_log(ocean / "glider.mcap").messages(), 0)))
     summary = run(ocean, log, with_settings(forecast={"place": place}))
-    (finding,) = summary.findings
-    assert (finding.name, finding.severity, summary.exit_code) == (
+    (finding,) = summary.consistency
+    assert (finding["name"], finding["severity"], summary.exit_code) == (
         name,
         "warning" if place else "misfit",
         code,
     )
-    beyond, total = (int(word) for word in finding.evidence.split() if word.isdigit())
+    beyond, total = (int(word) for word in finding["evidence"].split() if word.isdigit())
     assert (total, beyond > 40) == (54, True)
     assert (
-        outcome_of(summary).verdict[1]
-        == f"the log does not contradict itself, but {name}: {finding.evidence}"
+        summary.verdict[1]
+        == f"the log does not contradict itself, but {name}: {finding['evidence']}"
     )
-    assert finding_line(finding_json(finding)).startswith(
-        f"{'WARNING' if place else 'MISFIT'}: {name}: "
-    )
+    assert finding_line(finding).startswith(f"{'WARNING' if place else 'MISFIT'}: {name}: ")
     shown = found_warnings(Contents(read_result(ocean / "out.mcap")))
     wrong = [text for kind, text in shown if kind != "note"]
     assert [
-        f"{name[:1].upper()}{name[1:]}: {finding.evidence}; {finding.advice}." in text
+        f"{name[:1].upper()}{name[1:]}: {finding['evidence']}; {finding['set']}." in text
         for text in wrong
     ].count(True) == 1
 
@@ -369,7 +359,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     ],
 )
 def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, used, name):
-    counts = ProfileCounts(gated=gated, total=Sums(profiles=used))
+    counts = Counts(gated=gated, total=Sums(profiles=used))
     found, _ = conclusions(MonitoringState(), counts, RunConfig())
     assert [finding.name for finding in found] == ([] if name is None else [name])
     # what the log says against itself explains it
@@ -389,7 +379,7 @@ def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, used
     ],
 )
 def test_a_gate_that_rejects_most_of_one_source_names_both(decisions, named):
-    found, _ = conclusions(MonitoringState(decisions=decisions), ProfileCounts(), RunConfig())
+    found, _ = conclusions(MonitoringState(decisions=decisions), Counts(), RunConfig())
     assert [one.name for one in found] == [findings.PREFERRED] * named
     if named:
         assert "the profiles" in found[0].cause
@@ -398,7 +388,7 @@ def test_a_gate_that_rejects_most_of_one_source_names_both(decisions, named):
 
 def test_mean_currents_that_are_all_too_fast_are_named():
     skipped = {("/dac", TOO_FAST): 12, ("/adcp", "other"): 3}
-    found, _ = conclusions(MonitoringState(), ProfileCounts(), RunConfig(), skipped)
+    found, _ = conclusions(MonitoringState(), Counts(skipped=skipped), RunConfig())
     assert [one.name for one in found] == [SCALE]
     assert found[0].evidence.startswith("12 of 12 mean currents were skipped")
 
@@ -416,7 +406,7 @@ def test_what_would_tell_whether_directions_are_right_is_not_what_was_used():
         (0, (mean,), "are right; profiles of the current beside the mean currents would"),
     ):
         state = MonitoringState(Checked(pings=(pings, pings)), means=means)
-        (said,) = conclusions(state, ProfileCounts(), RunConfig())[1]
+        (said,) = conclusions(state, Counts(), RunConfig())[1]
         assert said.startswith(begin + words)
 
 

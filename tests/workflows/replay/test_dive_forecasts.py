@@ -12,7 +12,7 @@ from replay_kit.core.surfacing import ellipse_of
 from replay_kit.workflows.replay.surfacings.forecasts import (
     _CELL,
     ForecastState,
-    _along,
+    Gathered,
     dive_mean,
     forecast_mean,
     next_surfacing,
@@ -51,12 +51,15 @@ def mean(k, velocity=(0.05, -0.02), seconds=7200):
 def test_profiles_are_averaged_by_depth_along_the_dive():
     sums = np.zeros((30, 3))
     sums[0], sums[20] = [2.0, 0.2, -0.4], [1.0, 0.3, 0.0]
-    depths, found = 10.0 * _CELL * np.array([0.05, 2.05]), _along(sums, mean(0))
+    depths, found = (
+        10.0 * _CELL * np.array([0.05, 2.05]),
+        Gathered(mean(0).dive, sums).along(mean(0)),
+    )
     expected = [
         np.interp([0.0, 200.0], depths, values).mean() for values in ([0.1, 0.3], [-0.2, 0.0])
     ]
     np.testing.assert_allclose(found, expected)
-    assert _along(np.zeros((3, 3)), mean(0)) is None
+    assert Gathered(mean(0).dive, np.zeros((3, 3))).along(mean(0)) is None
 
 
 def after(*means):
@@ -68,7 +71,7 @@ def after(*means):
 
 def test_a_dives_mean_is_what_its_fixes_and_current_say():
     said = mean(0)
-    found = dive_mean(ForecastState(), said, np.empty((0, 2)))
+    found = dive_mean(Gathered(), said, np.empty((0, 2)))
     np.testing.assert_allclose(found.way, WAY, atol=1e-6)
     assert (found.seconds, found.inverted) == (7200.0, None)
     assert found.time_ns == sum(fix.time_ns for fix in said.fixes) // 2

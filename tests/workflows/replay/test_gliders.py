@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from replay_kit.core.message import LogReport, Message
+from replay_kit.logs import merge
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.workflows.replay.statistics import RunStatistics
+from replay_kit.workflows.replay.account import Account
+from replay_kit.workflows.replay.stages.counts import Counts
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.logs.glider import glider_samples as made
@@ -140,27 +142,20 @@ def test_mean_currents_of_real_files_are_used(ocean, name, used):
     assert answer["observations"]["used"] + answer["observations"]["rejected"] == used
 
 
-def test_a_note_that_several_logs_have_is_given_once():
-    def report(path, *notes):
-        return LogReport(path, "seaglider", {}, {}, (), notes=notes)
+def test_notes_that_several_logs_have_are_given_once_and_their_missions():
+    def notes(*logs, mission=""):
+        reports = [
+            LogReport(path, "seaglider", {}, {}, (), notes=own, mission=mission and path)
+            for path, *own in logs
+        ]
+        return Account(Counts(), reports, merge([], 0.0)).notes()
 
-    notes = RunStatistics().notes([report("a.nc", "feet", "miles"), report("b.nc", "feet")])
-    assert notes == ["2 logs: feet", "a.nc: miles"]
-    notes = RunStatistics().notes(
-        [report("a.nc", "1 fixes"), report("b.nc", "3 fixes", "read as time: t, depth: z")]
-    )
-    assert notes == [
+    assert notes(("a.nc", "feet", "miles"), ("b.nc", "feet")) == ["2 logs: feet", "a.nc: miles"]
+    assert notes(("a.nc", "1 fixes"), ("b.nc", "3 fixes", "read as time: t, depth: z")) == [
         "2 logs: 1 to 3 fixes",
         "b.nc: 2 variables were read by their names, which replay-kit info lists",
     ]
-
-
-def test_logs_of_several_missions_are_told(tmp_path):
-    of = [
-        LogReport(f"{name}.nc", "seaglider", {}, {}, (), mission=name)
-        for name in ("sg1", "sg2", "sg2")
-    ]
-    assert RunStatistics().notes(of) == [
+    assert notes(("sg1",), ("sg2",), ("sg2",), mission="stated") == [
         "the logs are of 2 missions, merged as if one vehicle had made them: sg1, sg2"
     ]
-    assert RunStatistics().notes(of[1:]) == []
+    assert notes(("sg2",), ("sg2",), mission="stated") == []

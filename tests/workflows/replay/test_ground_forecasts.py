@@ -16,7 +16,7 @@ from replay_kit.core.observation import (
     Source,
     VehicleState,
 )
-from replay_kit.results.outcome.from_run import surfacings_json
+from replay_kit.results.outcome.parts import expected_part
 from replay_kit.show.sentences import surfacings_sentences
 from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
@@ -269,7 +269,7 @@ def test_the_coming_surfacing_is_of_a_dive_like_the_last_in_the_estimates_curren
 def test_the_summary_says_what_surfacings_were_expected_from(begin, said):
     flows = currents(4)
     outcomes = expected(mission(flows, begin), estimate(flows))
-    found = surfacings_json(outcomes, outcomes[-1].forecast)
+    found = expected_part(outcomes, outcomes[-1].forecast)
     words = "; ".join(map(str, surfacings_sentences(found)))
     assert said in words
     assert "beside the last dive's velocity over ground" in words

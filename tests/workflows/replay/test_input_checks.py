@@ -92,7 +92,9 @@ def test_dry_runs_check_the_goal_and_count_as_the_replay_does(ocean):
     job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc")
     summary, _ = replay(job, CONFIG)
     found = dry_run(job, CONFIG)
-    assert found.profiles_used + summary.mean_currents == summary.profiles_used
+    assert (
+        found.profiles_used + summary.observations["mean_currents"] == summary.observations["used"]
+    )
     assert found.profiles == 30
     away = ReplayJob(job.logs, job.ensemble, goal=Place(10.0, 0.0, 100.0))
     assert "goal" in expected_of(Mission("one", away, CONFIG)).failed
@@ -124,7 +126,7 @@ def test_two_gliders_in_one_replay_are_two_vehicles_and_refused_where_one_is_exp
     asked = CONFIG.model_copy(
         update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}
     )
-    assert replay(ReplayJob(job.logs, job.ensemble), asked)[0].profiles_used > 0
+    assert replay(ReplayJob(job.logs, job.ensemble), asked)[0].observations["used"] > 0
 
 
 def test_a_follower_sets_the_log_of_another_vehicle_aside(ocean, tmp_path):

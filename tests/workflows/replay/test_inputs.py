@@ -9,7 +9,7 @@ from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.reader import reading
-from replay_kit.workflows.replay.inputs.scan import look_ahead
+from replay_kit.workflows.replay.inputs.scan import Logs
 
 NS = 10**9
 START = int(np.datetime64("2026-01-01T00:00:00", "ns").astype(np.int64))
@@ -59,22 +59,22 @@ def log(tmp_path):
 )
 def test_only_positions_of_the_chosen_span_place_an_ensemble(log, span, used):
     """Not the home position either, although a message that comes once is read where it is older than the span."""
-    (longitude, latitude), first_ns = look_ahead([log], settings(**span))
+    (longitude, latitude), first_ns = Logs([[log]], settings(**span)).ahead()
     assert longitude == pytest.approx(152.0 + np.mean(used))
     assert latitude == pytest.approx(-40.0 + 0.5 * np.mean(used))
     assert first_ns == settings(**span).logs.start_ns
 
 
 def test_an_end_alone_leaves_the_beginning_of_the_log(log):
-    (longitude, latitude), first_ns = look_ahead([log], settings(end="2026-01-01T00:00:00Z"))
+    (longitude, latitude), first_ns = Logs([[log]], settings(end="2026-01-01T00:00:00Z")).ahead()
     assert (longitude, latitude) == pytest.approx((mean_longitude(10.0, 152.0), 5.0))
     assert first_ns == START - 50 * NS
 
 
 @pytest.mark.parametrize("place", [True, False])
 def test_the_first_time_used_is_not_before_the_start(log, place):
-    assert look_ahead([log], settings(place))[1] == START - 50 * NS
-    assert look_ahead([log], settings(place, start="2026-01-01T00:00:05Z"))[1] == START + 5 * NS
+    assert Logs([[log]], settings(place)).ahead()[1] == START - 50 * NS
+    assert Logs([[log]], settings(place, start="2026-01-01T00:00:05Z")).ahead()[1] == START + 5 * NS
 
 
 def test_late_messages_are_left_out_as_in_the_replay(tmp_path):
@@ -84,17 +84,17 @@ def test_late_messages_are_left_out_as_in_the_replay(tmp_path):
     )
     whole = mean_longitude(152.0, 153.0, 154.0, 170.0), -40.0
     # in the order of its index none is late
-    assert look_ahead([log], settings())[0] == pytest.approx(whole)
+    assert Logs([[log]], settings()).ahead()[0] == pytest.approx(whole)
     log.write_bytes(log.read_bytes()[:-40])
-    assert look_ahead([log], settings())[0] == pytest.approx((153.0, -40.0))
-    assert look_ahead([log], settings(reorder_window=30.0))[0] == pytest.approx(whole)
+    assert Logs([[log]], settings()).ahead()[0] == pytest.approx((153.0, -40.0))
+    assert Logs([[log]], settings(reorder_window=30.0)).ahead()[0] == pytest.approx(whole)
 
 
 def test_a_span_without_a_position_is_said(log):
     with pytest.raises(
         MeasurementError, match=r"no position between 2026-01-02.*widen --start and --end"
     ):
-        look_ahead([log], settings(start="2026-01-02T00:00:00Z"))
+        Logs([[log]], settings(start="2026-01-02T00:00:00Z")).ahead()
 
 
 def test_the_share_of_the_logs_that_is_read_grows_to_the_whole(tmp_path):

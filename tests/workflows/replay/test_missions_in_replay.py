@@ -23,7 +23,6 @@ from replay_kit.core.plan import Place, plan_legs
 from replay_kit.core.surfacing import Ellipse, Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
 from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
-from replay_kit.results.outcome.from_run import outcome_of
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.map import Chosen, plan_figure
@@ -107,7 +106,7 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
         depth = np.interp(reached, plan.track_time, plan.track_depth)
         assert depth == pytest.approx(0.0, abs=1e-6)
         assert outcome.ellipse_major >= outcome.ellipse_minor > 0.0
-    figures = outcome_of(summary).to_json()["surfacings"]
+    figures = summary.surfacings
     assert figures["count"] == len(outcomes) == len(figures["each"])
     assert figures["distance_median_m"] == pytest.approx(
         np.median([outcome.distance for outcome in outcomes])

@@ -14,7 +14,7 @@ from replay_kit.core.errors import ConfigError, ForecastError, LogError, Measure
 from replay_kit.core.flow.file import load
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
-from replay_kit.core.plan import Place
+from replay_kit.core.plan import Place, Plan
 from replay_kit.estimator import ReducedBasisEstimator, embed_member
 from replay_kit.forecast import read_truth
 from replay_kit.forecast.grid import local_grid, true_to_local
@@ -71,9 +71,13 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
         save_estimate=tmp_path / "flow.nc",
     )
     assert summary.exit_code == 0
-    assert summary.profiles_used == 40
-    assert summary.truth.rmse < 0.6 * summary.truth.ensemble_mean_rmse
-    assert summary.rms_after < summary.rms_before < summary.rms_prior
+    assert summary.observations["used"] == 40
+    assert summary.truth["rmse"] < 0.6 * summary.truth["ensemble_mean_rmse"]
+    assert (
+        summary.rms_innovation["after"]
+        < summary.rms_innovation["before"]
+        < summary.rms_innovation["prior"]
+    )
     held = decoded(out)
     topics = set(held)
     fixed = {
@@ -87,7 +91,10 @@ def test_the_main_job_beats_the_ensemble_s_mean_and_publishes_every_channel(ocea
     }
     assert fixed < topics
     assert sum(topic.startswith("/flow/grid/") for topic in topics) == 3
-    assert sum(sum(message.dof) for _, message in held["/flow/innovation"]) == 2 * summary.bins_used
+    assert (
+        sum(sum(message.dof) for _, message in held["/flow/innovation"])
+        == 2 * summary.observations["bins_used"]
+    )
     with xr.open_dataset(tmp_path / "grid.nc", engine="h5netcdf") as grid:
         names = {variable.attrs.get("standard_name") for variable in grid.variables.values()}
     assert "eastward_sea_water_velocity" in names
@@ -149,10 +156,10 @@ def test_mcap_and_tlog_of_a_mission_give_the_same_estimate(ocean):
 
 def test_a_glider_s_dives_are_told_apart(ocean):
     summary, _ = run(ocean, "glider.mcap")
-    assert [row.dive for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
-    assert sum(row.profiles for row in summary.by_dive) <= summary.profiles_used
+    assert [row["dive"] for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
+    assert sum(row["profiles"] for row in summary.by_dive) <= summary.observations["used"]
     first = summary.by_dive[0]
-    assert first.rms_innovation_predicted <= first.rms_innovation_prior * (1 + 1e-12)
+    assert first["rms_innovation_predicted"] <= first["rms_innovation_prior"] * (1 + 1e-12)
 
 
 def test_start_and_end_cut_the_log(ocean):
@@ -161,7 +168,7 @@ def test_start_and_end_cut_the_log(ocean):
     middle = str(np.datetime64(times[20], "ns"))
     for end, used in (("end", 21), ("start", 20)):
         config = load_config(None, {"logs": {end: middle}})
-        assert run(ocean, "survey.mcap", config=config)[0].profiles_used == used
+        assert run(ocean, "survey.mcap", config=config)[0].observations["used"] == used
 
 
 def test_a_truncated_log_is_used_as_far_as_it_is_whole_and_the_loss_said(ocean, tmp_path):
@@ -172,8 +179,8 @@ def test_a_truncated_log_is_used_as_far_as_it_is_whole_and_the_loss_said(ocean, 
         tmp_path, "cut.mcap", ensemble=ocean / "ensemble.nc", out=tmp_path / "out.mcap"
     )
     assert summary.exit_code == 4
-    assert 0 < summary.profiles_used < 40
-    assert summary.losses[0][1].bytes > 0
+    assert 0 < summary.observations["used"] < 40
+    assert summary.losses[0]["bytes"] > 0
     assert (tmp_path / "out.mcap").exists()
 
 
@@ -245,7 +252,7 @@ def test_a_log_of_another_place(ocean, tmp_path):
         ensemble=tmp_path / "far.nc",
         config=load_config(None, {"forecast": {"place": True}}),
     )
-    assert summary.profiles_used > 0
+    assert summary.observations["used"] > 0
     assert any("no forecast" in note for note in summary.notes)
     assert any(note.startswith("prior: sample share 0.") for note in summary.notes)
     assert abs(flow.grid.longitude.mean() - 152.3) < 0.3
@@ -324,7 +331,7 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
     )
     score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
     # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
-    assert score.rmse < 6e-3
+    assert score["rmse"] < 6e-3
 
 
 def test_a_truth_that_is_not_there_costs_no_time(ocean, tmp_path):
@@ -350,8 +357,8 @@ def test_bins_under_the_sea_floor_and_pings_on_land_are_not_used(ocean, tmp_path
         shallow[name][:, :, :, 5:] = np.nan
     shallow.to_netcdf(tmp_path / "shallow.nc", engine="h5netcdf")
     summary, _ = run(ocean, "survey.mcap", ensemble=tmp_path / "shallow.nc")
-    assert summary.bins_rejected["on_land"] > 0
-    assert summary.profiles_rejected > 0
+    assert summary.observations["bins_rejected"]["on_land"] > 0
+    assert summary.observations["rejected"] > 0
 
 
 def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
@@ -374,13 +381,15 @@ class Failing:
         return self
 
     def plan(self, flow, query):
-        start, time_ns = query.start, query.start_time_ns
-        return PlanResult(SimpleNamespace(status="failed", start=start, start_time_ns=time_ns))
+        none, at = np.empty(0), (query.start, query.goal, query.start_time_ns)
+        return PlanResult(
+            Plan("failed", *at, *[np.nan] * 3, none, *[np.nan] * 2, none, none, "no path")
+        )
 
 
 def test_with_a_failed_plan_the_estimate_alone_is_scored(ocean):
     truth = str(ocean / "truth.nc")
     job = ReplayJob((ocean / "survey.mcap",), ocean / "ensemble.nc", goal=GOAL, truth=truth)
     score = replay(job, SETTINGS, lambda *_: Failing())[0].truth
-    assert score.rmse > 0.0
-    assert np.isnan(score.closest_approach_m)
+    assert score["rmse"] > 0.0
+    assert score["closest_approach_m"] is None

@@ -96,7 +96,7 @@ def test_windows_that_were_left_are_published_once_and_forgotten():
     for ping in pings:
         state = fed(run, [ping], last=False).state
         assert state.current.left == state.vehicles[0].dive.start.left == ()
-    run.finish([], [])
+    run.finish()
     numbers = [call.args[0] for call in run.writer.window.call_args_list]
     assert numbers == list(range(1, run.current.number))
     assert len(numbers) > 1
@@ -105,15 +105,14 @@ def test_windows_that_were_left_are_published_once_and_forgotten():
 def test_an_estimator_that_supports_path_means_is_given_them_in_order():
     run = given(True)
     assert [isinstance(each, PathMean) for each in run.current] == [False, True, False]
-    assert run.vehicles[0].statistics.profiles.positions[1] == (2.0, 2.0)
-    assert run.vehicles[0].statistics.notes([]) == []
+    assert run.vehicles[0].counts.positions[1] == (2.0, 2.0)
+    assert run.vehicles[0].counts.notes() == []
 
 
 def test_another_is_not_and_the_report_counts_them():
     run = given(False)
     assert [len(each) for each in run.current] == [1, 1]
-    (notes,) = run.vehicles[0].statistics.notes([])
-    assert notes == "1 mean currents (dac): not supported by this estimator"
+    assert run.vehicles[0].counts.unsupported == {"dac": 1}
 
 
 def test_a_group_counts_as_its_profiles_do():
@@ -129,5 +128,5 @@ def test_a_group_counts_as_its_profiles_do():
     group = replace(unused, nis=nis, dof=10 * n, accepted=True, profiles=5, totals=totals)
     total = Sums(bins=3).with_profile(group, np.concatenate([each.residual for each in members]))
     np.testing.assert_allclose(total, one_by_one, rtol=1e-12)
-    assert total.rms(total.before) == np.sqrt(total.before / (10 * n))
-    assert np.isnan(Sums().rms(0.0))
+    assert total.rms_of("before")["before"] == np.sqrt(total.before / (10 * n))
+    assert np.isnan(Sums().rms_of("prior")["prior"])

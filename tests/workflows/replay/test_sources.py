@@ -7,10 +7,7 @@ from replay_kit.config.run import load_config
 from replay_kit.core.errors import MeasurementError
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results import ResultReader
-from replay_kit.results.outcome.from_run import outcome_of
-from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.record import read_record
 from replay_kit.show.export.export import export
 from replay_kit.show.sentences import estimate_sentences
 from replay_kit.workflows.info.inspect import inspect_logs
@@ -49,14 +46,13 @@ def run(ocean, out=None, logs=None, **settings):
 
 def test_shear_is_counted_apart_and_the_result_says_the_same(ocean, tmp_path):
     summary = run(ocean, tmp_path / "out.mcap")
-    (row,) = summary.sources
-    assert (row.kind, row.used, row.rejected) == ("shear", 3, 0)
+    (row,) = summary.observations["sources"]
+    assert (row["kind"], row["used"], row["rejected"]) == ("shear", 3, 0)
     # nine of twelve levels are within the grid, relative to an unknown current
-    assert row.values == 3 * 8
-    assert row.rms_after < row.rms_before
-    outcome = outcome_of(summary)
-    assert outcome_from(read_record(ResultReader(tmp_path / "out.mcap")).summary) == outcome
-    (said,) = [text for text in map(str, estimate_sentences(outcome)) if "shear" in text]
+    assert row["values"] == 3 * 8
+    assert row["rms_after"] < row["rms_before"]
+    assert ResultReader(tmp_path / "out.mcap").outcome == summary
+    (said,) = [text for text in map(str, estimate_sentences(summary)) if "shear" in text]
     assert said.startswith(
         "Also used: geostrophic shear: 3 measurements used (24 values), 0 rejected"
     )
@@ -65,8 +61,8 @@ def test_shear_is_counted_apart_and_the_result_says_the_same(ocean, tmp_path):
 @pytest.mark.full
 def test_withheld_it_leaves_the_other_measurements(ocean):
     whole, denied = run(ocean), run(ocean, without=["shear"])
-    assert not denied.sources
-    assert denied.profiles_used == whole.profiles_used - 3
+    assert "sources" not in denied.observations
+    assert denied.observations["used"] == whole.observations["used"] - 3
     with pytest.raises(MeasurementError, match="--without radar: expected something"):
         run(ocean, without=["radar"])
 
@@ -80,16 +76,19 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     )
     others = tuple(tmp_path / name for name in ("totals.nc", "one.ruv", "drifters.nc"))
     alone = run(ocean, tmp_path / "alone.mcap", others)
-    assert str(next(estimate_sentences(outcome_of(alone)))).startswith(
+    assert str(next(estimate_sentences(alone))).startswith(
         "Observations: 0 rejected; bins not used"
     )
     rows = export(Contents(open_result(tmp_path / "alone.mcap")), tmp_path / "alone.nc")
     assert (rows["track"], rows["section"]) == (0, 0)
     assert rows["innovations"] > 0
-    assert {row.kind: row.rejected for row in alone.sources} == {"drifters": 0, "radar": 0}
-    assert all(row.rms_after < row.rms_before for row in alone.sources)
+    assert {row["kind"]: row["rejected"] for row in alone.observations["sources"]} == {
+        "drifters": 0,
+        "radar": 0,
+    }
+    assert all(row["rms_after"] < row["rms_before"] for row in alone.observations["sources"])
     beside = run(ocean, tmp_path / "out.mcap", (*others, ocean / "glider.mcap"))
-    assert [row.kind for row in beside.sources] == ["drifters", "radar", "shear"]
+    assert [row["kind"] for row in beside.observations["sources"]] == ["drifters", "radar", "shear"]
     result = open_result(tmp_path / "out.mcap")
     cells = result.surface
     # of each hour's total vectors; radials see one component
@@ -109,7 +108,7 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     told = (tmp_path / "out.html").read_text(encoding="utf-8")
     assert all(f"{name}: " in told for name in ("geostrophic shear", "HF radar", "drifters"))
     denied = run(ocean, None, (*others, ocean / "glider.mcap"), without=["radar", "drifters"])
-    assert [row.kind for row in denied.sources] == ["shear"]
+    assert [row["kind"] for row in denied.observations["sources"]] == ["shear"]
     content = inspect_logs(others, load_config(None))
     assert [info.content.surface for info in content] == [4, 11, 8]
     assert {info.use for info in content} == {"ready for replay: currents at the surface found"}

@@ -112,13 +112,3 @@ def test_cut_or_with_a_bit_flipped_it_is_refused_or_the_same(tmp_path):
                 assert repr(read_state(path, "a run")) == repr(value)
             except LogError as error:
                 assert str(path) in str(error)  # noqa: PT017
-
-
-def test_another_run_and_another_file_are_told_apart(tmp_path):
-    back(tmp_path, None)
-    with pytest.raises(StateError, match="of another run: inputs, options, versions or settings"):
-        read_state(tmp_path / "state", "another")
-    (tmp_path / "notes").write_text("precious")
-    with pytest.raises(LogError, match="is no state of a run; choose another name") as found:
-        read_state(tmp_path / "notes", "a run")
-    assert not isinstance(found.value, StateError)

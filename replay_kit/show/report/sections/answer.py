@@ -182,8 +182,9 @@ def _surfacings(contents: Contents) -> str:
 def words_section(contents: Contents) -> Section:
     """Return the answer in words."""
     outcome = contents.outcome
+    used = estimate_sentences(outcome) if outcome.complete else ()
     parts = {
-        "What was measured": [Sentence([_measured(contents)]), *estimate_sentences(outcome)],
+        "What was measured": [Sentence([_measured(contents)]), *used],
         "What was found": [*_found(contents), *found_sentences(outcome)],
         "What was not used, and why": [*_not_used(contents)],
     }
@@ -202,6 +203,8 @@ def words_section(contents: Contents) -> Section:
 
 def _in_short(contents: Contents) -> str:
     outcome = contents.outcome
+    if not outcome.complete:
+        return "What was used is not counted."
     used, rms = outcome.observations, outcome.rms_innovation
     forms = f"{{used}} measurement{'s' * (used['used'] != 1)} of the current used"
     parts = [sentence(forms, used, "observations.").html]

@@ -46,9 +46,7 @@ def last_plan_html(contents: Contents, plan: LastPlan) -> str:
                 ),
             ]
         )
-    if (
-        named := contents.record.metadata.get("replay_kit.inputs", {}).get("bathymetry")
-    ) is not None:
+    if (named := contents.metadata.get("replay_kit.inputs", {}).get("bathymetry")) is not None:
         name, _, digest = named.partition(" sha256:")
         rows.append(["bathymetry", f"{escape(name)}, SHA-256 <code>{escape(digest)}</code>"])
     if (bottom := plan.bottom) is not None:
@@ -147,7 +145,7 @@ def _legs_html(plan: LastPlan) -> str:
 
 def _departures_html(contents: Contents) -> str:
     """Return the departures that were compared; nothing where there was one."""
-    rows = [json.loads(row) for row in contents.record.metadata.get("departures", {}).values()]
+    rows = [json.loads(row) for row in contents.metadata.get("departures", {}).values()]
     cells = [
         [
             row["departure"],

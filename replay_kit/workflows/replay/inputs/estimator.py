@@ -14,7 +14,6 @@ from replay_kit.estimator import build as build_reduced
 from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts
-from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import FoundRegion
 
 
@@ -79,10 +78,3 @@ def _windowed(
 def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:
     """Return the current estimate of a state for a time at or after its last observation [ns, UTC]; a static one is as it was."""
     return estimator.flow(estimator.predict(state, time_ns))
-
-
-def built(forecasts: Forecasts, config: RunConfig, job: ReplayJob) -> Estimator[Any]:
-    """Return the estimator of a job: its own, or that of the settings; errors are those of ``build``."""
-    if job.estimator is not None:
-        return job.estimator(forecasts, config)
-    return build(forecasts, config, len(job.each_vehicle))

@@ -14,6 +14,7 @@ from replay_kit.core.paths import Paths
 from replay_kit.core.region import Region, bounds_of
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.forecast import read_ensemble, read_series
+from replay_kit.forecast.blocks import Collection
 from replay_kit.forecast.grid import in_frame
 from replay_kit.forecast.members import WARNING
 from replay_kit.workflows.replay.inputs.region import FoundRegion
@@ -75,6 +76,7 @@ def read_forecasts(
     near_ns: int | None,
     place_at: tuple[float, float] | None,
     region: FoundRegion | None = None,
+    found: Collection | None = None,
 ) -> Forecasts:
     """Return the forecast at the time, or the times, that the settings ask for.
 
@@ -87,6 +89,7 @@ def read_forecasts(
         near_ns: Time of the logs' first message [ns, UTC].
         place_at: (longitude, latitude) to move the ensemble's centre to.
         region: The part of the forecast, where it was found from the logs.
+        found: The files, where they are open.
 
     Raises:
         ForecastError: The ensemble cannot be used, or the region is narrower than a correlation length.
@@ -112,10 +115,11 @@ def read_forecasts(
         else config.forecast.model_copy(update={"region": region.region})
     )
     if own and (asked or config.time.scale == "auto"):
-        series = read_series(path, part, near_ns=near_ns, place_at=place_at)
+        series = read_series(found or path, part, near_ns=near_ns, place_at=place_at)
         evolves = asked or len(series) > 1
     else:
-        series, evolves = (read_ensemble(path, part, near_ns=near_ns, place_at=place_at),), False
+        one = read_ensemble(found or path, part, near_ns=near_ns, place_at=place_at)
+        series, evolves = (one,), False
     if part.region is not None:
         _check_width(series[0])
     of_region = () if region is None else (region.note,)

@@ -1,6 +1,6 @@
 """What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,18 +9,19 @@ from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.inputs import Stamp, stamps_of
-from replay_kit.core.message import LogReader
 from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.core.region import Region
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files, read_truth
+from replay_kit.forecast.blocks import open_collection
+from replay_kit.forecast.members import parse_rule
 from replay_kit.logs import open_logs
 from replay_kit.logs.formats import logs_in
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region
-from replay_kit.workflows.replay.inputs.scan import look_ahead, open_readers
+from replay_kit.workflows.replay.inputs.scan import Logs
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,19 +157,13 @@ def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
     )
 
 
-def open_each(job: ReplayJob, config: RunConfig) -> list[list[LogReader]]:
-    """Return the opened logs of each vehicle of a job, numbered through; as ``open_readers``."""
-    each, number = list[list[LogReader]](), 0
-    for vehicle in job.each_vehicle:
-        each.append(open_readers(vehicle.logs, config))
-        for log in each[-1]:
-            log.input, number = number, number + 1
-    return each
+def logs_of(job: ReplayJob, config: RunConfig) -> Logs:
+    """Return the logs of a job, opened.
 
-
-def flat(each: Sequence[Sequence[LogReader]]) -> list[LogReader]:
-    """Return the logs of all vehicles."""
-    return [log for logs in each for log in logs]
+    Raises:
+        LogError: A log is missing or is none.
+    """
+    return Logs([vehicle.logs for vehicle in job.each_vehicle], config)
 
 
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
@@ -182,18 +177,19 @@ def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None
         )
 
 
-def forecasts_of(job: ReplayJob, config: RunConfig) -> Forecasts:
+def forecasts_of(job: ReplayJob, config: RunConfig, logs: Logs | None = None) -> Forecasts:
     """Return the part of a forecast that a job needs, at the time of its logs, and where it is asked for at their place.
 
     Raises:
-        LogError: A log cannot be opened.
         MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
         ForecastError: The ensemble cannot be used.
         ConfigError: An estimator that knows no time is asked for what needs it.
     """
-    place_at, near_ns = look_ahead(job.logs, config)
-    region = job.region or find_region(job.logs, job.ensemble, config, near_ns, job.goals)
-    return read_forecasts(job.ensemble, config, near_ns, place_at, region)
+    logs = logs or logs_of(job, config)
+    place_at, near_ns = logs.ahead()
+    with open_collection(job.ensemble, parse_rule(config.forecast.members)) as found:
+        region = job.region or find_region(logs, found, config, near_ns, job.goals)
+        return read_forecasts(job.ensemble, config, near_ns, place_at, region, found)
 
 
 def open_truth(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from replay_kit.core.region import (
 )
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.placing import moved_into
+from replay_kit.forecast.blocks import Collection
 from replay_kit.forecast.describe import Extent, open_extent
-from replay_kit.workflows.replay.inputs.scan import reach_of
 
 #: Name of the metadata record of a result that holds it.
 REGION_RECORD = "replay_kit.found_region"
@@ -90,9 +90,18 @@ def _numbers(text: str) -> Region:
     return west, south, east, north
 
 
+class HasPlaces(Protocol):
+    """Logs, or their reach."""
+
+    @property
+    def places(self) -> Array:
+        """As of ``Reach``."""
+        ...
+
+
 def find_region(
-    logs: Sequence[Path],
-    ensemble: Paths,
+    where: HasPlaces,
+    ensemble: Paths | Collection,
     config: RunConfig,
     near_ns: int | None,
     goals: Sequence[Place],
@@ -104,15 +113,14 @@ def find_region(
     correlation lengths of the members' anomalies, measured in a patch of the first level at the middle of the positions.
 
     Args:
-        logs: The logs.
-        ensemble: Files of the ensemble.
+        where: The logs are.
+        ensemble: Files of the ensemble, opened or not.
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
         goals: Where the vehicles should go.
         may_follow: Whether windows may follow the vehicle where one is not enough.
 
     Raises:
-        LogError: A log cannot be opened.
         ForecastError: The ensemble cannot be used; no position of the log lies in it; or a window of the size allowed would be smaller
             than the margins around the vehicle.
     """
@@ -122,7 +130,7 @@ def find_region(
     with open_extent(ensemble, settings, near_ns) as extent:
         if extent is None or np.prod(extent.shape) <= _SMALL:
             return None
-        places = inside_extent(extent, reach_of(logs, config).places)
+        places = inside_extent(extent, where.places)
         if not len(places):
             return None
         length = _length_near(extent, places)

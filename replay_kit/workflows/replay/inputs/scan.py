@@ -1,8 +1,9 @@
-"""Logs opened, and scanned before a replay for where and when they begin."""
+"""Logs opened once, and scanned before a replay for where and when they begin."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import cached_property
+from itertools import islice, tee
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import LogReader, Message
 from replay_kit.core.table import Columns, chosen
 from replay_kit.logs import merge, open_logs
+from replay_kit.logs.merge import Merge
 from replay_kit.logs.tables.frames import SCHEMA
 from replay_kit.logs.tables.schemas import SENDERS
 from replay_kit.measurements.observed import begun, taken
@@ -42,31 +44,6 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
     return list(open_logs(logs, config.logs, wanted))
 
 
-def look_ahead(
-    logs: Sequence[Path], config: RunConfig
-) -> tuple[tuple[float, float] | None, int | None]:
-    """Return the mean position, when the ensemble is to be placed there, and the first time used [ns, UTC], of the chosen time span.
-
-    Messages of topics that come once are read although they are older than the span, as in a replay, but their positions do not count.
-
-    Raises:
-        LogError: A log cannot be opened.
-        MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
-    """
-    settings = config.logs
-    if config.forecast.place:
-        reach = reach_of(logs, config)
-        if reach.middle is None:
-            raise _nowhere(logs, config)
-        return reach.middle, reach.first_ns
-    each = (
-        next(iter(merge([reader], settings.reorder_window)), None)
-        for reader in open_readers(logs, config)
-    )
-    first_ns = min((message.time_ns for message in each if message is not None), default=None)
-    return None, first_ns if first_ns is None else max(first_ns, settings.start_ns or first_ns)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Reach:
     """Where, how deep and when logs are.
@@ -86,61 +63,152 @@ class Reach:
     last_ns: int | None
 
 
-def reach_of(logs: Sequence[Path], config: RunConfig) -> Reach:
-    """Return where, how deep and when a replay places the vehicle and its measurements.
+class Logs:
+    """The logs of a run's vehicles, each opened once: where they begin and lead, and their messages.
 
-    Raises:
-        LogError: A log cannot be opened.
+    Attributes:
+        config: The run's settings.
+        by_vehicle: The opened logs of each vehicle, numbered through.
+        merged: Their messages in order.
     """
-    found, deepest, spans = dict[tuple[int, int], None](), [0.0], list[int]()
-    # of positions and of profiles their number, and the sums of directions and latitudes
-    sums = np.zeros((2, 3), np.complex128)
-    for times, block in _measured(logs, config):
-        spans += [int(times.min()), int(times.max())]
-        for of, (kind, columns) in zip(
-            sums, ((POSITION, block.position), (PING, block.ping)), strict=True
-        ):
-            if (rows := block.events[block.events[:, 1] == kind, 2]).size:
-                places = np.stack([columns[name][rows] for name in ("longitude", "latitude")])
-                # on the unit circle, because longitudes may lie on both sides of the antimeridian
-                of += rows.size, np.exp(1j * np.deg2rad(places[0])).sum(), places[1].sum()
-                cells = np.rint(places.T * _PER_DEGREE).astype(np.int64)
-                found |= dict.fromkeys(map(tuple, cells.tolist()))
-                deepest.append(float(np.fmax.reduce(columns["depth"][rows], None, initial=0.0)))
-    n, direction, latitude = sums[0] if sums[0, 0] else sums[1]
-    middle = (float(np.rad2deg(np.angle(direction))), float((latitude / n).real)) if n else None
-    each = np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
-    first_ns, last_ns = config.logs.start_ns, config.logs.end_ns
-    if not spans:
-        return Reach(each, middle, None, first_ns, last_ns)
-    # messages that come once may be older than the span
-    return Reach(each, middle, max(deepest), max(min(spans), first_ns or min(spans)), max(spans))
+
+    def __init__(self, each: Sequence[Sequence[Path]], config: RunConfig) -> None:
+        """Open the logs of each vehicle; errors are those of ``open_readers``."""
+        self.config, settings = config, config.logs
+        self.by_vehicle = [open_readers(paths, config) for paths in each]
+        for number, log in enumerate(self.all):
+            log.input = number
+        self._begun = [_Begun(log) for log in self.all]
+        self.merged: list[Merge[Message]] = [
+            merge(
+                [self._begun[log.input] for log in logs],
+                settings.reorder_window,
+                settings.start_ns,
+                settings.end_ns,
+            )
+            for logs in self.by_vehicle
+        ]
+
+    @property
+    def all(self) -> list[LogReader]:
+        """The logs of all vehicles."""
+        return [log for logs in self.by_vehicle for log in logs]
+
+    def ahead(self) -> tuple[tuple[float, float] | None, int | None]:
+        """Return the mean position, when the ensemble is to be placed there, and the first time used [ns, UTC], of the chosen time span.
+
+        Messages of topics that come once are read although they are older than the span, as in a replay, but their positions do not count.
+
+        Raises:
+            MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
+        """
+        settings = self.config.logs
+        if self.config.forecast.place:
+            if self.reach.middle is None:
+                raise _nowhere([log.path for log in self.all], self.config)
+            return self.reach.middle, self.reach.first_ns
+        for one in self._begun:
+            one.looked_at = True
+        each = (next(iter(merge([one], settings.reorder_window)), None) for one in self._begun)
+        first_ns = min((message.time_ns for message in each if message is not None), default=None)
+        return None, first_ns if first_ns is None else max(first_ns, settings.start_ns or first_ns)
+
+    @property
+    def places(self) -> Array:
+        """Those of ``reach``."""
+        return self.reach.places
+
+    @cached_property
+    def reach(self) -> Reach:
+        """Where, how deep and when a replay places the vehicles and their measurements: of a pass over all messages, made once."""
+        found, deepest, spans = dict[tuple[int, int], None](), [0.0], list[int]()
+        # of positions and of profiles their number, and the sums of directions and latitudes
+        sums = np.zeros((2, 3), np.complex128)
+        for times, block in self.measured():
+            spans += [int(times.min()), int(times.max())]
+            for of, (kind, columns) in zip(
+                sums, ((POSITION, block.position), (PING, block.ping)), strict=True
+            ):
+                if (rows := block.events[block.events[:, 1] == kind, 2]).size:
+                    places = np.stack([columns[name][rows] for name in ("longitude", "latitude")])
+                    # on the unit circle, because longitudes may lie on both sides of the antimeridian
+                    of += rows.size, np.exp(1j * np.deg2rad(places[0])).sum(), places[1].sum()
+                    cells = np.rint(places.T * _PER_DEGREE).astype(np.int64)
+                    found |= dict.fromkeys(map(tuple, cells.tolist()))
+                    deepest.append(float(np.fmax.reduce(columns["depth"][rows], None, initial=0.0)))
+        n, direction, latitude = sums[0] if sums[0, 0] else sums[1]
+        middle = (float(np.rad2deg(np.angle(direction))), float((latitude / n).real)) if n else None
+        each = np.array(list(found), dtype=np.float64).reshape(-1, 2) / _PER_DEGREE
+        first_ns, last_ns = self.config.logs.start_ns, self.config.logs.end_ns
+        if not spans:
+            return Reach(each, middle, None, first_ns, last_ns)
+        # messages that come once may be older than the span
+        first_ns = max(min(spans), first_ns or min(spans))
+        return Reach(each, middle, max(deepest), first_ns, max(spans))
+
+    @property
+    def positions(self) -> Columns:
+        """The positions that a replay would use, in order, as ``LogTracks`` takes them."""
+        return joined(
+            no_rows(),
+            *(
+                chosen(block.position, block.events[block.events[:, 1] == POSITION, 2])
+                for _, block in self.measured()
+                if len(block.position)
+            ),
+        )
+
+    def measured(self) -> Iterator[tuple[Times, Block]]:
+        """Yield the times of the messages of each block [ns, UTC], and what they measured, with the events of the time span alone."""
+        settings = self.config.logs
+        stream, start_ns = begun(settings.system, settings.component), settings.start_ns
+        for one in self._begun:
+            one.rest = None
+        messages = iter(merge(self.all, settings.reorder_window, start_ns, settings.end_ns))
+        while read := next_block(messages):
+            first = stream.order
+            stream, block = taken(stream, read, self.config.measurements)
+            times = np.array([message.time_ns for message in read])
+            counts = times[block.events[:, 0] - first] >= (
+                -np.inf if start_ns is None else start_ns
+            )
+            yield times, replace(block, events=block.events[counts])
+
+    def check_span(self, last_ns: int | None) -> None:
+        """Raise ConfigError when the logs have messages, and none of them lies in the time span that is asked for.
+
+        Args:
+            last_ns: Time of the last message read [ns, UTC]; those of topics that come once may be older than the span. None without one.
+        """
+        settings = self.config.logs
+        asked = [
+            f"--{name} {text}"
+            for name, text in (("start", settings.start), ("end", settings.end))
+            if text is not None
+        ]
+        if not asked or (last_ns is not None and last_ns >= (settings.start_ns or 0)):
+            return
+        if times := [message.time_ns for log in self.all for message in log.messages()]:
+            raise ConfigError(
+                f"{' and '.join(asked)}: no message lies there; the log spans {iso_time(min(times), 's')} to {iso_time(max(times), 's')}"
+            )
 
 
-def positions_in(log: Path, config: RunConfig) -> Columns:
-    """Return the positions that a replay would use, in order, as ``LogTracks`` takes them."""
-    return joined(
-        no_rows(),
-        *(
-            chosen(block.position, block.events[block.events[:, 1] == POSITION, 2])
-            for _, block in _measured([log], config)
-            if len(block.position)
-        ),
-    )
+class _Begun:
+    """A log, of which a pass that looks at its beginning costs the next one no message."""
 
+    def __init__(self, log: LogReader) -> None:
+        self._log, self.looked_at = log, False
+        self.rest: Iterator[Message] | None = None
 
-def _measured(logs: Sequence[Path], config: RunConfig) -> Iterator[tuple[Times, Block]]:
-    """Yield the times of the messages of each block [ns, UTC], and what they measured, with the events of the time span alone."""
-    settings = config.logs
-    stream = begun(settings.system, settings.component)
-    readers, start_ns = open_readers(logs, config), settings.start_ns
-    messages = iter(merge(readers, settings.reorder_window, start_ns, settings.end_ns))
-    while read := next_block(messages):
-        first = stream.order
-        stream, block = taken(stream, read, config.measurements)
-        times = np.array([message.time_ns for message in read])
-        counts = times[block.events[:, 0] - first] >= (-np.inf if start_ns is None else start_ns)
-        yield times, replace(block, events=block.events[counts])
+    def messages(self) -> Iterator[Message]:
+        """Yield all messages; those of a look are kept for the next pass, which goes on from there."""
+        if self.looked_at:
+            self.looked_at = False
+            looked, self.rest = tee(self._log.messages())
+            return looked
+        rest, self.rest = self.rest, None
+        return rest or self._log.messages()
 
 
 def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[Message]:
@@ -153,7 +221,7 @@ def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[M
     return found
 
 
-def _nowhere(logs: Sequence[Path], config: RunConfig) -> MeasurementError:
+def _nowhere(logs: Sequence[str], config: RunConfig) -> MeasurementError:
     """Return that the logs hold no position at which an ensemble could be placed."""
     start, end = config.logs.start, config.logs.end
     between, more = "", ""
@@ -164,28 +232,3 @@ def _nowhere(logs: Sequence[Path], config: RunConfig) -> MeasurementError:
         f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; {more}leave the option out; "
         f"replay-kit info {logs[0]} says what is in a log, and --suggest map.toml beside it maps topics of unknown types"
     )
-
-
-def check_span(logs: Sequence[Path], config: RunConfig, last_ns: int | None) -> None:
-    """Raise ConfigError when the logs have messages, and none of them lies in the time span that is asked for.
-
-    Args:
-        logs: The logs.
-        config: With the span.
-        last_ns: Time of the last message read [ns, UTC]; those of topics that come once may be older than the span. None without one.
-    """
-    settings = config.logs
-    asked = [
-        f"--{name} {text}"
-        for name, text in (("start", settings.start), ("end", settings.end))
-        if text is not None
-    ]
-    if not asked or (last_ns is not None and last_ns >= (settings.start_ns or 0)):
-        return
-    times = [
-        message.time_ns for reader in open_readers(logs, config) for message in reader.messages()
-    ]
-    if times:
-        raise ConfigError(
-            f"{' and '.join(asked)}: no message lies there; the log spans {iso_time(min(times), 's')} to {iso_time(max(times), 's')}"
-        )

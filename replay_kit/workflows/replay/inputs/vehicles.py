@@ -22,7 +22,7 @@ from replay_kit.results.vehicles import RESERVED
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import file_hash
-from replay_kit.workflows.replay.inputs.scan import open_readers, positions_in, reach_of
+from replay_kit.workflows.replay.inputs.scan import Logs, open_readers
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 # What follows a vehicle's name in that of a mission: its number, or a date.
@@ -34,7 +34,7 @@ _SHOWN = 50
 
 
 def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
-    """Return a job with its vehicles in the order of their names, and those set aside that have no position; of one vehicle as it is.
+    """Return a job with its vehicles in the order of their names, and those set aside that have no position; else as it is.
 
     Args:
         job: With vehicles that are named, or with logs that may state theirs.
@@ -46,7 +46,7 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
         LogError: A log cannot be opened.
     """
     vehicles = job.vehicles or _by_missions(job.logs, config)
-    if not vehicles:
+    if all(one.places or one.why_not for one in vehicles):
         return job
     _check_names(vehicles)
     _check_contents(vehicles)
@@ -129,7 +129,7 @@ def _placed(vehicles: Sequence[Vehicle], config: RunConfig) -> list[Vehicle]:
         if one.why_not:
             found.append(one)
             continue
-        reach = reach_of(one.logs, config)
+        reach = Logs([one.logs], config).reach
         if not len(reach.places) or reach.first_ns is None or reach.last_ns is None:
             why = "no position in its logs, so that nothing of it is used; the others are replayed"
             found.append(replace(one, why_not=why))
@@ -210,7 +210,7 @@ def by_tracks(job: ReplayJob, config: RunConfig, error: MeasurementError) -> tup
         or not any(one.name == findings.TRACKS for one in error.findings)
     ):
         return ()
-    tracks = [positions_in(path, config) for path in job.logs]
+    tracks = [Logs([[path]], config).positions for path in job.logs]
     groups = [{number} for number in range(len(tracks))]
     apart = list[tuple[int, int]]()
     for one, other in combinations(range(len(tracks)), 2):

@@ -1,56 +1,35 @@
 """The admission stage: what of a block that was checked the estimate is given, what it is not, and what is remembered of both."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import replace
 from replay_kit.core.block import LINEAR, MEAN, PING, POSITION, Block
-from replay_kit.core.observation import Measurement, PathMean
+from replay_kit.core.observation import PathMean, kind_of
 from replay_kit.core.table import Integers
 from replay_kit.measurements.observed import path_mean
 from replay_kit.workflows.replay.events import Aside, Events
-from replay_kit.workflows.replay.stages.consistency import MonitoringState, tracked
-from replay_kit.workflows.replay.statistics import RunStatistics
-from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corrected, with_block
+from replay_kit.workflows.replay.stages.consistency import tracked
+from replay_kit.workflows.replay.stages.counts import added
+from replay_kit.workflows.replay.stages.estimation import inputs_of
+from replay_kit.workflows.replay.state import OfVehicle, Setup
+from replay_kit.workflows.replay.surfacings.flight_bias import corrected, with_block
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Admission:
-    """What is remembered of a vehicle's events.
-
-    Attributes:
-        monitoring: Of the consistency checks.
-        flight: Of the flight model's error.
-        statistics: What was counted.
-    """
-
-    monitoring: MonitoringState
-    flight: FlightState
-    statistics: RunStatistics
-
-
-def admitted(
-    state: Admission,
-    block: Block,
-    rows: Integers,
-    config: RunConfig,
-    kinds: tuple[type[Measurement], ...],
-) -> tuple[Admission, Events]:
-    """Return what is remembered after some events of a block, and the events as the estimate is given them.
+def admitted(of: OfVehicle, setup: Setup, block: Block, rows: Integers) -> OfVehicle:
+    """Return a vehicle's states after some events of a block, which wait as the estimate is to be given them.
 
     A mean current that it is not given goes past it: surfacings are still expected from it.
 
     Args:
-        state: Before them.
+        of: Before them.
+        setup: The vehicle's.
         block: What messages measured, after its checks.
         rows: shape (n, 3), of ``block.events``.
-        config: The run's settings.
-        kinds: Measurements that the estimator takes.
     """
-    monitoring, flight, statistics = state.monitoring, state.flight, state.statistics
+    config, kinds = setup.config, inputs_of(setup.estimator)
+    monitoring, flight, unsupported, rejected = of.monitoring, of.flight, list[tuple[str, int]](), 0
     if config.consistency.on_failure != "ignore":
         monitoring = tracked(monitoring, block, rows)
     bias, kind, others, before = config.measurements.flight_bias, rows[:, 1], list[Any](), 0
@@ -68,7 +47,7 @@ def admitted(
         beside = is_mean and event.beside_profiles
         fits = isinstance(event, kinds) and (bias or not beside)
         if not (fits or beside or monitoring.left_out):
-            statistics = statistics.with_unsupported(event)
+            unsupported.append((kind_of(event), 1))
         if fits and not monitoring.left_out:
             others.append(event)
         elif is_mean:
@@ -78,7 +57,22 @@ def admitted(
     if bias:
         flight = with_block(flight, block, rows[before:][is_ping[before:], 2])
     if monitoring.left_out:
-        statistics = statistics.with_rejected(int(np.count_nonzero(kind != POSITION)))
+        rejected = int(np.count_nonzero(kind != POSITION))
         unused |= is_ping
     events = Events.of(replace(block, events=rows[~unused]), others)
-    return Admission(monitoring, flight, statistics), events
+    counts = replace(
+        of.counts,
+        unsupported=added(of.counts.unsupported, unsupported),
+        rejected=of.counts.rejected + rejected,
+    )
+    waiting = of.waiting.followed_by(events, of.due_ns)
+    first = [int(events.time.min())] if len(events) else []
+    return replace(
+        of,
+        monitoring=monitoring,
+        flight=flight,
+        counts=counts,
+        waiting=waiting,
+        due_ns=int(waiting.due[-1]) if len(waiting) else of.due_ns,
+        first_ns=min([*first, *([] if of.first_ns is None else [of.first_ns])], default=None),
+    )

@@ -25,7 +25,7 @@ from replay_kit.measurements.checks.profile import (
 )
 from replay_kit.measurements.means import TOO_FAST
 from replay_kit.measurements.reach import COLUMNS
-from replay_kit.workflows.replay.stages.counts import ProfileCounts
+from replay_kit.workflows.replay.stages.counts import Counts
 from replay_kit.workflows.replay.stages.estimation import Dive, Step, assimilate
 from replay_kit.workflows.replay.stages.forecast_file import FileCheck
 
@@ -155,8 +155,8 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
 
 
 def readmitted(
-    estimator: Any, current: Any, state: MonitoringState, counts: ProfileCounts
-) -> tuple[Any, MonitoringState, ProfileCounts]:
+    estimator: Any, current: Any, state: MonitoringState, counts: Counts
+) -> tuple[Any, MonitoringState, Counts]:
     """Return estimate, state and counts with the measurements that the gate had rejected, once two sources contradict each other.
 
     Args:
@@ -216,41 +216,24 @@ def trusting(estimator: Any, state: MonitoringState) -> Any:
     return replace(estimator, probability=None)
 
 
-def rebuilt(counts: ProfileCounts, steps: Sequence[Step]) -> ProfileCounts:
-    """Return the counts of an estimate that was rebuilt: what was used before counts as rejected, but for the steps of the new one."""
-    start = ProfileCounts(
-        rejected=counts.rejected + counts.total.profiles - len(steps),
-        last_position=counts.last_position,
-    )
-    after = start.after(steps)
-    unused = counts.total.bins - after.total.bins
-    bins = {
-        **counts.bins_rejected,
-        "inconsistent": counts.bins_rejected.get("inconsistent", 0) + unused,
-    }
-    return replace(after, bins_rejected=bins)
-
-
 def conclusions(
     state: MonitoringState,
-    counts: ProfileCounts,
+    counts: Counts,
     config: RunConfig,
-    skipped: Mapping[tuple[str, str], int] | None = None,
     of_file: FileCheck = FileCheck(),  # noqa: B008 - a frozen value
 ) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
     """Return all findings of a run, and what its measurements cannot tell.
 
     Args:
         state: At the end of the run.
-        counts: Of its measurements.
+        counts: Of its messages and measurements.
         config: Its settings.
-        skipped: Number of messages that were not used, by topic and reason.
         of_file: What the mean currents say of the forecast's file.
     """
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
     found, blind = state.findings, []
-    fast = sum(count for (_, reason), count in (skipped or {}).items() if reason == TOO_FAST)
+    fast = sum(count for (_, reason), count in counts.skipped.items() if reason == TOO_FAST)
     used = sum(mean.kind == "dac" for mean in state.means)
     if fast > 2 * used and not any(finding.name == SCALE for finding in found):
         found += (findings.too_fast(TOO_FAST, fast, fast + used),)
@@ -298,7 +281,7 @@ def _undetermined(state: MonitoringState) -> str:
     return f"{_UNDETERMINED}, for the mean currents are too few or too weak; more of them, or a bottom track, would"
 
 
-def _of_forecast(counts: ProfileCounts, moved: bool) -> tuple[Finding, ...]:
+def _of_forecast(counts: Counts, moved: bool) -> tuple[Finding, ...]:
     """Return how the measurements contradict the forecast, if they do: it does not fit where two thirds of them exceed the gate."""
     beyond, total = counts.gated, counts.total.profiles + counts.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"

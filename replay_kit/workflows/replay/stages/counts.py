@@ -1,5 +1,6 @@
-"""Running counts of the measurements of a replay: profiles, bins, dives."""
+"""Running counts of a replay: messages, measurements, bins, dives."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import add
@@ -7,8 +8,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
-from replay_kit.core.evidence import BlockEvidence, block_of
+from replay_kit.core.arrays import Array, replace
+from replay_kit.core.evidence import BlockEvidence, Evidence, block_of
 from replay_kit.core.observation import (
     Innovation,
     LinearMeasurement,
@@ -61,9 +62,12 @@ class Sums(NamedTuple):
         counted = innovation.profiles, bins, innovation.nis, innovation.dof
         return Sums(*map(add, self, (*counted, before, after, prior, _squares(dive_innovation))))
 
-    def rms(self, squares: float) -> float:
-        """Return the root mean square [m/s] of one of the sums of squares; NaN without data."""
-        return float(np.sqrt(squares / self.dof)) if self.dof else float("nan")
+    def rms_of(self, *names: str) -> dict[str, float]:
+        """Return the root mean square [m/s] of sums of squares, by their names; NaN without data."""
+        return {
+            name: float(np.sqrt(getattr(self, name) / self.dof)) if self.dof else np.nan
+            for name in names
+        }
 
     @property
     def nis_per_dof(self) -> float:
@@ -100,10 +104,13 @@ class SourceCounts:
 
 
 @dataclass(frozen=True, slots=True)
-class ProfileCounts:
-    """Number of profiles, and of their bins, by what became of them.
+class Counts:
+    """What became of the messages of a vehicle, of its measurements and of their bins.
 
     Attributes:
+        used: Number of messages that were used, by topic.
+        skipped: Of those that were not, by topic and reason.
+        unsupported: Mean currents that the estimator cannot use, by kind.
         rejected: Profiles without a usable bin, or rejected by the gate.
         bins_rejected: Bins not used, by reason.
         gated: Profiles rejected by the gate.
@@ -120,6 +127,9 @@ class ProfileCounts:
         repeated: Number not used because they repeat another, or are older than those before them.
     """
 
+    used: Mapping[str, int] = field(default_factory=dict)
+    skipped: Mapping[tuple[str, str], int] = field(default_factory=dict)
+    unsupported: Mapping[str, int] = field(default_factory=dict)
     rejected: int = 0
     bins_rejected: Mapping[str, int] = field(default_factory=dict)
     gated: int = 0
@@ -135,11 +145,23 @@ class ProfileCounts:
     sources: Mapping[str, SourceCounts] = field(default_factory=dict)
     repeated: int = 0
 
-    def after(self, steps: Sequence[Step]) -> "ProfileCounts":
+    @property
+    def log_evidence(self) -> Evidence | None:
+        """Of the measurements; None where the estimator states no density."""
+        return Evidence(self.evidence) if self.evidence else None
+
+    def after_messages(self, found: Mapping[tuple[str, str], int]) -> "Counts":
+        """Return the counts with more messages by topic and the reason for which they are not used, empty for those that are."""
+        used = [(topic, number) for (topic, reason), number in found.items() if not reason]
+        skipped = [(key, number) for key, number in found.items() if key[1]]
+        return replace(self, used=added(self.used, used), skipped=added(self.skipped, skipped))
+
+    def after(self, steps: Sequence[Step]) -> "Counts":
         """Return the counts after some steps."""
         done = [(step.event, step.assimilation) for step in steps if step.assimilation is not None]
         innovations = [assimilation.innovation for _, assimilation in done]
         used = [(event, found) for event, found in done if found.innovation.accepted]
+        means = [event for event, _ in done if isinstance(event, PathMean)]
         total, dives = self.total, dict(self.dives)
         for event, found in used:
             total = total.with_profile(found.innovation, found.dive_innovation)
@@ -150,34 +172,39 @@ class ProfileCounts:
         std = [event["position_std"] for event, _ in used if isinstance(event, Profiles)]
         far = [each for one in std for each in one[one > 0.0].tolist()]
         tracks = [step.event for step in steps if isinstance(step.event, Track)]
-        return ProfileCounts(
-            self.rejected + len(done) - len(used),
-            added(
-                self.bins_rejected,
-                (named for innovation in innovations for named in _reasons(innovation)),
+        return replace(
+            self,
+            rejected=self.rejected + len(done) - len(used),
+            bins_rejected=added(
+                self.bins_rejected, (named for one in innovations for named in _reasons(one))
             ),
-            self.gated
+            gated=self.gated
             + sum(one.decision == "rejected" and not _is_repeat(one) for one in innovations),
-            total,
-            dives,
-            self.positions + tuple(_place_of(event) for event, _ in used),
-            tracks[-1][-1] if tracks else self.last_position,
-            self.interpolated + len(far),
-            max([self.position_std, *far]),
-            added(
+            total=total,
+            dives=dives,
+            positions=self.positions + tuple(_place_of(event) for event, _ in used),
+            last_position=tracks[-1][-1] if tracks else self.last_position,
+            interpolated=self.interpolated + len(far),
+            position_std=max([self.position_std, *far]),
+            path_means=added(
                 self.path_means,
                 ((event.kind, 1) for event, _ in used if isinstance(event, PathMean)),
             ),
-            self.corrections
-            + tuple(
-                _correction(event)
-                for event, _ in done
-                if isinstance(event, PathMean) and event.corrected
-            ),
-            _with_evidence(self.evidence, innovations),
-            _with_sources(self.sources, done),
-            self.repeated + sum(_is_repeat(one) for one in innovations),
+            corrections=self.corrections
+            + tuple(_correction(event) for event in means if event.corrected),
+            evidence=_with_evidence(self.evidence, innovations),
+            sources=_with_sources(self.sources, done),
+            repeated=self.repeated + sum(map(_is_repeat, innovations)),
         )
+
+    def rebuilt(self, steps: Sequence[Step]) -> "Counts":
+        """Return the counts of an estimate that was rebuilt: what was used before counts as rejected, but for the steps of the new one."""
+        messages = Counts(self.used, self.skipped, self.unsupported)
+        rejected = self.rejected + self.total.profiles - len(steps)
+        start = replace(messages, rejected=rejected, last_position=self.last_position)
+        after: Counts = start.after(steps)
+        unused = [("inconsistent", self.total.bins - after.total.bins)]
+        return replace(after, bins_rejected=added(self.bins_rejected, unused))
 
     def notes(self) -> list[str]:
         """Return what the gate and the consistency monitor did, as sentences."""
@@ -202,6 +229,21 @@ class ProfileCounts:
                 f"{self.gated} profiles contradicted the estimate and were rejected; [gating] sets the gate"
             )
         return notes
+
+
+def summed(each: Sequence[Counts]) -> Counts:
+    """Return the counts of the measurements of several vehicles together, without dives, which are each one's own."""
+    rejected, means = Counter[str](), Counter[str]()
+    for one in each:
+        rejected.update(one.bins_rejected)
+        means.update(one.path_means)
+    return Counts(
+        rejected=sum(one.rejected for one in each),
+        bins_rejected=rejected,
+        total=Sums(*map(sum, zip(*(one.total for one in each), strict=True))),
+        path_means=means,
+        evidence={-k: Evidence(one.evidence).total for k, one in enumerate(each) if one.evidence},
+    )
 
 
 def _with_sources(

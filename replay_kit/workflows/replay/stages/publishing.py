@@ -65,7 +65,6 @@ class PublishingState:
     """What the publishing stage remembers.
 
     Attributes:
-        next_slices_ns: When the next depth slices are due [ns, UTC]; None before the first measurement.
         projection: The local frame; None before the first position.
         turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
         placed: Local east, north and depth [m] of the frame last published.
@@ -74,7 +73,6 @@ class PublishingState:
         surface: What radars show beside the estimate.
     """
 
-    next_slices_ns: int | None = None
     projection: Projection | None = None
     turned: _Place | None = None
     placed: _Place | None = None
@@ -87,7 +85,6 @@ def publish_step(
     state: PublishingState,
     event: Any,
     assimilation: Assimilation | None,
-    settings: OutputConfig,
     flow_at: Callable[[int], FlowEstimate],
 ) -> tuple[PublishingState, tuple[Output, ...]]:
     """Return the state after an event, and what is published of it.
@@ -96,23 +93,17 @@ def publish_step(
         state: Before it.
         event: A position or a measurement.
         assimilation: Of the measurement.
-        settings: Interval and depths of the slices.
         flow_at: Returns the estimate after it for a time [ns, UTC].
     """
     if isinstance(event, VehicleState):
         return publish_track(state, [event], flow_at)
-    if assimilation is None:
+    vectors = event.label.vectors if isinstance(event, LinearMeasurement) else None
+    if assimilation is None or not vectors:
         return state, ()
-    now_ns, outputs = event.time_ns, list[Output]()
-    if isinstance(event, LinearMeasurement) and (vectors := event.label.vectors):
-        surface, found = surface_step(state.surface, vectors, flow_at(now_ns))
-        state = replace(state, surface=surface)
-        if found is not None:
-            outputs.append(lambda writer: writer.surface(now_ns, found))
-    if state.next_slices_ns is None or now_ns >= state.next_slices_ns:
-        state = replace(state, next_slices_ns=now_ns + int(settings.interval * 1e9))
-        outputs.append(depth_slices(now_ns, flow_at(now_ns), settings))
-    return state, tuple(outputs)
+    now_ns = event.time_ns
+    surface, found = surface_step(state.surface, vectors, flow_at(now_ns))
+    state = replace(state, surface=surface)
+    return state, (lambda writer: writer.surface(now_ns, found),) if found else ()
 
 
 def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:

@@ -21,13 +21,7 @@ from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Profiles, VehicleState
 from replay_kit.core.surfacing import Basis, DiveForecast, DiveOutcome, forecast_place
-from replay_kit.estimator.next_dive.mixture import Persistence
-from replay_kit.estimator.next_dive.process import (
-    FIXES_STD,
-    DiveMean,
-    MeanCurrentProcess,
-    ProcessState,
-)
+from replay_kit.estimator.next_dive.process import FIXES_STD, DiveMean, MeanCurrentProcess
 from replay_kit.measurements.means import Path, Spot, begun, extended, path_mean
 from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.events import Track
@@ -90,8 +84,7 @@ class GroundState:
     """What the forecasts from displacements remember.
 
     Attributes:
-        model: After the dives so far; None before the first, as it is large.
-        persistence: The baseline: as in the last dive.
+        before: What is known before the next dive.
         detection: Of surfacings.
         latest: Last fix at the surface; None before the first.
         path: Since the fix before the dive; None at the surface.
@@ -102,8 +95,7 @@ class GroundState:
         concluded: Outcome of the last dive, until the next one begins.
     """
 
-    model: ProcessState | None = None
-    persistence: Persistence = field(default_factory=Persistence)
+    before: Before = field(default_factory=lambda: Before(_PROCESS))
     detection: SurfacingState = field(default_factory=SurfacingState)
     latest: VehicleState | None = None
     path: Path | None = None
@@ -111,13 +103,6 @@ class GroundState:
     surfaced: tuple[Path, VehicleState, int] | None = None
     last: LastDive | None = None
     concluded: DiveOutcome | None = None
-
-    @property
-    def before(self) -> Before:
-        """What is known before the next dive."""
-        return Before(
-            _PROCESS, _PROCESS.initial() if self.model is None else self.model, self.persistence
-        )
 
 
 def ground_step(
@@ -185,18 +170,17 @@ def concluded(state: GroundState) -> GroundState:
         backgrounds=current[None],
         position_std=FIXES_STD,
     )
-    before, basis = state.before, _basis(state)
+    basis = _basis(state)
     flown = (
         flown_dive(seconds, velocity - current, depth, path.deepest)
         if state.ahead is not None
         else None
     )
-    number = number or before.state.dives + 1
-    outcome, model = before.outcome(dive, (start, fix), number, basis)
+    number = number or state.before.known.dives + 1
+    before, outcome = state.before.after(dive, (start, fix), number, basis)
     return replace(
         state,
-        model=model,
-        persistence=state.persistence.after(velocity),
+        before=before,
         surfaced=None,
         ahead=None,
         last=LastDive(dive, depth, weight, number, basis, flown),

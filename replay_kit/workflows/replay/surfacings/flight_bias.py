@@ -23,7 +23,7 @@ from replay_kit.core.block import Block
 from replay_kit.core.observation import PathMean, Profiles
 from replay_kit.estimator.next_dive.flight import FlightBias
 from replay_kit.estimator.next_dive.process import DiveMean
-from replay_kit.workflows.replay.surfacings.forecasts import ForecastState, dive_mean, with_profiles
+from replay_kit.workflows.replay.surfacings.forecasts import Gathered, dive_mean
 
 # Columns of profiles that tell of the flight model.
 _OF_DIVE = "dive", "common_std", "depth", "velocity", "flags"
@@ -35,11 +35,11 @@ class FlightState:
 
     Attributes:
         bias: Its error, from the dives so far.
-        gathered: Profiles of the dive; models and outcomes are not kept.
+        gathered: Profiles of the dive.
     """
 
     bias: FlightBias = field(default_factory=FlightBias)
-    gathered: ForecastState = field(default_factory=ForecastState)
+    gathered: Gathered = field(default_factory=Gathered)
 
     def correction(self, sizes: Sequence[float]) -> FlightCorrection | None:
         """Return the correction at the end of a log; None where no mean current was corrected.
@@ -91,5 +91,5 @@ def with_block(state: FlightState, block: Block, rows: Indices) -> FlightState:
     if not rows.size:
         return state
     profiles = Profiles({name: block.ping[name][rows] for name in _OF_DIVE}, block.topics)
-    gathered = with_profiles(state.gathered, profiles)
+    gathered = state.gathered.after(profiles)
     return state if gathered is state.gathered else replace(state, gathered=gathered)

@@ -17,8 +17,7 @@ from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.observation import PathMean, Profiles, usable
 from replay_kit.core.surfacing import DiveForecast, DiveOutcome
 from replay_kit.estimator.next_dive.local import local_step
-from replay_kit.estimator.next_dive.mixture import Persistence
-from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
+from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess
 from replay_kit.workflows.replay.events import Track
 from replay_kit.workflows.replay.stages.estimation import Assimilation
 from replay_kit.workflows.replay.surfacings.displacements import (
@@ -41,14 +40,52 @@ _CELL = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Gathered:
+    """The profiles of a dive by depth.
+
+    Attributes:
+        dive: Its number.
+        sums: shape (cells, 3): number of bins, sums of east and north [m/s].
+    """
+
+    dive: int = 0
+    sums: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def after(self, profiles: Profiles) -> "Gathered":
+        """Return the same after absolute profiles of dives; others change nothing."""
+        dives, absolute = profiles["dive"], np.isfinite(profiles["common_std"])
+        used = usable(profiles["flags"]) & np.isfinite(profiles["velocity"]).all(axis=2)
+        used &= ((dives != 0) & absolute)[:, None]
+        gathered = self
+        for dive in dict.fromkeys(dives[used.any(axis=1)].tolist()):
+            own = used & (dives == dive)[:, None]
+            sums = gathered.sums if dive == gathered.dive else np.zeros((0, 3))
+            cell = (np.maximum(profiles["depth"][own], 0.0) // _CELL).astype(np.int64)
+            more = max(int(cell.max()) + 1 - len(sums), 0)
+            sums = np.vstack([sums, np.zeros((more, 3))])
+            each = np.column_stack([np.ones(cell.size), profiles["velocity"][own]])
+            np.add.at(sums, cell, each)
+            gathered = Gathered(dive, sums)
+        return gathered
+
+    def along(self, mean: PathMean) -> Array | None:
+        """Return their mean along the path of the dive's mean current, shape (2,), beyond them the nearest; None without any."""
+        known = np.flatnonzero(self.sums[:, 0])
+        if self.dive != mean.dive or known.size == 0:
+            return None
+        depth, velocity = (known + 0.5) * _CELL, self.sums[known, 1:] / self.sums[known, :1]
+        return np.array(
+            [mean.weight @ np.interp(mean.depth, depth, component) for component in velocity.T]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ForecastState:
     """What the forecasts of surfacings remember.
 
     Attributes:
-        model: After the dives so far; None before the first, as it is large.
-        persistence: The baseline.
-        dive: Number of the dive whose profiles are gathered.
-        sums: shape (cells, 3), of the profiles of the dive by depth: number of bins, sums of east and north [m/s].
+        before: What is known before the next dive.
+        gathered: Profiles of the dive.
         last: The last dive's mean; None before the first.
         ground: Of a log that has stated no mean current yet.
         outcomes: Of the dives so far.
@@ -56,15 +93,18 @@ class ForecastState:
         dives: How the vehicle flew each dive that shows it.
     """
 
-    model: ProcessState | None = None
-    persistence: Persistence = field(default_factory=Persistence)
-    dive: int = 0
-    sums: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    before: Before = field(default_factory=lambda: Before(_PROCESS))
+    gathered: Gathered = field(default_factory=Gathered)
     last: DiveMean | None = None
     ground: GroundState = field(default_factory=GroundState)
     outcomes: tuple[DiveOutcome, ...] = ()
     local: LocalCurrent | None = None
     dives: tuple[FlownDive, ...] = ()
+
+    @property
+    def states_means(self) -> bool:
+        """Whether the log has stated the mean current of a dive."""
+        return self.before.state is not None
 
     @property
     def as_flown(self) -> AsFlown | None:
@@ -89,23 +129,23 @@ def forecast_step(
         surface_depth: [m], shallower than this the vehicle is at the surface.
     """
     ended: tuple[DiveOutcome, ...] = ()
-    # else the log states mean currents
-    if state.model is None:
+    if not state.states_means:
         ground = ground_step(state.ground, event, flow_at, surface_depth)
         state, ended = _with_ground(state, *ground)
     if isinstance(event, PathMean):
         state = _beside_estimate(state, event, assimilation)
         known = None if assimilation is None else _backgrounds(event, assimilation)
         return forecast_mean(state, event, known)
-    return (with_profiles(state, event) if isinstance(event, Profiles) else state), ended
+    if isinstance(event, Profiles) and (more := state.gathered.after(event)) is not state.gathered:
+        state = replace(state, gathered=more)
+    return state, ended
 
 
 def forecast_track(
     state: ForecastState, track: Track, surface_depth: float
 ) -> ForecastState | None:
     """Return the state after positions in a row that no forecast is made or judged by; None where ``forecast_step`` must look at each."""
-    if state.model is not None:
-        # the log states mean currents
+    if state.states_means:
         return state
     ground = adrift(state.ground, track, surface_depth)
     return None if ground is None else replace(state, ground=ground)
@@ -145,16 +185,13 @@ def forecast_mean(
     """
     if mean.kind != "dac" or mean.fixes is None:
         return state, ()
-    dive = dive_mean(state, mean, _UNKNOWN if backgrounds is None else backgrounds)
-    before = _PROCESS.initial() if state.model is None else state.model
-    of_dives = Before(_PROCESS, before, state.persistence)
-    outcome, model = of_dives.outcome(dive, mean.fixes, mean.dive)
+    dive = dive_mean(state.gathered, mean, _UNKNOWN if backgrounds is None else backgrounds)
+    before, outcome = state.before.after(dive, mean.fixes, mean.dive)
     # dives without a mean current are known less well
-    known = replace(state, dives=()) if state.model is None else state
+    known = state if state.states_means else replace(state, dives=())
     after = replace(
         _with_dive(known, flown_of(mean, dive)),
-        model=model,
-        persistence=state.persistence.after(dive.velocity),
+        before=before,
         last=dive,
         ground=GroundState(),
         outcomes=(*state.outcomes, outcome),
@@ -173,9 +210,9 @@ def next_surfacing(
         depth: That the coming dive is told to go to [m], with the last one's vertical speed; None for as deep as the last one.
     """
     longer = 1.0 if depth is None or not state.dives else depth / state.dives[-1].depth
-    if state.model is None and flow is not None:
+    if not state.states_means and flow is not None:
         return next_ground_surfacing(state.ground, flow, longer)
-    if state.model is None or state.last is None:
+    if state.last is None:
         return None
     last, fix = state.last, state.outcomes[-1].fix
     seconds = longer * last.seconds
@@ -186,12 +223,10 @@ def next_surfacing(
         backgrounds=_UNKNOWN,
         inverted=None,
     )
-    return Before(_PROCESS, state.model, state.persistence).forecast(
-        coming, fix, state.outcomes[-1].forecast.dive + 1
-    )
+    return state.before.forecast(coming, fix, state.outcomes[-1].forecast.dive + 1)
 
 
-def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveMean:
+def dive_mean(gathered: Gathered, mean: PathMean, backgrounds: Array) -> DiveMean:
     """Return what a mean current with fixes says, with the dive's own profiles and with what the ensemble and the estimate say of it."""
     assert mean.fixes is not None
     start, end = mean.fixes
@@ -201,7 +236,7 @@ def dive_mean(state: ForecastState, mean: PathMean, backgrounds: Array) -> DiveM
         seconds=seconds,
         way=moved - velocity,
         velocity=velocity,
-        inverted=_along(state.sums, mean) if state.dive == mean.dive else None,
+        inverted=gathered.along(mean),
         backgrounds=backgrounds,
     )
 
@@ -215,36 +250,8 @@ def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
     """
     if mean.kind != "dac" or mean.fixes is None:
         return None
-    dive = dive or dive_mean(ForecastState(), mean, _UNKNOWN)
+    dive = dive or dive_mean(Gathered(), mean, _UNKNOWN)
     return flown_dive(dive.seconds, dive.way, mean.depth, mean.deepest, mean.fixes[0].time_ns)
-
-
-def with_profiles(state: ForecastState, profiles: Profiles) -> ForecastState:
-    """Return the state after absolute profiles of dives; others change nothing."""
-    dives, absolute = profiles["dive"], np.isfinite(profiles["common_std"])
-    used = usable(profiles["flags"]) & np.isfinite(profiles["velocity"]).all(axis=2)
-    used &= ((dives != 0) & absolute)[:, None]
-    for dive in dict.fromkeys(dives[used.any(axis=1)].tolist()):
-        own = used & (dives == dive)[:, None]
-        sums = state.sums if dive == state.dive else np.zeros((0, 3))
-        cell = (np.maximum(profiles["depth"][own], 0.0) // _CELL).astype(np.int64)
-        more = max(int(cell.max()) + 1 - len(sums), 0)
-        sums = np.vstack([sums, np.zeros((more, 3))])
-        each = np.column_stack([np.ones(cell.size), profiles["velocity"][own]])
-        np.add.at(sums, cell, each)
-        state = replace(state, dive=dive, sums=sums)
-    return state
-
-
-def _along(sums: Array, mean: PathMean) -> Array | None:
-    """Return the mean along a path of averages by depth, shape (2,), beyond them the nearest; None without any."""
-    known = np.flatnonzero(sums[:, 0])
-    if known.size == 0:
-        return None
-    depth, velocity = (known + 0.5) * _CELL, sums[known, 1:] / sums[known, :1]
-    return np.array(
-        [mean.weight @ np.interp(mean.depth, depth, component) for component in velocity.T]
-    )
 
 
 def backgrounds_of(mean: PathMean, used: Array, innovations: Sequence[Array]) -> Array:

@@ -1,6 +1,6 @@
 """An expected surfacing from what a model of dives says of the next one, and its score when the fix has come."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,13 +23,18 @@ class Before:
 
     Attributes:
         model: Of the dives.
-        state: Of the model, after the dives so far.
-        persistence: The baseline.
+        state: Of the model, after the dives so far; None before the first, as it is large.
+        persistence: The baseline: as in the last dive.
     """
 
     model: MeanCurrentProcess
-    state: ProcessState
-    persistence: Persistence
+    state: ProcessState | None = None
+    persistence: Persistence = field(default_factory=Persistence)
+
+    @property
+    def known(self) -> ProcessState:
+        """The state, of the model's beginning before the first dive."""
+        return self.model.initial() if self.state is None else self.state
 
     def forecast(
         self, dive: DiveMean, start: Fix, number: int, basis: Basis = "mean_currents"
@@ -42,7 +47,7 @@ class Before:
             number: Of the dive.
             basis: What it is expected from.
         """
-        return self._placed(self.model.forecast(self.state, dive), dive, start, number, basis)
+        return self._placed(self.model.forecast(self.known, dive), dive, start, number, basis)
 
     def _placed(
         self, expected: Mixture, dive: DiveMean, start: Fix, number: int, basis: Basis
@@ -54,7 +59,7 @@ class Before:
         )
         return DiveForecast(
             dive=number,
-            earlier=self.state.dives,
+            earlier=self.known.dives,
             start=start,
             time_ns=start.time_ns + round(dive.seconds * 1e9),
             longitude=longitude,
@@ -65,10 +70,10 @@ class Before:
             basis=basis,
         )
 
-    def outcome(
+    def after(
         self, dive: DiveMean, fixes: tuple[Fix, Fix], number: int, basis: Basis = "mean_currents"
-    ) -> tuple[DiveOutcome, ProcessState]:
-        """Return where a dive was expected to end and how good that was, and the model's state after it.
+    ) -> "tuple[Before, DiveOutcome]":
+        """Return what is known after a dive, and where it was expected to end and how good that was.
 
         Args:
             dive: With what was measured of it.
@@ -77,7 +82,7 @@ class Before:
             basis: What it was expected from.
         """
         start, end = fixes
-        expected = self.model.forecast(self.state, dive)
+        expected = self.model.forecast(self.known, dive)
         last = self.persistence.velocity
         off = np.nan if last is None else float(np.hypot(*(dive.velocity - last)))
         outcome = DiveOutcome(
@@ -87,4 +92,5 @@ class Before:
             persistent_log_score=self.persistence.log_density(dive.velocity),
             persistent_distance=off * dive.seconds,
         )
-        return outcome, self.model.step(self.state, dive)
+        state = self.model.step(self.known, dive)
+        return Before(self.model, state, self.persistence.after(dive.velocity)), outcome

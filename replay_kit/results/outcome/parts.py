@@ -1,0 +1,192 @@
+"""Parts of an outcome from the values of a run: its plan, surfacings, log evidence and flight model's error."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.as_flown import FlightCorrection
+from replay_kit.core.evidence import BlockEvidence, Evidence, compare
+from replay_kit.core.plan import Plan, leg_statistics
+from replay_kit.core.surfacing import (
+    DiveForecast,
+    DiveOutcome,
+    SurfacingOutcome,
+    calibrated,
+    held_shares,
+)
+from replay_kit.results.schemas import attributes
+
+_KINDS = ("first", "second", "later")
+# names of figures, and whence they are
+_PLAN = "status closest_approach_m=closest_approach heading_deg glide_angle_deg speed duration_s=duration start goal message"
+_SURFACED = (
+    "planned_ns predicted_ns=predicted.time_ns predicted time_ns actual=longitude distance_m=distance direction_deg delay_s=late "
+    "inside_ellipse=inside"
+)
+_DIVE = (
+    "actual=fix distance_m=distance direction_deg inside_50=in_inner inside_90=in_outer log_score persistent_log_score "
+    "persistent_distance_m=persistent_distance"
+)
+_ELLIPSE = "major_m=major minor_m=minor bearing_deg"
+_AGAINST = (
+    "compared=blocks not_compared=skipped gain gain_mean=mean interval_90=interval better=verdict"
+)
+
+
+def plan_part(plan: Plan | None, note: str = "") -> dict[str, Any] | None:
+    """Return a plan's figures; without a plan that it failed, with the note why, and None without a note."""
+    if plan is None:
+        return {"status": "failed", "message": note} if note else None
+    return attributes(plan, _PLAN) | {
+        "start": [*asdict(plan.start).values()],
+        "goal": [*asdict(plan.goal).values()],
+        "statistics": {**plan.statistics, **leg_statistics(plan.legs)},
+        "energy_j": plan.energy,
+        "battery_j": plan.battery,
+        "odds": plan.odds,
+    }
+
+
+def surfacings_part(outcomes: Sequence[SurfacingOutcome]) -> dict[str, Any] | None:
+    """Return the figures of the surfacings that plans predicted; None without any."""
+    if not outcomes:
+        return None
+    inside = [outcome.inside for outcome in outcomes if outcome.inside is not None]
+    return {
+        "count": len(outcomes),
+        "distance_median_m": float(np.median([outcome.distance for outcome in outcomes])),
+        "delay_median_s": float(np.median([outcome.late for outcome in outcomes])),
+        "inside_ellipse": float(np.mean(inside)) if inside else None,
+        "each": [
+            attributes(one, _SURFACED) | {"predicted": _place(one.predicted), "actual": _place(one)}
+            for one in outcomes
+        ],
+    }
+
+
+def expected_part(
+    outcomes: Sequence[DiveOutcome], following: DiveForecast | None
+) -> dict[str, Any] | None:
+    """Return the figures of the ends of dives expected from the dives before; None without any.
+
+    Args:
+        outcomes: Dive by dive.
+        following: The coming surfacing; None where it is not expected.
+    """
+    if not outcomes:
+        return None
+    groups = {
+        kind: [one for one in outcomes if min(one.forecast.earlier, 2) == earlier]
+        for earlier, kind in enumerate(_KINDS)
+    }
+    return {
+        **_surfacing_figures(outcomes),
+        **{kind: _surfacing_figures(group) if group else None for kind, group in groups.items()},
+        "each": [_dive_json(one) for one in outcomes],
+        "next": None if following is None else _forecast_json(calibrated(following, outcomes)),
+    }
+
+
+def _surfacing_figures(outcomes: Sequence[DiveOutcome]) -> dict[str, Any]:
+    """Return hits, score and sharpness of surfacings, one at least; figures beside the last dive's current where that has a spread."""
+    inner, outer = held_shares(outcomes)
+    beside = [one for one in outcomes if math.isfinite(one.persistent_log_score)]
+    distances = [one.distance for one in outcomes]
+    others = np.sum([one.forecast.persistent_radius for one in beside])
+    return {
+        "count": len(outcomes),
+        "inside_50": inner,
+        "inside_90": outer,
+        "distance_median_m": float(np.median(distances)),
+        "distance_rms_m": float(np.sqrt(np.mean(np.square(distances)))),
+        "radius_90_mean_m": float(np.mean([one.forecast.radius for one in outcomes])),
+        "log_score": float(np.mean([one.log_score for one in outcomes])),
+        "log_score_gain": float(
+            np.mean([one.log_score - one.persistent_log_score for one in beside])
+        )
+        if beside
+        else None,
+        "radius_ratio": float(np.sum([one.forecast.radius for one in beside]) / others)
+        if others > 0.0
+        else None,
+    }
+
+
+def _dive_json(outcome: DiveOutcome) -> dict[str, Any]:
+    return (
+        _forecast_json(outcome.forecast)
+        | attributes(outcome, _DIVE)
+        | {"actual": _place(outcome.fix)}
+    )
+
+
+def _forecast_json(forecast: DiveForecast) -> dict[str, Any]:
+    return {
+        **attributes(forecast, "dive earlier_dives=earlier begin_ns=start.time_ns time_ns"),
+        "start": _place(forecast.start),
+        "expected": _place(forecast),
+        "ellipse_50": attributes(forecast.inner, _ELLIPSE),
+        "ellipse_90": attributes(forecast.outer, _ELLIPSE),
+        **attributes(forecast, "radius_90_m=radius persistent_radius_90_m=persistent_radius"),
+        # of a log with mean currents nothing needs to be said
+        **({} if forecast.basis == "mean_currents" else {"basis": forecast.basis}),
+        **({"scored": forecast.scored} if forecast.scored else {}),
+        **({"calibration": forecast.factor} if math.isfinite(forecast.factor) else {}),
+    }
+
+
+def _place(place: Any) -> list[float]:
+    return [place.longitude, place.latitude]
+
+
+def evidence_part(evidence: Evidence | None) -> dict[str, Any] | None:
+    """Return the log evidence of a log; None without any."""
+    if evidence is None:
+        return None
+    by_dive = [
+        {"dive": dive, **_evidence_figures(block)} for dive, block in evidence.by_dive.items()
+    ]
+    return {**_evidence_figures(evidence.total), "by_dive": by_dive}
+
+
+def referee_part(
+    name: str, evidence: Evidence, rivals: Sequence[tuple[str, Evidence]]
+) -> dict[str, Any]:
+    """Return how forecasts explained a log, the first against each other.
+
+    Args:
+        name: Of the first forecast's file.
+        evidence: Of the log under it.
+        rivals: The names of the others and that under them, one at least.
+    """
+    against = [
+        {
+            "ensemble": rival,
+            **attributes(compare(evidence, other), _AGAINST),
+            **{f"other_{key}": value for key, value in _evidence_figures(other.total).items()},
+        }
+        for rival, other in rivals
+    ]
+    return {
+        "ensemble": name,
+        "units": "dives" if evidence.by_dive else "hours",
+        "against": against,
+    }
+
+
+def _evidence_figures(block: BlockEvidence) -> dict[str, Any]:
+    each = block.log_evidence / block.measurements if block.measurements else math.nan
+    return attributes(block, "log_evidence values measurements") | {"per_measurement": each}
+
+
+def correction_part(found: FlightCorrection | None) -> dict[str, Any] | None:
+    """Return the correction of mean currents for the flight model's error; None where none was corrected."""
+    if found is None:
+        return None
+    figures = asdict(found)
+    sizes = figures.pop("sizes")
+    rms = math.sqrt(sum(size**2 for size in sizes) / len(sizes))
+    return {"corrected": len(sizes), "rms_m_s": rms, "largest_m_s": max(sizes), **figures}

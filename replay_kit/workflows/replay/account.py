@@ -1,0 +1,303 @@
+"""The account of what became of a vehicle's messages and measurements: for the outcome, for notes, and for why a log cannot be used."""
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from replay_kit.core.errors import MeasurementError
+from replay_kit.core.grid import Grid
+from replay_kit.core.message import NO_MEANS, LogReport, Message
+from replay_kit.logs.merge import Merge
+from replay_kit.logs.shared.payloads import gather, short
+from replay_kit.logs.tables.schemas import NOT_A_KIND
+from replay_kit.measurements.step import left_out_rules
+from replay_kit.results.losses import coded, loss_json
+from replay_kit.results.outcome.parts import evidence_part
+from replay_kit.workflows.replay.stages.counts import Counts, SourceCounts, summed
+
+# Of a topic's pings; when more are lost, the summary begins with it.
+_MANY_LOST = 0.2
+# How the reasons begin for which a ping is lost that a setting would keep, and the setting.
+_KEEPING = (
+    (
+        "no position within",
+        "a larger measurements.position_max_age, or positions after the last dive",
+    ),
+    (
+        "ping: expected reference",
+        'measurements.reference = "earth" or "platform", whichever the velocities are relative to,',
+    ),
+    ("heading is magnetic", "measurements.magnetic_declination"),
+    ("velocity relative to the platform", "measurements.use_relative = true"),
+)
+# Topics named when a log cannot be used; `replay-kit info` names all.
+_TOPICS_SHOWN = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Account:
+    """What became of the messages and measurements of a vehicle.
+
+    Attributes:
+        counts: Of both.
+        reports: Of its logs.
+        merged: The messages of these.
+        first_input: Number of the first of its logs.
+    """
+
+    counts: Counts
+    reports: Sequence[LogReport]
+    merged: Merge[Message]
+    first_input: int = 0
+
+    def topics(self) -> list[dict[str, Any]]:
+        """Return a row for each topic of the logs: number of messages read, used and skipped, and these by reason."""
+        read: Counter[str] = Counter()
+        reasons: dict[str, Counter[str]] = defaultdict(Counter)
+        for report in self.reports:
+            read.update(report.read)
+            for topic, (count, why) in report.undecodable.items():
+                reasons[topic][f"cannot be decoded: {why}"] += count
+        for (topic, reason), count in self.counts.skipped.items():
+            reasons[topic][reason] += count
+        for counts, why in (
+            (self.merged.late, "later than the reorder window allows"),
+            (self.merged.astray, "its stamp is far from its neighbours'"),
+        ):
+            for topic, count in counts.items():
+                reasons[topic][why] += count
+        rows = []
+        for topic in sorted(read):
+            used = self.counts.used.get(topic, 0)
+            unexplained = read[topic] - used - reasons[topic].total()
+            if unexplained > 0:
+                reasons[topic][
+                    "not asked for: of no use to the estimator, or outside the time span"
+                ] += unexplained
+            counts = {"read": read[topic], "used": used, "skipped": read[topic] - used}
+            rows.append({"topic": topic, **counts, "reasons": reasons[topic]})
+        return rows
+
+    def require_left_out(self, rules: Sequence[str]) -> None:
+        """Raise MeasurementError when a rule of ``measurements.without`` has left nothing out: the answer would be the whole log's."""
+        applied = {rule for _, reason in self.counts.skipped for rule in left_out_rules(reason)}
+        for rule in rules:
+            if rule not in applied:
+                dives = sorted(dive for dive in self.counts.dives if dive > 0)
+                held = (
+                    f"dives {dives[0]}..{dives[-1]} with measurements"
+                    if dives
+                    else "no dive with measurements"
+                )
+                raise MeasurementError(
+                    f"--without {rule}: expected something of the log to leave out, but it holds nothing of that; "
+                    f"besides what was left out it has {held}; leave the rule out, or name dives of the log"
+                )
+
+    def require_usable(self, grid: Grid) -> None:
+        """Raise MeasurementError when no profile was used; the message lists what was found instead."""
+        counts, vehicle = self.counts, self.counts.last_position
+        if counts.total.profiles:
+            return
+        names = ", ".join(report.path for report in self.reports)
+        if counts.bins_rejected.get("outside_region") and vehicle is not None:
+            raise MeasurementError(
+                f"{names}: the log lies outside the ensemble's region: "
+                f"last position {vehicle.latitude:.4f} N, {vehicle.longitude:.4f} E; the region is "
+                f"{grid.longitude.min():.3f}..{grid.longitude.max():.3f} E, {grid.latitude.min():.3f}..{grid.latitude.max():.3f} N. "
+                "Use an ensemble of the right place, or --place-ensemble for a study"
+            )
+        if counts.rejected:
+            why = ", ".join(f"{count} bins {name}" for name, count in counts.bins_rejected.items())
+            raise MeasurementError(f"{names}: {counts.rejected} ADCP pings, none usable: {why}")
+        found = _describe(self.topics()) or "no messages at all"
+        lost = self.lost_pings()
+        notes = (note for report in self.reports for note in report.notes)
+        means = [note for note in notes if note.startswith(NO_MEANS)]
+        hints = "".join([self._mapping_hint(), *(f". {note}" for note in means)])
+        raise MeasurementError(
+            f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping and no mean current of a dive; "
+            "expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) with positions and, unless in earth "
+            f"coordinates, attitude; or depth-averaged currents between fixes. Found: {found}{hints}"
+        )
+
+    def _mapping_hint(self) -> str:
+        unknown = {topic for topic, reason in self.counts.skipped if reason == NOT_A_KIND}
+        if not unknown:
+            return ""
+        variables = "".join(
+            f". {note}"
+            for report in self.reports
+            if report.format == "netcdf"
+            for note in report.notes[:1]
+        )
+        name = self.reports[0].path
+        return (
+            f"{variables}. {len(unknown)} topics are of unknown types: replay-kit info {name} --suggest map.toml writes a mapping "
+            "of them to complete, for --config map.toml"
+        )
+
+    def notes(self) -> list[str]:
+        """Return notes on the clocks of the logs, on measurements that were not used, and on messages that could not be decoded."""
+        return [
+            *filter(None, [self.merged.doubtful_times]),
+            *(
+                f"{report.path}: {report.without_stamp} messages without a stamp were ordered by their log time"
+                for report in self.reports
+                if report.without_stamp
+            ),
+            *_notes_of(self.reports),
+            *(
+                f"{self.reports[jump.input - self.first_input].path}: {jump}"
+                for jump in self.merged.jumps
+            ),
+            *(
+                f"{count} messages on {topic} were set aside: their stamps are more than a day from those before and after"
+                for topic, count in sorted(self.merged.astray.items())
+            ),
+            *self.counts.notes(),
+            *(
+                f"{count} mean currents ({kind}): not supported by this estimator"
+                for kind, count in sorted(self.counts.unsupported.items())
+            ),
+            *(
+                f"{report.path}: {count} messages on {topic} could not be decoded: {why}"
+                for report in self.reports
+                for topic, (count, why) in sorted(report.undecodable.items())
+            ),
+        ]
+
+    def lost_pings(self) -> str:
+        """Return which pings were lost for want of a setting, where they are more than a fifth of a topic's; else empty."""
+        words, rows, late = [], self.topics(), self.merged.late
+        if any(late.get(row["topic"], 0) > _MANY_LOST * row["read"] for row in rows):
+            seconds = math.ceil(self.merged.late_by_s)
+            # what they would have placed follows from it
+            return (
+                f"{sum(late.values())} messages came up to {seconds} s later than others before them, more than "
+                f"the reorder window allows; logs.reorder_window = {seconds} keeps them"
+            )
+        for row in rows:
+            for reason, count in row["reasons"].items():
+                keeping = next(
+                    (setting for begin, setting in _KEEPING if reason.startswith(begin)), None
+                )
+                if keeping is not None and count > _MANY_LOST * row["read"]:
+                    why = reason.partition(";")[0]
+                    words.append(
+                        f"{count} of {row['read']} pings on {row['topic']} were not used: {why}; {keeping} would keep them"
+                    )
+        return ". ".join(words)
+
+    def part(self) -> dict[str, Any]:
+        """Return what an outcome says of messages and measurements."""
+        rows = [row | {"reasons": coded(row["reasons"])} for row in self.topics()]
+        losses = [(report.path, loss) for report in self.reports for loss in report.losses]
+        return _measured(self.counts) | {
+            "messages": rows,
+            "lost_pings": self.lost_pings(),
+            "losses": [{"file": path} | loss_json(loss) for path, loss in losses],
+            "late": sum(self.merged.late.values()),
+        }
+
+
+def together(each: Mapping[str, Account]) -> dict[str, Any]:
+    """Return what an outcome says of the messages and measurements of several vehicles, by name; dives are each one's own."""
+    parts = {name: of.part() for name, of in each.items()}
+    whole = summed([of.counts for of in each.values()])
+    return _measured(whole) | {
+        "messages": [
+            row | {"topic": f"{name} {row['topic']}"}
+            for name, one in parts.items()
+            for row in one["messages"]
+        ],
+        "losses": [loss for one in parts.values() for loss in one["losses"]],
+        "late": sum(one["late"] for one in parts.values()),
+    }
+
+
+def _measured(counts: Counts) -> dict[str, Any]:
+    """Return what an outcome says of measurements."""
+    total = counts.total
+    sources = {kind: _source(kind, found) for kind, found in sorted(counts.sources.items())}
+    return {
+        "observations": {
+            "used": total.profiles,
+            "rejected": counts.rejected,
+            "bins_used": total.bins,
+            "mean_currents": sum(counts.path_means.values()),
+            "bins_rejected": counts.bins_rejected,
+            # of a run without any nothing needs to be said
+            **({"sources": [*sources.values()]} if sources else {}),
+        },
+        "rms_innovation": total.rms_of("before", "after", "prior"),
+        "nis_per_dof": total.nis_per_dof,
+        "by_dive": [
+            {
+                "dive": dive,
+                "profiles": sums.profiles,
+                "bins": sums.bins,
+                **_named("rms_innovation_", sums.rms_of("predicted", "prior")),
+                "nis_per_dof": sums.nis_per_dof,
+            }
+            for dive, sums in sorted(counts.dives.items())
+        ],
+        "evidence": evidence_part(counts.log_evidence),
+    }
+
+
+def _source(kind: str, found: SourceCounts) -> dict[str, Any]:
+    sums = found.sums
+    return {
+        "kind": kind,
+        "used": sums.profiles,
+        "rejected": found.rejected,
+        "values": sums.dof,
+        **_named("rms_", sums.rms_of("before", "after", "prior")),
+        "nis_per_dof": sums.nis_per_dof,
+        "doubts": [f"{number} with {doubt}" for doubt, number in found.doubts.items()],
+    }
+
+
+def _named(begin: str, figures: Mapping[str, float]) -> dict[str, float]:
+    return {f"{begin}{name}": value for name, value in figures.items()}
+
+
+def _notes_of(reports: Sequence[LogReport]) -> list[str]:
+    """Return the readers' notes with their logs; one that several logs have is given once, with their number."""
+    paths = {note: report.path for report in reports for note in report.notes}
+    gathered = gather(note for report in reports for note in report.notes)
+    notes = [
+        f"{paths[found[0]] if len(found) == 1 else f'{len(found)} logs'}: {short(note)}"
+        for note, found in gathered.items()
+    ]
+    missions = dict.fromkeys(report.mission for report in reports if report.mission)
+    if len(missions) > 1:
+        notes.insert(
+            0,
+            f"the logs are of {len(missions)} missions, merged as if one vehicle had made them: {', '.join(missions)}",
+        )
+    return notes
+
+
+def _describe(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the topics met: first those of currents or positions, with the reasons; of the rest their number."""
+    words = []
+    for row in sorted(rows, key=lambda row: (not _is_relevant(row), -row["read"]))[:_TOPICS_SHOWN]:
+        why = (
+            ", ".join(f"{count} x {reason}" for reason, count in row["reasons"].items())
+            if _is_relevant(row)
+            else ""
+        )
+        words.append(f"{row['topic']} ({row['read']}{': ' + why if why else ''})")
+    more = f", and {len(rows) - _TOPICS_SHOWN} more topics" if len(rows) > _TOPICS_SHOWN else ""
+    return "; ".join(words) + more
+
+
+def _is_relevant(row: Mapping[str, Any]) -> bool:
+    """Return whether a message of a topic was used, or skipped for a reason that concerns its contents."""
+    return row["used"] > 0 or any(
+        not reason.startswith(("not asked for", "not a kind")) for reason in row["reasons"]
+    )
