@@ -99,7 +99,7 @@ class Objective:
 OBJECTIVES: dict[str, Objective] = {
     "time": Objective(Weights(time=1.0), earliest_arrival=True),
     "energy": Objective(Weights(energy=1.0)),
-    # of the numbers of legs the one with which most samples arrive, by plan_for_odds; without samples as time
+    # of the numbers of legs the one with which most samples arrive, by plan_by_odds; without samples as time
     "odds": Objective(Weights(time=1.0), earliest_arrival=True),
     # of two missions that are equally close the quicker one
     "closest": Objective(Weights(time=1.0), distance_first=True),
@@ -127,17 +127,18 @@ class MissionSettings:
         battery: Energy that it may take [J].
         yos: Dives between surfacings, between which heading and glide angle are held; 0 for a glide from the start to the goal.
         surface_time: Drift time at each surfacing [s].
-        objective: ``time`` and ``energy`` are minimised on the way to the goals, ``odds`` is for ``plan_for_odds`` and else as ``time``,
-            ``closest`` minimises the miss distance alone; or weights
-            of all three. A given number of dives fixes the work of the pump, so that least energy is least time; the objectives differ in
-            the number of dives they choose.
+        objective: ``time`` and ``energy`` are minimised on the way to the goals, ``odds`` is for ``plan_by_odds`` and else as ``time``,
+            ``closest`` minimises the miss distance alone; or weights of all three. A given number of dives fixes the work of the pump,
+            so that least energy is least time; the objectives differ in the number of dives they choose.
         tolerance: Largest miss distance of a goal that counts as reached [m].
         legs: Number of legs, each of which ends at a surfacing; None for the best number.
         max_legs: Largest number of legs considered; None for as many as the longest duration takes, of a mooring 60.
         max_duration: Longest mission considered [s].
         margin: Distance kept from land, areas, shallows and the edge of the region [m].
         clearance: Least height of the dives above the bottom of the bathymetry [m].
-        arrive_by: Time since the start after which a sample that comes to the goals does not count as arrived [s].
+        arrive_by: Time since the start after which a simulated flight that comes to the goals does not count as arrived [s]; infinite
+            for 1.25 times the plan's.
+        radius: Within which a surfacing of a simulated flight meets a goal [m]; None for the tolerance.
         time_limit: After which no other number of legs, way or margin is tried [s]; what is being solved is finished.
     """
 
@@ -156,6 +157,7 @@ class MissionSettings:
     speeds: tuple[float, float] | None = None
     battery: float = inf
     arrive_by: float = inf
+    radius: float | None = None
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
@@ -172,6 +174,7 @@ class MissionSettings:
             "time_limit",
             "battery",
             "arrive_by",
+            "radius",
         )
         for name, value in {name: getattr(self, name) for name in names}.items():
             if value is not None and not value > 0:

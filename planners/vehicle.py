@@ -117,13 +117,19 @@ class Glider:
         speed = self.speed if self.flight is None else self.flight.speed(maths, glide_angle)
         return speed * maths.cos(glide_angle), speed * maths.sin(glide_angle)
 
-    def paces(self, count: int, n_legs: int) -> Array:
-        """Return the mean speed of legs over ``speed`` in each of ``count`` flights: quantiles of its errors in a fixed random order."""
+    def paces(self, count: int, dive: int) -> Array:
+        """Return the speed of a dive over ``speed`` in each of ``count`` flights: quantiles of its errors in fixed random orders.
+
+        Args:
+            count: Number of flights.
+            dive: Its number, from 0: the error of the speed itself is the same in all, the spread is not.
+        """
         normal = NormalDist()
         quantiles = np.array([normal.inv_cdf((k + 0.5) / count) for k in range(count)])
-        std = np.hypot(self.speed_error, self.speed_spread / np.sqrt(max(n_legs, 1)))
-        drawn = np.random.default_rng(count).permutation(quantiles)
-        return np.asarray(np.maximum(1.0 + std * drawn, 0.0))
+        alike, own = (
+            np.random.default_rng((count, k)).permutation(quantiles) for k in (0, dive + 1)
+        )
+        return np.asarray(np.maximum(1.0 + self.speed_error * alike + self.speed_spread * own, 0.0))
 
     def pitch(self, glide_angle: Array) -> Array:
         """Return the pitch [rad] below the horizontal of a dive at a glide angle [rad]; the glide angle itself without a flight model."""

@@ -11,8 +11,7 @@ from planners.clearance import Violation, check
 from planners.program.graph import PLANES, Program, Shape, program
 from planners.program.walls import Segments, Walls
 from planners.request import Line, Mooring
-from planners.simulation.fly import COARSE, DRIFT_STEPS, Flight, Legs, Path, fly, fly_leg
-from planners.solver import one_at_a_time
+from planners.simulation.fly import COARSE, DRIFT_STEPS, TURN, Flight, Legs, Path, fly, fly_leg
 from planners.task import Task, apogee_depths, yo_depths
 from planners.vehicle import Glider
 from planners.water import HOUR, KM, Water
@@ -168,10 +167,10 @@ class Solver:
     segments: int = field(init=False)
     programs: dict[Shape, Program] = field(default_factory=dict)
 
-    @one_at_a_time
     def __post_init__(self) -> None:
         """Fit the current."""
-        self.terms, self.water = terms_of(self.task), Water(self.task)
+        with TURN:
+            self.terms, self.water = terms_of(self.task), Water(self.task)
         self.segments = segments_of(self.task)
 
     def program(self, legs: int, walled: bool) -> Program:
@@ -182,10 +181,10 @@ class Solver:
             self.programs[shape] = program(self.water, self.task.vehicle, shape)
         return self.programs[shape]
 
-    @one_at_a_time
     def solve(self, start: Start) -> Solution:
         """Return what the rounds from a start end with."""
-        return _Rounds(self, start).run()
+        with TURN:
+            return _Rounds(self, start).run()
 
 
 def segments_of(task: Task) -> int:

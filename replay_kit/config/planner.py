@@ -164,7 +164,7 @@ class PlannerConfig(Section):
         default=None,
         ge=0,
         description="Number of samples of the estimate in which a mission is simulated, for its odds and surfacing ellipses. "
-        "Default: 40 for plan and for the last plan of a replay, 0 for the plans before it.",
+        "Default: 100 for plan and for the last plan of a replay, else 0.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of the samples.")
 

@@ -87,11 +87,10 @@ def odds_sentence(odds: Mapping[str, Any]) -> Sentence:
     """Return the shares of samples in which a plan arrives as a sentence.
 
     Args:
-        odds: ``n_samples``, ``reached`` and ``reached_held``.
+        odds: ``n_samples`` and ``reached``.
     """
     return sentence(
-        "{reached:share} of {n_samples} samples of the estimate arrive with headings corrected at each surfacing, "
-        "{reached_held:share} with headings held",
+        "{reached:share} of {n_samples} simulated flights arrive",
         odds,
         "plan.odds.",
     )

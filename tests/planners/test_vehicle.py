@@ -122,11 +122,11 @@ def test_an_area_over_the_start_or_the_goal_is_refused(east, named):
             )
 
 
-def test_the_speed_of_legs_errs_by_what_the_dives_show_and_less_over_many_of_them():
+def test_the_speed_of_dives_errs_by_what_they_show_and_less_in_the_mean_of_many():
     glider = Glider(speed_spread=0.1, speed_error=0.03)
-    for n_legs, std in ((1, np.hypot(0.1, 0.03)), (100, np.hypot(0.01, 0.03))):
-        paces = glider.paces(400, n_legs)
+    each = np.array([glider.paces(400, dive) for dive in range(100)])
+    for paces, std in ((each[7], np.hypot(0.1, 0.03)), (each.mean(axis=0), np.hypot(0.01, 0.03))):
         assert paces.mean() == pytest.approx(1.0)
-        assert paces.std() == pytest.approx(std, rel=0.02)
+        assert paces.std() == pytest.approx(std, rel=0.1)
     np.testing.assert_array_equal(Glider().paces(5, 3), 1.0)
     assert glider == Glider()

@@ -227,7 +227,7 @@ def hazard_layer(contents: Contents) -> Layer:
         marks.append(_rings(local, "no-go area", SYMBOLS["no_go"][0], None, text))
     if plan.ellipses:
         name, color, made = (
-            "90 % of planned surfacings, headings held",
+            "90 % of planned surfacings",
             SYMBOLS["plan"][0],
             _made(plan),
         )
@@ -235,7 +235,7 @@ def hazard_layer(contents: Contents) -> Layer:
         if earlier:
             marks.append(_rings(earlier, name, color, np.repeat(made, len(earlier))))
         end = _rings([last], name, color, made)
-        marks.append(replace(end, width=1.6, label="90 % end here, headings held"))
+        marks.append(replace(end, width=1.6, label="90 % end here"))
     return Layer(marks, tables)
 
 

@@ -328,7 +328,7 @@ def _odds(held: Held, now_ns: int) -> _Answer:
         odds = plan.odds
         low, high = share_interval(odds.reached, odds.n_samples)
         text.append(
-            f"{100.0 * odds.reached:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f}) of {odds.n_samples} samples arrive, "
+            f"{100.0 * odds.reached:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f}) of {odds.n_samples} simulated flights arrive, "
             f"{100.0 * odds.safe:.0f} % safe"
         )
         values |= {

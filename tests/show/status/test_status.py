@@ -305,7 +305,7 @@ def test_the_screen_is_80_columns_wide_and_says_how_old_each_answer_is():
             )
             or label == "Forecast"
         ), label
-    assert "90 % (65 to 98) of 10 samples arrive" in text
+    assert "90 % (65 to 98) of 10 simulated flights arrive" in text
     assert "250 kJ of 1000 kJ" in text
     assert "± 20 m" in text
     assert [age_text(seconds) for seconds in (0.0, 120.0, 7200.0, -7200.0, 864_000.0)] == [
