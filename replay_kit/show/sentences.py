@@ -164,6 +164,12 @@ def past_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
         yield sentence(f"of these {', '.join(early)}", found, at)
 
 
+def by_habit(expected: Mapping[str, Any] | None) -> bool:
+    """Return whether the dives so far, of ``surfacings_json``, predicted better than plans, so that the coming surfacing is theirs."""
+    record = (expected or {}).get("record") or {}
+    return record.get("shown") == "habit" and bool(expected and expected["next"])
+
+
 def place_of_next(following: Mapping[str, Any], at: str = "") -> Sentence:
     """Return the place of the coming surfacing of ``surfacings_json``, with its ellipse of 90 %.
 

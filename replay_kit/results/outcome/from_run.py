@@ -19,6 +19,7 @@ from replay_kit.core.surfacing import (
     SurfacingOutcome,
     calibrated,
     held_shares,
+    records,
 )
 from replay_kit.results.losses import coded, loss_json
 from replay_kit.results.outcome.outcome import Outcome
@@ -81,19 +82,29 @@ def _outcome_figures(outcomes: Sequence[SurfacingOutcome]) -> dict[str, Any]:
 
 
 def surfacings_json(
-    outcomes: Sequence[DiveOutcome], following: DiveForecast | None
+    outcomes: Sequence[DiveOutcome],
+    following: DiveForecast | None,
+    planned: Sequence[SurfacingOutcome] = (),
 ) -> dict[str, Any]:
     """Return the figures of expected surfacings for JSON.
 
     Args:
         outcomes: Dive by dive; at least one.
         following: The coming surfacing; None where it is not expected.
+        planned: Those that plans predicted.
     """
+    count, habit, plan = records(outcomes, planned)
     groups = {kind: [one for one in outcomes if _kind(one) == kind] for kind in _KINDS}
     return {
         **_surfacing_figures(outcomes),
         **{kind: _surfacing_figures(group) if group else None for kind, group in groups.items()},
         "each": [_dive_json(one) for one in outcomes],
+        "record": {
+            "shown": "plan" if count and plan > habit else "habit",
+            "count": count,
+            "habit": habit,
+            "plan": plan,
+        },
         "next": None if following is None else _forecast_json(calibrated(following, outcomes)),
     }
 
@@ -219,7 +230,9 @@ def outcome_of(summary: ReplaySummary) -> Outcome:
         "messages": [asdict(row) | {"reasons": coded(row.reasons)} for row in summary.messages],
         "losses": [{"file": path} | loss_json(loss) for path, loss in summary.losses],
         "surfacings": outcomes_json(summary.outcomes) if summary.outcomes else None,
-        "expected_surfacings": surfacings_json(summary.surfacings, summary.next_surfacing)
+        "expected_surfacings": surfacings_json(
+            summary.surfacings, summary.next_surfacing, summary.outcomes
+        )
         if summary.surfacings
         else None,
         "evidence": None if summary.evidence is None else evidence_json(summary.evidence),
