@@ -260,7 +260,7 @@ def _flown(
         still = motion_of(plan, _first(flow).grid.projection)
         return Motion(still.times, np.repeat(still.places, len(samples), axis=0))
     task = task_of_plan(flow, plan, request)
-    currents = currents_of_estimate(flow, samples)
+    currents = currents_of_estimate(flow, samples, plan.settings.depth)
     flights = steer(task, currents, route_of_plan(task, plan), latest(plan))
     times = plan.start_time_ns / 1e9 + flights.time
     return Motion(times, flights.place[..., 0] + 1j * flights.place[..., 1])

@@ -39,18 +39,18 @@ _AS_FAR = 0.8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoints:
-    """W places that a glider heads for one after the other, and its predicted track.
+    """W places that a glider heads for one after the other, and its track.
 
     Attributes:
         depths: Of the dives on the way to each [m].
-        radius: Within which one that is no goal counts as reached [m].
-        times: When each is reached [s since the start]; NaN for never.
+        radius: Within which one that is no goal is reached [m].
+        times: When each is [s since the start]; NaN for never.
         surfacings: shape (D, 2), longitude and latitude [degrees].
         off_end: Least distance of one from the plan's end [m].
         delay: When it is there after the plan's end [s].
         off_track: Largest distance of one from the plan's legs [m].
-        violation: What the glider crosses first; None for nothing.
-        arrives: Whether it reaches all.
+        violation: What is crossed first; None for nothing.
+        arrives: Whether all are reached.
     """
 
     longitude: Array
@@ -105,13 +105,13 @@ def waypoints_of(
 ) -> tuple[Waypoints, MissionOdds | None]:
     """Return the fewest of a plan's surfacings that describe its track, and the odds of a glider that heads for them; None without samples.
 
-    No straight line between two crosses an area. Where the flight in the estimate crosses something or does not arrive, all are waypoints.
+    No line between two crosses an area. Where the flight in the estimate crosses something or does not arrive, all are waypoints.
 
     Args:
         flow: The current it is flown in.
         plan: The mission.
         request: What it was planned for.
-        tolerance: A surfacing this close to steady progress is left out [m]; None for the plan's.
+        tolerance: A surfacing this close to steady progress is left out [m].
         samples: As for ``mission_odds``.
 
     Raises:
@@ -123,7 +123,11 @@ def waypoints_of(
     ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
     places = np.vstack([task.start[None, :2], ends])
     near = plan.settings.tolerance if tolerance is None else tolerance
-    currents = currents_of_estimate(flow, samples[:_TRIED]) if samples else task.currents
+    currents = (
+        currents_of_estimate(flow, samples[:_TRIED], task.settings.depth)
+        if samples
+        else task.currents
+    )
     fewest = kept_surfacings(plan, places, near, task.rings)
     best = _best_radius(task, plan, places, fewest, currents)
     if not best.serves:
@@ -246,13 +250,12 @@ def kept_surfacings(
 ) -> tuple[int, ...]:
     """Return the numbers of the legs, counted from 1, whose ends are waypoints: those of the goals, and what is needed between them.
 
-    Between two that are kept, the one farthest from steady progress is kept as well, until none is farther than the tolerance
-    (Ramer 1972; Douglas and Peucker 1973; here in place and time, so that changes of speed count) and no straight line between two crosses
-    an area or comes nearer to it than the plan's margin.
+    Between two the one farthest from steady progress is kept, until none is farther than the tolerance (Ramer 1972; Douglas, Peucker 1973;
+    here in place and time) and no line between two comes nearer to an area than the plan's margin.
 
     Args:
         plan: The mission.
-        places: shape (L + 1, 2) [m], its start and the ends of its legs.
+        places: shape (L + 1, 2) [m], its start and legs' ends.
         tolerance: [m].
         rings: What must not be crossed.
     """

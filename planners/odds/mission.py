@@ -37,29 +37,28 @@ LATEST = 1.25
 # Share of the surfacings that an ellipse holds.
 _SHARE = 0.9
 # Headings about the planned one that are tried [degrees].
-_ASIDE = np.array([-90.0, -60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0, 90.0])
+_ASIDE = np.array([-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionOdds:
-    """A mission flown in samples of the estimate, steered at each surfacing.
+    """K flights of a mission in samples of the estimate, steered at each surfacing.
 
     Attributes:
         flights: They.
-        radius: Within which a surfacing meets a goal [m].
-        deadline: Since the start, by which it must [s].
-        reached: Share that meets every goal by then; of a mooring, that stays within its radius.
-        safe: Share that violates no constraint.
-        succeeded: Share that does both.
-        arrival_median: By when half have arrived [s]; infinite where fewer do.
-        arrival_90_percent: By when nine of ten have.
-        miss_median: Median of the least distances from the last goal [m]; of a mooring, of the largest.
-        miss_90_percent: 90th percentile.
-        violations: Share that violates a constraint, by the name of the hazard; hazards without violations are left out.
-        ellipses: shape (L, 5), of ``ellipses_of``: where each leg ends; none of fewer than three flights.
-        next_surfacing: shape (5,), where the first dive comes up, before it drifts.
-        forgiving: shape (L, 2) [degrees], least and greatest heading about the planned one of each leg with which the glider, steered
-            afterwards, still arrives in the estimate, in one dive more than planned; NaN where not even the planned one does.
+        radius: That meets a goal [m].
+        deadline: Since the start [s].
+        reached: Share that meets all goals, or stays near a mooring.
+        safe: Share that crosses nothing.
+        succeeded: Share of both.
+        arrival_median: [s since the start]; infinite where fewer arrive.
+        arrival_90_percent: [s].
+        miss_median: From the last goal [m].
+        miss_90_percent: [m].
+        violations: Shares by hazard.
+        ellipses: shape (L, 5), of legs.
+        next_surfacing: shape (5,).
+        forgiving: shape (L, 2).
     """
 
     flights: Flights
@@ -105,7 +104,7 @@ def mission_odds(
     task = task_of_plan(flow, plan, request)
     flown = route_of_plan(task, plan) if route is None else route
     deadline = latest(plan)
-    found = odds_of(task, currents_of_estimate(flow, samples), flown, deadline)
+    found = odds_of(task, currents_of_estimate(flow, samples, plan.settings.depth), flown, deadline)
     count = len(plan.headings_deg)
     if count and not plan.is_moored:
         found = replace(found, forgiving=forgiving(task, plan, flown, deadline))
@@ -124,7 +123,8 @@ def next_surfacing(
     """Return the ellipse of where the first dive of a mission comes up, of ``MissionOdds``, by its flights in three samples or more."""
     task = task_of_plan(flow, plan, request)
     # over as soon as it has begun
-    flights = steer(task, currents_of_estimate(flow, samples), route_of_plan(task, plan), 0.0)
+    currents = currents_of_estimate(flow, samples, plan.settings.depth)
+    flights = steer(task, currents, route_of_plan(task, plan), 0.0)
     return np.asarray(
         ellipses_of(task.region.grid.projection, flights.place[:, flights.ups[:1]])[0]
     )
@@ -229,7 +229,10 @@ def route_along(
 
 
 def forgiving(task: Task, plan: MissionPlan, route: Route, deadline: float) -> Array:
-    """Return by how much the heading of each leg may be off, of ``MissionOdds``."""
+    """Return the least and greatest heading about the planned one with which each leg still arrives, shape (L, 2) [degrees].
+
+    It is flown in the estimate, steered afterwards, and may take one dive more than planned; NaN where not even the planned one arrives.
+    """
     times = np.append(0.0, plan.surfacing_times[:-1])
     count, tried = len(times), len(_ASIDE)
     ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
@@ -316,17 +319,45 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
     return replace(plan, status=status, message=f"{text}. In the estimate itself: {plan.message}")
 
 
-def currents_of_estimate(flow: Flow, samples: Sequence[Sample]) -> Currents:
+def currents_of_estimate(flow: Flow, samples: Sequence[Sample], depth: float = 0.0) -> Currents:
     """Return the samples' currents, all on the nodes of the estimate.
 
     Samples that change are flown as they are. Where the estimate changes and they do not, they change as it does: what they differ by
     from its first time persists.
+
+    Args:
+        flow: The estimate, or estimates for increasing times.
+        samples: Of it.
+        depth: Of the dives [m].
     """
     if not samples:
         raise PlanError(
             "a plan for samples of the estimate needs some; draw them with flow.sample(100, seed)"
         )
-    return with_courses(_flows_around(flow, flows_of(samples)), samples)
+    return with_courses(_below(_flows_around(flow, flows_of(samples)), depth), samples)
+
+
+def _below(currents: Currents, depth: float) -> Currents:
+    """Return samples with a level at a depth [m] below their deepest one: the current there differs from that by the shear above it.
+
+    The difference is in each the shear of the last two levels times a normal number.
+    """
+    flow, levels = currents.flow, currents.flow.levels
+    if depth <= levels[-1] or levels.size < 2 or flow.depth_functions.kind != "hat":
+        return currents
+    count, size, _ = currents.latent.shape
+    values = currents.latent.reshape(count, size, -1, levels.size)
+    share = (depth - levels[-1]) / (levels[-1] - levels[-2])
+    normal = share * np.random.default_rng(count).standard_normal((count, 1, 1))
+    more = values[..., -1] + normal * (values[..., -1] - values[..., -2])
+    grid = replace(
+        flow.grid,
+        levels=np.append(levels, depth),
+        wet=np.concatenate([flow.grid.wet, flow.grid.wet[-1:]]),
+    )
+    latent = np.concatenate([values, more[..., None]], axis=-1).reshape(count, size, -1)
+    deeper = replace(flow.mean_flow(), grid=grid, latent=latent[0, :, : levels.size + 1])
+    return replace(currents, flow=deeper, latent=latent)
 
 
 def _flows_around(flow: Flow, samples: Sequence[Flow]) -> Currents:

@@ -63,23 +63,21 @@ class Candidate:
 def plan_by_odds(
     flow: Flow, samples: Sequence[Sample], request: MissionRequest, allowed: float | None = None
 ) -> MissionPlan:
-    """Return the mission with the best odds of those with more legs, or with the least risk of those with wider margins.
+    """Return the mission with which clearly more samples arrive unharmed, or with a risk the one that keeps it; of equals the shortest.
 
-    Without an allowed risk it is the one with which clearly more samples arrive without a violation; of missions alike the shortest. With
-    one, margins are widened by what is missing until the violations among the samples pass a binomial test, and narrowed again where they
-    close the way; then longer missions are tried. Where the goals are out of reach in the estimate itself, the mission is that of
-    ``plan_mission``. ``statistics`` has ``odds_costs_h`` or ``risk_costs_h``: by how much longer than the quickest it is.
+    ``statistics`` says by how much longer than the quickest it is. State the odds of other samples than it was chosen by.
 
     Args:
         flow: The estimate, or estimates for increasing times.
-        samples: As for ``mission_odds``. The share that arrives of those that a mission was chosen by is too high: state that of others.
-        request: As for ``plan_mission``; the margin of its settings is the least one.
-        allowed: Share of the samples that may violate a constraint; None to rank by the odds of arriving.
+        samples: As for ``mission_odds``.
+        request: Of which the margin is the least.
+        allowed: Share that may violate a constraint; None to rank by arrivals.
 
     Raises:
-        PlanError: As for ``plan_mission``; or there are no samples, or they are not on the nodes of the estimate.
+        PlanError: As for ``plan_mission`` and ``mission_odds``.
     """
-    currents, task = currents_of_estimate(flow, samples), task_of(flow, request)
+    task = task_of(flow, request)
+    currents = currents_of_estimate(flow, samples, task.settings.depth)
     if not task.is_finite:
         return plan_mission(flow, request)
     answer = search(task)

@@ -36,17 +36,16 @@ class Route:
     """A way that gliders are steered along.
 
     Attributes:
-        places: shape (L + 1, 2) [m], where its legs begin and end.
-        angles: shape (L,), planned glide angles [rad].
-        depths: shape (L,), of the dives [m].
-        heading: Of the first dive, from true north [rad]; None to aim it.
-        goals: shape (G, 3) [m], to be met in order.
-        legs: shape (G,), in which leg each is met, counted from 1; 0 for the start.
-        radius: shape (G,) [m], within which a surfacing meets them.
-        direct: Whether the next goal is aimed at from everywhere, and each leg leads to one.
-        alone: Whether the glider steers itself: it expects the current of its last dive, and knows no other.
-        told: shape (K, 2), what gliders that steer themselves expect in their first dive [m/s]; NaN for what they meet there, None for
-            that of all.
+        places: shape (L + 1, 2) [m], where legs begin and end.
+        angles: shape (L,) [rad].
+        depths: shape (L,) [m].
+        heading: Of the first dive [rad]; None to aim it.
+        goals: shape (G, 3) [m], in order.
+        legs: shape (G,), in which leg each is met; 0 for the start.
+        radius: shape (G,) [m].
+        direct: Whether the next goal is aimed at, one a leg.
+        alone: Whether the glider steers itself by its last dive's current.
+        told: shape (K, 2) [m/s], what it expects at first; NaN or None for what it meets.
     """
 
     places: Array

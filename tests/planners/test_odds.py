@@ -17,7 +17,7 @@ from planners import (
 )
 from planners.flights import fly_mission
 from planners.odds.aim import aim
-from planners.odds.mission import latest
+from planners.odds.mission import currents_of_estimate, latest
 from planners.odds.rank import most_violations_allowed, passes_binomial_test
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
@@ -145,6 +145,25 @@ def test_in_still_water_a_leg_forgives_as_much_on_either_side():
     odds = mission_odds(flow, [flow] * 3, plan, request)
     np.testing.assert_array_equal(odds.forgiving[:, 0], -odds.forgiving[:, 1])
     assert odds.forgiving[0, 1] > 0.0
+
+
+def test_below_the_deepest_level_the_current_is_as_there_and_its_error_grows_by_the_shear():
+    samples, at = EDDIES.sample(400, 3), np.array([2e3, -1e3])
+    deeper = currents_of_estimate(EDDIES, samples, 600.0)
+    places = np.tile(at, (400, 1))
+    upper, last, below = (
+        deeper.velocity(places, deeper.weights(np.array([z]))[0], 0.0)
+        for z in (230.0, 400.0, 600.0)
+    )
+    np.testing.assert_allclose(last, [one.velocity(*at, 400.0) for one in samples], atol=1e-9)
+    apart = (below - last) / ((last - upper) * 200.0 / 170.0)
+    np.testing.assert_allclose(apart[:, 0], apart[:, 1], rtol=1e-6)
+    assert abs(np.mean(apart)) < 0.15
+    assert np.std(apart) == pytest.approx(1.0, rel=0.1)
+    request = replace(AMONG, settings=replace(AMONG.settings, depth=600.0))
+    plan = plan_mission(EDDIES, request)
+    assert max(map(max, plan.yo_depths)) == 600.0
+    assert mission_odds(EDDIES, samples[:3], plan, request).count == 3
 
 
 def test_the_next_surfacing_alone_is_that_of_the_odds():

@@ -100,10 +100,12 @@ def test_a_mission_s_dives_end_at_the_vehicle_s_limit():
     ):
         plan_mission(FLOW, asked)
     # a limit below the deepest level is none
-    with pytest.raises(PlanError, match="dives to 500 m are deeper than the deepest level, 400 m"):
+    with pytest.raises(
+        PlanError, match="dives to 900 m are deeper than twice the deepest level, 400 m"
+    ):
         plan_mission(
             FLOW,
-            replace(asked, vehicle=Glider(max_depth=1000.0), settings=MissionSettings(depth=500.0)),
+            replace(asked, vehicle=Glider(max_depth=1000.0), settings=MissionSettings(depth=900.0)),
         )
 
 

@@ -102,10 +102,11 @@ class MissionPlanner:
         dives = config.diving()
         settings = planners.MissionSettings(
             depth=dives.depth,
-            yos=0 if glides else config.dives,
+            yos=0 if glides else dives.yos,
             surface_time=dives.surface_time,
             objective=config.objective,
             tolerance=config.tolerance,
+            radius=config.radius,
             legs=config.legs,
             max_legs=config.max_legs,
             max_duration=config.max_duration,
@@ -150,6 +151,7 @@ class MissionPlanner:
             else replace(
                 self.settings,
                 depth=dives.depth,
+                yos=dives.yos,
                 depths=dives.depths,
                 speeds=dives.speeds,
                 surface_time=dives.surface_time,
@@ -219,7 +221,8 @@ class MissionPlanner:
         depth = self.bound(flow, (goal,))[0].settings.depth
         if not goal.depth <= depth <= region.deepest:
             raise PlanError(
-                f"[planner] depth is {depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than {region.floor}"
+                f"[planner] depth is {depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than "
+                f"{region.floor(region.deepest)}"
             )
 
     def with_odds(self) -> "MissionPlanner":

@@ -115,6 +115,12 @@ def make_mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Plan
         request = replace(request, settings=bound.settings)
     if origin and on.flown is not None:
         notes += on.flown.notes()
+    level = float(known.first.grid.levels[-1])
+    if bound.settings.depth > level:
+        notes += (
+            f"dives to {bound.settings.depth:g} m go below the forecast's {level:g} m: the current there is taken as at that level, its "
+            "error grows by the shear above",
+        )
     begin_ns, seconds = request.start_time_ns, _seconds(job, bound)
     flow = known.flow(begin_ns, seconds)
     drawn = known.samples(begin_ns, seconds, count, config.seed)
