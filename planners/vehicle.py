@@ -63,17 +63,17 @@ class Glider:
     """A buoyancy-driven glider.
 
     Attributes:
-        speed: Through water [m/s], when ``flight`` is None.
-        flight: The steady flight model that gives the speed at each glide angle; None for a constant speed.
+        speed: Through water [m/s], without ``flight``.
+        flight: The steady flight model that gives the speed at each angle.
         min_angle: Shallowest glide [degrees].
         max_angle: Steepest.
         volume: Pumped at each apogee [m^3].
-        pump_efficiency: Work done on the water for each joule taken.
+        pump_efficiency: Work on the water for each joule.
         hotel: Power of everything else [W].
-        thrust: Power of a propeller at 1 m/s [W], which grows with the cube of the speed; 0 without one.
-        max_depth: Greatest depth that it may go to [m].
-        speed_spread: Standard deviation of the speed of a leg, as a share of it: of legs that do not know of each other.
-        speed_error: The same of the speed of all legs alike.
+        thrust: Power of a propeller at 1 m/s [W], growing with the cube of the speed.
+        max_depth: [m].
+        speed_spread: Standard deviation of a dive's speed, as a share of it.
+        speed_error: That of all dives alike.
     """
 
     speed: float = 0.3

@@ -34,34 +34,6 @@ def asked(*goals, depth=0.0, **settings):
     )
 
 
-@pytest.mark.parametrize("objective", ["time", "energy", "closest"])
-@pytest.mark.parametrize(
-    ("goals", "depth"),
-    [
-        (((0.0, 0.0, 0.0),), 0.0),
-        (((0.0, 0.0, 80.0),), 80.0),
-        (((0.0, 0.0, 120.0),), 0.0),
-        (((180.0, -150.0, 0.0),), 0.0),
-        (((0.0, 0.0, 0.0), (100.0, 0.0, 0.0), (0.0, 0.0, 0.0)), 0.0),
-    ],
-)
-def test_a_start_within_the_tolerance_of_the_goal_takes_no_legs(goals, depth, objective):
-    plan = plan_mission(FLOW, asked(*goals, depth=depth, objective=objective))
-    assert (plan.status, len(plan.headings_deg), plan.duration, plan.energy) == (
-        "reached",
-        0,
-        0.0,
-        0.0,
-    )
-    assert plan.message.startswith("already there: the start is within ")
-    np.testing.assert_allclose(
-        plan.closest_approach, [np.hypot(*goal[:2]) for goal in goals], atol=0.1
-    )
-    # the depth that a dive would pass is told
-    deeper = goals[0][2] - depth
-    assert (f"{deeper:g} m below the start" in plan.message) == (deeper > 0.0)
-
-
 def test_a_first_goal_at_the_start_is_met_there_and_the_others_as_without_it():
     both, alone = (
         plan_mission(FLOW, asked(*goals))

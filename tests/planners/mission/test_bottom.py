@@ -58,21 +58,6 @@ def test_the_mask_limits_dives_where_no_bathymetry_is_given():
     assert (plan.status, set(turns(plan))) == ("reached", {110.0})
 
 
-def test_towards_a_goal_out_of_reach_dives_from_the_shelf_turn_above_the_bottom():
-    flow, bottom = (
-        still_flow(),
-        bathymetry(lambda x, y: 100.0 + 0.0 * x + np.where(x > 152.6, 900.0, 0.0)),
-    )
-    asked = request(flow, -9e3, 25e3, 300.0, bottom)
-    plan = plan_mission(flow, replace(asked, settings=replace(asked.settings, max_legs=6)))
-    assert plan.status == "unreachable"
-    assert "the goal is out of reach" in plan.message
-    assert set(turns(plan)) == {80.0}
-    assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
-    # it goes straight there for as many legs as it may have, or half of the way that these would make
-    assert plan.track[-1, 0] - plan.track[0, 0] > 0.45 * 6 * 2 * 80.0 / np.tan(np.deg2rad(15.0))
-
-
 def test_from_the_shelf_into_deep_water_each_dive_turns_above_the_bottom_beneath_it():
     flow = eddying_flow(3, speed=0.1)
     # a wall at 152.5 degrees: 120 m west of it, 900 m east of it

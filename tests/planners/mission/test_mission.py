@@ -151,29 +151,15 @@ def test_a_flow_that_changes_is_planned_in_as_it_will_be():
     assert np.mean(east * np.cos(north)) * result.duration == pytest.approx(-drift, rel=0.02)
 
 
-@pytest.mark.parametrize("surface_only", [pytest.param(False, marks=pytest.mark.full), True])
-def test_a_forbidden_area_is_gone_round_or_passed_under(surface_only):
-    flow = eddying_flow(8, speed=0.1)
-    area = forbidden(flow, -0.7e3, -6e3, 0.7e3, -1e3, surface_only=surface_only)
-    request = request_between(
-        flow, (-5e3, -3e3), (6e3, -3e3), settings=replace(SETTINGS, depth=390.0)
-    )
-    free, clear = (plan_mission(flow, replace(request, no_go=areas)) for areas in ((), (area,)))
-    assert clear.status == "reached"
-    assert clear.duration >= free.duration * (1.0 - 1e-4)
-    (ring,) = no_go_rings(flow.grid.projection, area)
-    track = np.vstack(
-        [np.linspace(a, b, 100) for a, b in zip(clear.track[:-1], clear.track[1:], strict=True)]
-    )
-    assert not ring.forbids(_local(flow, clear)).any()
-    assert ring.forbids(track[:, :2]).any() == surface_only
-
-
 @pytest.mark.parametrize(
     ("goals", "settings", "words"),
     [
         ((), SETTINGS, "needs a goal"),
-        ((Place(152.5, -40.0, 0.0),), replace(SETTINGS, depth=401.0), "deepest level, 400 m"),
+        (
+            (Place(152.5, -40.0, 0.0),),
+            replace(SETTINGS, depth=801.0),
+            "twice the deepest level, 400 m",
+        ),
         ((Place(152.5, -40.0, 350.0),), SETTINGS, "deeper than the dives"),
         (
             (Place(152.5, -40.0, 310.0), Place(152.55, -40.0, 0.0)),

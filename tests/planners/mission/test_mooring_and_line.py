@@ -15,7 +15,6 @@ from planners import (
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import (
     eddying_flow,
-    forbidden,
     place,
     request_between,
     still_flow,
@@ -90,33 +89,6 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
     assert loose.duration == pytest.approx(free.duration, rel=1e-3)
     assert tight.duration > free.duration
     assert tight.statistics["rms_m"] < 0.3 * loose.statistics["rms_m"]
-
-
-@pytest.mark.full
-def test_the_end_of_a_line_is_met_also_where_the_way_leads_far_from_it():
-    flow = eddying_flow(4, speed=0.4)
-    request = request_between(flow, (-8e3, -4e3), (10e3, 5e3), settings=SETTINGS)
-    result = along(flow, request, Line(width=20e3))
-    assert result.status == "reached", result.message
-    # the current carries it off, and no line is worth missing the end for
-    assert result.statistics["farthest_m"] > 5e3
-
-
-@pytest.mark.full
-def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
-    flow = still_flow()
-    area = forbidden(flow, -1e3, -2e3, 1e3, 1.5e3)
-    ends = place(flow, -5e3, 0.0), (place(flow, 5e3, 0.0),)
-    result = along(
-        flow,
-        MissionRequest(*ends, settings=replace(SETTINGS, legs=6), no_go=(area,)),
-        Line(width=300.0),
-    )
-    assert result.status == "unreachable"
-    assert "farther than 300 m" in result.message
-    # the corner is the nearest that it can stay
-    assert 1.5e3 < result.statistics["farthest_m"] < 1.8e3
-    assert result.closest_approach[0] < 5.0
 
 
 def _mooring(radius=1e3, duration=10.0 * HOURS, east=0.0):
