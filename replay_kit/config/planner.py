@@ -84,7 +84,7 @@ class PlannerConfig(Section):
     radius: Annotated[float | None, Option("--radius", "METRES")] = Field(
         default=None,
         gt=0.0,
-        description="Distance from a goal at which a simulated flight arrives [m], as a vehicle's waypoint radius. Default: the tolerance.",
+        description="Distance from a goal at which a simulated flight arrives [m]. Default: the tolerance.",
     )
     interval: float = Field(
         default=43200.0,
@@ -229,12 +229,12 @@ class PlannerConfig(Section):
         gliding = flown if self.speed is None and flown is not None and flown.is_plausible else None
         angle = _MIN_ANGLE if gliding is None else gliding.glide_angle_deg
         most = self.max_angle or max(_MAX_ANGLE, angle)
-        usual = max(min(_DEPTH, deepest) if flown is None else flown.depth, goal_depth)
+        usual = max(_DEPTH if flown is None else flown.depth, goal_depth)
         (speeds, speed), (depths, stated) = (
             ((_ends(value), _ends(value)[1]) if isinstance(value, str) else (None, value))
             for value in (self.speed, self.depth)
         )
-        depth = stated or min(usual, 2.0 * deepest, self.depth_limit)
+        depth = stated or min(usual, deepest * (1.0 if flown is None else 2.0), self.depth_limit)
         if depths is not None:
             depth = min(depth, deepest, self.depth_limit)
         spread = 0.0 if gliding is None else (gliding.speed_std or 0.0) / gliding.speed
