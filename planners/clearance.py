@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from planners.hazards.areas import Ring, first_crossing
 from planners.hazards.bottom import DEPTH_TOLERANCE
-from planners.simulation.fly import Flight
+from planners.simulation.fly import Flight, Flights
 from planners.task import Task
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import to_geographic
@@ -116,27 +116,27 @@ def _surfaced(segments: Array, depths: Array) -> Array:
     return np.stack([begins, segments[:, 1]], axis=1)
 
 
-def clearances(task: Task, flight: Flight) -> dict[str, Array]:
-    """Return the clearance of each of K flights from each hazard, by its name, shape (K,) [m]: 0 or less where it violates it.
+def clearances(task: Task, flights: Flights) -> dict[str, Array]:
+    """Return the clearance of each of K flights from each hazard near it, by its name, shape (K,) [m]: 0 or less where it violates it.
 
-    A flight that is never as near as one of its steps is long has an infinite clearance. Shallows count for the legs that are too deep for
+    A flight that is never as near as one of its steps is long has an infinite clearance. Shallows count for the dives that are too deep for
     them; a flight whose dives all stay above the bottom has at least some clearance from it.
     """
-    count, found = len(flight.place), dict[str, Array]()
-    segments = _segments(flight.place)
-    depths = np.column_stack([flight.depth[:-1], flight.depth[1:]])
-    for rings, taken, fixed in _hazards(task, flight):
-        parts = segments[:, taken]
-        if fixed and rings[0].surface_only:
-            parts = np.stack([_surfaced(path, depths[taken]) for path in parts])
-        for name, clear in _clearance(rings, parts).items():
+    count, found = len(flights.place), dict[str, Array]()
+    steps = np.flatnonzero((np.diff(flights.time, axis=1) > 0.0).ravel())
+    begins = np.searchsorted(flights.dive, np.arange(flights.ups.size))
+    deepest = np.maximum.reduceat(flights.depth, begins, axis=1)[:, flights.dive[1:]]
+    depths = np.stack([flights.depth[:, :-1], flights.depth[:, 1:]], axis=-1).reshape(-1, 2)[steps]
+    segments = _segments(flights.place).reshape(-1, 2, 2)[steps]
+    numbers, turns = steps // (flights.time.shape[1] - 1), deepest.ravel()[steps]
+    for rings, taken, at_surface in _hazards(task, depths, turns):
+        parts = segments[taken]
+        if at_surface:
+            parts = _surfaced(parts, depths[taken])
+        for name, clear in _clearance(rings, parts, numbers[taken], count).items():
             found[name] = np.minimum(found.get(name, np.full(count, np.inf)), clear)
-    skin = np.zeros(segments.shape[0] * segments.shape[1])
-    below = (
-        task.bottom.is_below(segments.reshape(-1, 2, 2), np.tile(depths, (count, 1)), skin)
-        .reshape(count, -1)
-        .any(axis=1)
-    )
+    below = np.zeros(count, dtype=bool)
+    below[numbers[task.bottom.is_below(segments, depths, np.zeros(steps.size))]] = True
     shallows = [name for name in found if name not in {ring.name for ring in task.rings}]
     for name in shallows:
         found[name] = np.where(below, found[name], np.maximum(found[name], _ABOVE))
@@ -150,32 +150,48 @@ _ABOVE = 1.0
 
 
 def _hazards(
-    task: Task, flight: Flight
+    task: Task, depths: Array, turns: Array
 ) -> Iterator[tuple[Sequence[Ring], NDArray[np.bool_], bool]]:
-    """Yield rings, the segments that they count for, shape (n - 1,), and whether they hold at any depth."""
+    """Yield rings, the segments that they count for, shape (n,), and whether for their part at the surface alone."""
     lanes = [ring for ring in task.rings if ring.surface_only]
-    yield (
-        [ring for ring in task.rings if not ring.surface_only],
-        np.full(flight.depth.size - 1, True),
-        True,
-    )
+    yield [ring for ring in task.rings if not ring.surface_only], np.full(turns.size, True), False
     if lanes:
-        yield lanes, _at_surface(flight), True
-    # legs begin where the one before ended, at the surface
-    turns = np.array([flight.depth[flight.leg == leg].max() for leg in range(flight.ends.size)])
+        yield lanes, depths[:, 1] <= DEPTH_TOLERANCE, True
     for turn in np.unique(turns):
         if rings := task.bottom.rings(float(turn)):
-            yield rings, turns[flight.leg[1:]] == turn, False
+            yield rings, turns == turn, False
 
 
-def _clearance(rings: Sequence[Ring], segments: Array) -> dict[str, Array]:
-    """Return the clearance of each of K paths, shape (K, n, 2, 2) [m], from rings, by their names."""
-    count, n = segments.shape[:2]
-    flat = segments.reshape(-1, 2, 2)
-    lines, flights = shapely.linestrings(flat), np.arange(count * n) // max(n, 1)
-    longest = float(np.max(np.linalg.norm(flat[:, 1] - flat[:, 0], axis=1), initial=0.0))
+def _clearance(
+    rings: Sequence[Ring], segments: Array, flights: NDArray[np.intp], count: int
+) -> dict[str, Array]:
+    """Return the clearance of each of K paths [m] from rings near them, by their names.
+
+    Args:
+        rings: What to keep clear of.
+        segments: shape (n, 2, 2) [m].
+        flights: shape (n,), which path each is of.
+        count: K.
+    """
+    if not len(segments):
+        return {}
+    longest = float(np.max(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)))
+    low, high = segments.min(axis=(0, 1)) - longest, segments.max(axis=(0, 1)) + longest
+    around = shapely.box(*low, *high)
+    near_rings = [
+        ring
+        for ring in rings
+        if (
+            not shapely.covers(ring.area, around)
+            if ring.outside
+            else shapely.intersects(ring.area, around)
+        )
+    ]
+    if not near_rings:
+        return {}
+    lines = shapely.linestrings(segments)
     tree, found = shapely.STRtree(lines), dict[str, Array]()
-    for ring in rings:
+    for ring in near_rings:
         near = tree.query(ring.line, predicate="dwithin", distance=longest)
         inside = (
             np.flatnonzero(~shapely.covers(ring.area, lines))
@@ -189,10 +205,13 @@ def _clearance(rings: Sequence[Ring], segments: Array) -> dict[str, Array]:
             if ring.outside
             else shapely.intersection(lines[inside], ring.area)
         )
-        middle, crosses = flat[inside, 1].copy(), ~shapely.is_empty(overlap)
+        middle, crosses = segments[inside, 1].copy(), ~shapely.is_empty(overlap)
         middle[crosses] = shapely.get_coordinates(shapely.centroid(overlap[crosses]))
         deepest = np.min(
-            [ring.clearance(points) for points in (flat[inside, 0], flat[inside, 1], middle)],
+            [
+                ring.clearance(points)
+                for points in (segments[inside, 0], segments[inside, 1], middle)
+            ],
             axis=0,
         )
         np.minimum.at(clear, flights[inside], np.minimum(deepest, 0.0))

@@ -99,7 +99,7 @@ class Objective:
 OBJECTIVES: dict[str, Objective] = {
     "time": Objective(Weights(time=1.0), earliest_arrival=True),
     "energy": Objective(Weights(energy=1.0)),
-    # of the numbers of legs the one with which most samples arrive, by plan_for_odds; without samples as time
+    # of the numbers of legs the one with which most samples arrive, by plan_by_odds; without samples as time
     "odds": Objective(Weights(time=1.0), earliest_arrival=True),
     # of two missions that are equally close the quicker one
     "closest": Objective(Weights(time=1.0), distance_first=True),
@@ -121,24 +121,22 @@ class MissionSettings:
     """How a mission is flown and planned.
 
     Attributes:
-        depth: Depth of the dives [m].
-        depths: Least and greatest depth [m] between which a mission to goals chooses the depth of each leg; None for ``depth``.
-        speeds: Lowest and highest speed [m/s] between which a vehicle with a propeller chooses; None for its own.
+        depth: Of the dives [m].
+        yos: Dives between surfacings, at one heading and glide angle; 0 for a glide from start to goal.
+        surface_time: Drift at each surfacing [s].
+        objective: One of ``OBJECTIVES``, or weights.
+        tolerance: Miss distance that counts as reached [m].
+        legs: Their number; None for the best.
+        max_legs: Most considered; None for those of ``max_duration``, of a mooring 60.
+        max_duration: Longest mission [s].
+        margin: Distance from land, areas, shallows and edges [m].
+        clearance: Least height above the bathymetry [m].
+        time_limit: After which nothing else is tried [s].
+        depths: Range [m] in which the depth of each leg is chosen.
+        speeds: Range [m/s] in which a propeller's speed is.
         battery: Energy that it may take [J].
-        yos: Dives between surfacings, between which heading and glide angle are held; 0 for a glide from the start to the goal.
-        surface_time: Drift time at each surfacing [s].
-        objective: ``time`` and ``energy`` are minimised on the way to the goals, ``odds`` is for ``plan_for_odds`` and else as ``time``,
-            ``closest`` minimises the miss distance alone; or weights
-            of all three. A given number of dives fixes the work of the pump, so that least energy is least time; the objectives differ in
-            the number of dives they choose.
-        tolerance: Largest miss distance of a goal that counts as reached [m].
-        legs: Number of legs, each of which ends at a surfacing; None for the best number.
-        max_legs: Largest number of legs considered; None for as many as the longest duration takes, of a mooring 60.
-        max_duration: Longest mission considered [s].
-        margin: Distance kept from land, areas, shallows and the edge of the region [m].
-        clearance: Least height of the dives above the bottom of the bathymetry [m].
-        arrive_by: Time since the start after which a sample that comes to the goals does not count as arrived [s].
-        time_limit: After which no other number of legs, way or margin is tried [s]; what is being solved is finished.
+        arrive_by: Latest arrival of a simulated flight [s since the start]; infinite for 1.25 times the plan's.
+        radius: In which it meets a goal [m]; None for the tolerance.
     """
 
     depth: float = 500.0
@@ -156,6 +154,7 @@ class MissionSettings:
     speeds: tuple[float, float] | None = None
     battery: float = inf
     arrive_by: float = inf
+    radius: float | None = None
 
     def __post_init__(self) -> None:
         """Raise PlanError for settings outside their range."""
@@ -172,6 +171,7 @@ class MissionSettings:
             "time_limit",
             "battery",
             "arrive_by",
+            "radius",
         )
         for name, value in {name: getattr(self, name) for name in names}.items():
             if value is not None and not value > 0:
@@ -217,14 +217,13 @@ class MissionRequest:
 
     Attributes:
         start: Where it begins.
-        goals: Where it should go, in order. A goal at the surface is met where a leg ends; one below it by a dive that passes its depth,
-            the last one by a dive that ends there.
+        goals: Where it should go, in order: met where a leg ends; below the surface by a dive that passes the depth, or at last ends there.
         vehicle: The glider.
         settings: How it is flown and planned.
         no_go: Areas that must not be entered.
-        bathymetry: Bottom depth; without one, the lowest level that is wet in the forecast limits the dives.
+        bathymetry: Bottom depth.
         start_time_ns: When it begins [ns, UTC].
-        shape: A line that it follows to its one goal, or a mooring there; None for neither.
+        shape: A line that it follows to its one goal, or a mooring there.
     """
 
     start: Place
@@ -286,30 +285,22 @@ class MissionPlan:
     """A mission: the commands of each leg and the predicted track.
 
     Attributes:
-        status: ``reached`` when every goal is met within the tolerance, ``unreachable`` when the best path found does not,
-            ``unsafe`` when the path violates a constraint, ``failed`` when there is no path; ``uncertain`` when samples of the estimate
-            say that it arrives less often than asked for; ``partial`` when it ends at a horizon before the goal.
-        start: Where it begins.
-        goals: Where it should go, in order.
-        start_time_ns: [ns, UTC].
-        vehicle: The glider.
-        settings: How it is flown and planned.
-        headings_deg: shape (L,), through water, clockwise from true north, held by a compass.
-        glide_angles_deg: shape (L,), below the horizontal in dives, above it in climbs.
-        pitches_deg: shape (L,), of the hull, with the same sign.
+        status: ``reached`` within the tolerance, else ``unreachable``; ``unsafe`` where it crosses something, ``failed`` without a path,
+            ``uncertain`` where too few samples arrive, ``partial`` where it ends at a horizon.
+        headings_deg: shape (L,), through water, clockwise from true north.
+        glide_angles_deg: shape (L,), below the horizontal in dives.
+        pitches_deg: shape (L,), of the hull.
         yo_depths: Depths [m] at which each leg begins, turns and ends.
         surfacings: shape (L, 2), longitude and latitude [degrees] of each leg's end, after the drift.
-        surfacing_times: shape (L,) [s] since the start.
-        goal_legs: In which leg each goal is met, counted from 1: at its end, or on the way when the goal is below the surface.
-        goal_times: shape (G,) [s] since the start, when each goal is met.
-        closest_approach: shape (G,) [m], horizontal miss distance at that time.
+        surfacing_times: shape (L,) [s since the start].
+        goal_legs: In which leg each goal is met, from 1.
+        goal_times: shape (G,) [s since the start].
+        closest_approach: shape (G,) [m], horizontal, then.
         duration: [s].
         energy: [J].
-        track_time: shape (n,) [s] since the start.
-        track: shape (n, 3) [m], predicted local east, north, depth.
-        message: The outcome in words, with the constraint or limit that binds if there is one.
-        statistics: Counts and figures of the search.
-        shape: The line that it follows, or its mooring; None for neither.
+        track_time: shape (n,) [s since the start].
+        track: shape (n, 3) [m], local east, north, depth.
+        message: The outcome with what limits it.
     """
 
     status: PlanStatus

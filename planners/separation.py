@@ -13,14 +13,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from planners.flights import currents_of_estimate, fly_samples, legs_of_plan, predict
 from planners.hazards.areas import NoGo
+from planners.odds.mission import currents_of_estimate, latest, route_of_plan, task_of_plan
+from planners.odds.steer import steer
 from planners.plan import plan_mission
 from planners.request import MissionPlan, MissionRequest
 from planners.route.current import Complex
 from planners.simulation.currents import Flow, Sample
-from planners.simulation.steer import Pilot
-from planners.task import task_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -256,17 +255,15 @@ def share_of_nearer(
 def _flown(
     flow: Flow, samples: Sequence[Sample], plan: MissionPlan, request: MissionRequest
 ) -> Motion:
-    """Return where a plan leads in samples, with headings corrected at each surfacing."""
+    """Return where a plan leads in samples, steered at each surfacing."""
     if len(plan.headings_deg) == 0:
         still = motion_of(plan, _first(flow).grid.projection)
         return Motion(still.times, np.repeat(still.places, len(samples), axis=0))
-    task = task_of(flow, replace(request, vehicle=plan.vehicle, settings=plan.settings))
-    legs = legs_of_plan(plan)
-    currents = currents_of_estimate(flow, samples)
-    flight = fly_samples(task, currents, legs, predict(task, legs), Pilot())
-    return Motion(
-        plan.start_time_ns / 1e9 + flight.time, flight.place[..., 0] + 1j * flight.place[..., 1]
-    )
+    task = task_of_plan(flow, plan, request)
+    currents = currents_of_estimate(flow, samples, plan.settings.depth)
+    flights = steer(task, currents, route_of_plan(task, plan), latest(plan))
+    times = plan.start_time_ns / 1e9 + flights.time
+    return Motion(times, flights.place[..., 0] + 1j * flights.place[..., 1])
 
 
 def _first(flow: Flow) -> FlowEstimate:

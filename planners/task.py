@@ -276,7 +276,7 @@ def _check_request(request: MissionRequest, region: Region) -> None:
         )
     if settings.depth > region.deepest:
         raise PlanError(
-            f"dives to {settings.depth:g} m are deeper than {region.floor}; choose a lesser depth"
+            f"dives to {settings.depth:g} m are deeper than {region.floor(region.deepest)}; choose a lesser depth"
         )
     deepest = max(goal.depth for goal in goals)
     if deepest > settings.depth:

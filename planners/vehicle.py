@@ -63,17 +63,17 @@ class Glider:
     """A buoyancy-driven glider.
 
     Attributes:
-        speed: Through water [m/s], when ``flight`` is None.
-        flight: The steady flight model that gives the speed at each glide angle; None for a constant speed.
+        speed: Through water [m/s], without ``flight``.
+        flight: The steady flight model that gives the speed at each angle.
         min_angle: Shallowest glide [degrees].
         max_angle: Steepest.
         volume: Pumped at each apogee [m^3].
-        pump_efficiency: Work done on the water for each joule taken.
+        pump_efficiency: Work on the water for each joule.
         hotel: Power of everything else [W].
-        thrust: Power of a propeller at 1 m/s [W], which grows with the cube of the speed; 0 without one.
-        max_depth: Greatest depth that it may go to [m].
-        speed_spread: Standard deviation of the speed of a leg, as a share of it: of legs that do not know of each other.
-        speed_error: The same of the speed of all legs alike.
+        thrust: Power of a propeller at 1 m/s [W], growing with the cube of the speed.
+        max_depth: [m].
+        speed_spread: Standard deviation of a dive's speed, as a share of it.
+        speed_error: That of all dives alike.
     """
 
     speed: float = 0.3
@@ -117,13 +117,19 @@ class Glider:
         speed = self.speed if self.flight is None else self.flight.speed(maths, glide_angle)
         return speed * maths.cos(glide_angle), speed * maths.sin(glide_angle)
 
-    def paces(self, count: int, n_legs: int) -> Array:
-        """Return the mean speed of legs over ``speed`` in each of ``count`` flights: quantiles of its errors in a fixed random order."""
+    def paces(self, count: int, dive: int) -> Array:
+        """Return the speed of a dive over ``speed`` in each of ``count`` flights: quantiles of its errors in fixed random orders.
+
+        Args:
+            count: Number of flights.
+            dive: Its number, from 0: the error of the speed itself is the same in all, the spread is not.
+        """
         normal = NormalDist()
         quantiles = np.array([normal.inv_cdf((k + 0.5) / count) for k in range(count)])
-        std = np.hypot(self.speed_error, self.speed_spread / np.sqrt(max(n_legs, 1)))
-        drawn = np.random.default_rng(count).permutation(quantiles)
-        return np.asarray(np.maximum(1.0 + std * drawn, 0.0))
+        alike, own = (
+            np.random.default_rng((count, k)).permutation(quantiles) for k in (0, dive + 1)
+        )
+        return np.asarray(np.maximum(1.0 + self.speed_error * alike + self.speed_spread * own, 0.0))
 
     def pitch(self, glide_angle: Array) -> Array:
         """Return the pitch [rad] below the horizontal of a dive at a glide angle [rad]; the glide angle itself without a flight model."""

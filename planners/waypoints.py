@@ -1,9 +1,7 @@
 """A mission as waypoints: fewer places than surfacings, for which a glider heads on its own, and the loss against the plan.
 
-In eight random eddy fields of 0.1, 0.2 and 0.3 m/s RMS at the surface, missions of 27 km in dives to 390 m become 3.5, 6 and 6 waypoints
-for 8, 7 and 6 surfacings in the median. With the worst of the currents that the glider may expect in its first dive they end 160, 130 and
-1010 m from the plan's end and last 1, 13 and 22 % longer; 8, 5 and 2 of the lists end within the tolerance whatever it expects: in strong
-eddies headings for each leg are clearly better.
+It heads for the next waypoint from where it surfaces, corrected for the mean current of its last dive by dead reckoning, at the mean glide
+angle of the planned legs. In its first dive it expects what the estimate says.
 """
 
 from collections.abc import Sequence
@@ -13,85 +11,46 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from planners.clearance import Violation
-from planners.departures import first_legs
-from planners.flights import (
+from planners.clearance import Violation, check
+from planners.hazards.areas import Ring, first_crossing
+from planners.odds.mission import (
+    MissionOdds,
     currents_of_estimate,
-    fly_mission,
-    legs_of_plan,
-    surfacing_ellipses,
-    task_for,
-    with_paces,
+    latest,
+    mission_odds,
+    odds_of,
+    task_of_plan,
 )
-from planners.hazards.areas import NoGo, Ring, first_crossing
-from planners.hazards.bottom import Bathymetry
-from planners.request import MissionPlan
+from planners.odds.steer import Route, steer
+from planners.request import MissionPlan, MissionRequest
 from planners.simulation.currents import Currents, Flow, Sample
+from planners.simulation.fly import DRIFT_STEPS, Flight, Flights
 from planners.task import Task
-from planners.waypoint_flight import Followed, WaypointList, first_currents, follow
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_geographic, to_local
-from replay_kit.core.grid import Projection
+from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.plan import Area
 
-# Radii of a waypoint that are tried, in tolerances of the plan.
-_RADII = np.array([1.0, 2.0, 4.0, 8.0])
-# Where fewer samples reach the last waypoint another radius is tried.
-_MOST = 0.9
-
-
-@dataclass(frozen=True, slots=True)
-class ListRisk:
-    """A list headed for in samples of the estimate, in each with another current expected in the first dive.
-
-    Attributes:
-        count: Number of samples.
-        reached: Share in which a glider that corrects for the current of its last dive reaches the last waypoint.
-        violating: Share in which it violates a constraint, or could not be checked to the end.
-        reached_straight: As ``reached``, of one that heads straight at each waypoint.
-        violating_straight: As ``violating``, of that.
-    """
-
-    count: int
-    reached: float
-    violating: float
-    reached_straight: float
-    violating_straight: float
-
-    def text(self, to: str = "the last") -> str:
-        """Return it in words, with what is reached."""
-        shares = self.reached, self.violating, self.reached_straight, self.violating_straight
-        reached, violating, straight, unsafe = (f"{100.0 * share:.0f} %" for share in shares)
-        return (
-            f"in {self.count} samples of the estimate {reached} reach {to} and {violating} are not safe, without the glider's own "
-            f"correction for the current {straight} and {unsafe}"
-        )
+# Radii of a waypoint that are tried, in those of the goal, and the number of samples in which they are.
+_RADII, _TRIED = (1.0, 2.0, 4.0, 8.0), 25
+# Share of a plan's margin that is kept: its own legs come to the margin less the error of the optimiser's current.
+_AS_FAR = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoints:
-    """Places that a glider heads for one after the other, and its predicted track with the worst current that it may expect at first.
+    """W places that a glider heads for one after the other, and its track.
 
     Attributes:
-        longitude: shape (W,) [degrees east].
-        latitude: shape (W,) [degrees north].
-        glide_angles_deg: shape (W,), on the way to each.
-        pitches_deg: shape (W,).
-        depths: shape (W,), depth of the dives on the way to each [m].
-        yos: Dives between surfacings.
-        radius: Within which a waypoint counts as reached [m].
-        times: shape (W,) [s] since the start, when each is reached; NaN for those that are not.
-        surfacings: shape (L, 2), longitude and latitude [degrees] of each surfacing on the way.
-        off_end: Largest distance of the last surfacing from the end of the plan [m], of all currents that it may expect at first.
-        delay: Its largest delay against the end of the plan [s]; negative when earlier.
-        off_track: Largest distance of a surfacing from the plan's legs [m].
-        violation: What a glider that heads for them crosses first; None when it keeps clear.
-        arrives: Whether it reaches all of them and ends within the plan's tolerance of the plan's end.
-        message: The outcome in words.
-        risk: In samples of the estimate; None without.
-        areas: That it keeps out of, and fences.
-        clearance: Least height of the dives above the bottom [m].
+        depths: Of the dives on the way to each [m].
+        radius: Within which one that is no goal is reached [m].
+        times: When each is [s since the start]; NaN for never.
+        surfacings: shape (D, 2), longitude and latitude [degrees].
+        off_end: Least distance of one from the plan's end [m].
+        delay: When it is there after the plan's end [s].
+        off_track: Largest distance of one from the plan's legs [m].
+        violation: What is crossed first; None for nothing.
+        arrives: Whether all are reached.
     """
 
     longitude: Array
@@ -109,210 +68,180 @@ class Waypoints:
     violation: Violation | None
     arrives: bool
     message: str
-    risk: ListRisk | None = None
     areas: tuple[Area, ...] = ()
     clearance: float = 20.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _List:
+    """Waypoints headed for in the estimate.
+
+    Attributes:
+        kept: Numbers of the legs whose ends they are.
+        radius: Of those that are no goals [m].
+        route: Along them.
+        flights: Of a glider that expects the current of its first dive, and of one that expects none, as when just put to sea.
+        violation: What either crosses first, or that it was not checked; None when both keep clear.
+    """
+
+    kept: tuple[int, ...]
+    radius: float
+    route: Route
+    flights: Flights
+    violation: Violation | None
+
+    @property
+    def serves(self) -> bool:
+        """Whether the glider arrives and crosses nothing."""
+        return self.violation is None and bool(np.isfinite(self.flights.arrived).all())
 
 
 def waypoints_of(
     flow: Flow,
     plan: MissionPlan,
+    request: MissionRequest,
     tolerance: float | None = None,
-    *,
-    no_go: tuple[NoGo, ...] = (),
-    bathymetry: Bathymetry | None = None,
     samples: Sequence[Sample] = (),
-) -> Waypoints:
-    """Return the fewest of a plan's surfacings that describe its track, and the track of a glider that heads for them in a flow.
+) -> tuple[Waypoints, MissionOdds | None]:
+    """Return the fewest of a plan's surfacings that describe its track, and the odds of a glider that heads for them; None without samples.
 
-    It heads for the next waypoint from where it surfaces, corrected for the mean current of its last leg by dead reckoning, at the
-    mean glide angle of the planned legs; where less than a leg is left it dives less deep. What it expects in its first dive is not known:
-    it is flown with each of ``first_currents``. The radius within which a waypoint counts as reached is the plan's tolerance or two, four
-    or eight times that: the one that, expecting the worst, reaches most waypoints, ends within the tolerance and loses least time. A
-    goal below the surface at the end is a waypoint above it.
-
-    No straight line between two waypoints crosses an area. The flights are checked as a plan is: where one violates a constraint or does
-    not end within the tolerance, all surfacings become waypoints; ``violation`` is what one crosses all the same, or that the last
-    waypoints are not reached, so that the way there could not be checked. Dives to a waypoint are as deep as the shallowest planned.
+    No line between two crosses an area. Where the flight in the estimate crosses something or does not arrive, all are waypoints.
 
     Args:
-        flow: The current it is flown in: the plan's, or another one.
+        flow: The current it is flown in.
         plan: The mission.
-        tolerance: A surfacing this close to steady progress between two others is left out [m]; None for the plan's tolerance.
-        no_go: Areas that must not be entered.
-        bathymetry: Bottom depth.
-        samples: As for ``plan_scenarios``, in which the list is judged. The semi-axis of the ellipse of a first surfacing is tried as its
-            radius too: within less a glider turns back for a waypoint that it has passed.
+        request: What it was planned for.
+        tolerance: A surfacing this close to steady progress is left out [m].
+        samples: As for ``mission_odds``.
 
     Raises:
-        PlanError: The mission has no legs, or it is a mooring, which is a single waypoint.
+        PlanError: It has no legs, or is a mooring.
     """
     if plan.is_moored:
         raise PlanError("a mooring has no waypoints: give the glider the place of the mooring")
-    task = task_for(flow, plan, no_go, bathymetry)
+    task = task_of_plan(flow, plan, request)
     ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
-    places, wanted = np.vstack([task.start[None, :2], ends]), plan.settings.tolerance
-    firsts = first_currents(task, plan, legs_of_plan(plan))
-    fewest = kept_surfacings(plan, places, wanted if tolerance is None else tolerance, task.rings)
-    best, whole = _best_radius(task, plan, firsts, fewest), tuple(range(1, len(ends) + 1))
-    if not _serves(plan, best):
-        best = min(
-            best,
-            _best_radius(task, plan, firsts, whole),
-            key=lambda flown: _lost(plan, flown[0]),
-        )
-    if not samples:
-        return _waypoints(task, plan, best, places, no_go)
-    currents = with_paces(currents_of_estimate(flow, samples), plan.vehicle, 1)
-    risk = list_risk(task, plan, best[0].few, firsts, currents)
-    first = first_legs(plan, 1, task.region.grid.projection)
-    wide = float(np.ceil(surfacing_ellipses(fly_mission(samples, first), first)[0, 2]))
-    if _serves(plan, best) and risk.reached < _MOST and wide > best[0].few.radius:
-        wider = _worst_first(plan, _flown(task, plan, [replace(best[0].few, radius=wide)], firsts))
-        then = list_risk(task, plan, wider[0].few, firsts, currents)
-        if _serves(plan, wider) and (-then.violating, then.reached) > (
-            -risk.violating,
-            risk.reached,
-        ):
-            best, risk = wider, then
-    found = _waypoints(task, plan, best, places, no_go)
-    return replace(found, risk=risk, message=f"{found.message}; {risk.text()}")
-
-
-def _lost(plan: MissionPlan, one: Followed) -> tuple[bool, int, bool, float]:
-    """Return what a flight loses, the worst first: a constraint, waypoints, the end of the plan, time [s]."""
-    off_end = float(np.linalg.norm(one.path[-1][0] - one.few.places[-1]))
-    # the rest of the distance to the plan's end would take time as well
-    late = one.path[-1][1] + off_end / float(plan.vehicle.speeds(np, one.few.angles[-1])[0])
-    missed = int(np.isnan(one.times).sum())
-    return one.violation is not None, missed, off_end > plan.settings.tolerance, late
-
-
-def _serves(plan: MissionPlan, flown: Sequence[Followed]) -> bool:
-    """Return whether the worst flight of a list loses nothing but time."""
-    return not any(_lost(plan, flown[0])[:3])
-
-
-def _worst_first(plan: MissionPlan, flown: Sequence[Followed]) -> list[Followed]:
-    """Return flights, the one that loses most first."""
-    return sorted(flown, key=lambda one: _lost(plan, one), reverse=True)
-
-
-def _flown(
-    task: Task, plan: MissionPlan, lists: Sequence[WaypointList], firsts: Sequence[Array]
-) -> list[Followed]:
-    """Return the flights of each list with each first current in the estimate, list by list."""
-    each = [few for few in lists for _ in firsts]
-    return follow(task, plan, each, [*firsts] * len(lists))
+    places = np.vstack([task.start[None, :2], ends])
+    near = plan.settings.tolerance if tolerance is None else tolerance
+    currents = (
+        currents_of_estimate(flow, samples[:_TRIED], task.settings.depth)
+        if samples
+        else task.currents
+    )
+    fewest = kept_surfacings(plan, places, near, task.rings)
+    best = _best_radius(task, plan, places, fewest, currents)
+    if not best.serves:
+        whole = _best_radius(task, plan, places, tuple(range(1, len(ends) + 1)), currents)
+        best = whole if whole.serves or not best.violation else best
+    odds = mission_odds(flow, samples, plan, request, best.route) if samples else None
+    return _waypoints(task, plan, best, places, request), odds
 
 
 def _best_radius(
-    task: Task, plan: MissionPlan, firsts: Sequence[Array], kept: tuple[int, ...]
-) -> list[Followed]:
-    """Return the flights with all first currents, the worst first, of the list of some legs' ends within the radius that serves best.
-
-    All radii are flown with the first currents that lose most as a rule, the plan's and none; what a list loses with these bounds what it
-    loses at worst, so that only those are flown with the others that may still be the best.
-    """
-    lists = [
-        WaypointList.of(task, plan, kept, float(plan.settings.tolerance * of)) for of in _RADII
-    ]
-    first, rest = firsts[:2], firsts[2:]
-    flown = _flown(task, plan, lists, first)
-    open_ = [
-        _worst_first(plan, flown[k * len(first) : (k + 1) * len(first)]) for k in range(len(lists))
-    ]
-    while True:
-        best = min(open_, key=lambda one: _lost(plan, one[0]))
-        if len(best) == len(firsts):
-            return best
-        more = _flown(task, plan, [best[0].few], rest)
-        open_[open_.index(best)] = _worst_first(plan, [*best, *more])
+    task: Task, plan: MissionPlan, places: Array, kept: tuple[int, ...], currents: Currents
+) -> _List:
+    """Return the list of some legs' ends within the radius with the best odds, the least of radii alike."""
+    goal, found = plan.settings.radius or plan.settings.tolerance, list[tuple[float, _List]]()
+    for times in _RADII:
+        route = _route(plan, places, kept, times * goal)
+        told = np.array([[np.nan, np.nan], [0.0, 0.0]])
+        flown = steer(task, task.currents, replace(route, told=told), latest(plan))
+        margin = _margin(task, plan.settings.margin, places)
+        crossed = [_violation(task, flown, k, margin) for k in range(2)]
+        one = _List(kept, times * goal, route, flown, next(filter(None, crossed), None))
+        odds = odds_of(task, currents, route, latest(plan))
+        found.append((odds.succeeded + one.serves, one))
+        if odds.succeeded == 1.0 and one.serves:
+            break
+    return max(found, key=lambda pair: pair[0])[1]
 
 
-def list_risk(
-    task: Task,
-    plan: MissionPlan,
-    few: WaypointList,
-    firsts: Sequence[Array],
-    currents: Currents,
-) -> ListRisk:
-    """Return how a list fares in K currents, in each with a current expected in the first dive, with and without correction."""
-    count = len(currents.latent)
-    expected = [firsts[k % len(firsts)] for k in range(count)]
-    twice = currents.some(np.tile(np.arange(count), 2))
-    corrects = np.repeat([True, False], count)
-    flown = follow(task, plan, [few] * 2 * count, expected * 2, twice, corrects)
-    figures = list[float]()
-    for half in (flown[:count], flown[count:]):
-        figures += [
-            float(np.mean([np.isfinite(one.times[-1]) for one in half])),
-            float(np.mean([one.violation is not None for one in half])),
-        ]
-    return ListRisk(count, *figures)
+def _violation(task: Task, flown: Flights, number: int, margin: float) -> Violation | None:
+    """Return what one flight crosses first, or that it was not checked to the end where there is something to cross."""
+    one, ends = np.s_[number : number + 1], flown.ups + DRIFT_STEPS
+    place, depth, time = flown.place[one], flown.depth[number], flown.time[one]
+    found = check(task, Flight(time, depth, place, flown.dive, ends), margin)
+    deepest = float(depth.max())
+    if found is not None or np.isfinite(flown.arrived[number]):
+        return found
+    if all(ring.outside for ring in task.solid(deepest)):
+        return None
+    what = f"water that was not checked, as waypoint {int(np.isfinite(flown.met[number]).sum()) + 1} is not reached in {ends.size} legs,"
+    where = (float(part) for part in to_geographic(task.region.grid.projection, *place[0, -1]))
+    return Violation(what, float(time[0, -1]), ends.size, *where)
+
+
+def _route(plan: MissionPlan, places: Array, kept: tuple[int, ...], radius: float) -> Route:
+    """Return the route to some legs' ends, at their mean glide angle and in the shallowest of their dives."""
+    angles, depths = (
+        np.deg2rad(plan.glide_angles_deg),
+        np.array([max(leg[1:]) for leg in plan.yo_depths]),
+    )
+    spans, numbers = list(pairwise([0, *kept])), np.array(kept)
+    radii = np.where(
+        np.isin(numbers, plan.goal_legs), plan.settings.radius or plan.settings.tolerance, radius
+    )
+    return Route(
+        places[np.append(0, numbers)],
+        np.array([np.mean(angles[begin:end]) for begin, end in spans]),
+        np.array([np.min(depths[begin:end]) for begin, end in spans]),
+        None,
+        np.column_stack([places[numbers], np.zeros(numbers.size)]),
+        np.arange(1, numbers.size + 1),
+        radii,
+        direct=True,
+        alone=True,
+    )
+
+
+def _margin(task: Task, margin: float, places: Array) -> float:
+    """Return the distance that a flight keeps from areas [m]: most of the plan's margin, less where a place it must pass is nearer."""
+    least = min(
+        (float(ring.clearance(places[[0, -1]]).min()) for ring in task.rings), default=np.inf
+    )
+    return float(np.clip(0.5 * least, 0.0, _AS_FAR * margin))
 
 
 def _waypoints(
-    task: Task,
-    plan: MissionPlan,
-    flown: Sequence[Followed],
-    places: Array,
-    no_go: tuple[NoGo, ...],
+    task: Task, plan: MissionPlan, few: _List, places: Array, request: MissionRequest
 ) -> Waypoints:
-    """Return waypoints and what they lose at most against the plan, whose legs lie between places [m], in flights with the worst first."""
-    worst, projection = flown[0], task.region.grid.projection
-    off_end = max(float(np.linalg.norm(one.path[-1][0] - places[-1])) for one in flown)
-    delay = max(one.path[-1][1] for one in flown) - plan.duration
-    surfacings = [np.array([place for place, _ in one.path[1:]]) for one in flown]
-    off_track = float(np.max(_distance_to_legs(np.vstack(surfacings), places)))
-    n_reached = int(np.isfinite(worst.times).sum())
+    """Return waypoints and what they lose against the plan, whose legs lie between places [m]."""
+    projection, flights, numbers = task.region.grid.projection, few.flights, np.array(few.kept)
+    surfaced = flights.place[0, flights.ups]
+    off_track = float(np.max(_distance_to_legs(surfaced, places)))
+    times = np.where(np.isfinite(flights.met[0]), flights.met[0], np.nan)
+    off_end = float(np.min(np.linalg.norm(surfaced - places[-1], axis=1)))
+    ended = flights.arrived[0] if few.serves else flights.time[0, flights.ups[-1]]
+    delay, n_reached = float(ended) - plan.duration, int(np.isfinite(times).sum())
     message = (
-        f"{len(worst.few.kept)} waypoints for {len(places) - 1} surfacings; {n_reached} reached within {worst.few.radius:g} m; "
+        f"{len(times)} waypoints for {len(places) - 1} surfacings; {n_reached} reached within {few.radius:g} m; "
         f"ends {off_end:.0f} m from the plan's end and {abs(delay) / 60.0:.0f} min {'later' if delay >= 0.0 else 'earlier'}; "
         f"surfaces at most {off_track:.0f} m off the plan's legs"
     )
-    at = worst.violation
-    arrives = n_reached == len(worst.few.kept) and off_end <= plan.settings.tolerance
-    expecting = f"if the glider expects {_expected(plan, projection, worst)} in its first dive"
+    at = few.violation
     if at is not None:
-        message = f"not safe: heading for the waypoints crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f} {expecting}; {message}"
-    elif not arrives:
-        message = f"not reliable: ends farther than {plan.settings.tolerance:g} m from the plan's end {expecting}; {message}"
-    else:
-        message += ", whatever current it expects in its first dive"
-    longitude, latitude = plan.surfacings[np.array(worst.few.kept) - 1].T
-    pitches = np.rad2deg(plan.vehicle.pitch(worst.few.angles))
-    surfaced = np.column_stack(to_geographic(projection, *surfacings[0].T))
-    dives = worst.few.depths, plan.settings.yos, worst.few.radius
-    angles = np.rad2deg(worst.few.angles)
-    lost = off_end, delay, off_track
+        message = f"not safe: heading for the waypoints crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f}; {message}"
+    elif n_reached < len(times):
+        message = f"not reliable: not all of them are reached; {message}"
+    longitude, latitude = plan.surfacings[numbers - 1].T
     return Waypoints(
         longitude,
         latitude,
-        angles,
-        pitches,
-        *dives,
-        worst.times,
-        surfaced,
-        *lost,
+        np.rad2deg(few.route.angles),
+        np.rad2deg(plan.vehicle.pitch(few.route.angles)),
+        few.route.depths,
+        plan.settings.yos,
+        few.radius,
+        times,
+        np.column_stack(to_geographic(projection, *surfaced.T)),
+        off_end,
+        delay,
+        off_track,
         at,
-        arrives,
+        n_reached == len(times),
         message,
-        areas=tuple(area.area for area in no_go),
+        areas=tuple(area.area for area in request.no_go),
         clearance=plan.settings.clearance,
-    )
-
-
-def _expected(plan: MissionPlan, projection: Projection, followed: Followed) -> str:
-    """Return the current that a glider expects in its first dive, in words."""
-    east, north = rotate_to_geographic(
-        projection, plan.start.longitude, plan.start.latitude, *followed.first_current
-    )
-    speed = float(np.hypot(east, north))
-    return (
-        f"a current of {100.0 * speed:.0f} cm/s toward {float(heading_deg(east, north)):.0f} degrees"
-        if speed > 0.0
-        else "no current"
     )
 
 
@@ -321,13 +250,12 @@ def kept_surfacings(
 ) -> tuple[int, ...]:
     """Return the numbers of the legs, counted from 1, whose ends are waypoints: those of the goals, and what is needed between them.
 
-    Between two that are kept, the one farthest from steady progress is kept as well, until none is farther than the tolerance
-    (Ramer 1972; Douglas and Peucker 1973; here in place and time, so that changes of speed count) and no straight line between two crosses
-    an area or comes nearer to it than the plan's margin.
+    Between two the one farthest from steady progress is kept, until none is farther than the tolerance (Ramer 1972; Douglas, Peucker 1973;
+    here in place and time) and no line between two comes nearer to an area than the plan's margin.
 
     Args:
         plan: The mission.
-        places: shape (L + 1, 2) [m], its start and the ends of its legs.
+        places: shape (L + 1, 2) [m], its start and legs' ends.
         tolerance: [m].
         rings: What must not be crossed.
     """

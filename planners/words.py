@@ -155,29 +155,23 @@ def _longest_text(task: Task) -> str:
     return f"limit: max_duration = {settings.max_duration:g} s (--max-duration)"
 
 
-def odds_text(plan: MissionPlan, count: int, corrected: float, held: float) -> str:
-    """Return the shares of some samples of the estimate in which a mission arrives, with headings corrected and held, in words."""
-    verb = "stay within the radius" if plan.is_moored else "arrive"
-    if plan.status == "partial":
-        verb = "surface last within the tolerance of where the plan ends"
-    return (
-        f"{100.0 * corrected:.0f} % of {count} samples of the estimate {verb} with headings corrected at each surfacing, "
-        f"{100.0 * held:.0f} % with headings held (90 % intervals {_interval(corrected, count)} and {_interval(held, count)})"
-    )
+def odds_text(plan: MissionPlan, count: int, reached: float, radius: float, deadline: float) -> str:
+    """Return the share of the simulated flights that arrive, steered at each surfacing, in words."""
+    text = f"{round(reached * count)} of {count} simulated flights"
+    low, high = share_interval(reached, count)
+    share = f"{100.0 * reached:.0f} %, 90 % interval {100.0 * low:.0f} to {100.0 * high:.0f} %"
+    if plan.is_moored:
+        return f"{text} stay within {radius:g} m ({share})"
+    where = "where the plan ends" if plan.status == "partial" else "the goal"
+    if len(plan.goals) > 1:
+        where = "each goal"
+    return f"{text} come up within {radius:g} m of {where} by {_since(plan.start_time_ns, deadline)} ({share})"
 
 
-def _interval(share: float, count: int) -> str:
-    """Return the interval of a share of some samples in words."""
-    low, high = share_interval(share, count)
-    return f"{100.0 * low:.0f} to {100.0 * high:.0f} %"
-
-
-def arrival_text(plan: MissionPlan, arrival: float) -> str:
-    """Return by when samples arrive, to be added: the latest time asked for, and when nine of ten have [s since the start]."""
-    begins, text = plan.start_time_ns, ""
-    if np.isfinite(plan.settings.arrive_by):
-        text = f", by {_since(begins, plan.settings.arrive_by)}"
-    return text + (f"; 90 % arrive by {_since(begins, arrival)}" if np.isfinite(arrival) else "")
+def arrival_text(plan: MissionPlan, median: float, ninety: float) -> str:
+    """Return by when half and nine of ten simulated flights arrive [s since the start], to be added; empty where fewer do."""
+    text = f"; half arrive by {_since(plan.start_time_ns, median)}" if np.isfinite(median) else ""
+    return text + (f", 90 % by {_since(plan.start_time_ns, ninety)}" if np.isfinite(ninety) else "")
 
 
 def violations_text(violating: float, violations: Mapping[str, float]) -> str:

@@ -182,16 +182,16 @@ class Bottom:
 def bottom_of(region: Region, bathymetry: Bathymetry | None, clearance: float) -> Bottom:
     """Return what limits the depth of paths in a region.
 
-    Without a bathymetry the lowest level that is wet at a grid point is the greatest depth allowed around it. With one, its depths limit
-    a path, and the forecast only where a level above the path is dry. Between points of the bathymetry the shallowest of four holds.
+    Without a bathymetry the last level that is wet below a dry one limits it. With one, its depths do, and the forecast only where a level
+    above the path is dry. Between points of the bathymetry the shallowest of four holds.
 
     Args:
         region: The water of the forecast.
-        bathymetry: Bottom depth; None without.
+        bathymetry: Bottom depth.
         clearance: Least height above it [m].
 
     Raises:
-        PlanError: The arrays of the bathymetry differ in shape or have fewer than two rows or columns, or it lies outside of the region.
+        PlanError: The bathymetry's shapes differ, are too small, or it lies outside.
     """
     grid = region.grid
     count = np.where(grid.wet.all(axis=0), grid.levels.size, np.argmin(grid.wet, axis=0))

@@ -18,6 +18,8 @@ from replay_kit.core.plan import Place
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
+#: Depths of dives at most, in those of the deepest level.
+BEYOND = 2.0
 # Depths are compared to a millimetre, so that a path that ends on the surface or on the deepest level is inside.
 _DEPTH_MARGIN = 1e-3
 
@@ -48,15 +50,21 @@ class Region:
         return np.array([np.argmin(np.hypot(grid.east - east, grid.north - north))])
 
     @property
-    def deepest(self) -> float:
-        """Greatest depth allowed anywhere [m]: the deepest level or the vehicle's limit."""
+    def known(self) -> float:
+        """Greatest depth of a place [m]: the deepest level or the vehicle's limit."""
         return min(float(self.grid.levels[-1]), self.limit)
 
     @property
-    def floor(self) -> str:
-        """What the greatest depth is, in messages."""
-        name = "the vehicle's limit" if self.limit < self.grid.levels[-1] else "the deepest level"
-        return f"{name}, {self.deepest:g} m"
+    def deepest(self) -> float:
+        """Greatest depth of a dive [m]: below the deepest level, where the current is taken as there, no more than as far again."""
+        return min(BEYOND * float(self.grid.levels[-1]), self.limit)
+
+    def floor(self, depth: float) -> str:
+        """Return what a greatest depth is, in messages."""
+        if depth == self.limit:
+            return f"the vehicle's limit, {depth:g} m"
+        twice = "" if depth == self.known else "twice "
+        return f"{twice}the deepest level, {self.grid.levels[-1]:g} m"
 
     def wet(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 3) [m], are water: the nearest grid point is, at the last level at or above their depth."""
@@ -123,9 +131,9 @@ def locate(region: Region, place: Place, role: str) -> Array:
                 or "choose a place inside it or a forecast that covers it"
             )
         )
-    if not 0.0 <= place.depth <= region.deepest:
+    if not 0.0 <= place.depth <= region.known:
         raise PlanError(
-            f"{where} is not between the surface and {region.floor}; choose a depth within them"
+            f"{where} is not between the surface and {region.floor(region.known)}; choose a depth within them"
         )
     if not region.wet(point[None])[0]:
         raise PlanError(

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from planners.odds import MissionOdds
+from planners.odds.mission import MissionOdds
 from planners.request import MissionPlan
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
@@ -16,17 +16,20 @@ from replay_kit.core.surfacing import Ellipse
 from replay_kit.core.text import csv_text
 
 
-def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, Any]]:
+def legs_table(plan: MissionPlan, odds: MissionOdds | None) -> list[dict[str, Any]]:
     """Return the commands at the beginning of each leg and the place of its end, one row per leg.
+
+    ``heading_from_deg`` and ``heading_to_deg`` are the least and the greatest heading with which the leg still arrives, None where not
+    even the planned one does.
 
     Args:
         plan: The mission.
-        ellipses: shape (L, 5), of ``surfacing_ellipses``; None without.
+        odds: Of it, which give ellipses and these headings; None without.
     """
     begins = np.concatenate([[0.0], plan.surfacing_times[:-1]])
     rows = []
     for k, heading in enumerate(plan.headings_deg):
-        row = {
+        row: dict[str, Any] = {
             "leg": k + 1,
             "start_s": float(begins[k]),
             "heading_deg": float(heading),
@@ -38,7 +41,11 @@ def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, Any]
             "longitude": float(plan.surfacings[k, 0]),
             "latitude": float(plan.surfacings[k, 1]),
         }
-        if ellipses is not None:
+        if odds is not None and len(odds.forgiving):
+            about = np.mod(heading + odds.forgiving[k], 360.0).tolist()
+            for name, value in zip(("from", "to"), about, strict=True):
+                row[f"heading_{name}_deg"] = value if np.isfinite(value) else None
+        if odds is not None and len(odds.ellipses):
             names = (
                 "ellipse_longitude",
                 "ellipse_latitude",
@@ -46,7 +53,7 @@ def legs_table(plan: MissionPlan, ellipses: Array | None) -> list[dict[str, Any]
                 "ellipse_minor_m",
                 "ellipse_bearing_deg",
             )
-            row |= {name: float(value) for name, value in zip(names, ellipses[k], strict=True)}
+            row |= {name: float(value) for name, value in zip(names, odds.ellipses[k], strict=True)}
         rows.append(row)
     return rows
 
@@ -66,14 +73,17 @@ def goals_table(plan: MissionPlan) -> list[dict[str, float]]:
     ]
 
 
-def to_csv(plan: MissionPlan, ellipses: Array | None) -> str:
+def to_csv(plan: MissionPlan, odds: MissionOdds | None) -> str:
     """Return the legs as CSV with a line of names; without legs only that there are none."""
-    rows = legs_table(plan, ellipses)
-    rounded = [{name: round(value, 7) for name, value in row.items()} for row in rows]
+    rows = legs_table(plan, odds)
+    rounded = [
+        {name: None if value is None else round(value, 7) for name, value in row.items()}
+        for row in rows
+    ]
     return csv_text(rounded, rows[0] if rows else ["leg"])
 
 
-def to_json(plan: MissionPlan, ellipses: Array | None) -> dict[str, Any]:
+def to_json(plan: MissionPlan, odds: MissionOdds | None) -> dict[str, Any]:
     """Return the mission as JSON: its outcome, energy and legs; figures that are not numbers are null."""
     return {
         "status": plan.status,
@@ -82,25 +92,22 @@ def to_json(plan: MissionPlan, ellipses: Array | None) -> dict[str, Any]:
         "energy_j": plan.energy,
         "closest_approach_m": [float(miss) for miss in plan.closest_approach],
         "goals": goals_table(plan),
-        "legs": legs_table(plan, ellipses),
+        "legs": legs_table(plan, odds),
         "statistics": {
             name: value if value == value else None for name, value in plan.statistics.items()
         },
     }
 
 
-def to_geojson(
-    plan: MissionPlan, projection: Projection, ellipses: Array | None, samples: int | None = None
-) -> str:
+def to_geojson(plan: MissionPlan, projection: Projection, odds: MissionOdds | None) -> str:
     """Return the predicted track as a line, start, surfacings and goals as points, and ellipses as polygons.
 
     Args:
         plan: The mission.
         projection: The local frame of its track.
-        ellipses: shape (L, 5), of ``surfacing_ellipses``; None without.
-        samples: Number of flights that the ellipses are made from; None when it is not to be stated.
+        odds: Of it; None without.
     """
-    near, rows = plan.start.longitude, legs_table(plan, ellipses)
+    near, rows = plan.start.longitude, legs_table(plan, odds)
     features = []
     if len(plan.track) > 1:
         line = positions(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]), near)
@@ -124,18 +131,16 @@ def to_geojson(
         near,
     )
     features += [feature("Point", *one) for one in zip(at, named, strict=True)]
-    for k, ellipse in enumerate([] if ellipses is None else ellipses, 1):
+    for k, ellipse in enumerate([] if odds is None else odds.ellipses, 1):
         longitude, latitude = ellipse_outline(ellipse, projection).T
         around = positions(longitude, latitude, near)
-        about = {"name": f"90 % of surfacings {k}"} | (
-            {} if samples is None else {"samples": samples}
-        )
+        about = {"name": f"90 % of surfacings {k}", "samples": 0 if odds is None else odds.count}
         features.append(feature("Polygon", [around], about))
     return collection_file(features)
 
 
 def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
-    """Return points of an ellipse of ``surfacing_ellipses``, shape (5,), as longitudes and latitudes, shape (37, 2), the first repeated.
+    """Return points of an ellipse of ``MissionOdds``, shape (5,), as longitudes and latitudes, shape (37, 2), the first repeated.
 
     They run counter-clockwise, as RFC 7946 asks of the outer ring of a polygon.
     """
@@ -165,7 +170,6 @@ def as_plan(plan: MissionPlan, projection: Projection, odds: MissionOdds | None 
     )
     turn = float(grid_bearing_of_true_north(projection, plan.start.longitude, plan.start.latitude))
     local = np.deg2rad(heading) + turn
-    ellipses = None if odds is None else odds.ellipses
     return Plan(
         status=plan.status,
         start=plan.start,
@@ -184,19 +188,19 @@ def as_plan(plan: MissionPlan, projection: Projection, odds: MissionOdds | None 
         message=plan.message,
         statistics=plan.statistics,
         # a glide is told by its heading and glide angle alone
-        legs=tuple(legs_table(plan, ellipses)) if plan.settings.yos else (),
+        legs=tuple(legs_table(plan, odds)) if plan.settings.yos else (),
         energy=plan.energy,
         odds=None if odds is None else _odds(odds),
     )
 
 
 def _odds(odds: MissionOdds) -> Odds:
-    pilot = odds.corrected
     return Odds(
         odds.count,
-        pilot.reached,
-        odds.held.reached,
-        pilot.safe,
-        pilot.miss_median,
-        pilot.miss_90_percent,
+        odds.reached,
+        odds.safe,
+        odds.radius,
+        odds.deadline,
+        odds.arrival_median,
+        odds.arrival_90_percent,
     )

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -71,7 +70,6 @@ def waypoint_json(waypoints: Waypoints) -> dict[str, Any]:
         "off_end_m": waypoints.off_end,
         "delay_s": waypoints.delay,
         "off_track_m": waypoints.off_track,
-        "samples": None if waypoints.risk is None else asdict(waypoints.risk),
         "waypoints": waypoint_rows(waypoints),
     }
 

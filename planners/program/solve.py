@@ -11,8 +11,7 @@ from planners.clearance import Violation, check
 from planners.program.graph import PLANES, Program, Shape, program
 from planners.program.walls import Segments, Walls
 from planners.request import Line, Mooring
-from planners.simulation.fly import COARSE, DRIFT_STEPS, Flight, Legs, Path, fly, fly_leg
-from planners.solver import one_at_a_time
+from planners.simulation.fly import COARSE, DRIFT_STEPS, TURN, Flight, Legs, Path, fly_leg
 from planners.task import Task, apogee_depths, yo_depths
 from planners.vehicle import Glider
 from planners.water import HOUR, KM, Water
@@ -30,6 +29,8 @@ _SOLVED = "Solve_Succeeded", "Solved_To_Acceptable_Level"
 _ONE, _TWO, _OF_GLIDE, _GLIDE_STEPS = 0.8, 1.6, 8, 240
 # Longest step of a flown dive or climb [s].
 _LONGEST = 300.0
+# Passes in which legs are flown one after the other at most, and how far no end may move in the last [m].
+_PASSES, _STILL = 20, 0.02
 # A little more than a battery holds counts as all of it.
 _FULL = 1.001
 # Tolerances beyond which a goal is missed for good.
@@ -66,18 +67,18 @@ class Solution:
     """Legs that were found, and where they lead.
 
     Attributes:
-        task: The mission, its vehicle at the speed that was chosen.
+        task: The mission, at the speed chosen.
         start: Where the rounds began; None where nothing was solved.
         legs: The commands.
         flight: Where they lead.
-        goal_legs: In which leg each goal is met, counted from 1; 0 for the start.
-        points: shape (G,), numbers of the flight's points at which they are met.
+        goal_legs: In which leg each goal is met, from 1; 0 for the start.
+        points: shape (G,), of the flight, at which they are.
         miss: shape (G,) [m].
-        violation: The first constraint violation; None when there is none.
-        clearance: Least distance from what is forbidden nearby [m].
+        violation: The first; None without.
+        clearance: From what is forbidden nearby [m].
         iterations: IPOPT's.
         status: IPOPT's last.
-        steps: Parts of a dive or climb that were flown.
+        steps: Parts of a dive or climb.
     """
 
     task: Task
@@ -168,10 +169,10 @@ class Solver:
     segments: int = field(init=False)
     programs: dict[Shape, Program] = field(default_factory=dict)
 
-    @one_at_a_time
     def __post_init__(self) -> None:
         """Fit the current."""
-        self.terms, self.water = terms_of(self.task), Water(self.task)
+        with TURN:
+            self.terms, self.water = terms_of(self.task), Water(self.task)
         self.segments = segments_of(self.task)
 
     def program(self, legs: int, walled: bool) -> Program:
@@ -182,10 +183,10 @@ class Solver:
             self.programs[shape] = program(self.water, self.task.vehicle, shape)
         return self.programs[shape]
 
-    @one_at_a_time
     def solve(self, start: Start) -> Solution:
         """Return what the rounds from a start end with."""
-        return _Rounds(self, start).run()
+        with TURN:
+            return _Rounds(self, start).run()
 
 
 def segments_of(task: Task) -> int:
@@ -490,10 +491,26 @@ class _Rounds:
 
 
 def again(found: Solution) -> Solution:
-    """Return a solution with its legs flown one after the other, as the vehicle will fly them."""
-    task, legs = found.task, found.legs
-    begin, clock, deep = task.start[:2], task.start_time, task.goals[:, 2]
-    flight = fly(task.currents, task.vehicle, begin, legs, clock, parts=found.steps, stops=deep)
+    """Return a solution with its legs flown one after the other, as the vehicle will fly them.
+
+    All are flown at once, each from where the one before has just ended, until that moves none: it contracts by what the current changes
+    over a leg's error.
+    """
+    task, legs, ends = found.task, found.legs, found.flight.place[0, found.flight.ends]
+    down = np.broadcast_to(task.vehicle.speeds(np, legs.angles)[1], ends.shape[:1])
+    lasts = np.sum(np.abs(np.diff(legs.turns, axis=0)), axis=0) / down + legs.drifts
+    times = task.start_time + np.append(0.0, np.cumsum(lasts)[:-1])
+    command, deep = (legs.headings, legs.angles), task.goals[:, 2]
+    for _ in range(_PASSES):
+        begins = np.vstack([task.start[None, :2], ends[:-1]])
+        begin = begins, times
+        path = fly_leg(
+            task.currents, task.vehicle, begin, command, legs.turns, legs.drifts, found.steps, deep
+        )
+        before, ends = ends, task.start[:2] + np.cumsum(path.places[-1] - begins, axis=0)
+        if np.max(np.abs(ends - before)) < _STILL:
+            break
+    flight = _joined(path, task.start_time)
     told = found.clearance, found.iterations, found.status
     return judged(task, found.start, legs, flight, found.goal_legs, *told, steps=found.steps)
 

@@ -202,8 +202,7 @@ def edge_durations(
 ) -> Array:
     """Return the durations, shape (n,) [s], of straight tracks over ground; infinite for those along which the vehicle cannot stay.
 
-    Each is cut into equal pieces. With u the current at the piece's middle, in place and time, u_par along the track and u_perp across
-    it, the vehicle heads off u_perp and makes good u_par + sqrt(V^2 - u_perp^2).
+    In each piece, with u at its middle in place and time, the vehicle heads off u_perp and makes good u_par + sqrt(V^2 - u_perp^2).
 
     Args:
         current: The current.
@@ -211,7 +210,7 @@ def edge_durations(
         begin: shape (n,), where they begin [m], east + i north.
         end: shape (n,), where they end.
         depart: shape (n,), when they begin [s].
-        longest_piece: Longest piece [m].
+        longest_piece: [m].
     """
     way = end - begin
     length = np.abs(way)

@@ -41,14 +41,14 @@ class Sea:
     Attributes:
         current: On the lattice.
         speed: Of the vehicle through water [m/s].
-        obstacles: What lies in the way; None for nothing.
-        places: shape (n,), the points: those of the lattice first [m], east + i north.
+        obstacles: What lies in the way.
+        places: shape (n,), the lattice's points first [m], east + i north.
         free: shape (n,), whether a route may pass them.
         near: shape (n,), whether an edge from them may touch an obstacle.
-        first: shape (n + 1,), where the neighbours of each point begin, of those that it has or is off the lattice.
+        first: shape (n + 1,), where the neighbours of each begin.
         neighbours: Numbers of points.
         waits: Whether points spread again at each time of the current.
-        fastest: What the vehicle makes good at most [m/s].
+        fastest: Made good at most [m/s].
     """
 
     current: CurrentLattice

@@ -118,13 +118,13 @@ class Currents:
         taken = (keep[:, None] * levels.size + levels).ravel()
         return times[keep], self.latent[0][:, taken]
 
-    def some(self, numbers: NDArray[np.intp]) -> "Currents":
-        """Return the currents at places in some of these, by their numbers, without a copy of the flows."""
-        beside, pace = self.beside, self.pace
+    def some(self, numbers: NDArray[np.intp], pace: Array | None = None) -> "Currents":
+        """Return the currents at places in some of these, by their numbers, without a copy of the flows; with the pace in each."""
+        beside = self.beside
         found = replace(
             self,
             beside=None if beside is None else replace(beside, velocity=beside.velocity[numbers]),
-            pace=None if pace is None else pace[numbers],
+            pace=pace,
             numbers=numbers if self.numbers is None else self.numbers[numbers],
         )
         # the cache of the same flows

@@ -4,26 +4,25 @@ A leg leads from one surfacing to the next: heading and glide angle held through
 current are passed, as it bends there in depth.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from threading import RLock
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.simulation.currents import Currents
-from planners.solver import one_at_a_time
 from planners.vehicle import Glider
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import rate_in_frame
 from replay_kit.core.grid import Projection
 
+#: Held by the thread that makes or calls functions of CasADi: IPOPT's linear solver and a program's own data are one for the process.
+TURN = RLock()
 #: Steps of a drift; parts of a dive or climb at least.
 DRIFT_STEPS, COARSE = 2, 4
-#: Where gliders are, shape (K, 2) [m], when, shape (K,) [s], and the number of the leg -> heading, glide angle, shape (K,) [rad].
-Steer = Callable[[Array, Array, int], tuple[Array, Array]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,13 +76,45 @@ class Flight:
     ends: NDArray[np.intp]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Flights:
+    """K gliders, each until it arrived; from then on it stays.
+
+    Attributes:
+        met: shape (K, G) [s], since the start, when each goal is met; infinite where it is not by the deadline.
+        nearest: shape (K, G), least distance at which each was passed [m].
+        place: shape (K, n, 2) [m].
+        time: shape (K, n) [s], since the start.
+        depth: shape (K, n) [m].
+        dive: shape (n,), number of the dive that leads there, from 0; the drift after it belongs to it.
+        ups: shape (D,), numbers of the points at which dives come up.
+    """
+
+    met: Array
+    nearest: Array
+    place: Array
+    time: Array
+    depth: Array
+    dive: NDArray[np.intp]
+    ups: NDArray[np.intp]
+
+    @property
+    def arrived(self) -> Array:
+        """When the last goal is met, shape (K,) [s]; infinite where it is not."""
+        return self.met[:, -1]
+
+    @property
+    def surfacings(self) -> Array:
+        """Where each dive and the drift after it ends, shape (K, D, 2) [m]; of a glider that arrived, where it stays."""
+        return self.place[:, self.ups + DRIFT_STEPS]
+
+
 def fly(
     currents: Currents,
     vehicle: Glider,
     start: Array,
     legs: Legs,
     start_time: float = 0.0,
-    steer: Steer | None = None,
     parts: int = COARSE,
     stops: Array | None = None,
 ) -> Flight:
@@ -93,9 +124,8 @@ def fly(
         currents: K flows.
         vehicle: The glider.
         start: shape (2,) [m].
-        legs: Its commands; depths and drifts are flown, headings and angles as far as nobody steers.
+        legs: Its commands.
         start_time: On the clock of the currents' times [s].
-        steer: Who corrects heading and glide angle at each surfacing; None to hold those of the legs.
         parts: Of a dive or climb at least.
         stops: Depths at which steps end too [m].
     """
@@ -104,8 +134,7 @@ def fly(
     places, times, ends = [at[None]], [now[None]], [0]
     depths, number = [legs.turns[:1, 0]], [np.zeros(1, dtype=int)]
     for k in range(len(legs.headings)):
-        held = np.full(count, legs.headings[k]), np.full(count, legs.angles[k])
-        heading, angle = held if steer is None else steer(at, now, k)
+        heading, angle = np.full(count, legs.headings[k]), np.full(count, legs.angles[k])
         turns, drift = legs.turns[:, [k]], np.full(count, legs.drifts[k])
         path = fly_leg(
             currents, vehicle, (at, start_time + now), (heading, angle), turns, drift, parts, stops
@@ -214,7 +243,6 @@ class Frame:
     stretch: Array
 
 
-@one_at_a_time
 def frame_along(currents: Currents, begin: Array, through: Array, lasts: Array) -> Frame:
     """Return the frame along legs.
 
@@ -227,8 +255,10 @@ def frame_along(currents: Currents, begin: Array, through: Array, lasts: Array) 
     count = len(begin)
     if currents.pace is not None:
         through = currents.pace[:, None] * through
-    function = _frame_function(currents.flow.grid.projection)
-    rate, turn, stretch = (np.asarray(value) for value in function(begin.T, through.T, lasts[None]))
+    with TURN:
+        function = _frame_function(currents.flow.grid.projection)
+        found = function(begin.T, through.T, lasts[None])
+    rate, turn, stretch = (np.asarray(value) for value in found)
     squares = (values.reshape(2, count, 2).transpose(1, 0, 2) for values in (turn, stretch))
     return Frame(begin, rate.T, *squares)
 

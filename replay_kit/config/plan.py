@@ -105,10 +105,13 @@ class PlanRequest(Section):
         default=ARRIVING,
         description="Fraction of samples that must arrive for the status reached.",
     )
+    held: Annotated[bool, Option("--held", None, _OPTIONS)] = Field(
+        default=False,
+        description="State how many arrive uncorrected too.",
+    )
     arrive_by: Annotated[str | None, Option("--arrive-by", "WHEN", _OPTIONS)] = Field(
         default=None,
-        description="Latest arrival that counts: ISO 8601 UTC, or a duration such as 36h. --objective odds maximises the share of "
-        "samples that arrive by then.",
+        description="Latest arrival that counts: ISO 8601 UTC, or a duration such as 36h.",
     )
     time_limit: Annotated[float | None, Option("--time-limit", "SECONDS", _OPTIONS)] = Field(
         default=None,

@@ -30,6 +30,7 @@ class DiveSettings:
     Attributes:
         speed: Through water [m/s].
         depth: Of a mission's dives [m].
+        yos: Dives between surfacings.
         min_angle: Shallowest glide [degrees].
         max_angle: Steepest glide [degrees].
         depths: Least and greatest depth where a range is stated [m]; None without.
@@ -42,6 +43,7 @@ class DiveSettings:
 
     speed: float
     depth: float
+    yos: int
     min_angle: float
     max_angle: float
     depths: tuple[float, float] | None
@@ -79,6 +81,11 @@ class PlannerConfig(Section):
     tolerance: float = Field(
         default=250.0, gt=0.0, description="Distance from the goal within which it is reached [m]."
     )
+    radius: Annotated[float | None, Option("--radius", "METRES")] = Field(
+        default=None,
+        gt=0.0,
+        description="Distance from a goal at which a simulated flight arrives [m]. Default: the tolerance.",
+    )
     interval: float = Field(
         default=43200.0,
         gt=0.0,
@@ -99,10 +106,10 @@ class PlannerConfig(Section):
         gt=0.0,
         description="Greatest depth of the vehicle [m]; deeper dives and goals are refused. Default: none.",
     )
-    dives: int = Field(
-        default=1,
+    dives: int | None = Field(
+        default=None,
         ge=1,
-        description="Number of a mission's dives between surfacings; heading and glide angle are held.",
+        description="Number of a mission's dives between surfacings; heading and glide angle are held. Default: as flown, else 1.",
     )
     surface_time: float | None = Field(
         default=None,
@@ -164,7 +171,7 @@ class PlannerConfig(Section):
         default=None,
         ge=0,
         description="Number of samples of the estimate in which a mission is simulated, for its odds and surfacing ellipses. "
-        "Default: 40 for plan and for the last plan of a replay, 0 for the plans before it.",
+        "Default: 100 for plan and for the last plan of a replay, else 0.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of the samples.")
 
@@ -210,8 +217,8 @@ class PlannerConfig(Section):
     ) -> DiveSettings:
         """Return how the vehicle dives, with what no setting states as the log's dives were flown, or else assumed.
 
-        A depth that is not stated reaches the goal, and passes neither the forecast nor the vehicle's limit. Speed and glide angle belong
-        together: beside a speed that is stated the angles are the usual ones.
+        A depth that is not stated reaches the goal; as assumed it does not pass the forecast. Beside a speed that is stated the angles are
+        the usual ones.
 
         Args:
             flown: The median of the log's dives; None where they are not known.
@@ -227,7 +234,7 @@ class PlannerConfig(Section):
             ((_ends(value), _ends(value)[1]) if isinstance(value, str) else (None, value))
             for value in (self.speed, self.depth)
         )
-        depth = stated or min(usual, deepest, self.depth_limit)
+        depth = stated or min(usual, deepest * (1.0 if flown is None else 2.0), self.depth_limit)
         if depths is not None:
             depth = min(depth, deepest, self.depth_limit)
         spread = 0.0 if gliding is None else (gliding.speed_std or 0.0) / gliding.speed
@@ -235,6 +242,7 @@ class PlannerConfig(Section):
         dives = DiveSettings(
             speed=speed or (_SPEED if gliding is None else gliding.speed),
             depth=depth,
+            yos=self.dives or (1 if flown is None else flown.yos),
             min_angle=self.min_angle or min(angle, most),
             max_angle=most,
             depths=depths,
@@ -257,6 +265,8 @@ class PlannerConfig(Section):
                 else f" (flown to {flown.depth:.0f} m)"
             )
             shape.append(f"dives to {dives.depth:.0f} m{other}")
+        if self.dives is None and dives.yos > 1:
+            shape.append(f"{dives.yos} between surfacings")
         if flown is None:
             return f"assumed: {', '.join(asked + shape)}" if asked + shape else ""
         of = "as flown" if flown.dives > 1 else "as flown in a single dive"

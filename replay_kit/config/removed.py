@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from replay_kit.core.errors import ConfigError
 
 _SAMPLING = "adaptive sampling is gone: choose the places yourself, and plan to them with --goal"
-_BLIND = "it steered a vehicle that nobody corrects: the odds with headings held (reached_held of --json) say how one fares"
+_BLIND = "it steered a vehicle that nobody corrects: --held says how one fares"
 _GATE = "what exceeds the gate is rejected, and where most is, the ensemble is taken to be too narrow: softening let faults in"
 
 #: Keys of the settings, by table; of a table with a command's name they are its options too.

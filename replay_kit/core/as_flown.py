@@ -31,6 +31,7 @@ class FlownDive:
         along: Horizontal speed through the water [m/s]: of the mean velocity, turns shorten it.
         vertical: Mean vertical speed, down and up alike [m/s].
         begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
+        yos: How often it goes down and up between the two.
     """
 
     seconds: float
@@ -38,6 +39,7 @@ class FlownDive:
     along: float
     vertical: float
     begin_ns: int = 0
+    yos: int = 1
 
 
 def flown_dive(
@@ -56,11 +58,14 @@ def flown_dive(
         deepest: Its greatest depth [m], which ``depths`` need not hold.
         begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
     """
+    depths = list(depths)
     # from the surface and back
     climbed = max(
         sum(abs(after - before) for before, after in pairwise([0.0, *depths, 0.0])), 2.0 * deepest
     )
-    dive = FlownDive(seconds, deepest, hypot(*way), climbed / seconds, begin_ns)
+    below = [depth > 0.5 * deepest for depth in (0.0, *depths)]
+    yos = max(sum(deep and not before for before, deep in pairwise(below)), 1)
+    dive = FlownDive(seconds, deepest, hypot(*way), climbed / seconds, begin_ns, yos)
     known = isfinite(deepest + dive.along + dive.vertical) and deepest > 0.0
     steep = degrees(atan2(dive.vertical, dive.along)) >= _STEEPEST
     return dive if known and not steep else None
@@ -81,6 +86,7 @@ class AsFlown:
         duration_std: Spread of the duration [s].
         surface_time: Between dives [s]; None where the log does not show it.
         longest: Of the dives [s]; None in results of earlier versions.
+        yos: How often a dive goes down and up.
     """
 
     speed: float
@@ -93,6 +99,7 @@ class AsFlown:
     duration_std: float | None = None
     surface_time: float | None = None
     longest: float | None = None
+    yos: int = 1
 
     @classmethod
     def of(cls, dives: Sequence[FlownDive]) -> Self | None:
@@ -114,6 +121,7 @@ class AsFlown:
             duration_std=_spread([dive.seconds for dive in dives]),
             surface_time=_surface_time(dives),
             longest=max(dive.seconds for dive in dives),
+            yos=int(median(dive.yos for dive in dives)),
         )
 
     @property
@@ -163,7 +171,8 @@ class AsFlown:
             numbers: dict[str, Any] = {
                 one.name: float(record[one.name]) for one in fields(cls) if one.name in record
             }
-            return cls(**numbers | {"dives": int(record["dives"])})
+            whole = {name: int(numbers.get(name, 1)) for name in ("dives", "yos")}
+            return cls(**numbers | whole)
         except (KeyError, TypeError, ValueError) as error:
             raise LogError(
                 f"{AS_FLOWN}: expected numbers of how the vehicle flew, got {dict(record)}; replay the log again"

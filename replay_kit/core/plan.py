@@ -67,23 +67,25 @@ def share_interval(share: float, count: int) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Odds:
-    """A plan flown in samples of the estimate; the shares are with headings corrected at each surfacing where nothing else is said.
+    """Odds of a plan, from simulated flights that are steered at each surfacing.
 
     Attributes:
-        n_samples: Number of samples.
-        reached: Share that arrives.
-        reached_held: Share that arrives with headings held.
-        safe: Share that violates no constraint.
-        miss_median: Median distance from the goal at the end [m].
-        miss_90_percent: 90th percentile of that distance [m].
+        n_samples: Number of flights.
+        reached: Fraction that comes up within the radius of each goal in time.
+        safe: Fraction that violates no constraint.
+        radius: [m].
+        deadline: Since the start [s].
+        arrival_median: When half have arrived, since the start [s]; infinite where fewer do.
+        arrival_90_percent: When nine of ten have.
     """
 
     n_samples: int
     reached: float
-    reached_held: float
     safe: float
-    miss_median: float
-    miss_90_percent: float
+    radius: float
+    deadline: float
+    arrival_median: float
+    arrival_90_percent: float
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

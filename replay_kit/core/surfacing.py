@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import cos, hypot, inf, nan, radians, sin
+from math import cos, hypot, inf, nan, radians, sin, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -241,6 +241,68 @@ class DiveOutcome:
     def in_outer(self) -> bool:
         """Whether the outer ellipse holds it."""
         return self.forecast.outer.holds(self.fix.longitude, self.fix.latitude)
+
+
+def record(off: Array, late: Array, errors: Array) -> float:
+    """Return the log score of predictions made one after the other, their stated errors scaled by those made before.
+
+    Args:
+        off: shape (n,), distances from the predicted places [m].
+        late: shape (n,), delays [s].
+        errors: shape (n, 2), stated standard errors of a component of the place [m] and of the time [s].
+
+    References:
+        Dawid (1984), Statistical theory: the prequential approach.
+    """
+    squares = np.column_stack([0.5 * off**2, late**2]) / errors**2
+    # the errors made count beside two as stated
+    scales = (2.0 + np.cumsum(squares, axis=0) - squares) / (2.0 + np.arange(len(off))[:, None])
+    densities = (np.log(2.0 * np.pi * scales * errors**2) + squares / scales) * [1.0, 0.5]
+    return -float(np.sum(densities))
+
+
+# Stated errors of a plan's surfacing without an ellipse [m] and [s]; those of the habit, the first a speed [m/s].
+_PLANNED, _HABIT = (600.0, 600.0), (0.03, 1200.0)
+# Standard errors to the edge of an ellipse that holds nine of ten; durations of which the habit takes the mean; share of a dive by which
+# the fixes of one surfacing may be apart.
+_EDGE, _LAST, _ALIKE = 2.146, 3, 0.25
+
+
+def records(
+    dives: Sequence[DiveOutcome], plans: Sequence[SurfacingOutcome]
+) -> tuple[int, float, float]:
+    """Return the number of surfacings that habit and plans both predicted, and the record of each.
+
+    By habit a dive goes on with the last one's velocity over ground for the mean duration of the last three.
+    """
+    rows = list[tuple[float, ...]]()
+    for k in range(1, len(dives)):
+        start, fix, lasts = dives[k].forecast.start, dives[k].fix, _flown(dives[k])[1]
+        one = min(plans, key=lambda plan: abs(plan.time_ns - fix.time_ns), default=None)
+        if one is None or abs(one.time_ns - fix.time_ns) > _ALIKE * 1e9 * lasts:
+            continue
+        usual = usual_seconds(dives[:k])
+        off = np.array(apart(start, fix)) - usual * _flown(dives[k - 1])[0]
+        ellipse, error = one.predicted.ellipse, _PLANNED[0]
+        if ellipse is not None:
+            error = max(sqrt(ellipse.major * ellipse.minor) / _EDGE, 1.0)
+        own = hypot(*off), lasts - usual, _HABIT[0] * usual, _HABIT[1]
+        rows.append((*own, one.distance, one.late, error, _PLANNED[1]))
+    found = np.array(rows).reshape(-1, 2, 4)
+    habit, planned = (record(of[:, 0], of[:, 1], of[:, 2:]) for of in found.swapaxes(0, 1))
+    return len(rows), habit, planned
+
+
+def usual_seconds(dives: Sequence[DiveOutcome]) -> float:
+    """Return the mean duration of the last three of some dives [s], one at least."""
+    lasts = [_flown(one)[1] for one in dives[-_LAST:]]
+    return sum(lasts) / len(lasts)
+
+
+def _flown(dive: DiveOutcome) -> tuple[Array, float]:
+    """Return the velocity over ground of a dive, shape (2,) [m/s], and its duration [s]."""
+    seconds = (dive.fix.time_ns - dive.forecast.start.time_ns) / 1e9
+    return np.array(apart(dive.forecast.start, dive.fix)) / seconds, seconds
 
 
 #: Scored surfacings from which ellipses are calibrated by them.

@@ -107,7 +107,15 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
     "Statistic": _fields("string", "name", "value"),
     "Odds": (
         *_fields("uint32", "n_samples"),
-        *_fields("double", "reached", "reached_held", "safe", "miss_median", "miss_90_percent"),
+        *_fields(
+            "double",
+            "reached",
+            "safe",
+            "radius",
+            "deadline",
+            "arrival_median",
+            "arrival_90_percent",
+        ),
     ),
     "Plan": (
         *_fields(TIME, "timestamp=start_time_ns"),

@@ -87,11 +87,10 @@ def odds_sentence(odds: Mapping[str, Any]) -> Sentence:
     """Return the shares of samples in which a plan arrives as a sentence.
 
     Args:
-        odds: ``n_samples``, ``reached`` and ``reached_held``.
+        odds: ``n_samples`` and ``reached``.
     """
     return sentence(
-        "{reached:share} of {n_samples} samples of the estimate arrive with headings corrected at each surfacing, "
-        "{reached_held:share} with headings held",
+        "{reached:share} of {n_samples} simulated flights arrive",
         odds,
         "plan.odds.",
     )
@@ -163,6 +162,12 @@ def past_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
     ]
     if early:
         yield sentence(f"of these {', '.join(early)}", found, at)
+
+
+def by_habit(expected: Mapping[str, Any] | None) -> bool:
+    """Return whether the dives so far, of ``surfacings_json``, predicted better than plans, so that the coming surfacing is theirs."""
+    record = (expected or {}).get("record") or {}
+    return record.get("shown") == "habit" and bool(expected and expected["next"])
 
 
 def place_of_next(following: Mapping[str, Any], at: str = "") -> Sentence:

@@ -64,9 +64,7 @@ def one_mission(seed: int, speeds: tuple[float, float]) -> dict[str, Any]:
                 harm_done(mission, fly_commands(mission.sea, plan)),
             }
         }
-        few = waypoints_of(
-            mission.flow, plan, no_go=mission.request.no_go, bathymetry=mission.request.bathymetry
-        )
+        few, _ = waypoints_of(mission.flow, plan, mission.request)
         called = (
             "withheld" if few.violation is not None else "clear" if few.arrives else "not_reliable"
         )

@@ -275,16 +275,15 @@ def test_samples_of_a_flow_that_changes_keep_their_errors(flow, tmp_path):
     alone = json.loads(run(f"{flow} {ASK} --samples 5 --json -").stdout)
     assert said["samples"]["count"] == 5
     assert said["samples"]["miss_median_m"] != alone["samples"]["miss_median_m"]
-    assert said["samples"]["miss_90_percent_m"] < said["samples"]["miss_90_percent_held_m"]
 
 
-def test_a_plan_is_judged_by_forty_samples_and_its_message_leads_with_the_odds(flow):
+def test_a_plan_is_judged_by_a_hundred_samples_and_its_message_leads_with_the_odds(flow):
     done = run(f"{flow} {ASK} --json - --battery 10")
     said = json.loads(done.stdout)
     share = said["samples"]["reached"]
-    assert said["samples"]["count"] == 40
-    assert share >= 0.9 > said["samples"]["reached_held"]
-    lead = f"{100.0 * share:.0f} % of 40 samples of the estimate arrive with headings corrected at each surfacing, "
+    assert said["samples"]["count"] == 100
+    assert (share >= 0.9, said["samples"]["held"]) == (True, None)
+    lead = f"{round(100.0 * share)} of 100 simulated flights come up within 250 m of the goal by "
     assert said["message"].startswith(lead)
     assert done.stderr.startswith(f"reached: {lead}")
     # 2001-09-09 01:46:40Z is where it begins

@@ -20,6 +20,7 @@ def test_a_dive_of_one_yo_or_several_has_the_vertical_speed_of_all():
     assert found == pytest.approx((1000.0 / DOWN, 500.0, WAY, DOWN))
     twice = flown_dive(400.0 / DOWN, (WAY, 0.0), [50.0, 100.0, 50.0, 0.0, 50.0, 100.0], 100.0)
     assert twice.vertical == pytest.approx(DOWN)
+    assert (dive.yos, twice.yos, AsFlown.of([dive, twice, twice]).yos) == (1, 2, 2)
 
 
 @pytest.mark.parametrize(

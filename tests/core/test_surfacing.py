@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from math import isnan, nan
+from statistics import NormalDist
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +16,13 @@ from replay_kit.core.surfacing import (
     DiveForecast,
     DiveOutcome,
     Ellipse,
+    Surfacing,
     calibrated,
     ellipse_of,
+    record,
+    records,
+    surfacing_outcome,
+    usual_seconds,
 )
 
 DIVE_NS, RADII = 5 * 3600 * 10**9, (1.177, 2.146)
@@ -79,3 +86,42 @@ def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends():
             ellipse.holds(float(lon), float(lat)) is inside
             for lon, lat in zip(*places, strict=True)
         )
+
+
+def test_a_record_is_the_density_of_what_came_with_errors_scaled_by_those_so_far():
+    rng, past, score = np.random.default_rng(3), np.empty((0, 2)), 0.0
+    off, late = rng.rayleigh(700.0, 9), rng.normal(0.0, 500.0, 9)
+    for one in np.column_stack([off, late]):
+        squares = np.sum((past / [400.0, 900.0]) ** 2, axis=0) * [0.5, 1.0]
+        place, time = np.array([400.0, 900.0]) ** 2 * (2.0 + squares) / (2.0 + len(past))
+        score += np.log(np.exp(-0.5 * one[0] ** 2 / place) / (2.0 * np.pi * place))
+        score += np.log(NormalDist(0.0, np.sqrt(time)).pdf(one[1]))
+        past = np.vstack([past, one])
+    assert record(off, late, np.tile([400.0, 900.0], (9, 1))) == pytest.approx(score)
+
+
+def test_habit_and_plan_are_judged_by_the_surfacings_that_both_predicted():
+    hour = 3600 * 10**9
+    # a vehicle that goes east at 20 cm/s in dives of four hours, half an hour apart
+    fixes = [
+        [Fix(int((4.5 * k + end) * hour), 5.0 + 0.04 * (k + end / 4.0), 62.0) for end in (0, 4)]
+        for k in range(5)
+    ]
+    dives = [
+        SimpleNamespace(forecast=SimpleNamespace(start=start), fix=fix) for start, fix in fixes
+    ]
+    assert records(dives, ()) == (0, 0.0, 0.0)
+    assert usual_seconds(dives[:4]) == 4 * 3600.0
+
+    def planned(east):
+        return [
+            surfacing_outcome(0, Surfacing(fix.time_ns, fix.longitude + east, 62.0), fix)
+            for _, fix in fixes[2:]
+        ]
+
+    (count, habit, wrong), (_, _, right) = (records(dives, planned(east)) for east in (0.02, 0.0))
+    assert count == 3
+    assert habit > wrong < right
+    # a surfacing of another dive is none of them
+    later = [replace(one, time_ns=one.time_ns + 2 * hour) for one in planned(0.0)]
+    assert records(dives, later)[0] == 0

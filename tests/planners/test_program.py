@@ -10,6 +10,7 @@ from planners.program.solve import parts_of
 from planners.route.passage import by_rays, mean_current, passage
 from planners.task import task_of
 from planners.water import HOUR, KM, Water
+from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import (
     eddying_flow,
     forbidden,
@@ -18,6 +19,7 @@ from tests.planners.flow_samples import (
     still_flow,
     uniform_flow,
 )
+from tests.planners.pilot import currents
 from tests.record import missions
 
 SETTINGS = MissionSettings(depth=300.0)
@@ -68,6 +70,16 @@ def test_missions_that_0_3_planned_worse_are_planned_better(name, number, hours)
     assert answer.get("clearance", 50.0) > 45.0
 
 
+def against(seed, speed):
+    """Eddies of 5 cm/s RMS in wide functions, on a uniform current from ahead of some speed [m/s]."""
+    ahead = uniform_flow(-1.0, 0.0)
+    rough = np.random.default_rng(seed).standard_normal((len(ahead.latent), 1))
+    eddies = replace(ahead, latent=rough * np.ones(ahead.levels.size))
+    at_nodes = eddies.velocity(*ahead.nodes.T, 5.0)
+    scale = 0.05 / np.sqrt(np.mean(np.sum(at_nodes**2, axis=1)))
+    return replace(ahead, latent=speed * ahead.latent + scale * eddies.latent)
+
+
 def freer(seed):
     """Yield pairs of missions in an eddying flow, the second with more of something."""
     flow = eddying_flow(seed, speed=0.12)
@@ -81,6 +93,10 @@ def freer(seed):
     yield flow, replace(asked, settings=few), replace(asked, settings=many)
     fast = replace(asked, vehicle=Glider(speed=0.33))
     yield flow, asked, fast
+    free = plan_mission(flow, asked).duration
+    hurried, later = (replace(SETTINGS, max_duration=share * free) for share in (1.02, 1.5))
+    yield flow, replace(asked, settings=hurried), replace(asked, settings=later)
+    yield [against(seed, speed) for speed in (0.12, 0.06)], asked, asked
 
 
 @pytest.mark.parametrize(
@@ -88,7 +104,8 @@ def freer(seed):
 )
 def test_more_of_something_never_costs_time(seed):
     for flow, asked, more in freer(seed):
-        less, freed = plan_mission(flow, asked), plan_mission(flow, more)
+        flows = flow if isinstance(flow, list) else [flow] * 2
+        less, freed = (plan_mission(*one) for one in zip(flows, (asked, more), strict=True))
         assert freed.status == "reached", freed.message
         assert less.status != "reached" or freed.duration <= 1.01 * less.duration
 
@@ -123,3 +140,65 @@ def test_a_battery_is_kept_by_a_slower_propeller():
     assert slower.status == "reached"
     assert slower.energy == pytest.approx(0.5 * fast.energy, rel=0.01)
     assert slower.vehicle.speed < fast.vehicle.speed
+
+
+def brute_search(flow, request, legs, headings=16, cell=1500.0):
+    """Whether headings at the shallowest angle lead to the goal: the first way into each cell goes on, finer ones end it."""
+    vehicle, deep = request.vehicle, request.settings.depth
+    frame, tolerance = flow.grid.projection, request.settings.tolerance
+    begin, goal = (
+        np.array(to_local(frame, at.longitude, at.latitude))
+        for at in (request.start, request.goals[0])
+    )
+    low, high = (
+        np.array([pick(flow.grid.east), pick(flow.grid.north)]) for pick in (np.min, np.max)
+    )
+    ways = np.linspace(0.0, 2.0 * np.pi, headings, endpoint=False)
+    fine, angles = (
+        np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False),
+        np.linspace(*vehicle.angles, 9),
+    )
+    front, seen = begin[None], set()
+
+    def dived(at, heading, angle):
+        along, down = (np.broadcast_to(of, len(at)) for of in vehicle.speeds(np, angle))
+        through = along[:, None] * np.column_stack([np.sin(heading), np.cos(heading)])
+        dt = (2.0 * deep / down / 12)[:, None]
+        for k in range(12):
+            z = np.full(len(at), deep * (1.0 - abs((k + 0.5) / 6 - 1.0)))
+            half = at + 0.5 * dt * (through + currents(flow, flow.latent[None], at, z))
+            at = at + dt * (through + currents(flow, flow.latent[None], half, z))
+        return at
+
+    for _ in range(legs):
+        near = front[np.linalg.norm(front - goal, axis=1) < 3.5e3][:40]
+        if len(near):
+            grid = [np.ravel(of) for of in np.meshgrid(np.arange(len(near)), fine, angles)]
+            ends = dived(near[grid[0].astype(int)], grid[1], grid[2])
+            if np.min(np.linalg.norm(ends - goal, axis=1)) < tolerance - 50.0:
+                return True
+        at = np.repeat(front, headings, axis=0)
+        ends = dived(at, np.tile(ways, len(front)), np.full(len(at), vehicle.angles[0]))
+        ends = ends[np.all((ends > low) & (ends < high), axis=1)]
+        front = [
+            one
+            for one in ends
+            if (key := tuple((one // cell).astype(int))) not in seen and not seen.add(key)
+        ]
+        if not front:
+            return False
+        front = np.array(front)
+    return False
+
+
+@pytest.mark.parametrize(
+    "seed", [*range(2), *(pytest.param(k, marks=pytest.mark.full) for k in range(2, 40))]
+)
+def test_what_a_brute_search_over_headings_reaches_is_reached(seed):
+    rng = np.random.default_rng(seed)
+    flow = eddying_flow(seed, speed=rng.uniform(0.2, 0.5))
+    settings = replace(SETTINGS, max_legs=16)
+    ends = rng.uniform(-1.4e4, 1.4e4, (2, 2))
+    request = request_between(flow, *ends, settings=settings)
+    if brute_search(flow, request, 16):
+        assert plan_mission(flow, request).status == "reached"

@@ -100,10 +100,12 @@ def test_a_mission_s_dives_end_at_the_vehicle_s_limit():
     ):
         plan_mission(FLOW, asked)
     # a limit below the deepest level is none
-    with pytest.raises(PlanError, match="dives to 500 m are deeper than the deepest level, 400 m"):
+    with pytest.raises(
+        PlanError, match="dives to 900 m are deeper than twice the deepest level, 400 m"
+    ):
         plan_mission(
             FLOW,
-            replace(asked, vehicle=Glider(max_depth=1000.0), settings=MissionSettings(depth=500.0)),
+            replace(asked, vehicle=Glider(max_depth=1000.0), settings=MissionSettings(depth=900.0)),
         )
 
 
@@ -122,11 +124,11 @@ def test_an_area_over_the_start_or_the_goal_is_refused(east, named):
             )
 
 
-def test_the_speed_of_legs_errs_by_what_the_dives_show_and_less_over_many_of_them():
+def test_the_speed_of_dives_errs_by_what_they_show_and_less_in_the_mean_of_many():
     glider = Glider(speed_spread=0.1, speed_error=0.03)
-    for n_legs, std in ((1, np.hypot(0.1, 0.03)), (100, np.hypot(0.01, 0.03))):
-        paces = glider.paces(400, n_legs)
+    each = np.array([glider.paces(400, dive) for dive in range(100)])
+    for paces, std in ((each[7], np.hypot(0.1, 0.03)), (each.mean(axis=0), np.hypot(0.01, 0.03))):
         assert paces.mean() == pytest.approx(1.0)
-        assert paces.std() == pytest.approx(std, rel=0.02)
+        assert paces.std() == pytest.approx(std, rel=0.1)
     np.testing.assert_array_equal(Glider().paces(5, 3), 1.0)
     assert glider == Glider()

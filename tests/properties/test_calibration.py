@@ -101,8 +101,9 @@ def test_a_pilot_who_is_right_arrives_as_planned_where_meridians_converge():
     there = (20.0, 82.0)
     flow = replayed(sea(), there)
     plan = mission(flow, centre=there)
-    flown = planners.fly_scenarios(flow, [flow] * 3, plan, pilot=planners.Pilot())
-    assert flown.miss_median < plan.closest_approach[-1] + 20.0
+    request = planners.MissionRequest(plan.start, plan.goals, GLIDER, plan.settings)
+    flown = planners.mission_odds(flow, [flow] * 3, plan, request)
+    assert flown.miss_median < plan.closest_approach[-1] + 50.0
 
 
 @pytest.mark.parametrize("current", [0.0, 0.12])
@@ -130,16 +131,3 @@ def test_no_bound_is_later_than_zermelo_in_any_direction(current):
             ratios.append(3600.0 * plan.statistics["bound_h"] / quickest)
     assert len(ratios) > 6
     assert max(ratios) < 1.0 + loose / 0.3
-
-
-def test_fewer_flights_stay_within_a_mooring_s_median_than_within_its_nine_in_ten():
-    flow, (lon, lat, _) = replayed(sea()), places(np.zeros(2), HERE)
-    here = rk.Place(float(lon), float(lat), 0.0)
-    request = planners.MissionRequest(here, (here,), GLIDER, planners.MissionSettings(depth=250.0))
-    mooring, samples = planners.Mooring(3e3, 6 * 3600.0), flow.sample(10, 1)
-    plan = planners.plan_mission(flow, replace(request, shape=mooring))
-    odds = planners.mission_odds(flow, samples, plan, request).held
-    for radius, share in ((odds.miss_median, 0.5), (odds.miss_90_percent, 0.9)):
-        within = replace(plan, shape=replace(mooring, radius=radius))
-        reached = planners.mission_odds(flow, samples, within, request).held.reached
-        assert reached == pytest.approx(share)

@@ -109,84 +109,15 @@ def _between(values: list[float], wanted: float) -> tuple[tuple[int, int], float
 
 def fly_commands(sea: Sea, plan: MissionPlan) -> Array:
     """Return the track of a mission's commands, shape (n, 3) [m]."""
-    return _track(fly_plan(sea, plan)[0])
-
-
-def fly_plan(
-    sea: Sea, plan: MissionPlan, known: Sea | None = None
-) -> tuple[list[tuple[Array, float, float]], list[Array]]:
-    """Return the path of a mission, and the place at which each leg ends [m], after its drift.
-
-    Args:
-        sea: The current.
-        plan: The mission.
-        known: What a pilot knows of the current, who aims each leg but the first at its planned end and expects the error of the last
-            dive's mean current to last; None to hold the commands.
-    """
-    path, ends, error = [_begin(sea, plan)], list[Array](), np.zeros(2)
-    targets = np.column_stack(to_local(sea.flows[0].grid.projection, *plan.surfacings.T))
+    path = [_begin(sea, plan)]
     for k, turns in enumerate(plan.yo_depths):
-        last = k == len(plan.yo_depths) - 1
-        drift = 0.0 if last else plan.settings.surface_time
-        command = (
-            float(np.deg2rad(plan.headings_deg[k])),
-            float(np.deg2rad(plan.glide_angles_deg[k])),
+        heading, angle = (
+            float(np.deg2rad(of[k])) for of in (plan.headings_deg, plan.glide_angles_deg)
         )
-        begin, expected = path[-1], np.zeros(2)
-        if known is not None:
-            for _ in range(2 if k else 1):
-                expected = _met(known, plan, begin, command, turns, drift)[1]
-                if k:
-                    way = targets[k] - begin[0]
-                    command = _aim(known, plan, way, expected + error, turns, drift, begin[0])
-        flown, met = _met(sea, plan, begin, command, turns, drift)
-        error = met - expected
-        path += flown
-        ends.append(path[-1][0])
-    return path, ends
-
-
-def _met(
-    sea: Sea,
-    plan: MissionPlan,
-    begin: tuple[Array, float, float],
-    command: tuple[float, float],
-    turns: Sequence[float],
-    drift: float,
-) -> tuple[list[tuple[Array, float, float]], Array]:
-    """Return the path of a leg with a heading and a glide angle [rad], and its mean current by dead reckoning [m/s]."""
-    path = sea.dive(begin, plan, *command, turns)
-    under = path[-1][2] - begin[2]
-    if drift > 0.0:
-        path += sea.drift(path[-1], np.zeros(2), 0.0, drift)
-    way = path[-1][0] - begin[0]
-    local = command[0] + _true_north(sea, begin[0] + 0.5 * way)
-    along = float(plan.vehicle.speeds(np, command[1])[0]) * under
-    through = along * np.array([np.sin(local), np.cos(local)])
-    return path, (way - through) / (path[-1][2] - begin[2])
-
-
-def _aim(
-    sea: Sea,
-    plan: MissionPlan,
-    way: Array,
-    current: Array,
-    turns: Sequence[float],
-    drift: float,
-    at: Array,
-) -> tuple[float, float]:
-    """Return heading and glide angle [rad] that lead along a way [m] in a mean current [m/s]: the steepest of many angles that reach."""
-    height = float(np.sum(np.abs(np.diff(turns))))
-    best = np.inf, 0.0, 0.0
-    for angle in np.linspace(*plan.vehicle.angles[::-1], 2001):
-        along, down = (float(speed) for speed in plan.vehicle.speeds(np, angle))
-        needed = way - current * (height / down + drift)
-        short = max(float(np.hypot(*needed)) - along * height / down, 0.0)
-        if short < best[0]:
-            best = short, float(np.arctan2(*needed)), float(angle)
-        if short == 0.0:
-            break
-    return best[1] - _true_north(sea, at + 0.5 * way), best[2]
+        path += sea.dive(path[-1], plan, heading, angle, turns)
+        if k < len(plan.yo_depths) - 1 and plan.settings.surface_time > 0.0:
+            path += sea.drift(path[-1], np.zeros(2), 0.0, plan.settings.surface_time)
+    return _track(path)
 
 
 def follow_waypoints(

@@ -27,7 +27,7 @@ def at(*seconds):
 
 
 places = st.builds(Place, *[st.floats(-80.0, 80.0)] * 3)
-flights = st.builds(Odds, st.integers(1, 99), *[st.floats()] * 5)
+flights = st.builds(Odds, st.integers(1, 99), *[st.floats()] * 6)
 
 
 @settings(max_examples=25)

@@ -16,6 +16,7 @@ from replay_kit.core.surfacing import (
     SurfacingOutcome,
     calibrated,
     held_shares,
+    records,
 )
 from replay_kit.results.schemas import attributes
 
@@ -68,16 +69,20 @@ def surfacings_part(outcomes: Sequence[SurfacingOutcome]) -> dict[str, Any] | No
 
 
 def expected_part(
-    outcomes: Sequence[DiveOutcome], following: DiveForecast | None
+    outcomes: Sequence[DiveOutcome],
+    following: DiveForecast | None,
+    planned: Sequence[SurfacingOutcome] = (),
 ) -> dict[str, Any] | None:
     """Return the figures of the ends of dives expected from the dives before; None without any.
 
     Args:
         outcomes: Dive by dive.
         following: The coming surfacing; None where it is not expected.
+        planned: Those that plans predicted.
     """
     if not outcomes:
         return None
+    count, habit, plan = records(outcomes, planned)
     groups = {
         kind: [one for one in outcomes if min(one.forecast.earlier, 2) == earlier]
         for earlier, kind in enumerate(_KINDS)
@@ -86,6 +91,12 @@ def expected_part(
         **_surfacing_figures(outcomes),
         **{kind: _surfacing_figures(group) if group else None for kind, group in groups.items()},
         "each": [_dive_json(one) for one in outcomes],
+        "record": {
+            "shown": "plan" if count and plan > habit else "habit",
+            "count": count,
+            "habit": habit,
+            "plan": plan,
+        },
         "next": None if following is None else _forecast_json(calibrated(following, outcomes)),
     }
 

@@ -105,7 +105,7 @@ def outlines_of(surfacings: Any, projection: Projection) -> list[Array]:
     return [Ellipse(*row).outline(projection) for row in known.to_numpy().tolist()]
 
 
-_ODDS = ("reached", "reached_held", "safe", "miss_median", "miss_90_percent")
+_ODDS = ("reached", "safe", "radius", "deadline", "arrival_median", "arrival_90_percent")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ ON_MAP: dict[str, dict[str, Any]] = {
     "no_go": {"kind": "ring", "name": "no-go area", "color": SYMBOLS["no_go"][0], "width": 1.2},
     "ellipse": {
         "kind": "ring",
-        "name": "90 % of planned surfacings, headings held",
+        "name": "90 % of planned surfacings",
         "color": SYMBOLS["plan"][0],
         "width": 1.2,
     },

@@ -76,7 +76,7 @@ def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[s
             **ON_MAP[role],
         }
         x, y, text, when = [], [], [], []
-        label = own if role == "bottom" else "90 % end here, headings held" if own else ""
+        label = own if role == "bottom" else "90 % end here" if own else ""
         for one in group:
             about, gap = one["properties"], look["kind"] != "points"
             at = one["geometry"]["coordinates"]

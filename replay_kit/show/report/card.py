@@ -24,6 +24,7 @@ from replay_kit.show.numbers import (
 )
 from replay_kit.show.page.page import legend
 from replay_kit.show.page.parts import compass
+from replay_kit.show.sentences import by_habit
 
 _CLASSES = {"trust": "good", "with care": "care", "do not use": "stop"}
 _WORDS = {"trust": "Trust", "with care": "Use with care", "do not use": "Do not use"}
@@ -121,7 +122,7 @@ def _fact(title: str, value: str, below: str = "") -> str:
 def _surfacing(contents: Contents) -> str:
     """Return time and ellipse of the next surfacing: of the plan, else as the last dive."""
     plan, expected = contents.last_plan, contents.outcome.expected_surfacings or {}
-    if plan is not None and plan.legs:
+    if plan is not None and plan.legs and not by_habit(expected):
         table, count = contents.result.surfacings, len(plan.legs)
         done = int((table["planned_time"] == plan.row.name).sum()) if len(table) else 0
         leg = plan.legs[min(done, count - 1)]

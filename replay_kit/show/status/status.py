@@ -12,7 +12,7 @@ from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.core.text import place_text, time_text
 from replay_kit.results.outcome.verdict import plan_alarm
 from replay_kit.show.numbers import hours_text
-from replay_kit.show.sentences import past_sentences, place_of_next
+from replay_kit.show.sentences import by_habit, past_sentences, place_of_next
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import Alarm, alarms_of, change_of, command_text
 from replay_kit.show.status.held import Held
@@ -210,7 +210,7 @@ def _surfacing(held: Held, now_ns: int) -> _Answer:
     )
     text, values = (
         _next_surfacing(following, now_ns)
-        if following is not None
+        if following is not None and not by_habit(found)
         else _next_as_last_dive(held, found, now_ns)
     )
     if held.outcomes:
@@ -254,7 +254,7 @@ def _next_surfacing(
         else f"in {hours_text(max(0.0, (following.time_ns - now_ns) / _SECOND))}"
     )
     text = [
-        f"next, by the plan being flown, which outranks the last dive: {time_text(following.time_ns)} "
+        f"next, by the plan: {time_text(following.time_ns)} "
         f"({when}; overdue after {hours_text(following.margin_s)} more)"
     ]
     place = place_text(leg["longitude"], leg["latitude"])
@@ -277,7 +277,11 @@ def _next_as_last_dive(
     held: Held, found: Mapping[str, Any] | None, now_ns: int
 ) -> tuple[list[str], dict[str, Any]]:
     """Return the next surfacing of a vehicle that flies no plan, as the last dive tells it, in words and as figures."""
-    why = "the plan has no surfacing ahead" if held.plans else "no plan is being flown"
+    following, why = figures.next_surfacing(held), "no plan is being flown"
+    if held.plans:
+        why = (
+            "the dives before predicted better" if following else "the plan has no surfacing ahead"
+        )
     following = found["next"] if found else None
     if following is None:
         return [why] if held.plans else [], {}
@@ -328,7 +332,7 @@ def _odds(held: Held, now_ns: int) -> _Answer:
         odds = plan.odds
         low, high = share_interval(odds.reached, odds.n_samples)
         text.append(
-            f"{100.0 * odds.reached:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f}) of {odds.n_samples} samples arrive, "
+            f"{100.0 * odds.reached:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f}) of {odds.n_samples} simulated flights arrive, "
             f"{100.0 * odds.safe:.0f} % safe"
         )
         values |= {

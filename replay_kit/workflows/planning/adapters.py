@@ -9,12 +9,12 @@ import numpy as np
 
 import planners
 from planners.departures import first_legs
-from planners.flights import fly_mission, surfacing_ellipses
+from planners.flights import fly_mission
 from planners.hazards.domain import Region, locate
 from planners.output.mission import as_plan
-from planners.simulation.currents import Sample
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.config.planner import PlannerConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -28,7 +28,7 @@ from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlanQue
 
 PlanOrMission = TypeVar("PlanOrMission", Plan, planners.MissionPlan)
 #: Samples in which a plan is judged where no number is stated.
-JUDGING = 40
+JUDGING = 100
 # The estimates that a mission is planned on reach over so many times the way through still water.
 _AHEAD = 2.0
 
@@ -102,10 +102,11 @@ class MissionPlanner:
         dives = config.diving()
         settings = planners.MissionSettings(
             depth=dives.depth,
-            yos=0 if glides else config.dives,
+            yos=0 if glides else dives.yos,
             surface_time=dives.surface_time,
             objective=config.objective,
             tolerance=config.tolerance,
+            radius=config.radius,
             legs=config.legs,
             max_legs=config.max_legs,
             max_duration=config.max_duration,
@@ -150,6 +151,7 @@ class MissionPlanner:
             else replace(
                 self.settings,
                 depth=dives.depth,
+                yos=dives.yos,
                 depths=dives.depths,
                 speeds=dives.speeds,
                 surface_time=dives.surface_time,
@@ -194,16 +196,21 @@ class MissionPlanner:
         drawn = known.samples(
             start_time_ns, seconds, count if len(mission.headings_deg) else 0, self.config.seed
         )
-        odds = planners.mission_odds(currents, drawn, mission, request) if drawn else None
-        judged = (
-            mission if odds is None else planners.with_odds(mission, odds, ARRIVING, ACCEPTED_RISK)
-        )
-        if self.judges and count == 0:
+        judged, odds, following, flown = mission, None, None, (currents, drawn, mission, request)
+        if drawn and self.judges:
+            odds = planners.mission_odds(*flown)
+            judged, following = (
+                planners.with_odds(mission, odds, ARRIVING, ACCEPTED_RISK),
+                odds.next_surfacing,
+            )
+        elif drawn:
+            following = planners.next_surfacing(*flown)
+        elif self.judges and count == 0:
             judged = without_odds(mission, flow)
         made = over_bottom(
             as_plan(judged, flow.grid.projection, odds), self.bathymetry, flow.grid.projection
         )
-        return PlanResult(made, _next_surfacing(flow.grid.projection, mission, drawn), mission)
+        return PlanResult(made, _next_surfacing(flow.grid.projection, mission, following), mission)
 
     def check(self, flow: HasGrid, goal: Place) -> None:
         """Raise PlanError when the goal is outside the region or on land, or a mission's dives do not fit."""
@@ -214,7 +221,8 @@ class MissionPlanner:
         depth = self.bound(flow, (goal,))[0].settings.depth
         if not goal.depth <= depth <= region.deepest:
             raise PlanError(
-                f"[planner] depth is {depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than {region.floor}"
+                f"[planner] depth is {depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than "
+                f"{region.floor(region.deepest)}"
             )
 
     def with_odds(self) -> "MissionPlanner":
@@ -245,7 +253,7 @@ class MissionPlanner:
 
 
 def sample_count(estimate: FlowEstimate, stated: int | None) -> int:
-    """Return the number of samples in which a mission is judged: where none is stated 40, and none of an estimate without uncertainty."""
+    """Return the number of samples in which a mission is judged: where none is stated 100, and none of an estimate without uncertainty."""
     if stated is not None:
         return stated
     return 0 if estimate.n_modes == 0 else JUDGING
@@ -262,7 +270,7 @@ def without_odds(mission: planners.MissionPlan, estimate: FlowEstimate) -> plann
 
 
 def _next_surfacing(
-    projection: Projection, mission: planners.MissionPlan, drawn: Sequence[Sample]
+    projection: Projection, mission: planners.MissionPlan, ellipse: Array | None
 ) -> Surfacing | None:
     """Return where the first leg ends at the surface, with an ellipse where there are samples; None when no leg does."""
     glides = mission.settings.yos == 0
@@ -271,9 +279,5 @@ def _next_surfacing(
     first = first_legs(mission, 1, projection)
     (longitude, latitude), seconds = first.surfacings[0], float(first.surfacing_times[0])
     time_ns = mission.start_time_ns + round(seconds * 1e9)
-    ellipse = (
-        Ellipse(*surfacing_ellipses(fly_mission(drawn, first), first)[0].tolist())
-        if drawn
-        else None
-    )
-    return Surfacing(time_ns, float(longitude), float(latitude), ellipse)
+    around = None if ellipse is None else Ellipse(*ellipse.tolist())
+    return Surfacing(time_ns, float(longitude), float(latitude), around)

@@ -3,20 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
-from typing import Any, TypedDict
+from typing import Any
 
 from planners.departures import best_departure, cut_at_horizon, plan_departures, to_its_end
-from planners.hazards.areas import NoGo
-from planners.hazards.bottom import Bathymetry
-from planners.odds import MissionOdds, mission_odds, plan_for_odds, plan_scenarios, with_odds
+from planners.flights import fly_mission
+from planners.odds.mission import MissionOdds, mission_odds, with_odds
+from planners.odds.rank import plan_by_odds
 from planners.plan import plan_mission
 from planners.request import MissionPlan, MissionRequest, MissionSettings
 from planners.simulation.currents import Flow, Sample, local_notes
-from planners.simulation.steer import Pilot
 from planners.waypoints import Waypoints, waypoints_of
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -36,14 +34,6 @@ from replay_kit.workflows.planning.request import check_samples, line_of, moorin
 _LATE = 1.2
 
 
-class _Clear(TypedDict):
-    """What waypoints are to keep clear of, and the samples that they are flown in."""
-
-    no_go: tuple[NoGo, ...]
-    bathymetry: Bathymetry | None
-    samples: Sequence[Sample]
-
-
 @dataclass(frozen=True, slots=True)
 class Departure:
     """One of several departures that were compared.
@@ -55,7 +45,7 @@ class Departure:
         energy: [J].
         legs: Their number.
         miss: Of the last goal [m].
-        reached: Share of the samples that arrive with headings corrected at each surfacing; None without samples.
+        reached: Share of the simulated flights that arrive; None without samples.
     """
 
     start_time_ns: int
@@ -82,7 +72,7 @@ class PlannedMission:
     Attributes:
         plan: The mission.
         on: What it is made on.
-        odds: Of its flights through samples; None without samples or legs.
+        odds: Of the glider that is steered along it, or along its waypoints; None without samples or legs.
         samples: They as in the JSON; None without samples or legs.
         waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
         notes: What should be known of it.
@@ -98,11 +88,6 @@ class PlannedMission:
     notes: tuple[str, ...]
     drawn: int
     departures: tuple[Departure, ...] = ()
-
-    @property
-    def ellipses(self) -> Array | None:
-        """Shape (L, 5), of ``surfacing_ellipses``; None without samples or legs."""
-        return None if self.odds is None else self.odds.ellipses
 
 
 def make_mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedMission:
@@ -130,6 +115,12 @@ def make_mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Plan
         request = replace(request, settings=bound.settings)
     if origin and on.flown is not None:
         notes += on.flown.notes()
+    level = float(known.first.grid.levels[-1])
+    if bound.settings.depth > level:
+        notes += (
+            f"dives to {bound.settings.depth:g} m go below the forecast's {level:g} m: the current there is taken as at that level, its "
+            "error grows by the shear above",
+        )
     begin_ns, seconds = request.start_time_ns, _seconds(job, bound)
     flow = known.flow(begin_ns, seconds)
     drawn = known.samples(begin_ns, seconds, count, config.seed)
@@ -142,13 +133,12 @@ def make_mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Plan
     request, made, compared = _within_times(job, request, flow, searched)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
-    few = None
-    clear = _Clear(no_go=request.no_go, bathymetry=request.bathymetry, samples=drawn)
+    few, of_list = None, None
     if len(made.headings_deg) == 0:
         if job.waypoints:
             notes += ("no waypoints are written: the plan has no legs",)
     elif job.waypoints:
-        few = waypoints_of(flow, made, job.waypoint_tolerance, **clear)
+        few, of_list = waypoints_of(flow, made, request, job.waypoint_tolerance, drawn)
     notes += known.notes(
         made.start_time_ns, made.start_time_ns + round(made.duration * 1e9)
     ) + local_notes(known.local, made.start_time_ns)
@@ -159,14 +149,22 @@ def make_mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Plan
     if not drawn or len(made.headings_deg) == 0:
         return replace(planned, departures=tuple(Departure.of(plan, None) for plan in compared))
     announce("flying the samples")
-    judged, odds = _judged(job, request, (flow, drawn), made)
+    judged, odds = _judged(job, request, (flow, drawn), made, of_list)
     shaped = job.mooring is not None or job.line or compared or job.risk is not None
     if judged.status == "uncertain" and job.objective in (None, "time") and not shaped:
         hint = "--objective odds looks for a mission that more samples arrive with"
-        planned = replace(planned, notes=(*notes, hint))
+        planned = replace(planned, notes=(*planned.notes, hint))
+    held = _held(made, drawn) if job.held else None
+    if held is not None:
+        told = f"{100.0 * held:.0f} % arrive with headings held at every surfacing"
+        planned = replace(planned, notes=(*planned.notes, told))
     departures = tuple(_departure(job, request, (flow, drawn), plan) for plan in compared)
     return replace(
-        planned, plan=judged, odds=odds, samples=samples_json(odds, job), departures=departures
+        planned,
+        plan=judged,
+        odds=odds,
+        samples={**samples_json(odds, job), "held": held},
+        departures=departures,
     )
 
 
@@ -241,12 +239,11 @@ def _planned(
     if job.departures_ns:
         plans = plan_departures(flow, request, job.departures_ns)
         return plans[best_departure(plans)], plans
-    if job.risk is not None:
-        made, *_ = plan_scenarios(flow, drawn, request, allowed=job.risk, pilot=Pilot())
-    elif for_odds:
-        made = plan_for_odds(flow, drawn, request)
-    else:
-        made = plan_mission(flow, request)
+    made = (
+        plan_by_odds(flow, drawn, request, job.risk)
+        if job.risk is not None or for_odds
+        else plan_mission(flow, request)
+    )
     if job.horizon_s is None:
         return made, ()
     first = flow if isinstance(flow, FlowEstimate) else flow[0]
@@ -258,11 +255,12 @@ def _judged(
     request: MissionRequest,
     currents: tuple[Flow, Sequence[Sample]],
     made: MissionPlan,
+    odds: MissionOdds | None = None,
 ) -> tuple[MissionPlan, MissionOdds]:
     """Return a mission with its odds in its status and message, and the odds; one that was cut is to come to where it was cut."""
-    flown = to_its_end(made) if made.status == "partial" else made
-    asked = replace(request, goals=flown.goals, start_time_ns=made.start_time_ns)
-    odds = mission_odds(*currents, flown, asked)
+    if odds is None:
+        flown = to_its_end(made) if made.status == "partial" else made
+        odds = mission_odds(*currents, flown, request)
     return with_odds(made, odds, job.arrive, job.accepted_risk), odds
 
 
@@ -276,27 +274,32 @@ def _departure(
     if len(made.headings_deg) == 0:
         return Departure.of(made, None)
     judged, odds = _judged(job, request, currents, made)
-    return Departure.of(judged, odds.corrected.reached)
+    return Departure.of(judged, odds.reached)
+
+
+def _held(made: MissionPlan, drawn: Sequence[Sample]) -> float:
+    """Return the share of samples in which a mission arrives with its headings held at every surfacing."""
+    radius = made.settings.radius or made.settings.tolerance
+    return float((fly_mission(drawn, made).miss <= radius).all(axis=1).mean())
 
 
 def samples_json(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
-    """Return the odds for ``--json``; figures without a further name are with corrected headings."""
-    corrected, held = odds.corrected, odds.held
-    return {
+    """Return the odds for ``--json``."""
+    figures = {
         "count": odds.count,
-        "reached": corrected.reached,
-        "reached_held": held.reached,
-        "reached_interval": share_interval(corrected.reached, odds.count),
-        "reached_held_interval": share_interval(held.reached, odds.count),
-        "arrival_90_percent_s": corrected.arrival_90_percent
-        if isfinite(corrected.arrival_90_percent)
-        else None,
-        "miss_median_m": corrected.miss_median,
-        "miss_90_percent_m": corrected.miss_90_percent,
-        "miss_90_percent_held_m": held.miss_90_percent,
-        "safe": corrected.safe,
-        "safe_held": held.safe,
-        "violations": dict(corrected.violations),
+        "radius_m": odds.radius,
+        "deadline_s": odds.deadline,
+        "reached": odds.reached,
+        "arrival_median_s": odds.arrival_median,
+        "arrival_90_percent_s": odds.arrival_90_percent,
+        "miss_median_m": odds.miss_median,
+        "miss_90_percent_m": odds.miss_90_percent,
+        "safe": odds.safe,
+    }
+    return {
+        **{name: value if isfinite(value) else None for name, value in figures.items()},
+        "reached_interval": share_interval(odds.reached, odds.count),
+        "violations": dict(odds.violations),
         "allowed": job.risk,
     }
 

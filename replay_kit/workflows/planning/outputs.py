@@ -34,7 +34,7 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
         console: Where to.
         battery: Energy that the vehicle has [MJ]; None when it is not stated.
     """
-    made, figures = planned.plan, planned.samples
+    made = planned.plan
     if planned.departures:
         _print_departures(planned, console)
     console.print(f"{made.status}: {made.message}")
@@ -46,18 +46,12 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
     console.print(f"{made.duration / 3600.0:.2f} h, {energy}, {len(made.headings_deg)} legs")
     if planned.waypoints is not None:
         console.print(planned.waypoints.message)
-    if figures is not None:
-        moored = made.is_moored
-        off = "farthest from the mooring" if moored else "miss"
-        console.print(
-            f"in the samples: {off} in the median {figures['miss_median_m']:.0f} m, 90 % within {figures['miss_90_percent_m']:.0f} m; with "
-            f"headings held 90 % within {figures['miss_90_percent_held_m']:.0f} m",
-        )
     columns = (
         "leg",
         "heading",
         "glide angle",
         "pitch",
+        "arrives with",
         "depth [m]",
         "after [h]",
         "UTC",
@@ -67,7 +61,7 @@ def print_mission(planned: PlannedMission, console: Console, battery: float | No
         console,
         None,
         columns,
-        (_leg_cells(row, made.start_time_ns) for row in legs_table(made, None)),
+        (_leg_cells(row, made.start_time_ns) for row in legs_table(made, planned.odds)),
     )
 
 
@@ -139,11 +133,18 @@ def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
     return (
         f"{row['leg']:.0f}",
         *angles,
+        _headings_text(row),
         f"{row['depth_m']:.0f}",
         f"{row['surfacing_s'] / 3600.0:.2f}",
         when,
         where,
     )
+
+
+def _headings_text(row: Mapping[str, Any]) -> str:
+    """Return the headings with which a leg still arrives."""
+    low, high = row.get("heading_from_deg"), row.get("heading_to_deg")
+    return "-" if low is None or high is None else f"{low:.0f} to {high:.0f}"
 
 
 def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
@@ -152,8 +153,15 @@ def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
     few = planned.waypoints
     if few is not None and few.violation is not None:
         return "the waypoints are not safe"
-    if few is not None and few.risk is not None and few.risk.violating > job.accepted_risk:
-        return f"the waypoints are not safe in {100.0 * few.risk.violating:.0f} % of the samples"
+    if (
+        few is not None
+        and figures is not None
+        and job.risk is None
+        and 1.0 - figures["safe"] > job.accepted_risk
+    ):
+        return (
+            f"the waypoints are not safe in {100.0 * (1.0 - figures['safe']):.0f} % of the samples"
+        )
     if few is not None and made.status == "unsafe":
         return "waypoints of a plan that is not safe"
     if (
@@ -177,7 +185,7 @@ def mission_json(planned: PlannedMission) -> dict[str, Any]:
     few = None if planned.waypoints is None else waypoint_json(planned.waypoints)
     more = {"samples": planned.samples, "waypoints": few, "notes": list(planned.notes)}
     return {
-        **to_json(planned.plan, planned.ellipses),
+        **to_json(planned.plan, planned.odds),
         **more,
         "departures": departures_table(planned),
     }
@@ -185,13 +193,12 @@ def mission_json(planned: PlannedMission) -> dict[str, Any]:
 
 def mission_geojson(planned: PlannedMission) -> str:
     """Return track, surfacings, ellipses and goals as GeoJSON text."""
-    count = None if planned.samples is None else int(planned.samples["count"])
-    return to_geojson(planned.plan, planned.on.region.projection, planned.ellipses, count)
+    return to_geojson(planned.plan, planned.on.region.projection, planned.odds)
 
 
 def mission_csv(planned: PlannedMission) -> str:
     """Return the legs as CSV text, one line a leg."""
-    return to_csv(planned.plan, planned.ellipses)
+    return to_csv(planned.plan, planned.odds)
 
 
 def waypoint_file(waypoints: Waypoints, path: Path) -> str:
@@ -222,7 +229,7 @@ def write_mission(
 
     mission, battery = planned.plan, config.plan.battery
     records = {
-        "legs": {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.ellipses)}
+        "legs": {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.odds)}
     }
     if planned.departures:
         records["departures"] = {

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from planners.assignment import assign, times_to_goals
-from planners.odds import mission_odds, with_odds
+from planners.odds.mission import mission_odds, with_odds
 from planners.separation import (
     JointMissions,
     Nearness,

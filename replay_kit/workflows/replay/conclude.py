@@ -240,7 +240,7 @@ def _found(run: Run, number: int, inputs: Prepared, flow: FlowEstimate) -> dict[
     return account.part() | {
         "plan": plan_part(plan, planning.failure),
         "surfacings": surfacings_part(planning.outcomes),
-        "expected_surfacings": expected_part(of.forecasts.outcomes, following),
+        "expected_surfacings": expected_part(of.forecasts.outcomes, following, planning.outcomes),
         "notes": account.notes() + of.publishing.surface.notes,
         "consistency": [*map(finding_json, findings)],
         "doubts": blind,

@@ -33,10 +33,6 @@ def test_a_range_of_depths_is_no_slower_than_any_depth_in_it():
     assert "bound_h" not in free.statistics
 
 
-def test_the_depth_of_a_range_of_one_is_that_depth():
-    assert planned(depths=(390.0, 390.0)).duration == pytest.approx(planned().duration)
-
-
 def test_a_range_below_the_bottom_is_refused_with_what_there_is():
     flow = still_flow()
     longitude, latitude = np.meshgrid([150.0, 155.0], [-42.0, -38.0])
@@ -55,20 +51,6 @@ def test_ends_that_are_no_range_are_refused(depths):
         MissionSettings(depths=depths)
 
 
-def test_a_ridge_is_crossed_by_dives_that_turn_above_it_where_the_way_round_is_longer():
-    flow = still_flow()
-    longitude, latitude = np.meshgrid(np.linspace(152.0, 153.0, 101), np.linspace(-40.4, -39.6, 81))
-    # it leaves a gap in the north
-    depth = np.where((np.abs(longitude - 152.5) < 0.03) & (latitude < -39.75), 225.0, 900.0)
-    asked = request_between(flow, (-8e3, -15e3), (8e3, -15e3), settings=SETTINGS)
-    asked = replace(asked, bathymetry=Bathymetry(longitude, latitude, depth))
-    plan = plan_mission(flow, asked)
-    straight = 16e3 / Glider().speeds(np, Glider().angles[0])[0]
-    assert plan.status == "reached"
-    assert plan.duration < 1.15 * straight
-    assert min(max(leg) for leg in plan.yo_depths) <= 205.0
-
-
 def test_power_grows_with_the_cube_of_a_propellers_speed_and_least_energy_is_between_the_ends():
     flow = still_flow()
     asked = request_between(flow, (-4e3, 0.0), (4e3, 0.0), vehicle=POWERED, settings=SETTINGS)
@@ -83,11 +65,3 @@ def test_power_grows_with_the_cube_of_a_propellers_speed_and_least_energy_is_bet
     assert between.status == "reached"
     assert between.energy <= 2.0 * frugal.energy
     assert frugal.duration > between.duration > fast.duration
-
-
-def test_a_mission_that_takes_more_than_the_battery_is_not_reached_and_says_so():
-    needed = planned()
-    lacking = planned(battery=0.5 * needed.energy)
-    assert lacking.status == "unreachable"
-    assert "limit: the battery: it takes" in lacking.message
-    assert planned(battery=1.01 * needed.energy).status == "reached"

@@ -15,7 +15,6 @@ from planners import (
 from replay_kit.core.errors import PlanError
 from tests.planners.flow_samples import (
     eddying_flow,
-    forbidden,
     place,
     request_between,
     still_flow,
@@ -65,17 +64,6 @@ def test_in_still_water_a_glider_cannot_stand_but_surfaces_to_either_side():
     assert result.statistics["farthest_m"] == pytest.approx(hop, rel=0.02)
 
 
-def test_a_current_that_is_too_strong_carries_out_of_the_mooring_and_that_is_said():
-    flow = uniform_flow(0.4, 0.0)
-    here = place(flow, -5e3, 0.0)
-    result = moored(
-        flow, MissionRequest(here, (here,), settings=SETTINGS), Mooring(1000.0, 6.0 * HOURS)
-    )
-    assert result.status == "unreachable"
-    assert "farther than 1000 m" in result.message
-    np.testing.assert_allclose(result.headings_deg, 270.0, atol=1.0)
-
-
 def test_a_line_is_held_by_a_crab_angle():
     flow = uniform_flow(0.0, 0.12)
     result = along(
@@ -101,44 +89,6 @@ def test_a_line_costs_time_and_the_more_it_weighs_the_nearer_it_is():
     assert loose.duration == pytest.approx(free.duration, rel=1e-3)
     assert tight.duration > free.duration
     assert tight.statistics["rms_m"] < 0.3 * loose.statistics["rms_m"]
-
-
-def test_a_track_that_leaves_a_line_by_more_than_two_kilometres_has_not_reached_its_end():
-    flow, settings = eddying_flow(4, speed=0.4), replace(SETTINGS, legs=12)
-    request = request_between(flow, (-8e3, -4e3), (6e3, 6e3), settings=settings)
-    narrow, wide = along(flow, request), along(flow, request, Line(width=20e3))
-    # the current carries it off
-    assert (narrow.status, wide.status) == ("unreachable", "reached")
-    assert narrow.statistics["farthest_m"] > 5e3
-    assert "from the line at most" in narrow.message
-    assert "farther than 2000 m" in narrow.message
-
-
-@pytest.mark.full
-def test_the_end_of_a_line_is_met_also_where_the_way_leads_far_from_it():
-    flow = eddying_flow(4, speed=0.4)
-    request = request_between(flow, (-8e3, -4e3), (10e3, 5e3), settings=SETTINGS)
-    result = along(flow, request, Line(width=20e3))
-    assert result.status == "reached", result.message
-    # the current carries it off, and no line is worth missing the end for
-    assert result.statistics["farthest_m"] > 5e3
-
-
-@pytest.mark.full
-def test_a_line_that_an_area_lies_on_is_left_rather_than_followed_into_it():
-    flow = still_flow()
-    area = forbidden(flow, -1e3, -2e3, 1e3, 1.5e3)
-    ends = place(flow, -5e3, 0.0), (place(flow, 5e3, 0.0),)
-    result = along(
-        flow,
-        MissionRequest(*ends, settings=replace(SETTINGS, legs=6), no_go=(area,)),
-        Line(width=300.0),
-    )
-    assert result.status == "unreachable"
-    assert "farther than 300 m" in result.message
-    # the corner is the nearest that it can stay
-    assert 1.5e3 < result.statistics["farthest_m"] < 1.8e3
-    assert result.closest_approach[0] < 5.0
 
 
 def _mooring(radius=1e3, duration=10.0 * HOURS, east=0.0):

@@ -5,12 +5,14 @@ import io
 import json
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission
-from planners.flights import MissionFlights, ellipse_factor, fly_mission, surfacing_ellipses
+from planners.flights import fly_mission
+from planners.odds.mission import ellipse_factor, ellipses_of
 from planners.output.mission import (
     as_plan,
     ellipse_outline,
@@ -40,6 +42,8 @@ def failed():
 
 
 def test_a_mission_flown_in_its_own_flow_goes_as_planned():
+    with pytest.raises(PlanError, match="without legs"):
+        fly_mission(FLOW, failed())
     flown = fly_mission(FLOW, planned())
     np.testing.assert_allclose(flown.surfacings[0], planned().surfacings, atol=1e-6)
     assert flown.miss[0, -1] == pytest.approx(planned().closest_approach[-1], abs=0.1)
@@ -53,42 +57,12 @@ def test_a_mission_flown_in_its_own_flow_goes_as_planned():
     )
 
 
-def test_ellipses_hold_ninety_percent_of_the_surfacings():
-    rng = np.random.default_rng(0)
-    flows = [
-        replace(FLOW, latent=FLOW.latent * (1.0 + 0.1 * rng.standard_normal(FLOW.latent.shape)))
-        for _ in range(60)
-    ]
-    flown = fly_mission(flows, planned())
-    ellipses = surfacing_ellipses(flown, planned())
-    places = flown.place[:, np.searchsorted(flown.time, planned().surfacing_times - 1e-6)]
-    held = []
-    for k, (_, _, major, minor, bearing) in enumerate(ellipses):
-        along = np.array([np.sin(np.deg2rad(bearing)), np.cos(np.deg2rad(bearing))])
-        away = places[:, k] - places[:, k].mean(axis=0)
-        held.append(
-            np.mean(
-                (away @ along / major) ** 2 + (away @ [along[1], -along[0]] / minor) ** 2 <= 1.0
-            )
-        )
-        assert major >= minor > 0.0
-    assert 0.82 < np.mean(held) < 0.97
-    with pytest.raises(PlanError, match="three flights"):
-        surfacing_ellipses(fly_mission(flows[:2], planned()), planned())
-    with pytest.raises(PlanError, match="without legs"):
-        fly_mission(FLOW, failed())
-
-
 def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_north():
     # along a meridian east of the antimeridian, where the local frame's north leans; a little to either side
     frame, latitudes = Projection(178.5, -60.0), -60.0 + 0.01 * np.linspace(-1.0, 1.0, 9)
     longitudes = 180.0 + 1e-3 * (-1.0) ** np.arange(9)
     places = np.column_stack(to_local(frame, longitudes, latitudes))
-    plan = replace(planned(), surfacing_times=np.array([1.0]))
-    flights = MissionFlights(
-        np.array([1.0]), np.zeros(1), places[:, None], np.zeros((9, 1, 2)), np.zeros((9, 1)), frame
-    )
-    ((longitude, latitude, major, minor, bearing),) = ellipses = surfacing_ellipses(flights, plan)
+    ((longitude, latitude, major, minor, bearing),) = ellipses = ellipses_of(frame, places[:, None])
     assert abs(longitude) == pytest.approx(180.0, abs=1e-3)
     assert latitude == pytest.approx(-60.0, abs=1e-3)
     assert min(bearing, 180.0 - bearing) < 1.0
@@ -104,7 +78,12 @@ def test_tables_say_what_the_plan_says():
     assert [row["surfacing_s"] for row in rows] == planned().surfacing_times.tolist()
     assert rows[-1]["depth_m"] == max(planned().yo_depths[-1])
     assert all(row["dives"] == 1 for row in rows)
-    parsed = list(csv.DictReader(io.StringIO(to_csv(planned(), np.ones((len(rows), 5))))))
+    off = np.tile([-20.0, np.nan], (len(rows), 1))
+    odds = SimpleNamespace(ellipses=np.ones((len(rows), 5)), forgiving=off, count=7)
+    parsed = list(csv.DictReader(io.StringIO(to_csv(planned(), odds))))
+    assert parsed[0]["heading_to_deg"] == ""
+    least = np.mod(planned().headings_deg[0] - 20.0, 360.0)
+    assert float(parsed[0]["heading_from_deg"]) == pytest.approx(least, abs=1e-6)
     assert [float(row["heading_deg"]) for row in parsed] == pytest.approx(
         planned().headings_deg.tolist(), abs=1e-6
     )
@@ -126,9 +105,9 @@ def test_tables_say_what_the_plan_says():
 
 def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
     ellipse = np.array([152.5, -40.0, 300.0, 100.0, 90.0])
-    features = json.loads(
-        to_geojson(planned(), FLOW.grid.projection, np.tile(ellipse, (len(planned().yo_depths), 1)))
-    )["features"]
+    each = np.tile(ellipse, (len(planned().yo_depths), 1))
+    odds = SimpleNamespace(ellipses=each, forgiving=np.zeros((0, 2)), count=7)
+    features = json.loads(to_geojson(planned(), FLOW.grid.projection, odds))["features"]
     outline = np.array(features[-1]["geometry"]["coordinates"][0])
     np.testing.assert_array_equal(outline[0], outline[-1])
     east, north = to_local(FLOW.grid.projection, *outline.T)
@@ -137,19 +116,6 @@ def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
     assert np.sum(east[:-1] * north[1:] - east[1:] * north[:-1]) > 0.0
     kinds = [feature["geometry"]["type"] for feature in features]
     assert kinds.count("Polygon") == len(planned().yo_depths)
-
-
-@pytest.mark.parametrize("bearing", [0.0, 30.0, 90.0, 200.0, 359.0])
-@pytest.mark.parametrize(
-    ("longitude", "latitude"), [(152.5, -40.0), (-179.999, 62.0), (152.6, 40.0)]
-)
-def test_polygons_are_closed_and_run_counter_clockwise(bearing, longitude, latitude):
-    frame = Projection(longitude, latitude)
-    ring = ellipse_outline(np.array([longitude, latitude, 300.0, 100.0, bearing]), frame)
-    np.testing.assert_array_equal(ring[0], ring[-1])
-    east, north = to_local(frame, *ring.T)
-    # twice the signed area, by the shoelace formula: positive counter-clockwise
-    assert np.sum(east[:-1] * north[1:] - east[1:] * north[:-1]) > 0.0
 
 
 def test_what_is_counted_is_written_as_an_integer():

@@ -11,10 +11,10 @@ import pytest
 from planners import waypoints_of
 from planners.output.waypoints import waypoint_text
 from replay_kit.core.plan import Area
-from tests.planners.mission.test_waypoints import FLOW, PLAN
+from tests.planners.test_waypoints import FLOW, PLAN, REQUEST
 from tests.reference.vehicle import read_mission_arguments, read_targets
 
-FEW = waypoints_of(FLOW, PLAN, 50.0)
+FEW = waypoints_of(FLOW, PLAN, REQUEST, 50.0)[0]
 PLACES = np.column_stack([FEW.longitude, FEW.latitude])
 
 

@@ -67,7 +67,7 @@ def crowded(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) 
         ]
     )
     known = {
-        "odds": Odds(40, 0.725, 0.05, 0.9, 80.5, 1_309.0),
+        "odds": Odds(40, 0.725, 0.9, 250.0, 9e4, 7e4, 8e4),
         "areas": (Area("range", False, corners),),
         "energy": 92_400.0,
         "battery": 2e6,

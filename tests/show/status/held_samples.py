@@ -43,10 +43,11 @@ def plan(time_ns: int, **values: Any) -> Any:
     odds = {
         "n_samples": 10,
         "reached": 0.9,
-        "reached_held": 0.5,
         "safe": 1.0,
-        "miss_median": 100.0,
-        "miss_90_percent": 300.0,
+        "radius": 250.0,
+        "deadline": 9e4,
+        "arrival_median": 7e4,
+        "arrival_90_percent": 8e4,
     }
     held = {
         "timestamp": stamp(time_ns),

@@ -25,7 +25,7 @@ from tests.results.result_samples import CONFIG, METADATA
 from tests.show.status.held_samples import held
 from tests.synthetic_flow import synthetic_flow
 
-NONE_ARRIVES = Odds(40, 0.0, 0.0, 1.0, 900.0, 1500.0)
+NONE_ARRIVES = Odds(40, 0.0, 1.0, 250.0, 9e4, 7e4, 8e4)
 BAD = {
     "unreachable": {
         "status": "unreachable",
@@ -96,7 +96,9 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
 
 def test_a_plan_that_arrives_is_no_alarm(plan, tmp_path):
     path = written(
-        tmp_path / "r.mcap", replace(plan, odds=Odds(40, 0.95, 0.5, 1.0, 80.0, 300.0)), findings=()
+        tmp_path / "r.mcap",
+        replace(plan, odds=Odds(40, 0.95, 1.0, 250.0, 9e4, 7e4, 8e4)),
+        findings=(),
     )
     status = status_of(read_held(ResultReader(path)))
     assert status.alarms == ()

@@ -154,7 +154,7 @@ def test_one_next_surfacing_comes_first_the_plans_while_one_is_flown_and_else_th
     summary = expected(END_NS + HOUR_NS)
     text, numbers = surfacing(held(outcome=outcome_from(summary)))
     when = "2023-11-17 02:13:20Z (in 4.0 h; overdue after 48 min more)"
-    assert text[0] == f"next, by the plan being flown, which outranks the last dive: {when}"
+    assert text[0] == f"next, by the plan: {when}"
     assert (numbers["next"]["basis"], numbers["next"]["time"]) == ("plan", "2023-11-17 02:13:20Z")
     assert sum("next" in sentence for sentence in text) == 1
     text, numbers = surfacing(held(outcome=outcome_from(summary), plans=[], outcomes=[]))
@@ -172,6 +172,13 @@ def test_one_next_surfacing_comes_first_the_plans_while_one_is_flown_and_else_th
         "bearing_deg": 29.0,
     }
     assert sum("next" in sentence for sentence in text) == 1
+    # the habit is shown where it has predicted better, and says so
+    found = outcome_from(summary)
+    record = {"shown": "habit", "count": 3, "habit": -20.0, "plan": -26.0}
+    by_habit = replace(found, expected_surfacings={**found.expected_surfacings, "record": record})
+    text, numbers = surfacing(held(outcome=by_habit))
+    assert numbers["next"]["basis"] == "last_dive"
+    assert "as the dives before predicted better: " in text[0]
     over = held().outcomes[0]
     over.planned_time.FromNanoseconds(END_NS)
     text, _ = surfacing(held(outcome=outcome_from(summary), outcomes=[over, over]))
@@ -305,7 +312,7 @@ def test_the_screen_is_80_columns_wide_and_says_how_old_each_answer_is():
             )
             or label == "Forecast"
         ), label
-    assert "90 % (65 to 98) of 10 samples arrive" in text
+    assert "90 % (65 to 98) of 10 simulated flights arrive" in text
     assert "250 kJ of 1000 kJ" in text
     assert "± 20 m" in text
     assert [age_text(seconds) for seconds in (0.0, 120.0, 7200.0, -7200.0, 864_000.0)] == [

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, mission_odds, plan_mission
-from planners.flights import currents_of_estimate as currents_around
 from planners.flights import fly_mission
+from planners.odds.mission import currents_of_estimate as currents_around
 from planners.simulation.currents import (
     LocalSample,
     currents_of_samples,
@@ -116,9 +116,9 @@ def test_odds_and_ellipses_know_of_it():
         drawn = known.samples(BEGIN, SECONDS, 30, 1)
         odds = mission_odds(known.first, drawn, plan, request)
         ends = fly_mission(drawn, plan).place[:, -1]
-        widths.append((odds.ellipses[-1, 2], ends.std(axis=0).min()))
+        widths.append((odds.next_surfacing[2], ends.std(axis=0).min()))
     hours = plan.duration / 3600.0
-    assert widths[1][0] > widths[0][0] + 90.0 * hours
+    assert widths[1][0] > widths[0][0] + 90.0 * plan.surfacing_times[0] / 3600.0
     assert widths[1][1] > widths[0][1] + 90.0 * hours
 
 

@@ -312,13 +312,10 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
     done = succeed(f"plan {out} {start} {goal} --start-time {began} {dives} --json -")
     said = json.loads(done.stdout)
     samples = said["samples"]
-    stated = [samples[name] for name in ("count", "reached", "reached_held", "safe")]
-    assert (
-        last[["odds_n_samples", "odds_reached", "odds_reached_held", "odds_safe"]].tolist()
-        == stated
-    )
+    stated = [samples[name] for name in ("count", "reached", "safe", "radius_m")]
+    assert last[["odds_n_samples", "odds_reached", "odds_safe", "odds_radius"]].tolist() == stated
     assert 0.0 < samples["reached"] < 0.9
-    assert (last.status, said["status"], samples["count"]) == ("uncertain", "uncertain", 40)
+    assert (last.status, said["status"], samples["count"]) == ("uncertain", "uncertain", 100)
     # the plan is the same, but one that begins from the plan before is not compared with the earliest arrival
     assert said["message"].startswith(last.message)
 

@@ -57,7 +57,7 @@ def last_plan_html(contents: Contents, plan: LastPlan) -> str:
 
 def _odds(odds: Mapping[str, float]) -> str:
     more = sentence(
-        "; {safe:share} violate no constraint; median miss {miss_median:,.0f} m, 90 % within {miss_90_percent:,.0f} m",
+        "; {safe:share} violate no constraint; within {radius:,.0f} m",
         odds,
         "plan.odds.",
     )
@@ -73,7 +73,7 @@ def what_is_missing(plan: LastPlan) -> list[str]:
         )
     if plan.odds is None and plan.row["status"] != "failed":
         out.append(
-            "The result holds no odds of arriving: [planner] samples = 40 flies each mission through 40 samples of the estimate."
+            "The result holds no odds of arriving: [planner] samples = 100 flies each mission through 100 samples of the estimate."
         )
     if plan.bottom is None:
         out.append(

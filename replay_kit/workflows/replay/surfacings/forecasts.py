@@ -15,7 +15,7 @@ from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.observation import PathMean, Profiles, usable
-from replay_kit.core.surfacing import DiveForecast, DiveOutcome
+from replay_kit.core.surfacing import DiveForecast, DiveOutcome, usual_seconds
 from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess
 from replay_kit.workflows.replay.events import Track
@@ -215,7 +215,7 @@ def next_surfacing(
     if state.last is None:
         return None
     last, fix = state.last, state.outcomes[-1].fix
-    seconds = longer * last.seconds
+    seconds = longer * usual_seconds(state.outcomes)
     coming = replace(
         last,
         time_ns=fix.time_ns + int(0.5e9 * seconds),

@@ -1,0 +1,1 @@
+"""The odds of a mission: gliders steered along it in samples of the estimate."""

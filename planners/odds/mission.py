@@ -1,0 +1,378 @@
+"""The odds of a mission: the glider that is steered along it at each surfacing, in samples of the estimate.
+
+The same flights give when it arrives, how near, what it crosses, and the ellipses of its surfacings; flights in the estimate itself, begun
+at each leg with other headings, say how forgiving the leg is.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+
+from planners.clearance import clearances
+from planners.odds.steer import Begin, Route, steer
+from planners.request import MissionPlan, MissionRequest, Mooring
+from planners.simulation.currents import (
+    Currents,
+    Flow,
+    Sample,
+    currents_of,
+    currents_of_samples,
+    flows_of,
+    graph_key,
+    with_courses,
+)
+from planners.simulation.fly import Flights
+from planners.task import Task, YoDepths, task_of
+from planners.words import arrival_text, odds_text, violations_text
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic, to_local
+from replay_kit.core.grid import Projection
+
+#: Time after which a glider has not arrived where no latest time is asked for, in the plan's.
+LATEST = 1.25
+# Share of the surfacings that an ellipse holds.
+_SHARE = 0.9
+# Headings about the planned one that are tried [degrees].
+_ASIDE = np.array([-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionOdds:
+    """K flights of a mission in samples of the estimate, steered at each surfacing.
+
+    Attributes:
+        flights: They.
+        radius: That meets a goal [m].
+        deadline: Since the start [s].
+        reached: Share that meets all goals, or stays near a mooring.
+        safe: Share that crosses nothing.
+        succeeded: Share of both.
+        arrival_median: [s since the start]; infinite where fewer arrive.
+        arrival_90_percent: [s].
+        miss_median: From the last goal [m].
+        miss_90_percent: [m].
+        violations: Shares by hazard.
+        ellipses: shape (L, 5), of legs.
+        next_surfacing: shape (5,).
+        forgiving: shape (L, 2).
+    """
+
+    flights: Flights
+    radius: float
+    deadline: float
+    reached: float
+    safe: float
+    succeeded: float
+    arrival_median: float
+    arrival_90_percent: float
+    miss_median: float
+    miss_90_percent: float
+    violations: Mapping[str, float]
+    ellipses: Array
+    next_surfacing: Array
+    forgiving: Array
+
+    @property
+    def count(self) -> int:
+        """Number of flights."""
+        return len(self.flights.met)
+
+
+def mission_odds(
+    flow: Flow,
+    samples: Sequence[Sample],
+    plan: MissionPlan,
+    request: MissionRequest,
+    route: Route | None = None,
+) -> MissionOdds:
+    """Return the odds of a mission.
+
+    Args:
+        flow: The estimate, or estimates for increasing times: what the pilot knows of the current.
+        samples: On its nodes; those that change are flown as they are, what others differ by from the first estimate persists.
+        plan: The mission.
+        request: What it was planned for.
+        route: That is flown; None for the plan's own surfacings.
+
+    Raises:
+        PlanError: The mission has no legs, or there are no samples.
+    """
+    task = task_of_plan(flow, plan, request)
+    flown = route_of_plan(task, plan) if route is None else route
+    deadline = latest(plan)
+    found = odds_of(task, currents_of_estimate(flow, samples, plan.settings.depth), flown, deadline)
+    count = len(plan.headings_deg)
+    if count and not plan.is_moored:
+        found = replace(found, forgiving=forgiving(task, plan, flown, deadline))
+    if len(samples) < 3:
+        return found
+    ends = found.flights.surfacings
+    ends = ends[:, np.minimum(np.arange(count), ends.shape[1] - 1)]
+    first = found.flights.place[:, found.flights.ups[:1]]
+    ellipses = ellipses_of(task.region.grid.projection, np.concatenate([ends, first], axis=1))
+    return replace(found, ellipses=ellipses[:-1], next_surfacing=ellipses[-1])
+
+
+def next_surfacing(
+    flow: Flow, samples: Sequence[Sample], plan: MissionPlan, request: MissionRequest
+) -> Array:
+    """Return the ellipse of where the first dive of a mission comes up, of ``MissionOdds``, by its flights in three samples or more."""
+    task = task_of_plan(flow, plan, request)
+    # over as soon as it has begun
+    currents = currents_of_estimate(flow, samples, plan.settings.depth)
+    flights = steer(task, currents, route_of_plan(task, plan), 0.0)
+    return np.asarray(
+        ellipses_of(task.region.grid.projection, flights.place[:, flights.ups[:1]])[0]
+    )
+
+
+def latest(plan: MissionPlan) -> float:
+    """Return the time since the start after which a glider on a mission has not arrived [s]."""
+    by = plan.settings.arrive_by
+    return by if by < inf else LATEST * plan.duration
+
+
+def odds_of(task: Task, currents: Currents, route: Route, deadline: float) -> MissionOdds:
+    """Return the odds of a route in K currents, without ellipses."""
+    mooring = task.shape if isinstance(task.shape, Mooring) else None
+    flights = steer(task, currents, route, inf if mooring else deadline)
+    clear = least_clearance(task, flights)
+    safe = clear[""] > 0.0
+    arrives, when = np.isfinite(flights.arrived), flights.arrived
+    off = np.linalg.norm(flights.place[:, -1] - route.goals[-1, :2], axis=1)
+    # of who never came to head for the last goal, from where it ends
+    miss = np.where(np.isfinite(flights.nearest[:, -1]), flights.nearest[:, -1], off)
+    if mooring is not None:
+        ends = np.concatenate([flights.ups, flights.ups + 2]) if mooring.surfacings_only else ...
+        miss = np.linalg.norm(flights.place - task.goals[0, :2], axis=2)[:, ends].max(axis=1)
+        arrives = miss <= mooring.radius
+    misses = (float(np.quantile(miss, 0.5)), float(np.quantile(miss, _SHARE)))
+    times = [float(np.quantile(when, share, method="higher")) for share in (0.5, _SHARE)]
+    nothing = np.full((0, 5), np.nan)
+    return MissionOdds(
+        flights,
+        float(np.max(route.radius[..., -1])) if mooring is None else mooring.radius,
+        deadline,
+        float(np.mean(arrives)),
+        float(np.mean(safe)),
+        float(np.mean(arrives & safe)),
+        times[0],
+        times[1],
+        misses[0],
+        misses[1],
+        {
+            name: float(np.mean(one <= 0.0))
+            for name, one in clear.items()
+            if name and np.any(one <= 0.0)
+        },
+        nothing,
+        np.full(5, np.nan),
+        np.full((0, 2), np.nan),
+    )
+
+
+def least_clearance(task: Task, flights: Flights) -> dict[str, Array]:
+    """Return the clearances of K flights by the hazards' names, and the least of them without a name, shape (K,) [m]."""
+    by_name = clearances(task, flights)
+    whole = np.isfinite(flights.place).all(axis=(1, 2))
+    least = np.min([np.where(whole, np.inf, 0.0), *by_name.values()], axis=0)
+    return {**by_name, "": least}
+
+
+def task_of_plan(flow: Flow, plan: MissionPlan, request: MissionRequest) -> Task:
+    """Return the task of a mission that is planned, in a flow that may be another."""
+    if len(plan.headings_deg) == 0:
+        raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
+    asked = replace(
+        request,
+        start=plan.start,
+        goals=plan.goals,
+        vehicle=plan.vehicle,
+        settings=plan.settings,
+        start_time_ns=plan.start_time_ns,
+        shape=plan.shape,
+    )
+    return task_of(flow, asked)
+
+
+def route_of_plan(task: Task, plan: MissionPlan) -> Route:
+    """Return the route along the surfacings of a plan."""
+    ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
+    first, angles = float(np.deg2rad(plan.headings_deg[0])), np.deg2rad(plan.glide_angles_deg)
+    return route_along(task, ends, first, angles, plan.yo_depths, plan.goal_legs)
+
+
+def route_along(
+    task: Task,
+    ends: Array,
+    heading: float,
+    angles: Array,
+    legs: Sequence[YoDepths],
+    goal_legs: Sequence[int],
+) -> Route:
+    """Return the route along legs that end at some places, shape (L, 2) [m]; near a mooring each of them is a goal."""
+    depths = np.array([max(leg[1:]) for leg in legs])
+    if legs[-1][-1] > 0.0:
+        # a dive that passes the goal goes on, as those before it
+        depths[-1] = max(depths[-1], depths[-2] if len(legs) > 1 else task.settings.depth)
+    places = np.vstack([task.start[None, :2], ends])
+    if isinstance(task.shape, Mooring):
+        goals, numbers = np.column_stack([ends, np.zeros(len(ends))]), np.arange(1, len(ends) + 1)
+        radius = np.full(len(ends), inf)
+        return Route(places, angles, depths, heading, goals, numbers, radius, direct=True)
+    radius = np.full(len(task.goals), task.settings.radius or task.settings.tolerance)
+    return Route(places, angles, depths, heading, task.goals, np.array(goal_legs), radius)
+
+
+def forgiving(task: Task, plan: MissionPlan, route: Route, deadline: float) -> Array:
+    """Return the least and greatest heading about the planned one with which each leg still arrives, shape (L, 2) [degrees].
+
+    It is flown in the estimate, steered afterwards, and may take one dive more than planned; NaN where not even the planned one arrives.
+    """
+    times = np.append(0.0, plan.surfacing_times[:-1])
+    count, tried = len(times), len(_ASIDE)
+    ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
+    places = np.vstack([task.start[None, :2], ends[:-1]])
+    own = route_of_plan(task, plan)
+    headings = np.deg2rad(plan.headings_deg[:, None] + _ASIDE).ravel()
+    begin = Begin(
+        np.repeat(places, tried, axis=0),
+        np.repeat(times, tried),
+        np.repeat(np.arange(count), tried),
+        headings,
+    )
+    more = float(np.max(np.diff(plan.surfacing_times, prepend=0.0)))
+    own = replace(own, radius=np.full(len(own.goals), float(np.max(route.radius[..., -1]))))
+    flights = steer(task, task.currents, own, min(deadline, plan.duration + more), begin)
+    arrives = np.isfinite(flights.arrived).reshape(count, tried)
+    middle, found = tried // 2, np.full((count, 2), np.nan)
+    for k, of in enumerate(arrives):
+        if of[middle]:
+            left = np.argmin(np.append(of[middle::-1], False)) - 1
+            right = np.argmin(np.append(of[middle:], False)) - 1
+            found[k] = _ASIDE[[middle - left, middle + right]]
+    return found
+
+
+def ellipses_of(projection: Projection, places: Array) -> Array:
+    """Return the ellipses that hold another place with a probability of 90 %, assuming a normal distribution.
+
+    Mean and covariance are themselves estimated from few flights, which Hotelling's factor allows for.
+
+    Args:
+        projection: The local frame.
+        places: shape (K, n, 2) [m], of three flights or more.
+
+    Returns:
+        Array of shape (n, 5): longitude and latitude of its centre [degrees], semi-axes [m], and the bearing of the major one, clockwise
+        from true north, in [0, 180) [degrees].
+    """
+    # in the local frame: longitudes have no mean across the antimeridian
+    centre = np.column_stack(to_geographic(projection, *np.mean(places, axis=0).T))
+    turn = grid_bearing_of_true_north(projection, *centre.T)
+    ellipses = []
+    for k, of in enumerate(places.swapaxes(0, 1)):
+        values, vectors = np.linalg.eigh(np.cov(of.T))
+        minor, major = ellipse_factor(len(of)) * np.sqrt(np.maximum(values, 0.0))
+        bearing = np.rad2deg(np.arctan2(*vectors[:, 1]) - turn[k]) % 180.0
+        ellipses.append([*centre[k], major, minor, bearing])
+    return np.array(ellipses)
+
+
+def ellipse_factor(count: int) -> float:
+    """Return the semi-axes, in sample standard deviations, of the ellipse that holds the next of some points with a probability of 90 %.
+
+    Args:
+        count: Number of points, three or more, from whose mean and covariance the ellipse is made.
+
+    References:
+        Hotelling (1931); Chew (1966), Confidence, prediction, and tolerance regions for the multivariate normal distribution.
+    """
+    # the quantile of Fisher's distribution of two degrees of freedom and some
+    quantile = 0.5 * (count - 2) * ((1.0 - _SHARE) ** (-2.0 / (count - 2)) - 1.0)
+    return float(np.sqrt(2.0 * (count - 1) * (count + 1) * quantile / (count * (count - 2))))
+
+
+def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) -> MissionPlan:
+    """Return a mission whose status and message say how likely it arrives.
+
+    Args:
+        plan: The mission.
+        odds: Of it.
+        arrive: Share of the samples that must arrive for it to be ``reached``; below, it is ``uncertain``.
+        risk: Share that may violate a constraint; above, it is ``unsafe``.
+    """
+    violating, status = 1.0 - odds.safe, plan.status
+    text = odds_text(plan, odds.count, odds.reached, odds.radius, odds.deadline)
+    if not plan.is_moored:
+        text += arrival_text(plan, odds.arrival_median, odds.arrival_90_percent)
+    text += violations_text(violating, odds.violations)
+    # shares of a few samples are rounded by the last bit
+    if violating > risk + 1e-9 and status == "reached":
+        status, text = "unsafe", f"{text}, more than the {100.0 * risk:.0f} % accepted"
+    elif odds.reached < arrive - 1e-9 and status == "reached":
+        status, text = "uncertain", f"{text}; {100.0 * arrive:.0f} % are asked for"
+    return replace(plan, status=status, message=f"{text}. In the estimate itself: {plan.message}")
+
+
+def currents_of_estimate(flow: Flow, samples: Sequence[Sample], depth: float = 0.0) -> Currents:
+    """Return the samples' currents, all on the nodes of the estimate.
+
+    Samples that change are flown as they are. Where the estimate changes and they do not, they change as it does: what they differ by
+    from its first time persists.
+
+    Args:
+        flow: The estimate, or estimates for increasing times.
+        samples: Of it.
+        depth: Of the dives [m].
+    """
+    if not samples:
+        raise PlanError(
+            "a plan for samples of the estimate needs some; draw them with flow.sample(100, seed)"
+        )
+    return with_courses(_below(_flows_around(flow, flows_of(samples)), depth), samples)
+
+
+def _below(currents: Currents, depth: float) -> Currents:
+    """Return samples with a level at a depth [m] below their deepest one: the current there differs from that by the shear above it.
+
+    The difference is in each the shear of the last two levels times a normal number.
+    """
+    flow, levels = currents.flow, currents.flow.levels
+    if depth <= levels[-1] or levels.size < 2 or flow.depth_functions.kind != "hat":
+        return currents
+    count, size, _ = currents.latent.shape
+    values = currents.latent.reshape(count, size, -1, levels.size)
+    share = (depth - levels[-1]) / (levels[-1] - levels[-2])
+    normal = share * np.random.default_rng(count).standard_normal((count, 1, 1))
+    more = values[..., -1] + normal * (values[..., -1] - values[..., -2])
+    grid = replace(
+        flow.grid,
+        levels=np.append(levels, depth),
+        wet=np.concatenate([flow.grid.wet, flow.grid.wet[-1:]]),
+    )
+    latent = np.concatenate([values, more[..., None]], axis=-1).reshape(count, size, -1)
+    deeper = replace(flow.mean_flow(), grid=grid, latent=latent[0, :, : levels.size + 1])
+    return replace(currents, flow=deeper, latent=latent)
+
+
+def _flows_around(flow: Flow, samples: Sequence[Flow]) -> Currents:
+    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    if not isinstance(samples[0], FlowEstimate):
+        changing = currents_of_samples(samples)
+        if graph_key(changing.flow) != graph_key(first):
+            raise PlanError(
+                "the samples are not on the nodes, levels, kernel and depth functions of the estimate; draw them from it"
+            )
+        return changing
+    both = currents_of_samples([first, *samples])
+    if isinstance(flow, FlowEstimate):
+        return replace(both, latent=both.latent[1:])
+    known = currents_of(flow)
+    return replace(
+        known, latent=known.latent + np.tile(both.latent[1:] - both.latent[:1], (1, 1, len(flow)))
+    )

@@ -1,0 +1,204 @@
+"""Waypoints: how few tell a mission's way, how a glider fares that heads for them, and what it keeps clear of."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planners import MissionSettings, plan_mission, waypoints_of
+from planners.hazards.areas import no_go_rings
+from planners.output.waypoints import waypoint_text
+from planners.waypoints import _distance_to_legs, kept_surfacings
+from replay_kit.core.errors import PlanError
+from replay_kit.core.geodesy import to_local
+from tests.planners.flow_samples import (
+    eddying_flow,
+    forbidden,
+    request_between,
+    still_flow,
+    uniform_flow,
+)
+from tests.planners.hazardous import harm_done, harm_of_files, random_mission
+from tests.planners.mission.test_bottom import bathymetry
+from tests.planners.uncertain import uncertain
+from tests.reference.reference_path import farthest_left_out
+from tests.reference.vehicle import fly_commands
+
+SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
+FLOW = eddying_flow(7)
+REQUEST = request_between(
+    FLOW, (-8e3, -6e3), (-1e3, 4e3), (8e3, 1e3), settings=replace(SETTINGS, legs=8)
+)
+PLAN = plan_mission(FLOW, REQUEST)
+PLACES = np.column_stack(
+    to_local(
+        FLOW.grid.projection,
+        *np.vstack([[PLAN.start.longitude, PLAN.start.latitude], PLAN.surfacings]).T,
+    )
+)
+TIMES = np.concatenate([[0.0], PLAN.surfacing_times])
+STILL = still_flow()
+ACROSS = request_between(STILL, (-7e3, 0.0), (7e3, 0.0), settings=MissionSettings(depth=300.0))
+
+
+def listed(flow, request, tolerance=None, plan=None, samples=()):
+    plan = plan_mission(flow, request) if plan is None else plan
+    return plan, *waypoints_of(flow, plan, request, tolerance, samples)
+
+
+def test_what_is_left_out_is_within_the_tolerance_and_goals_are_kept():
+    counts = []
+    for tolerance in (20.0, 200.0, 1e5):
+        kept = kept_surfacings(PLAN, PLACES, tolerance)
+        assert farthest_left_out(kept, TIMES, PLACES) <= tolerance
+        assert set(PLAN.goal_legs) <= set(kept)
+        counts.append(len(kept))
+    assert counts[0] > counts[1] >= counts[2] == 2
+    deep = replace(PLAN, goals=(replace(PLAN.goals[0], depth=120.0), PLAN.goals[1]))
+    passed = PLAN.goal_legs[0]
+    assert set(kept_surfacings(deep, PLACES, 1e5)) == {passed - 1, passed, PLAN.goal_legs[1]}
+
+
+@pytest.mark.parametrize("depth", [0.0, 120.0])
+def test_in_a_uniform_current_one_waypoint_loses_little(depth):
+    flow = uniform_flow(0.1, 0.05)
+    request = request_between(flow, (-6e3, -3e3, depth), (6e3, 3e3), settings=SETTINGS)
+    plan, one, none = listed(flow, request)
+    assert (one.times.size, one.arrives, none) == (1, True, None)
+    assert one.off_end < PLAN.settings.tolerance
+    # a drift more or less
+    assert abs(one.delay) < 1200.0
+    assert one.times[-1] == pytest.approx(plan.duration + one.delay)
+    assert "1 waypoints for" in one.message
+
+
+def test_files_hold_the_waypoints():
+    _, few, _ = listed(FLOW, REQUEST, 50.0, PLAN)
+    rows = list(csv.DictReader(io.StringIO(waypoint_text(few, Path("a.csv")))))
+    assert [float(row["longitude"]) for row in rows] == pytest.approx(
+        few.longitude.tolist(), abs=1e-6
+    )
+    assert [row["waypoint"] for row in rows] == [str(k + 1) for k in range(len(rows))]
+    features = json.loads(waypoint_text(few, Path("a.geojson")))["features"]
+    points = [
+        feature["properties"] for feature in features if feature["geometry"]["type"] == "Point"
+    ]
+    assert {type(properties[name]) for properties in points for name in ("waypoint", "dives")} == {
+        int
+    }
+    assert len(features) == 1 + len(rows)
+    assert json.loads(waypoint_text(few, Path("a.json")))["off_end_m"] == few.off_end
+    with pytest.raises(PlanError, match=r"one of \.csv"):
+        waypoint_text(few, Path("a.txt"))
+
+
+def test_the_distance_to_legs_is_to_the_nearest_and_no_farther_than_their_ends():
+    corners = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [100.0, 50.0]])
+    points = np.array([[50.0, 7.0], [-3.0, -4.0], [90.0, 40.0], [103.0, 54.0]])
+    np.testing.assert_allclose(_distance_to_legs(points, corners), [7.0, 5.0, 10.0, 5.0])
+
+
+def test_a_list_has_the_odds_of_a_glider_that_heads_for_it():
+    flow = uncertain(eddying_flow(7, speed=0.1), 0.04)
+    request = request_between(flow, (-6e3, -3e3), (6e3, 3e3), settings=SETTINGS)
+    _, few, odds = listed(flow, request, samples=flow.sample(20, 0))
+    assert odds.count == 20
+    assert odds.safe == 1.0
+    assert odds.reached > 0.5
+    assert odds.radius == SETTINGS.tolerance <= few.radius
+    # an area beside the way is entered in some
+    area = forbidden(flow, -5e3, -9e3, 6e3, -1.9e3)
+    plan = plan_mission(flow, request)
+    _, _, beside = listed(flow, replace(request, no_go=(area,)), 1e5, plan, flow.sample(20, 0))
+    assert beside.safe < 1.0
+
+
+@pytest.mark.full
+def test_a_long_tolerance_does_not_lead_through_an_area():
+    area = forbidden(STILL, -1e3, -9e3, 1e3, 2e3)
+    asked = replace(ACROSS, no_go=(area,))
+    plan, clear, _ = listed(STILL, asked, 1e5)
+    _, blind, _ = listed(STILL, ACROSS, 1e5, plan)
+    assert plan.status == "reached"
+    assert (blind.times.size, blind.violation) == (1, None)
+    assert clear.times.size > 1
+    assert clear.violation is None
+    ring = no_go_rings(STILL.grid.projection, area)[0]
+    ways = [
+        np.vstack(
+            [[-7e3, 0.0], np.column_stack(to_local(STILL.grid.projection, *few.surfacings.T))]
+        )
+        for few in (clear, blind)
+    ]
+    dense = [np.vstack([np.linspace(*one, 4000) for one in pairwise(places)]) for places in ways]
+    assert [ring.forbids(one).any() for one in dense] == [False, True]
+
+
+def test_waypoints_that_cannot_be_headed_for_in_safety_say_so_first():
+    plan = plan_mission(STILL, ACROSS)
+    late = forbidden(STILL, -1e3, -1e3, 1e3, 1e3)
+    _, found, _ = listed(STILL, replace(ACROSS, no_go=(late,)), plan=plan)
+    assert found.violation is not None
+    assert found.violation.what == "range"
+    assert found.message.startswith("not safe: heading for the waypoints crosses range at 152.")
+    # one that knows the current holds off; one that was just put to sea is set two kilometres to the north by its first dive
+    northward, area = uniform_flow(0.0, 0.2), forbidden(STILL, -6e3, 3e2, -2e3, 2.5e3)
+    plan, few, _ = listed(northward, replace(ACROSS, no_go=(area,)))
+    assert plan.status == "reached"
+    assert few.violation is not None
+    assert few.violation.leg == 1
+
+
+def test_waypoints_that_are_never_reached_are_not_called_safe_beside_an_area():
+    # the plan's way is undone by a current of the vehicle's own speed
+    plan, adverse = plan_mission(STILL, ACROSS), uniform_flow(-0.3, 0.0)
+    far = forbidden(STILL, 12e3, 10e3, 13e3, 11e3)
+    _, without, _ = listed(adverse, ACROSS, plan=plan)
+    _, beside, _ = listed(adverse, replace(ACROSS, no_go=(far,)), plan=plan)
+    assert (without.violation, without.arrives) == (None, False)
+    assert without.message.startswith("not reliable: not all of them are reached")
+    assert beside.violation is not None
+    assert "water that was not checked, as waypoint 1 is not reached in" in beside.message
+
+
+@pytest.mark.full
+def test_dives_to_a_waypoint_are_as_deep_as_the_shallowest_planned_on_the_way():
+    sill = bathymetry(lambda x, y: np.where(np.abs(x - 152.5) < 0.02, 150.0, 900.0))
+    plan, few, _ = listed(STILL, replace(ACROSS, bathymetry=sill), 1e5)
+    assert {min(map(max, plan.yo_depths)), max(map(max, plan.yo_depths))} == {130.0, 300.0}
+    assert few.depths.tolist() == [130.0]
+    assert few.violation is None
+
+
+# 39 goes by an island to a goal over a shoal
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.full) for seed in (39, *range(1, 14)))]
+)
+def test_what_is_called_reached_crosses_nothing_when_it_is_flown(seed):
+    mission = random_mission(seed)
+    plan, few, _ = listed(mission.flow, mission.request)
+    assert plan.status == "reached"
+    assert harm_done(mission, plan.track) is None
+    assert harm_done(mission, fly_commands(mission.sea, plan)) is None
+    harms = harm_of_files(mission, plan, few)
+    assert (
+        few.violation is not None
+        or not few.arrives
+        or all(harm == {None} for harm in harms.values())
+    )
+
+
+def test_dives_beside_an_island_are_as_deep_as_the_water_and_too_few_legs_end_short_of_the_goal():
+    mission = random_mission(39)
+    plan = plan_mission(mission.flow, mission.request)
+    # the limit is that of the goal, 250 m, for the last leg alone
+    assert len(plan.yo_depths) <= 8
+    short = replace(mission.request, settings=replace(mission.request.settings, max_legs=3))
+    ended = plan_mission(mission.flow, short)
+    assert ended.status == "unreachable"
+    assert harm_done(mission, ended.track) is None
