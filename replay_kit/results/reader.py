@@ -25,6 +25,7 @@ from replay_kit.results.topics import (
     WINDOW_NAME,
     WINDOWS_RECORD,
     OpenResult,
+    complete,
     message_counts,
 )
 from replay_kit.results.vehicles import (
@@ -144,11 +145,13 @@ class ResultReader:
     def outcome(self) -> Outcome | None:
         """The outcome of the run, or of the vehicle in it; None where the result keeps none, as of an unfinished run."""
         held = self.part("").attachments(lambda name: name.rpartition("/")[2] == SUMMARY_NAME)
-        records = {name.rpartition("/")[0]: json.loads(one.data) for name, one in held.items()}
-        if (record := records.pop("", None)) is None:
-            return None
-        # results of earlier versions keep one of each vehicle beside that of all
-        found = outcome_from(record if record.get("vehicles") else record | {"vehicles": records})
+        with complete(self.path):
+            records = {name.rpartition("/")[0]: json.loads(one.data) for name, one in held.items()}
+            if (record := records.pop("", None)) is None:
+                return None
+            # results of earlier versions keep one of each vehicle beside that of all
+            whole = record if record.get("vehicles") else record | {"vehicles": records}
+            found = outcome_from(whole)
         return found.vehicles.get(self.vehicle) if self.vehicle else found
 
     def text(self, name: str) -> str:
