@@ -2,21 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import inf
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.geodesy import inside_grid, nearest, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 #: Depths of dives at most, in those of the deepest level.
 BEYOND = 2.0
@@ -35,19 +30,6 @@ class Region:
 
     grid: Grid
     limit: float = inf
-
-    @cached_property
-    def _tree(self) -> "cKDTree":
-        from scipy.spatial import cKDTree
-
-        return cKDTree(np.column_stack([self.grid.east.ravel(), self.grid.north.ravel()]))
-
-    def _nearest(self, points: Array) -> NDArray[np.intp]:
-        if points.shape != (1, 2):
-            return np.asarray(self._tree.query(points)[1])
-        # a start and a goal are looked at before scipy, which loads slowly
-        (east, north), grid = points[0], self.grid
-        return np.array([np.argmin(np.hypot(grid.east - east, grid.north - north))])
 
     @property
     def known(self) -> float:
@@ -68,10 +50,8 @@ class Region:
 
     def wet(self, points: Array) -> NDArray[np.bool_]:
         """Return whether points, shape (n, 3) [m], are water: the nearest grid point is, at the last level at or above their depth."""
-        nearest = self._nearest(points[:, :2])
-        return np.asarray(
-            self.grid.wet.reshape(self.grid.levels.size, -1)[self.level_at(points[:, 2]), nearest]
-        )
+        wet = self.grid.wet.reshape(self.grid.levels.size, -1)
+        return np.asarray(wet[self.level_at(points[:, 2]), nearest(self.grid, points[:, :2])])
 
     def level_at(self, depth: Array) -> NDArray[np.intp]:
         """Return the number of the last level at or above depths, shape (n,) [m]; the first for what is above all."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pyproj import Geod, Proj
 
-from replay_kit.core.arrays import Array, Mask
+from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.grid import Grid, Projection
 
 _ELLIPSOID = Geod(ellps="WGS84")
@@ -236,6 +236,22 @@ def _contains(grid: Grid) -> Callable[..., Any]:
     polygon = shapely.Polygon(outline(grid)).buffer(1e-3, join_style="mitre")
     shapely.prepare(polygon)
     return partial(shapely.contains_xy, polygon)
+
+
+def nearest(grid: Grid, places: Array, wet: bool = False) -> Indices:
+    """Return the number of the grid's point, or of its ``nodes``, nearest to each place; ``places`` of shape (..., 2) [m]."""
+    found = _points(grid, wet)(np.nan_to_num(places).reshape(-1, 2))
+    return np.asarray(found).reshape(places.shape[:-1])
+
+
+@lru_cache(maxsize=8)
+def _points(grid: Grid, wet: bool) -> Callable[[Array], Any]:
+    # loads faster than scipy, whose tree is quicker
+    import shapely
+
+    points = grid.nodes if wet else np.column_stack([grid.east.ravel(), grid.north.ravel()])
+    tree = shapely.STRtree(shapely.points(points))
+    return lambda places: tree.nearest(shapely.points(places))
 
 
 def outline(grid: Grid) -> Array:

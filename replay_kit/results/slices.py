@@ -74,7 +74,7 @@ def depth_slices(flow: FlowEstimate, depths: Sequence[float]) -> list[Slice]:
     east, north = slice_axes(grid)
     # what depends on the place alone is computed once for all depths
     at = (*np.meshgrid(east, north), np.array(depths, np.float64)[:, None, None])
-    known = np.stack([known_at(grid, *at[:2], depth)[..., None] for depth in depths])
+    known = known_at(grid, *at)[..., None]
     velocity = np.where(known, flow.velocity(*at), np.nan)
     errors = np.where(known, flow.standard_error(*at), np.nan) if flow.n_modes else None
     return [

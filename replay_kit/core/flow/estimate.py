@@ -24,7 +24,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +38,7 @@ from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.flow.lattice import HorizontalFunctions
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.flow.process import Process
-from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, to_geographic
+from replay_kit.core.geodesy import inside_grid, nearest, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 from replay_kit.core.paths import as_path
 from replay_kit.core.text import time_text
@@ -386,7 +386,9 @@ class FlowEstimate:
         """
         unknowns = self._uncertain()
         # of what the unknowns do not hold, that of the nearest node
-        variance_of_node = unknowns.scale * unknowns.error[:, nearest_node(self.grid, places)] ** 2
+        variance_of_node = (
+            unknowns.scale * unknowns.error[:, nearest(self.grid, places, wet=True)] ** 2
+        )
         beside = np.stack([variance_of_node.T] * 2)
         seen = unknowns.measured
         if seen is not None and not seen.all():
@@ -582,18 +584,6 @@ def checked_depth(depth: ArrayLike, above: float = _ROUNDED) -> Array:
             "change the sign of heights, leave out points of unknown depth"
         )
     return values
-
-
-def nearest_node(grid: Grid, places: Array) -> Indices:
-    """Return the position of the node nearest to each place, shape (P,); ``places`` of shape (P, 2) [m]."""
-    return np.asarray(_nodes(grid).query(np.nan_to_num(places))[1])
-
-
-@lru_cache(maxsize=8)
-def _nodes(grid: Grid) -> Any:
-    from scipy.spatial import cKDTree
-
-    return cKDTree(grid.nodes)
 
 
 def _over_places(

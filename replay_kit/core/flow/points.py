@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from replay_kit.core.arrays import Array, Mask, Times
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.estimate import FlowEstimate, checked_depth, warn_outside
-from replay_kit.core.geodesy import inside_grid, to_local
+from replay_kit.core.geodesy import inside_grid, nearest, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.quantities import to_time_ns
 from replay_kit.core.text import place_text, span_text, time_text
@@ -136,18 +136,15 @@ def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> M
         depth: [m], positive down.
     """
     places = np.stack(np.broadcast_arrays(east, north), axis=-1)
-    places = np.where(np.isfinite(places), places, 1e12)
-    # loads slowly
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()]))
-    distance, nearest = tree.query(places)
+    number = nearest(grid, places)
+    points = np.column_stack([grid.east.ravel(), grid.north.ravel()])
+    distance = np.hypot(*(places - points[number]).T).T
     depth = np.asarray(depth, dtype=np.float64)
     level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
     # A hair more than the half diagonal, so that the corners shared by four cells belong to one; a single row has no cells.
     cell = [float(np.max(grid.steps(axis), initial=0.0)) for axis in (0, 1)]
     on_grid = distance <= 0.5 * np.hypot(cell[0], cell[1]) * (1.0 + 1e-6)
-    wet = grid.wet.reshape(grid.levels.size, -1)[level, nearest]
+    wet = grid.wet.reshape(grid.levels.size, -1)[level, number]
     return np.asarray(wet & on_grid & (depth <= grid.levels[-1]))
 
 

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replay_kit.core.arrays import Array, Indices
-from replay_kit.core.flow.estimate import gradient, nearest_node
+from replay_kit.core.flow.estimate import gradient
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.flow.process import Process
-from replay_kit.core.geodesy import to_local
+from replay_kit.core.geodesy import nearest, to_local
 from replay_kit.core.observation import error_covariance, mean_longitude, mean_time
 from replay_kit.estimator.basis.modes import Basis
 from replay_kit.estimator.prior.extras import Extras
@@ -203,7 +203,7 @@ class Observer:
         times = np.array([mean_time(columns["time"][at]) for columns, at in own], np.int64)
         offset, modes = self._flows(basis.horizontal.velocity(places, self._latents))
         mean, designs = self.process.project(modes.swapaxes(0, 1), times)
-        known, nodes = offset.swapaxes(0, 1) + mean, nearest_node(grid, places)  # (n, 2, Z)
+        known, nodes = offset.swapaxes(0, 1) + mean, nearest(grid, places, wet=True)  # (n, 2, Z)
         for g, (group, at) in enumerate(zip(groups, ats, strict=True)):
             values, axes = group.local(at)
             parts = list[Part]()
@@ -295,7 +295,7 @@ class Observer:
             strict=True,
         )
         between = depth_weights(_LINEAR, linear.depth, grid.levels)
-        extra = np.sum(between * self.error(scale, nearest_node(grid, places)).T, axis=1)
+        extra = np.sum(between * self.error(scale, nearest(grid, places, wet=True)).T, axis=1)
         covariance = self._covariance(group, 0, weights @ extra)
         relative = linear.reference == "relative"
         layout = Layout.of(np.empty((n, 0)), np.eye(n), covariance, relative)
