@@ -4,7 +4,6 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from replay_kit.config.run import RunConfig
 from replay_kit.results.result import ResultFile
 from replay_kit.results.schemas import decode
 
@@ -23,6 +22,9 @@ def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
 
     A setting that this version does not know counts as changed.
     """
+    # an export needs no settings
+    from replay_kit.config.run import RunConfig
+
     defaults, changed = RunConfig().model_dump(mode="json"), []
     for section, values in tomllib.loads(config_toml).items():
         known = defaults.get(section, {})

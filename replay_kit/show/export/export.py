@@ -15,7 +15,6 @@ from replay_kit.core.text import csv_cell
 from replay_kit.results.geojson import ROLES, features_of, place_features
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.kml import geojson_text, kml_text
-from replay_kit.show.export.netcdf import write_netcdf
 
 #: A place: longitude, latitude [degrees] and depth [m].
 At = tuple[float, float, float]
@@ -199,6 +198,9 @@ def export(
         return _write_features(contents, path, names, places)
     tables = {name: _of_all(TABLES[name], contents, places) for name in names}
     if ending == ".nc":
+        # loads xarray
+        from replay_kit.show.export.netcdf import write_netcdf
+
         about = {} if contents.estimate is None else contents.estimate.about
         write_netcdf(tables, contents.projection, path, about)
     else:
