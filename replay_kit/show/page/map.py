@@ -243,10 +243,7 @@ def coast_near(projection: Projection, longitude: Array, latitude: Array) -> lis
     """
     (west, east), (south, north) = longitude, latitude
     least = float(max(east - west, north - south)) / _POINTS
-    near = []
-    for turn in (-360.0, 0.0, 360.0):
-        for ring in _rings_in(west - turn, east - turn, south, north):
-            near.append(shapely.Polygon(ring + np.array([turn, 0.0])))
+    near = [shapely.Polygon(ring) for ring in _rings_in(west, east, south, north)]
     cut = shapely.clip_by_rect(near, west, south, east, north)
     parts = shapely.get_parts(shapely.simplify(cut, 0.5 * least))
     # what of a ring beside the box is cut to a line has no area
@@ -258,7 +255,7 @@ def coast_near(projection: Projection, longitude: Array, latitude: Array) -> lis
 
 
 def _rings_in(west: float, east: float, south: float, north: float) -> list[Array]:
-    """Return the rings of land whose boxes reach into a box, each shape (n, 2), longitude and latitude [degrees]."""
+    """Return the rings of land whose boxes reach into a box, each shape (n, 2), longitude, of any turn, and latitude [degrees]."""
     path = files("replay_kit.show.page").joinpath("coast.npz")
     with path.open("rb") as file, np.load(file) as kept:
         # each ring is its first point and the steps from it
@@ -271,8 +268,12 @@ def _rings_in(west: float, east: float, south: float, north: float) -> list[Arra
     (left, low), (right, high) = (
         reach.reduceat(places, first).T for reach in (np.minimum, np.maximum)
     )
-    found = np.flatnonzero((right >= west) & (left <= east) & (high >= south) & (low <= north))
-    return [places[first[k] : first[k] + counts[k]] for k in found.tolist()]
+    near = []
+    for turn in (-360.0, 0.0, 360.0):
+        across = (right >= west - turn) & (left <= east - turn)
+        for k in np.flatnonzero(across & (high >= south) & (low <= north)).tolist():
+            near.append(places[first[k] : first[k] + counts[k]] + np.array([turn, 0.0]))
+    return near
 
 
 def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
