@@ -203,10 +203,9 @@ class DiveOutcome:
     """A predicted end of a dive beside the actual one.
 
     Attributes:
-        forecast: Made without anything that was measured in the dive, but for its way through the water.
+        forecast: Made with nothing measured in the dive, but its way through the water.
         fix: At which the vehicle surfaced.
-        log_score: Logarithm of the density of the dive's mean current, or velocity over ground, under the forecast [m^-2 s^2]; larger is
-            better.
+        log_score: Logarithm of the density of the dive's mean current, or velocity over ground, under the forecast [m^-2 s^2].
         persistent_log_score: The same of the last dive's mean current, or velocity, with its spread; NaN before a first change.
         persistent_distance: From the place with the last dive's mean current, or velocity, to the fix [m]; NaN without one.
     """
@@ -281,12 +280,14 @@ def records(
         one = min(plans, key=lambda plan: abs(plan.time_ns - fix.time_ns), default=None)
         if one is None or abs(one.time_ns - fix.time_ns) > _ALIKE * 1e9 * lasts:
             continue
-        usual = usual_seconds(dives[:k])
-        off = np.array(apart(start, fix)) - usual * _flown(dives[k - 1])[0]
+        usual, speed = usual_seconds(dives[:k]), _flown(dives[k - 1])[0]
+        off = np.array(apart(start, fix)) - usual * speed
         ellipse, error = one.predicted.ellipse, _PLANNED[0]
         if ellipse is not None:
             error = max(sqrt(ellipse.major * ellipse.minor) / _EDGE, 1.0)
-        own = hypot(*off), lasts - usual, _HABIT[0] * usual, _HABIT[1]
+        # where the duration errs, so does the place along the way
+        spread = hypot(_HABIT[0] * usual, _HABIT[1] * hypot(*speed))
+        own = hypot(*off), lasts - usual, spread, _HABIT[1]
         rows.append((*own, one.distance, one.late, error, _PLANNED[1]))
     found = np.array(rows).reshape(-1, 2, 4)
     habit, planned = (record(of[:, 0], of[:, 1], of[:, 2:]) for of in found.swapaxes(0, 1))
