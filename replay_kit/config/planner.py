@@ -33,12 +33,13 @@ class DiveSettings:
         yos: Dives between surfacings.
         min_angle: Shallowest glide [degrees].
         max_angle: Steepest glide [degrees].
-        depths: Least and greatest depth where a range is stated [m]; None without.
-        speeds: Lowest and highest speed where a range is stated [m/s]; None without.
+        depths: Range, where stated [m].
+        speeds: Range, where stated [m/s].
         surface_time: Drift at each surfacing [s].
-        speed_spread: Of the speed from dive to dive, as a share of it; 0 where it is stated or not known.
-        speed_error: Standard error of the speed, as a share of it.
-        origin: Which of these no setting states, and whether they are as flown or assumed, in words; empty where all are stated.
+        radius: Of a goal [m]; None for the tolerance.
+        speed_spread: Of the speed, as a share of it; 0 where it is stated or not known.
+        speed_error: Its standard error, as a share of it.
+        origin: What no setting states, in words; empty where all is stated.
     """
 
     speed: float
@@ -49,6 +50,7 @@ class DiveSettings:
     depths: tuple[float, float] | None
     speeds: tuple[float, float] | None
     surface_time: float
+    radius: float | None
     speed_spread: float
     speed_error: float
     origin: str
@@ -76,7 +78,7 @@ class PlannerConfig(Section):
     speed: Annotated[float | str | None, Option("--speed", "M/S|MIN:MAX")] = Field(
         default=None,
         description="Speed through water [m/s]; of a vehicle with --thrust a range too, as 0.5:1.5, in which it is chosen. Default: as "
-        "flown, the median of the log's dives, else 0.3.",
+        "flown, else 0.3.",
     )
     tolerance: float = Field(
         default=250.0, gt=0.0, description="Distance from the goal within which it is reached [m]."
@@ -84,7 +86,7 @@ class PlannerConfig(Section):
     radius: Annotated[float | None, Option("--radius", "METRES")] = Field(
         default=None,
         gt=0.0,
-        description="Distance from a goal at which a simulated flight arrives [m]. Default: the tolerance.",
+        description="Distance from a goal at which a simulated flight arrives [m]. Default: as flown, else the tolerance.",
     )
     interval: float = Field(
         default=43200.0,
@@ -98,8 +100,8 @@ class PlannerConfig(Section):
     )
     depth: Annotated[float | str | None, Option("--depth", "METRES|MIN:MAX")] = Field(
         default=None,
-        description="Depth of a mission's dives [m], or a range, as 100:700, in which it is chosen leg by leg. Default: as flown, the "
-        "median of the log's dives, else 500.",
+        description="Depth of a mission's dives [m], or a range, as 100:700, in which it is chosen leg by leg. Default: as "
+        "flown, else 500.",
     )
     max_depth: float | None = Field(
         default=None,
@@ -124,7 +126,7 @@ class PlannerConfig(Section):
     max_legs: int | None = Field(
         default=None,
         ge=1,
-        description="Largest number of surfacings of a mission considered. Default: as many as max_duration takes, of a mooring 60.",
+        description="Most surfacings of a mission. Default: as many as max_duration takes, of a mooring 60.",
     )
     objective: Annotated[str, AfterValidator(_known_objective)] = Field(
         default="time",
@@ -134,7 +136,7 @@ class PlannerConfig(Section):
         default=None,
         gt=0.0,
         lt=90.0,
-        description="Shallowest glide angle of a mission [degrees]. Default: as flown where the speed is, else 15.",
+        description="Shallowest glide angle of a mission [degrees]. Default: as flown with the speed, else 15.",
     )
     max_angle: float | None = Field(
         default=None,
@@ -238,7 +240,11 @@ class PlannerConfig(Section):
         if depths is not None:
             depth = min(depth, deepest, self.depth_limit)
         spread = 0.0 if gliding is None else (gliding.speed_std or 0.0) / gliding.speed
-        drift = None if flown is None or self.kind == "glide" else flown.surface_time
+        drift, radius = (
+            (None, None)
+            if flown is None or self.kind == "glide"
+            else (flown.surface_time, flown.radius)
+        )
         dives = DiveSettings(
             speed=speed or (_SPEED if gliding is None else gliding.speed),
             depth=depth,
@@ -248,6 +254,7 @@ class PlannerConfig(Section):
             depths=depths,
             speeds=speeds,
             surface_time=(drift or 0.0) if self.surface_time is None else self.surface_time,
+            radius=self.radius or radius,
             speed_spread=spread,
             speed_error=spread / sqrt(1 if gliding is None else gliding.dives),
             origin="",
@@ -267,6 +274,8 @@ class PlannerConfig(Section):
             shape.append(f"dives to {dives.depth:.0f} m{other}")
         if self.dives is None and dives.yos > 1:
             shape.append(f"{dives.yos} between surfacings")
+        if self.radius is None and dives.radius:
+            shape.append(f"goals within {dives.radius:.0f} m")
         if flown is None:
             return f"assumed: {', '.join(asked + shape)}" if asked + shape else ""
         of = "as flown" if flown.dives > 1 else "as flown in a single dive"

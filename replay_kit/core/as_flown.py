@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
-from math import atan2, degrees, hypot, isfinite, radians, sin
+from math import atan2, degrees, hypot, isfinite, nan, radians, sin
 from statistics import median
 from typing import Any, Self
 
@@ -32,6 +32,7 @@ class FlownDive:
         vertical: Mean vertical speed, down and up alike [m/s].
         begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
         yos: How often it goes down and up between the two.
+        radius: Of its goal [m]; NaN where none is stated.
     """
 
     seconds: float
@@ -40,6 +41,7 @@ class FlownDive:
     vertical: float
     begin_ns: int = 0
     yos: int = 1
+    radius: float = nan
 
 
 def flown_dive(
@@ -48,6 +50,7 @@ def flown_dive(
     depths: Iterable[float],
     deepest: float,
     begin_ns: int = 0,
+    radius: float = nan,
 ) -> FlownDive | None:
     """Return a dive; None for one that does not show how the vehicle makes its way: its numbers are not known, or it goes up and down only.
 
@@ -57,6 +60,7 @@ def flown_dive(
         depths: shape (n,) [m], along its path.
         deepest: Its greatest depth [m], which ``depths`` need not hold.
         begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
+        radius: Of its goal [m]; NaN where none is stated.
     """
     depths = list(depths)
     # from the surface and back
@@ -65,7 +69,7 @@ def flown_dive(
     )
     below = [depth > 0.5 * deepest for depth in (0.0, *depths)]
     yos = max(sum(deep and not before for before, deep in pairwise(below)), 1)
-    dive = FlownDive(seconds, deepest, hypot(*way), climbed / seconds, begin_ns, yos)
+    dive = FlownDive(seconds, deepest, hypot(*way), climbed / seconds, begin_ns, yos, radius)
     known = isfinite(deepest + dive.along + dive.vertical) and deepest > 0.0
     steep = degrees(atan2(dive.vertical, dive.along)) >= _STEEPEST
     return dive if known and not steep else None
@@ -73,7 +77,7 @@ def flown_dive(
 
 @dataclass(frozen=True, slots=True)
 class AsFlown:
-    """How a vehicle flew: the median of its dives, rounded as displayed, so that plans use the displayed values.
+    """How a vehicle flew: the median of its dives, rounded as displayed.
 
     Attributes:
         speed: Through the water, along the glide, to 1 cm/s [m/s].
@@ -81,12 +85,13 @@ class AsFlown:
         depth: Greatest depth of a dive, to 10 m, or to 1 m below 100 m [m].
         duration: Of a dive, from surfacing to surfacing [s].
         dives: Their number.
-        speed_std: Spread of the speed from dive to dive [m/s]; None, as the next two, of a single dive.
+        speed_std: Spread of the speed [m/s]; None, as the next two, of a single dive.
         depth_std: Spread of the depth [m].
         duration_std: Spread of the duration [s].
         surface_time: Between dives [s]; None where the log does not show it.
         longest: Of the dives [s]; None in results of earlier versions.
         yos: How often a dive goes down and up.
+        radius: Of the last goal [m]; None where none is stated.
     """
 
     speed: float
@@ -100,6 +105,7 @@ class AsFlown:
     surface_time: float | None = None
     longest: float | None = None
     yos: int = 1
+    radius: float | None = None
 
     @classmethod
     def of(cls, dives: Sequence[FlownDive]) -> Self | None:
@@ -122,6 +128,7 @@ class AsFlown:
             surface_time=_surface_time(dives),
             longest=max(dive.seconds for dive in dives),
             yos=int(median(dive.yos for dive in dives)),
+            radius=next((dive.radius for dive in reversed(dives) if dive.radius > 0.0), None),
         )
 
     @property

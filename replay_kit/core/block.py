@@ -58,7 +58,8 @@ class Block:
     * mean, one row a mean current along a path of p points; of shorter paths the points from ``points`` on have weight 0:
       velocity (2) [m/s], true east and north; error_std [m/s]; points (int64); path_time (p) [ns], path_longitude, path_latitude (p)
       [degrees], path_depth (p) [m], weight (p), shares of the time, sum 1; start_time, end_time [ns], start, end (2), longitude and
-      latitude of the fixes; deepest [m]; reckoned (2) [m/s], by dead reckoning; beside_profiles (bool); source_time [ns].
+      latitude of the fixes; deepest [m]; radius of the goal [m];
+      reckoned (2) [m/s], by dead reckoning; beside_profiles (bool); source_time [ns].
 
     Attributes:
         events: shape (N, 3) int64, in order: place in the stream of the message that completes the event, its kind, its row.

@@ -2,8 +2,8 @@
 
 A depth-averaged current is how far a vehicle surfaced from where its motion through the water alone would have brought it, over the
 time between the fixes; it is the mean of the current along the path. Dead-reckoned positions are joined by straight lines at constant
-speed. Each stretch counts at its middle with the time that it took, which is exact for whatever is linear along it, and neighbours are
-merged at their common middle when they become many: the weights sum to the whole time, and the mean depth stays that of the lines.
+speed. Each stretch counts at its middle with the time that it took, exact for whatever is linear along it; neighbours are merged when
+they become many, and keep time and mean depth.
 """
 
 import math
@@ -266,7 +266,8 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
             row = chosen(one.columns, 0)
             way = path(int(np.searchsorted(ends, due, side="right")), due)
             ways, found, why = _taken(ways, way, row, step, due)
-            velocity, std, time = row["velocity"], float(row["error_std"]), source.time_ns
+            velocity, time = row["velocity"], source.time_ns
+            std, radius = float(row["error_std"]), float(row["radius"])
             dive = int(row["dive"] if row["dive"] >= 0 else step.dived(one.order)["dive"][0])
             own = [source.input, step.topic(source.topic), source.position, due, dive]
             beside = bool(row["inverted"]) and config.use_inverted
@@ -274,7 +275,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
             way, end = path(number, due), spot(positions, fixes[number])
             if way is None or not dive_begins(way.deepest, config.surface_depth):
                 continue
-            found, std, time = (way, end), math.nan, end.time
+            found, time, std, radius = (way, end), end.time, math.nan, math.nan
             velocity = np.array(drift(way, end))
             ways, own = ways._replace(done=found), [positions[of][fixes[number]] for of in _SOURCE]
             if config.dead_reckoning == "corrected" or ways.stated or not way.reckoned:
@@ -294,6 +295,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
         if not why:
             mean |= dict(zip(_SOURCE, own, strict=True)) | {"source_time": time, "due": due}
             mean |= {"time": max(mean["end_time"], time), "beside_profiles": beside, "rank": rank}
+            mean["radius"] = radius
             made.append(mean)
     names = made[0] if made else ()
     rows = {name: padded([np.asarray(row[name])[None] for row in made]) for name in names}

@@ -37,7 +37,11 @@ def test_how_a_vehicle_flew_is_the_median_of_its_dives_in_the_digits_in_which_it
     flown = AsFlown.of(dives)
     assert flown.vertical == pytest.approx(0.1, abs=0.001)
     assert flown == replace(flown, speed=0.22, glide_angle_deg=27.0, depth=980.0, duration=7000.0)
-    assert (flown.dives, flown.surface_time) == (3, None)
+    assert (flown.dives, flown.surface_time, flown.radius) == (3, None, None)
+    for dive, radius in ((1, 2000.0), (2, math.nan)):
+        dives[dive] = replace(dives[dive], radius=radius)
+    flown = AsFlown.of(dives)
+    assert flown.radius == 2000.0
     assert AsFlown.of(dives[:1]).depth == 20.0
     assert AsFlown.of([]) is None
     assert AsFlown.in_metadata({AS_FLOWN: flown.to_record()}) == flown

@@ -17,6 +17,7 @@ from replay_kit.core.surfacing import (
     DiveOutcome,
     Ellipse,
     Surfacing,
+    apart,
     calibrated,
     ellipse_of,
     record,
@@ -122,6 +123,9 @@ def test_habit_and_plan_are_judged_by_the_surfacings_that_both_predicted():
     (count, habit, wrong), (_, _, right) = (records(dives, planned(east)) for east in (0.02, 0.0))
     assert count == 3
     assert habit > wrong < right
+    # 20 minutes more or less of the way over ground beside 3 cm/s of the dive
+    stated = [[np.hypot(0.03 * 14400.0, np.hypot(*apart(*fixes[0])) / 12.0), 1200.0]] * 3
+    assert habit == pytest.approx(record(np.zeros(3), np.zeros(3), np.array(stated)), abs=1e-3)
     # a surfacing of another dive is none of them
     later = [replace(one, time_ns=one.time_ns + 2 * hour) for one in planned(0.0)]
     assert records(dives, later)[0] == 0

@@ -224,12 +224,12 @@ class PathMean:
         dive: Number of the dive, or of the dive before the drift; as in ``Observation``.
         source: The message that completed it.
         fixes: Before and after the path; None where they are not known.
-        corrected: ``velocity`` without the flight model's error, as the dives before show it, true east and true north [m/s]; None where
-            they do not.
+        corrected: ``velocity`` without the flight model's error, as the dives before show it [m/s]; None where they do not.
         flight_std: Error of each component that the flight model adds [m/s], as far as it is counted.
         beside_profiles: Whether profiles that were computed from it, among other things, are used too.
         deepest: Greatest depth of the path [m]; NaN where it is not known.
-        reckoned: What the dead-reckoned positions and the fixes of a dive say of it, true east and true north [m/s]; None without them.
+        reckoned: What dead-reckoned positions and fixes say of it, true east and north [m/s]; None without them.
+        radius: Of its goal [m]; NaN where none is stated.
     """
 
     time_ns: int
@@ -249,6 +249,7 @@ class PathMean:
     beside_profiles: bool = False
     deepest: float = np.nan
     reckoned: tuple[float, float] | None = None
+    radius: float = np.nan
 
     @property
     def used(self) -> tuple[float, float]:

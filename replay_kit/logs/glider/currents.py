@@ -34,8 +34,9 @@ class DiveMean:
         start: Before the dive.
         end: After it.
         max_depth: Greatest depth of the dive [m]; NaN when unknown.
-        dive: Its number; None when the file does not number dives.
-        middle: Where the vehicle was at the deepest point of the dive, where the file's samples do not say; None where they do.
+        dive: Its number; None without.
+        middle: Where the vehicle was deepest; None where the file's samples say it.
+        radius: Of its goal [m]; NaN when not stated.
     """
 
     east: float
@@ -46,6 +47,7 @@ class DiveMean:
     max_depth: float
     dive: int | None = None
     middle: Fix | None = None
+    radius: float = np.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,10 +118,11 @@ def mean_currents(
             f"mean current: {replaced} earlier reports of the same dive replaced by the last one"
         )
     _note_ends(made.values(), fixes, notes)
-    reason = "mean current without fixes before and after it, or samples of its dive"
     return Found(
         _numbered([made[key] for key in sorted(made)], columns.samples),
-        ((reason, lost),) if lost else (),
+        (("mean current without fixes before and after it, or samples of its dive", lost),)
+        if lost
+        else (),
     )
 
 
@@ -181,6 +184,7 @@ def _with_ends(
         deepest,
         int(dive) if np.isfinite(dive) else None,
         candidate.fix() if once else None,
+        candidate.number("radius"),
     )
 
 

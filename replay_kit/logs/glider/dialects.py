@@ -44,7 +44,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
         **{f"{part}longitude": LONGITUDE for part in _PLACES},
         **{f"{part}latitude": LATITUDE for part in _PLACES},
-        **dict.fromkeys(("depth", "gps_error", "profile_depth"), LENGTH),
+        **dict.fromkeys(("depth", "gps_error", "profile_depth", "radius"), LENGTH),
         **dict.fromkeys(("altitude", "water_depth"), HEIGHT),
         "pressure": PRESSURE,
         "temperature": TEMPERATURE,
@@ -213,6 +213,7 @@ _SEAGLIDER = Dialect(
         "dac_north": "depth_avg_curr_north",
         "dac_error": "depth_avg_curr_error",
         "dac_flag": "depth_avg_curr_qc",
+        "radius": "log_tgt_radius",
     },
     flag_meanings="3 QC_PROBABLY_BAD 4 QC_BAD 6 QC_UNSAMPLED 9 QC_MISSING",
     heading="magnetic",

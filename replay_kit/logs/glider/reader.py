@@ -76,8 +76,9 @@ class GliderReader(LogFile):
         if len(self.files) > 1:
             notes.insert(0, f"{self._dialect.title}: {len(self.files)} files are one log")
         if left_out := sum(part.content.attributes.get("lines_left_out", 0) for part in files):
-            found = count_text(left_out, "line")
-            notes.append(f"{found} with fewer or more columns than the heading, not used")
+            notes.append(
+                f"{count_text(left_out, 'line')} with fewer or more columns than the heading, not used"
+            )
         self.mission = _one_mission(files, notes)
         self._columns = joined([read_columns(part.content, self._dialect, notes) for part in files])
         self._fixes, self._lost_fixes = fixes_of(self._columns, notes)
@@ -189,11 +190,10 @@ class GliderReader(LogFile):
                     True,
                     math.nan,
                 )
-                stated = [(name, float(samples[name][k])) for name in angles]
                 fix["metadata"] += [
                     {"key": name, "value": f"{value:.2f}"}
-                    for name, value in stated
-                    if math.isfinite(value)
+                    for name in angles
+                    if math.isfinite(value := samples[name][k])
                 ]
                 yield time_ns, "/vehicle/position", FIX, fix
 
@@ -204,10 +204,7 @@ def _depth_at_times(samples: Mapping[str, Any]) -> Any:
         return np.full(samples["time"].size, np.nan)
     depth = np.array(samples["depth"], np.float64)
     _, of_time = np.unique(samples["time"], return_inverse=True)
-    least, most = (
-        np.full(of_time.max() + 1 if of_time.size else 0, np.inf),
-        np.full(of_time.max() + 1 if of_time.size else 0, -np.inf),
-    )
+    least, most = np.full((2, of_time.max(initial=-1) + 1), [[np.inf], [-np.inf]])
     np.fmin.at(least, of_time, depth)
     np.fmax.at(most, of_time, depth)
     return np.where((most - least)[of_time] > _ONE_DEPTH, np.nan, depth)
@@ -224,6 +221,7 @@ def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
         "end_fix": _end(mean.end),
         "duration": (mean.end.time_ns - mean.start.time_ns) / _NS,
         "max_depth": number(mean.max_depth),
+        "radius": number(mean.radius),
         "dac_kind": kind,
     }
 

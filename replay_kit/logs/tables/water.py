@@ -36,7 +36,7 @@ def _named(payloads: Payloads, names: str) -> dict[str, Array]:
 
 def _mean_currents(payloads: Payloads) -> Rows:
     velocity = np.column_stack(stated(payloads, "dac_eastward dac_northward"))
-    std, deepest = stated(payloads, "error max_depth")
+    std, deepest, radius = stated(payloads, "error max_depth radius")
     (start_time, start), (end_time, end) = (_fix(payloads, f"{at}_fix.") for at in ("start", "end"))
     columns = {
         "velocity": velocity,
@@ -47,6 +47,7 @@ def _mean_currents(payloads: Payloads) -> Rows:
         "end": end,
         "dive": [*map(dive_number, field(payloads, "dive"))],
         "deepest": deepest,
+        "radius": radius,
         "inverted": [*map(bool, field(payloads, "inverted_in"))],
     }
     none = np.isnan(velocity).any(axis=1)

@@ -122,6 +122,7 @@ def _mean(mean: PathMean) -> dict[str, Any]:
         "start_fix": _fix(mean.fixes[0]),
         "end_fix": _fix(mean.fixes[1]),
         "max_depth": number(deepest),
+        "radius": number(mean.radius),
         "dac_kind": "stated",
     }
 

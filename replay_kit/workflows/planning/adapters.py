@@ -155,6 +155,7 @@ class MissionPlanner:
                 depths=dives.depths,
                 speeds=dives.speeds,
                 surface_time=dives.surface_time,
+                radius=dives.radius,
             )
         )
         return replace(self, vehicle=vehicle, settings=settings), dives.origin

@@ -142,6 +142,17 @@ def test_mean_currents_of_real_files_are_used(ocean, name, used):
     assert answer["observations"]["used"] + answer["observations"]["rejected"] == used
 
 
+@needs(DATA / "seaglider")
+def test_a_plan_takes_the_radius_of_its_goal_from_the_log(ocean):
+    """The last dive's: before it was 2000 m."""
+    replay(ocean, " ".join(f"{DATA}/seaglider/p171010{dive}.nc" for dive in (3, 4)))
+    places = "--start 85.91,12.13,0 --goal 85.95,12.13,0 --samples 3 --json -"
+    for more, radius in (("", 1852.0), ("--radius 400", 400.0)):
+        plan = json.loads(succeed(f"plan {ocean}/out.mcap {places} {more}").stdout)
+        assert plan["samples"]["radius_m"] == radius
+        assert ("goals within 1852 m" in plan["message"]) == (not more)
+
+
 def test_notes_that_several_logs_have_are_given_once_and_their_missions():
     def notes(*logs, mission=""):
         reports = [

@@ -57,7 +57,7 @@ def run_metadata(
     bathymetry: Path | None = None,
     found: FoundRegion | None = None,
 ) -> dict[str, Mapping[str, str]]:
-    """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where a run is made.
+    """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where it is made.
 
     Args:
         logs: The inputs.
@@ -65,7 +65,7 @@ def run_metadata(
         ensemble: What was read of it.
         options: What the run was asked for beyond its configuration.
         bathymetry: The file that is read; None without.
-        found: The part of the forecast that was found from the logs; None where it was not.
+        found: The part of the forecast that was found from the logs.
 
     Raises:
         ConfigError: Two logs hold the same bytes.

@@ -251,7 +251,9 @@ def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
     if mean.kind != "dac" or mean.fixes is None:
         return None
     dive = dive or dive_mean(Gathered(), mean, _UNKNOWN)
-    return flown_dive(dive.seconds, dive.way, mean.depth, mean.deepest, mean.fixes[0].time_ns)
+    return flown_dive(
+        dive.seconds, dive.way, mean.depth, mean.deepest, mean.fixes[0].time_ns, mean.radius
+    )
 
 
 def backgrounds_of(mean: PathMean, used: Array, innovations: Sequence[Array]) -> Array:
