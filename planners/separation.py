@@ -261,7 +261,7 @@ def _flown(
         return Motion(still.times, np.repeat(still.places, len(samples), axis=0))
     task = task_of_plan(flow, plan, request)
     currents = currents_of_estimate(flow, samples, plan.settings.depth)
-    flights = steer(task, currents, route_of_plan(task, plan), latest(plan))
+    flights = steer(task, currents, route_of_plan(task, plan), latest(plan.settings, plan.duration))
     times = plan.start_time_ns / 1e9 + flights.time
     return Motion(times, flights.place[..., 0] + 1j * flights.place[..., 1])
 

@@ -145,11 +145,13 @@ def _best_radius(
     for times in _RADII:
         route = _route(plan, places, kept, times * goal)
         told = np.array([[np.nan, np.nan], [0.0, 0.0]])
-        flown = steer(task, task.currents, replace(route, told=told), latest(plan))
+        flown = steer(
+            task, task.currents, replace(route, told=told), latest(plan.settings, plan.duration)
+        )
         margin = _margin(task, plan.settings.margin, places)
         crossed = [_violation(task, flown, k, margin) for k in range(2)]
         one = _List(kept, times * goal, route, flown, next(filter(None, crossed), None))
-        odds = odds_of(task, currents, route, latest(plan))
+        odds = odds_of(task, currents, route, latest(plan.settings, plan.duration))
         found.append((odds.succeeded + one.serves, one))
         if odds.succeeded == 1.0 and one.serves:
             break

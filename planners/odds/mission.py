@@ -12,7 +12,7 @@ import numpy as np
 
 from planners.clearance import clearances
 from planners.odds.steer import Begin, Route, steer
-from planners.request import MissionPlan, MissionRequest, Mooring
+from planners.request import MissionPlan, MissionRequest, MissionSettings, Mooring
 from planners.simulation.currents import (
     Currents,
     Flow,
@@ -49,6 +49,7 @@ class MissionOdds:
         radius: That meets a goal [m].
         deadline: Since the start [s].
         reached: Share that meets all goals, or stays near a mooring.
+        clear: shape (K,), least clearance of each flight [m]: 0 or less where it crosses something.
         safe: Share that crosses nothing.
         succeeded: Share of both.
         arrival_median: [s since the start]; infinite where fewer arrive.
@@ -65,6 +66,7 @@ class MissionOdds:
     radius: float
     deadline: float
     reached: float
+    clear: Array
     safe: float
     succeeded: float
     arrival_median: float
@@ -103,7 +105,7 @@ def mission_odds(
     """
     task = task_of_plan(flow, plan, request)
     flown = route_of_plan(task, plan) if route is None else route
-    deadline = latest(plan)
+    deadline = latest(plan.settings, plan.duration)
     found = odds_of(task, currents_of_estimate(flow, samples, plan.settings.depth), flown, deadline)
     count = len(plan.headings_deg)
     if count and not plan.is_moored:
@@ -130,18 +132,19 @@ def next_surfacing(
     )
 
 
-def latest(plan: MissionPlan) -> float:
-    """Return the time since the start after which a glider on a mission has not arrived [s]."""
-    by = plan.settings.arrive_by
-    return by if by < inf else LATEST * plan.duration
+def latest(settings: MissionSettings, duration: float) -> float:
+    """Return the time since the start after which a glider on a mission of some duration has not arrived [s]."""
+    return settings.arrive_by if settings.arrive_by < inf else LATEST * duration
 
 
 def odds_of(task: Task, currents: Currents, route: Route, deadline: float) -> MissionOdds:
     """Return the odds of a route in K currents, without ellipses."""
     mooring = task.shape if isinstance(task.shape, Mooring) else None
     flights = steer(task, currents, route, inf if mooring else deadline)
-    clear = least_clearance(task, flights)
-    safe = clear[""] > 0.0
+    by_hazard = clearances(task, flights)
+    whole = np.isfinite(flights.place).all(axis=(1, 2))
+    clear = np.min([np.where(whole, np.inf, 0.0), *by_hazard.values()], axis=0)
+    safe = clear > 0.0
     arrives, when = np.isfinite(flights.arrived), flights.arrived
     off = np.linalg.norm(flights.place[:, -1] - route.goals[-1, :2], axis=1)
     # of who never came to head for the last goal, from where it ends
@@ -158,29 +161,18 @@ def odds_of(task: Task, currents: Currents, route: Route, deadline: float) -> Mi
         float(np.max(route.radius[..., -1])) if mooring is None else mooring.radius,
         deadline,
         float(np.mean(arrives)),
+        clear,
         float(np.mean(safe)),
         float(np.mean(arrives & safe)),
         times[0],
         times[1],
         misses[0],
         misses[1],
-        {
-            name: float(np.mean(one <= 0.0))
-            for name, one in clear.items()
-            if name and np.any(one <= 0.0)
-        },
+        {name: float(np.mean(one <= 0.0)) for name, one in by_hazard.items() if np.any(one <= 0.0)},
         nothing,
         np.full(5, np.nan),
         np.full((0, 2), np.nan),
     )
-
-
-def least_clearance(task: Task, flights: Flights) -> dict[str, Array]:
-    """Return the clearances of K flights by the hazards' names, and the least of them without a name, shape (K,) [m]."""
-    by_name = clearances(task, flights)
-    whole = np.isfinite(flights.place).all(axis=(1, 2))
-    least = np.min([np.where(whole, np.inf, 0.0), *by_name.values()], axis=0)
-    return {**by_name, "": least}
 
 
 def task_of_plan(flow: Flow, plan: MissionPlan, request: MissionRequest) -> Task:
@@ -235,12 +227,10 @@ def forgiving(task: Task, plan: MissionPlan, route: Route, deadline: float) -> A
     """
     times = np.append(0.0, plan.surfacing_times[:-1])
     count, tried = len(times), len(_ASIDE)
-    ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
-    places = np.vstack([task.start[None, :2], ends[:-1]])
     own = route_of_plan(task, plan)
     headings = np.deg2rad(plan.headings_deg[:, None] + _ASIDE).ravel()
     begin = Begin(
-        np.repeat(places, tried, axis=0),
+        np.repeat(own.places[:-1], tried, axis=0),
         np.repeat(times, tried),
         np.repeat(np.arange(count), tried),
         headings,

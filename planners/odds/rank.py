@@ -3,15 +3,14 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from math import comb, inf
+from math import comb
 
 import numpy as np
 
 from planners.odds.mission import (
-    LATEST,
     MissionOdds,
     currents_of_estimate,
-    least_clearance,
+    latest,
     odds_of,
     route_along,
 )
@@ -21,7 +20,6 @@ from planners.program.starts import AGAIN, Search, as_passage, cut, is_feasible,
 from planners.request import MissionPlan, MissionRequest
 from planners.simulation.currents import Currents, Flow, Sample
 from planners.task import Task, task_of, yo_depths
-from replay_kit.core.arrays import Array
 
 # Legs more than the quickest mission's that are tried in turn, as shares of its number; candidates in turn that are no better before the
 # search ends; share of the samples that more must arrive for a longer mission to be better.
@@ -41,23 +39,21 @@ class Candidate:
     Attributes:
         found: It.
         odds: Of it.
-        clear: shape (K,), the least clearance of each flight [m]: 0 or less where it violates a constraint.
         extra: Its margin beside that of the settings [m].
     """
 
     found: Solution
     odds: MissionOdds
-    clear: Array
     extra: float = 0.0
 
     def passes(self, allowed: float) -> bool:
         """Return whether so few violate a constraint that more than the allowed share of all is unlikely to."""
-        return passes_binomial_test(int(np.sum(self.clear <= 0.0)), len(self.clear), allowed)
+        return passes_binomial_test(int(np.sum(self.odds.clear <= 0.0)), self.odds.count, allowed)
 
     def missing(self, allowed: float) -> float:
         """Return the clearance that is missing to the first sample that must not violate a constraint [m]."""
-        count = most_violations_allowed(len(self.clear), allowed)
-        return float(np.sort(-self.clear)[::-1][count])
+        count = most_violations_allowed(self.odds.count, allowed)
+        return float(np.sort(-self.odds.clear)[::-1][count])
 
 
 def plan_by_odds(
@@ -85,8 +81,7 @@ def plan_by_odds(
     fixed = allowed is None and request.settings.legs is not None
     if not first.count or answer.beyond or not is_feasible(task, first) or fixed:
         return to_plan(task, answer)
-    by = request.settings.arrive_by
-    deadline, tried = by if by < inf else LATEST * first.seconds, list(answer.tried)
+    deadline, tried = latest(request.settings, first.seconds), list(answer.tried)
     quickest = _judged(task, currents, first, deadline)
     if allowed is None:
         best, name = _most_arriving(task, currents, quickest, deadline, tried), "odds_costs_h"
@@ -175,8 +170,7 @@ def _judged(
     legs, ends = found.legs, found.flight.place[0, found.flight.ends]
     depths, heading = yo_depths(legs.turns), float(legs.headings[0])
     route = route_along(of, ends, heading, legs.angles, depths, found.goal_legs)
-    odds = odds_of(of, currents, route, deadline)
-    return Candidate(found, odds, least_clearance(of, odds.flights)[""], extra)
+    return Candidate(found, odds_of(of, currents, route, deadline), extra)
 
 
 def passes_binomial_test(violations: int, count: int, allowed: float) -> bool:

@@ -17,7 +17,7 @@ from planners import (
 )
 from planners.flights import fly_mission
 from planners.odds.aim import aim
-from planners.odds.mission import currents_of_estimate, latest
+from planners.odds.mission import currents_of_estimate
 from planners.odds.rank import most_violations_allowed, passes_binomial_test
 from planners.vehicle import Glider
 from replay_kit.core.errors import PlanError
@@ -56,7 +56,7 @@ def judged(seed):
     request = replace(mission.request, settings=settings)
     plan = plan_mission(flow, request)
     odds = mission_odds(flow, flow.sample(COUNT, seed), plan, request)
-    flown = fly_steered(flow, drawn(flow, COUNT, 500 + seed), plan, radius, latest(plan))
+    flown = fly_steered(flow, drawn(flow, COUNT, 500 + seed), plan, radius, odds.deadline)
     return flow, plan, odds, flown
 
 
