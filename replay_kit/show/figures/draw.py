@@ -477,8 +477,8 @@ def _slim(svg: str, key: str) -> str:
     body = svg[svg.index(">", svg.index("<svg")) + 1 :]
     body = re.sub(r"<metadata>.*?</metadata>|<style .*?</style>|<!--.*?-->", "", body, flags=re.S)
     body = re.sub(r'<g id="[^"]*"', "<g", body)
-    for count, own in enumerate(re.findall(r'id="([^"]*)"', body)):
-        body = re.sub(rf'(id="|#){own}(?=["\)])', rf"\g<1>{key}-{count}", body)
+    ids = {own: f"{key}-{count}" for count, own in enumerate(re.findall(r'id="([^"]*)"', body))}
+    body = re.sub(r'(id="|#)([\w-]+)(?=["\)])', lambda at: at[1] + ids.get(at[2], at[2]), body)
     body = body.replace("xlink:href", "href")
     # all points of a mark have the look of the first
     body = re.sub(r'(<g[^>]*)>(\s*<use [^>]*?) style="([^"]*)"', r'\1 style="\3">\2', body)
