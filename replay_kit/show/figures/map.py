@@ -223,7 +223,7 @@ def marks_of(features: Iterable[Feature]) -> list[Mark]:
     """Return features as marks in degrees, those of a role that follow each other as one."""
     marks = []
     for role, group in groupby(features, key=lambda one: str(one["properties"]["role"])):
-        parts = [_places(one["geometry"]) for one in group]
+        parts = [places_of(one["geometry"]) for one in group]
         if ON_MAP[role]["kind"] != "points":
             parts = [part for each in parts for part in (each, np.full((1, 2), np.nan))][:-1]
         x, y = np.concatenate(parts).T
@@ -231,7 +231,7 @@ def marks_of(features: Iterable[Feature]) -> list[Mark]:
     return marks
 
 
-def _places(geometry: dict[str, Any]) -> Array:
+def places_of(geometry: dict[str, Any]) -> Array:
     """Return the positions of a geometry, shape (n, 2)."""
     at = geometry["coordinates"]
     return np.reshape(at[0] if geometry["type"] == "Polygon" else at, (-1, 2)).astype(np.float64)

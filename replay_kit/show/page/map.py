@@ -21,7 +21,7 @@ from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.track import Track, thinned
 from replay_kit.show.figures.draw import column
-from replay_kit.show.figures.map import Extent, bottom_lines, dry_text
+from replay_kit.show.figures.map import Extent, bottom_lines, dry_text, places_of
 from replay_kit.show.figures.style import ON_MAP
 from replay_kit.show.page.page import Control, Map, pack
 
@@ -79,8 +79,7 @@ def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[s
         label = own if role == "bottom" else "90 % end here" if own else ""
         for one in group:
             about, gap = one["properties"], look["kind"] != "points"
-            at = one["geometry"]["coordinates"]
-            at = np.reshape(at[0] if one["geometry"]["type"] == "Polygon" else at, (-1, 2))
+            at = places_of(one["geometry"])
             east, north = (each / 1e3 for each in to_local(projection, *at.T))
             x += [*np.round(east, 3).tolist(), *[None] * gap]
             y += [*np.round(north, 3).tolist(), *[None] * gap]
