@@ -58,7 +58,7 @@ def apart(function: Callable[..., _Value], *arguments: Any, what: str) -> _Value
     # what libraries write there is no word of ours
     errors = tempfile.TemporaryFile()  # noqa: SIM115
     process = subprocess.Popen(
-        [sys.executable, "-m", __name__],
+        [sys.executable, "-c", f"from {__name__} import main; main()"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=errors,
@@ -144,10 +144,3 @@ def _limit_memory() -> None:
         with open("/proc/self/statm", encoding="ascii") as file:
             now = int(file.read().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (now + _MEMORY,) * 2)
-
-
-if __name__ == "__main__":
-    # the module that others import, not this copy of it
-    from replay_kit.forecast.remote import apart as module
-
-    module.main()

@@ -190,7 +190,7 @@ def write_cut(
         ``done`` after it.
 
     Raises:
-        ForecastError: The server fails, or sends other values for the same part.
+        ForecastError: The server fails.
     """
     ds, what = cut.served.ds, f"fetching {cut.served.address.name}"
     with h5netcdf.File(out, "w", track_order=False) as file:

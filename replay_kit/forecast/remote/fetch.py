@@ -103,7 +103,7 @@ def receive(
         why: What the records repeat of the request.
 
     Raises:
-        ForecastError: It is more than is allowed, the server fails, or the data change meanwhile.
+        ForecastError: It is more than is allowed, or the server fails.
     """
     rows = cost(cuts)
     values, total = (sum(row[key] for row in rows) for key in ("bytes", "download_bytes"))
@@ -122,8 +122,7 @@ def receive(
         )
     files, done, size = [], 0.0, float(values)
     for cut in cuts:
-        before = cut.fingerprint()
-        record = {**_record(cut, wanted, config), **why, "print": before}
+        record = {**_record(cut, wanted, config), **why, "print": cut.fingerprint()}
 
         def write(part: Path, cut: Cut = cut, record: Any = record) -> None:
             nonlocal done

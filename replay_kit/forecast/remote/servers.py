@@ -30,14 +30,14 @@ _PIECE = 1 << 18
 _MOST = 2.56e8
 _CMEMS = "cmems:"
 # Times that a chunk is asked for, and s before the second one; before each later one twice as long.
-_ATTEMPTS, _PAUSE = 4, 0.25
+_ATTEMPTS, _PAUSE = 4, 0.5
 
 
 class _Store(FsspecStore):
     """A store on a server, whose chunks are asked for again where an answer breaks off."""
 
     async def get(self, *key: Any, **part: Any) -> Buffer | None:
-        for attempt in range(1, _ATTEMPTS):
+        for attempt in range(_ATTEMPTS - 1):
             try:
                 return await super().get(*key, **part)
             # a library may raise anything
@@ -163,10 +163,7 @@ def _files(asynchronous: bool = False) -> Any:
 
 def _zarr(address: Address) -> Served | None:
     files, url = _files(), address.url.rstrip("/")
-    marks = [
-        mark for mark in (".zmetadata", "zarr.json", ".zgroup") if files.exists(f"{url}/{mark}")
-    ]
-    if not marks:
+    if not any(files.exists(f"{url}/{mark}") for mark in (".zmetadata", "zarr.json", ".zgroup")):
         return None
     store = _Store(_files(asynchronous=True), read_only=True, path=url)
     group = zarr.open_group(store, mode="r")
