@@ -137,7 +137,7 @@ FORMATS = (
     LogFormat(
         "table",
         "a table of pings or drifters (CSV)",
-        "table:open_table",
+        "surface.drifters:open_table",
         recognises=_is_csv,
         unchecked=_VALUES,
     ),

@@ -4,7 +4,7 @@ Rows of one time and place are a profile.
 """
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
@@ -13,7 +13,6 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, usable
@@ -48,7 +47,7 @@ _QUANTITIES = {
 }
 _EXPECTED = "expected a table with the columns time, longitude, latitude, depth [m], u, v and error [m/s], a row a depth"
 # Rows of a file that are read at once, and letters of a value and of a line.
-_ROWS, _LONGEST, _LINE = 50_000, 128, 1 << 14
+_ROWS, _LONGEST, LONGEST_LINE = 50_000, 128, 1 << 14
 
 #: By quantity the name of its column, or its value in all rows.
 Asked = Mapping[Any, str | float]
@@ -228,21 +227,6 @@ class TableReader(LogFile):
         yield from self._by_time((), ((p.time_ns, TOPIC, PING, ping_of(p, k)) for k, p in pings))
 
 
-def open_table(
-    paths: Sequence[Path],
-    input: int = 0,
-    config: LogConfig | None = None,
-    wanted: frozenset[str] | None = None,
-) -> LogFile:
-    """Return the reader of a table in text: of pings, or of drifters by its names; as ``open_glider``."""
-    del wanted
-    from replay_kit.logs.surface.drifters import DrifterReader, is_table
-
-    with open(paths[0], "rb") as file:
-        kind = DrifterReader if is_table(file.read(_LINE)) else TableReader
-    return kind(paths, input, config)
-
-
 def table_in(path: Path) -> Table:
     """Return the table in a file, CSV or NetCDF; variables on grids are left out.
 
@@ -307,9 +291,9 @@ def _column(heading: str, cells: NDArray[np.bytes_], unit_first: bool) -> tuple[
 
 def _lines(file: TextIO) -> Iterator[str]:
     """Yield the lines of a table; raise ValueError for one that hardly ends."""
-    while line := file.readline(_LINE):
-        if len(line) == _LINE:
-            raise ValueError(f"a line of {_LINE} letters or more")
+    while line := file.readline(LONGEST_LINE):
+        if len(line) == LONGEST_LINE:
+            raise ValueError(f"a line of {LONGEST_LINE} letters or more")
         yield line
 
 

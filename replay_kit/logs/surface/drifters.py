@@ -3,13 +3,14 @@
 In NetCDF, of one drifter or of several as a ragged array, or as a table of ERDDAP (``.csv``): names, units, then a row a fix.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
@@ -18,7 +19,7 @@ from replay_kit.logs.glider.netcdf import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import number, stamp
-from replay_kit.logs.table import in_text, read_csv
+from replay_kit.logs.table import LONGEST_LINE, TableReader, in_text, read_csv
 
 SCHEMA, TOPIC = "replay_kit.DrifterFix", "/drifters"
 #: By quantity the names of its variable, the preferred first.
@@ -198,3 +199,16 @@ def _spread(
     raise LogError(
         f"{path}: {name}: expected a value for each of {n} fixes or each drifter, got {values.size}; write the file again"
     )
+
+
+def open_table(
+    paths: Sequence[Path],
+    input: int = 0,
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
+) -> LogFile:
+    """Return the reader of a table in text: of drifters by its names, or of pings; as ``open_glider``."""
+    del wanted
+    with open(paths[0], "rb") as file:
+        kind = DrifterReader if is_table(file.read(LONGEST_LINE)) else TableReader
+    return kind(paths, input, config)
