@@ -21,6 +21,7 @@ from xarray.core import indexing
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import DEGREE
+from replay_kit.forecast.depths import at_depths
 from replay_kit.forecast.names import MESH
 
 # Velocities without standard names, and heights of layers at each node.
@@ -58,6 +59,21 @@ class Mesh:
     spacing: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Layers:
+    """Layers whose heights are stated at each node.
+
+    Attributes:
+        heights: Of them [m].
+        dim: Along which they lie.
+        depths: To which they come [m], shape (Z,).
+    """
+
+    heights: xr.Variable
+    dim: Any
+    depths: Array
+
+
 def on_grid(ds: xr.Dataset, names: tuple[str, str, str], where: str) -> xr.Dataset:
     """Return a dataset of a mesh on a regular grid.
 
@@ -72,28 +88,25 @@ def on_grid(ds: xr.Dataset, names: tuple[str, str, str], where: str) -> xr.Datas
     corners, x, y = names
     node, face = ds[x].dims[0], _face_dim(ds[corners])
     mesh = _mesh(_degrees(ds, x, y, where), _corners(ds[corners], ds.sizes[node]), where)
-    layers = next((name for name in _HEIGHTS if name in ds.variables), None)
-    depths = None if layers is None else _deepest(ds[layers], node)
+    heights = next((name for name in _HEIGHTS if name in ds.variables), None)
+    layers = None if heights is None else _layers(ds.variables[heights], node)
     variables: dict[Any, xr.Variable] = {}
     for name, variable in ds.variables.items():
         dims = set(variable.dims) & {node, face}
         if not dims:
             variables[name] = variable
-        elif len(dims) == 1 and variable.dtype.kind == "f" and name not in (x, y, layers):
+        elif len(dims) == 1 and variable.dtype.kind == "f" and name not in (x, y, heights):
             (dim,) = dims
             weights = mesh.from_nodes if dim == node else mesh.from_faces
-            at = (
-                ds.variables[layers]
-                if layers is not None and set(ds[layers].dims) <= set(variable.dims)
-                else None
-            )
-            variables[name] = _gridded(variable, dim, weights, mesh, at, depths)
+            at = layers if layers and set(layers.heights.dims) <= set(variable.dims) else None
+            variables[name] = _gridded(variable, dim, weights, mesh, at)
     found = xr.Dataset(variables, attrs=ds.attrs).assign_coords(
         lon=("lon", mesh.longitude, {"standard_name": "longitude", "units": "degrees_east"}),
         lat=("lat", mesh.latitude, {"standard_name": "latitude", "units": "degrees_north"}),
     )
-    if depths is not None:
-        found = found.assign_coords(depth=("depth", depths, {"positive": "down", "units": "m"}))
+    if layers:
+        depth = ("depth", layers.depths, {"positive": "down", "units": "m"})
+        found = found.assign_coords(depth=depth)
     found = _named(_sigma(ds, found, where))
     return found.assign_attrs({MESH: _note(ds, node, face, mesh)})
 
@@ -141,31 +154,12 @@ def _mesh(places: Array, corners: NDArray[np.int64], where: str) -> Mesh:
         )
     ]
     x, y = np.meshgrid(*axes)
-    ring = places[three][:, [0, 1, 2, 0]]
-    inside, at = shapely.STRtree(shapely.points(x.ravel(), y.ravel())).query(
-        shapely.polygons(ring), predicate="intersects"
-    )
-    # a point on an edge is in two
-    at, first = np.unique(at, return_index=True)
-    inside = inside[first]
-    (a, b, c), p = (
-        places[three[inside]].swapaxes(0, 1),
-        np.column_stack([x.ravel()[at], y.ravel()[at]]),
-    )
-    whole_area = _cross(b - a, c - a)
-    shares = np.stack([_cross(b - p, c - p), _cross(c - p, a - p), _cross(a - p, b - p)], axis=1)
-    shares /= whole_area[:, None]
-    n = len(places)
-    from_nodes = csr_matrix(
-        (shares.ravel(), (np.repeat(at, 3), three[inside].ravel())), (x.size, n)
-    )
+    from_nodes, dry = _linear(places, three, np.column_stack([x.ravel(), y.ravel()]))
     to_nodes = csr_matrix(
-        (np.repeat(area, 3), (three.ravel(), np.repeat(face, 3))), (n, len(corners))
+        (np.repeat(area, 3), (three.ravel(), np.repeat(face, 3))), (len(places), len(corners))
     )
     total = np.asarray(to_nodes.sum(axis=1)).ravel()
     to_nodes = csr_matrix(to_nodes.multiply(1.0 / np.where(total > 0.0, total, 1.0)[:, None]))
-    dry = np.ones(x.size, bool)
-    dry[at] = False
     middles = np.where(corners[..., None] >= 0, places[corners], np.nan)
     return Mesh(
         axes[0],
@@ -180,17 +174,39 @@ def _mesh(places: Array, corners: NDArray[np.int64], where: str) -> Mesh:
     )
 
 
+def _linear(
+    places: Array, three: NDArray[np.int64], points: Array
+) -> tuple[csr_matrix, NDArray[np.bool_]]:
+    """Return the weights of nodes at points, linear on the triangles, shape (P, N), and which points are in no triangle."""
+    ring = places[three][:, [0, 1, 2, 0]]
+    inside, at = shapely.STRtree(shapely.points(points)).query(
+        shapely.polygons(ring), predicate="intersects"
+    )
+    # a point on an edge is in two
+    at, first = np.unique(at, return_index=True)
+    inside = inside[first]
+    (a, b, c), p = places[three[inside]].swapaxes(0, 1), points[at]
+    shares = np.stack([_cross(b - p, c - p), _cross(c - p, a - p), _cross(a - p, b - p)], axis=1)
+    shares /= _cross(b - a, c - a)[:, None]
+    shape = len(points), len(places)
+    weights = csr_matrix((shares.ravel(), (np.repeat(at, 3), three[inside].ravel())), shape)
+    dry = np.ones(len(points), bool)
+    dry[at] = False
+    return weights, dry
+
+
 def _cross(a: Array, b: Array) -> Array:
     found: Array = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     return found
 
 
-def _deepest(heights: xr.DataArray, node: Any) -> Array:
-    """Return the depths of the layers at the deepest node, at the first time [m]."""
-    first = heights.isel(dict.fromkeys(set(heights.dims[:-1]) - {node}, 0))
-    depth = -np.asarray(first.transpose(node, ...).values, np.float64)
-    found: Array = np.unique(depth[np.nanargmax(np.nanmax(depth, axis=1))])
-    return np.clip(found, 0.0, None)
+def _layers(heights: xr.Variable, node: Any) -> _Layers:
+    """Return the layers of a mesh, which come to their depths at the deepest node, at the first time."""
+    layer = next(name for name in heights.dims[::-1] if name != node)
+    first = heights.isel({name: 0 for name in heights.dims if name not in (layer, node)})
+    depth = -np.asarray(first.transpose(node, layer).values, np.float64)
+    deepest: Array = np.unique(depth[np.nanargmax(np.nanmax(depth, axis=1))])
+    return _Layers(heights, layer, np.clip(deepest, 0.0, None))
 
 
 def _gridded(
@@ -198,16 +214,14 @@ def _gridded(
     dim: Any,
     weights: csr_matrix,
     mesh: Mesh,
-    heights: xr.Variable | None,
-    depths: Array | None,
+    layers: _Layers | None,
 ) -> xr.Variable:
     others = [name for name in variable.dims if name != dim]
     sizes = [variable.sizes[name] for name in others]
-    if heights is not None and depths is not None:
-        layer = next(name for name in heights.dims[::-1] if name != dim)
-        sizes[others.index(layer)] = depths.size
-        others[others.index(layer)] = "depth"
-    array = _OnGrid(variable, dim, weights, mesh, (*sizes, *mesh.dry.shape), heights, depths)
+    if layers:
+        at = others.index(layers.dim)
+        sizes[at], others[at] = layers.depths.size, "depth"
+    array = _OnGrid(variable, dim, weights, mesh, (*sizes, *mesh.dry.shape), layers)
     return xr.Variable((*others, "lat", "lon"), indexing.LazilyIndexedArray(array), variable.attrs)
 
 
@@ -221,11 +235,10 @@ class _OnGrid(BackendArray):
         weights: csr_matrix,
         mesh: Mesh,
         shape: tuple[int, ...],
-        heights: xr.Variable | None,
-        depths: Array | None,
+        layers: _Layers | None,
     ) -> None:
         self._variable, self._dim, self._weights, self._dry = variable, dim, weights, mesh.dry
-        self._heights, self._depths = heights, depths
+        self._layers = layers
         self.shape, self.dtype = shape, np.dtype(variable.dtype)
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
@@ -243,47 +256,29 @@ class _OnGrid(BackendArray):
     def _values(self, key: tuple[int | slice, ...]) -> Array:
         """Return values with the nodes last."""
         names = [name for name in self._variable.dims if name != self._dim]
-        if self._heights is None or self._depths is None:
-            taken = self._variable[dict(zip(names, key, strict=True))]
-            return taken.transpose(..., self._dim).values
-        layer = next(name for name in self._heights.dims[::-1] if name != self._dim)
         at = dict(zip(names, key, strict=True))
-        levels = self._depths[at.pop(layer)]
-        order = [
-            *(name for name in names if name != layer and not isinstance(at[name], int)),
-            self._dim,
-            layer,
-        ]
+        if self._layers is None:
+            return self._variable[at].transpose(..., self._dim).values
+        layer, heights = self._layers.dim, self._layers.heights
+        levels = self._layers.depths[at.pop(layer)]
+        kept = [name for name in names if name != layer and not isinstance(at[name], int)]
+        order = [*kept, self._dim, layer]
         values = self._variable[at].transpose(*order).values
-        depth = (
-            -self._heights[{k: v for k, v in at.items() if k in self._heights.dims}]
-            .transpose(*(name for name in order if name in self._heights.dims))
-            .values
-        )
-        found = _at_depths(values, np.broadcast_to(depth, values.shape), np.atleast_1d(levels))
-        place = names.index(layer) - sum(
-            isinstance(at.get(name), int) for name in names[: names.index(layer)]
-        )
-        return np.moveaxis(found, 0, place) if np.ndim(levels) else found[0]
+        height = heights[{name: part for name, part in at.items() if name in heights.dims}]
+        height = height.transpose(*(name for name in order if name in height.dims))
+        depth = np.broadcast_to(-height.values, values.shape)
+        found = _at_depths(values, depth, np.atleast_1d(levels))
+        before = sum(not isinstance(at[name], int) for name in names[: names.index(layer)])
+        return np.moveaxis(found, 0, before) if np.ndim(levels) else found[0]
 
 
 def _at_depths(values: Array, depth: Array, levels: Array) -> Array:
     """Return values of layers (last axis) at fixed depths, the levels first; NaN below the deepest layer."""
     if np.nanmean(depth[..., 0]) > np.nanmean(depth[..., -1]):
         values, depth = values[..., ::-1], depth[..., ::-1]
-    found = []
-    for level in levels:
-        upper = np.clip((depth < level).sum(axis=-1) - 1, 0, depth.shape[-1] - 2)[..., None]
-        (d0, d1), (v0, v1) = (
-            (
-                np.take_along_axis(of, upper, -1)[..., 0],
-                np.take_along_axis(of, upper + 1, -1)[..., 0],
-            )
-            for of in (depth, values)
-        )
-        share = np.clip((level - d0) / np.where(d1 > d0, d1 - d0, 1.0), 0.0, 1.0)
-        found.append(np.where(level > np.nanmax(depth, axis=-1), np.nan, v0 + share * (v1 - v0)))
-    return np.stack(found)
+    layered, deep = (np.moveaxis(of, -1, 0).reshape(of.shape[-1], 1, -1) for of in (values, depth))
+    within = np.array(-np.inf), np.nanmax(deep, axis=0)
+    return at_depths(layered, deep, within, levels).reshape(-1, *values.shape[:-1])
 
 
 def _sigma(ds: xr.Dataset, found: xr.Dataset, where: str) -> xr.Dataset:
