@@ -100,13 +100,14 @@ def kill(
     rng, found, of_worker = np.random.default_rng(seed), Killed(0, 0, 0, []), "worker" in kind
     while found.kills < count:
         _clear(folder)
-        earlier = "--overwrite" in command and rng.random() < 0.5
-        before = {pattern: _EARLIER} if earlier else {}
-        for name, data in before.items():
-            (folder / name).write_bytes(data)
+        before = {}
+        if "--overwrite" in command and rng.random() < 0.5:
+            before = {pattern: _EARLIER}
+            (folder / pattern).write_bytes(_EARLIER)
         instant = rng.uniform(0.0, 1.1 * took)
         met = _signalled(command, instant, sent, of_worker)
-        found.kills, found.finished = found.kills + met, found.finished + (not met)
+        found.kills += met
+        found.finished += not met
         found.resumed += (folder / "run.ck").exists()
         left, when = _outputs(folder, pattern), f"{kind}, {sent.name} after {instant:.3f} s"
         must_end = of_worker or sent == signal.SIGSTOP or not met
@@ -117,11 +118,10 @@ def kill(
         _run(command)
         if _outputs(folder, pattern) != whole:
             found.wrong.append(f"{when}: the next run gives other bytes")
-        endings = (".part", ".ck", "unfinished")
         beside = sorted(
             path.name
             for path in (*folder.iterdir(), *folder.glob("fleet/*"))
-            if path.name.endswith(endings)
+            if path.name.endswith((".part", ".ck", "unfinished"))
         )
         if beside:
             found.wrong.append(f"{when}: after the next run there are {', '.join(beside)}")
@@ -149,13 +149,15 @@ def _run(command: str) -> None:
 
 def _started(command: str) -> int:
     """Return a process, the first of its group, that runs a command and ends with its exit code."""
+    # before the try it must not raise
+    own = signal.signal(signal.SIGINT, signal.SIG_DFL)
     child = os.fork()
     if child:
+        signal.signal(signal.SIGINT, own)
         return child
     code = 1
-    # a background process of a shell ignores it
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         os.setpgid(0, 0)
         code = invoke(command).exit_code
     finally:
