@@ -306,7 +306,9 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
         status, text = "unsafe", f"{text}, more than the {100.0 * risk:.0f} % accepted"
     elif odds.reached < arrive - 1e-9 and status == "reached":
         status, text = "uncertain", f"{text}; {100.0 * arrive:.0f} % are asked for"
-    return replace(plan, status=status, message=f"{text}. In the estimate itself: {plan.message}")
+    statistics = {**plan.statistics, "arrive": arrive}
+    message = f"{text}. In the mean current: {plan.message}"
+    return replace(plan, status=status, message=message, statistics=statistics)
 
 
 def currents_of_estimate(flow: Flow, samples: Sequence[Sample], depth: float = 0.0) -> Currents:

@@ -171,7 +171,7 @@ class DiveForecast:
         latitude: The same [degrees north].
         inner: The ellipse that should hold half of such surfacings.
         outer: The ellipse that should hold nine in ten.
-        persistent_radius: Radius of the circle about the place with the last dive's mean current that should hold nine in ten, given how
+        persistence_radius: Radius of the circle about the place with the last dive's mean current that should hold nine in ten, given how
             much mean currents have changed from dive to dive [m]; NaN before a first change. Without mean currents it is their velocity
             over ground.
         basis: What it is predicted from.
@@ -187,7 +187,7 @@ class DiveForecast:
     latitude: float
     inner: Ellipse
     outer: Ellipse
-    persistent_radius: float
+    persistence_radius: float
     basis: Basis = "mean_currents"
     scored: int = 0
     factor: float = nan
@@ -206,15 +206,15 @@ class DiveOutcome:
         forecast: Made with nothing measured in the dive, but its way through the water.
         fix: At which the vehicle surfaced.
         log_score: Logarithm of the density of the dive's mean current, or velocity over ground, under the forecast [m^-2 s^2].
-        persistent_log_score: The same of the last dive's mean current, or velocity, with its spread; NaN before a first change.
-        persistent_distance: From the place with the last dive's mean current, or velocity, to the fix [m]; NaN without one.
+        persistence_log_score: The same of the last dive's mean current, or velocity, with its spread; NaN before a first change.
+        persistence_distance: From the place with the last dive's mean current, or velocity, to the fix [m]; NaN without one.
     """
 
     forecast: DiveForecast
     fix: Fix
     log_score: float
-    persistent_log_score: float
-    persistent_distance: float
+    persistence_log_score: float
+    persistence_distance: float
 
     @property
     def distance(self) -> float:

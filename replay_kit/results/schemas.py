@@ -148,8 +148,8 @@ MESSAGES: dict[str, tuple[Field, ...]] = {
         *_fields("double", "inner_major=forecast.inner.major", "inner_minor=forecast.inner.minor"),
         *_fields("double", "outer_major=forecast.outer.major", "outer_minor=forecast.outer.minor"),
         *_fields("bool", "inside_inner=in_inner", "inside_outer=in_outer"),
-        *_fields("double", "log_score", "persistent_log_score", "persistent_distance"),
-        *_fields("double", "persistent_radius=forecast.persistent_radius"),
+        *_fields("double", "log_score", "persistence_log_score", "persistence_distance"),
+        *_fields("double", "persistence_radius=forecast.persistence_radius"),
     ),
 }
 

@@ -144,10 +144,10 @@ def hours_text(seconds: float) -> str:
 
 
 def minutes_text(longitude: float, latitude: float) -> str:
-    """Return a place [degrees] in degrees and minutes, such as ``40° 24.2′ S, 152° 21.9′ E``."""
+    """Return a place [degrees] in degrees and minutes, such as ``40°24.2′S 152°21.9′E``."""
     parts = []
     for value, letters in ((latitude, "NS"), ((longitude + 180.0) % 360.0 - 180.0, "EW")):
         tenths = round(abs(value) * 600.0)
         minutes = f"{tenths % 600 / 10.0:04.1f}"
-        parts.append(f"{tenths // 600}° {minutes}′ {letters[value < 0.0]}")
-    return ", ".join(parts)
+        parts.append(f"{tenths // 600}°{minutes}′{letters[value < 0.0]}")
+    return " ".join(parts)

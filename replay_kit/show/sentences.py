@@ -13,10 +13,10 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
     counts = outcome.observations
     rejected = ", ".join(f"{{bins_rejected.{name}}} {name}" for name in counts["bins_rejected"])
     means, sources = counts.get("mean_currents", 0), counts.get("sources", ())
-    others, values = (sum(row[name] for row in sources) for name in ("used", "values"))
+    others = sum(row["used"] for row in sources)
     own = counts["used"] - means - others
     profiles = (
-        f"{own} profiles used ({counts['bins_used'] - means - values // 2} bins)"
+        f"{own} profiles used ({profile_bins(counts)} bins)"
         if means or others
         else "{used} profiles used ({bins_used} bins)"
     )
@@ -43,10 +43,10 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
         yield joined("Flight model: ", [flight_correction_sentence(outcome.flight_correction)])
 
 
-def further_sentences(outcome: Outcome) -> Iterator[Sentence]:
-    """Yield what of the summary follows the estimate."""
-    yield from found_sentences(outcome)
-    yield from trust_sentences(outcome)
+def profile_bins(counts: Mapping[str, Any]) -> int:
+    """Return how many bins of profiles were used: other observations count as bins of two components too."""
+    values = sum(row["values"] for row in counts.get("sources", ()))
+    return int(counts["bins_used"] - counts.get("mean_currents", 0) - values // 2)
 
 
 def found_sentences(outcome: Outcome) -> Iterator[Sentence]:
@@ -55,6 +55,11 @@ def found_sentences(outcome: Outcome) -> Iterator[Sentence]:
         # one that was never made has nothing but the reason
         made = "statistics" in plan
         yield plan_sentence(plan) if made else Sentence([f"Plan: none; {plan['message']}"])
+    yield from flown_sentences(outcome)
+
+
+def flown_sentences(outcome: Outcome) -> Iterator[Sentence]:
+    """Yield surfacings beside plans, and the score against a truth."""
     if outcome.surfacings is not None:
         yield outcomes_sentence(outcome.surfacings)
     if outcome.truth is not None:
@@ -62,12 +67,14 @@ def found_sentences(outcome: Outcome) -> Iterator[Sentence]:
 
 
 def trust_sentences(outcome: Outcome) -> Iterator[Sentence]:
-    """Yield log evidence, other forecasts and expected surfacings."""
+    """Yield log evidence, other forecasts and predicted surfacings."""
     if outcome.evidence is not None:
         yield evidence_sentence(outcome.evidence)
-    if outcome.referee is not None:
-        yield from (joined("Referee: ", [one]) for one in referee_sentences(outcome.referee))
-    if (expected := outcome.expected_surfacings) is not None:
+    if outcome.comparison is not None:
+        yield from (
+            joined("Comparison: ", [one]) for one in comparison_sentences(outcome.comparison)
+        )
+    if (expected := outcome.predicted_surfacings) is not None:
         yield joined("Predicted surfacings: ", surfacings_sentences(expected))
 
 
@@ -142,13 +149,13 @@ def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
     """Yield the figures of ``surfacings_json``, and the coming surfacing, as sentences."""
     yield from past_sentences(found)
     if (following := found["next"]) is not None:
-        place = place_of_next(following, "expected_surfacings.next.")
+        place = place_of_next(following, "predicted_surfacings.next.")
         yield joined("next, flown as the last dive: ", [place])
 
 
 def past_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
     """Yield the figures of ``surfacings_json`` of the dives so far as sentences."""
-    each, at = found["each"], "expected_surfacings."
+    each, at = found["each"], "predicted_surfacings."
     yield sentence(
         f"{{count}} expected from {_from(each)}: {{inside_50:share}} inside the 50 % ellipse, {{inside_90:share}} inside the 90 % one; "
         f"median distance {{distance_median_m:.0f}} m, mean radius of 90 % {{radius_90_mean_m:.0f}} m{_beside(found, each)}",
@@ -236,8 +243,8 @@ def evidence_sentence(found: Mapping[str, Any]) -> Sentence:
     )
 
 
-def referee_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
-    """Yield a sentence for each forecast of ``referee_json`` that the run's was compared with."""
+def comparison_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
+    """Yield a sentence for each forecast of ``comparison_json`` that the run's was compared with."""
     unit, one = found["units"], found["units"].removesuffix("s")
     for k, other in enumerate(found["against"]):
         at = f"against.{k}."
@@ -261,7 +268,7 @@ def referee_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
                 f"{names}{verdict}; log evidence {{{at}gain_mean:+.2f}} a {one} over {{{at}compared}} {unit} "
                 f"({about}){left if other['not_compared'] else ''}"
             )
-        yield sentence(said, found, "referee.")
+        yield sentence(said, found, "comparison.")
 
 
 #: The sources beside the vehicle's own profiles and mean currents.

@@ -1,7 +1,6 @@
-"""The outcome of a replay as the tables and sentences that are printed at the end of a run."""
+"""The summary of a run on the terminal: ten lines a vehicle, and with ``verbose`` the tables and sentences behind them."""
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from rich.console import Console
@@ -9,17 +8,18 @@ from rich.console import Console
 from replay_kit.core.errors import finding_line
 from replay_kit.results.losses import lost_text
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.show.sentences import estimate_sentences, further_sentences
-from replay_kit.show.text import folded, not_used_lines, print_lines, print_table
-from replay_kit.show.vehicles import (
-    ABOUT_VALUE,
-    COLUMNS,
-    vehicle_rows,
-    vehicle_sentences,
+from replay_kit.show.sentences import (
+    comparison_sentences,
+    flown_sentences,
+    trust_sentences,
+    truth_sentences,
 )
+from replay_kit.show.sentences import estimate_sentences as used_sentences
+from replay_kit.show.status.lines import detail_lines, lines, title
+from replay_kit.show.status.status import Status
+from replay_kit.show.text import folded, not_used_lines, print_lines, print_table
+from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_rows, vehicle_sentences
 
-# Dives that the summary names.
-_WORST = 3
 _DIVE_COLUMNS = (
     "dive",
     "profiles",
@@ -30,43 +30,76 @@ _DIVE_COLUMNS = (
 )
 
 
-def print_summary(outcome: Outcome, console: Console, verbose: bool = False) -> None:
-    """Print the tables and sentences of the end of a replay.
+def print_summary(
+    statuses: Mapping[str, Status],
+    outcome: Outcome | None,
+    console: Console,
+    *,
+    verbose: bool = False,
+    titled: bool = False,
+) -> None:
+    """Print the summary of a result.
 
     Args:
-        outcome: What is printed.
+        statuses: Of each vehicle, under an empty name that of the only one.
+        outcome: Of the run; None for an unfinished one.
         console: Where to.
-        verbose: Whether each topic and each dive has a row of its own.
+        verbose: Whether tables, notes and sentences follow.
+        titled: Whether the result, the dive and the last fix are named first, and the losses are not said again.
     """
-    bad_plan, topics = outcome.plan_alarm, outcome.messages or ()
-    print_lines(console, [f"ALARM: {bad_plan.text}"] if bad_plan else [])
-    decision = outcome.decision
-    basis = [text for text in outcome.verdict if text not in decision.reasons]
-    lines = [f"Verdict: {decision!s}", f"Basis: {'; '.join(basis)}"]
-    print_lines(console, [*lines, *map(finding_line, outcome.consistency)])
-    if outcome.vehicles:
+    if "" not in statuses and outcome is not None:
         print_table(console, "Vehicles", COLUMNS, vehicle_rows(outcome))
-        print_lines(console, [ABOUT_VALUE, *vehicle_sentences(outcome)])
-        print_lines(console, map(str, [*estimate_sentences(outcome), *further_sentences(outcome)]))
-        print_lines(console, _closing_lines(outcome))
-        if verbose:
-            for name, own in outcome.vehicles.items():
-                console.print(f"\n{name}")
-                print_summary(own, console, verbose)
+        print_lines(console, [] if verbose else vehicle_alarms(outcome))
+    for name, status in statuses.items():
+        if name and not (titled or verbose):
+            continue
+        print_lines(console, [title(status)] if titled or name else [])
+        print_lines(console, map(str, lines(status)))
+        print_lines(console, detail_lines(status) if verbose else [])
+    if outcome is None:
         return
+    print_lines(console, [] if titled else _lost(outcome))
+    if verbose:
+        _print_tables(outcome, console)
+    else:
+        asked = truth_sentences(outcome.truth) if outcome.truth is not None else ()
+        print_lines(console, map(str, asked))
+        compared = outcome.comparison
+        print_lines(console, map(str, comparison_sentences(compared) if compared else ()))
+
+
+def vehicle_alarms(outcome: Outcome) -> Iterator[str]:
+    """Yield a line for each alarm of each vehicle."""
+    for name, own in outcome.vehicles.items():
+        yield from (f"ALARM      {name}: {alarm.text}" for alarm in own.alarms)
+
+
+def _print_tables(outcome: Outcome, console: Console) -> None:
+    """Print what is behind a summary."""
+    print_lines(console, map(finding_line, outcome.consistency))
+    if outcome.vehicles:
+        print_lines(console, [ABOUT_VALUE, *vehicle_sentences(outcome)])
+    topics = outcome.messages or ()
     rows = [
         (row["topic"], *(str(row[name]) for name in ("read", "used", "skipped"))) for row in topics
     ]
-    print_table(console, "Messages", ("topic", "read", "used", "skipped"), folded(rows, verbose))
+    if rows:
+        columns = ("topic", "read", "used", "skipped")
+        print_table(console, "Messages", columns, folded(rows, whole=True))
     why = {row["topic"]: {one["reason"]: one["count"] for one in row["reasons"]} for row in topics}
-    print_lines(console, not_used_lines(why, verbose))
-    print_lines(console, map(str, estimate_sentences(outcome)))
-    if verbose and outcome.by_dive:
+    print_lines(console, not_used_lines(why))
+    print_lines(console, map(str, used_sentences(outcome)))
+    if outcome.by_dive:
         cells = map(_dive_cells, outcome.by_dive)
         print_table(console, "RMS innovation by dive [cm/s]", _DIVE_COLUMNS, cells)
-    elif outcome.by_dive:
-        print_lines(console, [_dive_sentence(outcome.by_dive)])
-    print_lines(console, [*map(str, further_sentences(outcome)), *_closing_lines(outcome)])
+    print_lines(console, map(str, [*flown_sentences(outcome), *trust_sentences(outcome)]))
+    if outcome.seconds:
+        each = (f"{stage} {seconds:.2f} s" for stage, seconds in outcome.seconds.items())
+        print_lines(console, [f"Time: {', '.join(each)}"])
+    print_lines(console, (f"Note: {note}" for note in outcome.notes))
+    for name, own in outcome.vehicles.items():
+        console.print(f"\n{name}")
+        _print_tables(own, console)
 
 
 def _dive_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
@@ -78,35 +111,8 @@ def _dive_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     return *counts, *rms, "" if row["nis_per_dof"] is None else f"{row['nis_per_dof']:.2f}"
 
 
-def _dive_sentence(dives: Sequence[Mapping[str, Any]]) -> str:
-    """Return how well dives were predicted, and the worst of them."""
-    known = [row for row in dives if row["bins"] and row["rms_innovation_predicted"] is not None]
-    if not known:
-        return f"Dives: {len(dives)}, none of them with measurements that were predicted"
-    bins = sum(row["bins"] for row in known)
-
-    def rms(name: str) -> str:
-        squares = sum(row["bins"] * row[f"rms_innovation_{name}"] ** 2 for row in known)
-        return _cm(math.sqrt(squares / bins))
-
-    worst = sorted(known, key=lambda row: -row["rms_innovation_predicted"])[:_WORST]
-    named = ", ".join(f"{row['dive']} ({_cm(row['rms_innovation_predicted'])})" for row in worst)
-    return (
-        f"Dives: {len(dives)}; RMS innovation {rms('predicted')} predicted from earlier dives, {rms('prior')} by the prior forecast; "
-        f"worst: {named}; -v shows all"
-    )
-
-
-def _closing_lines(outcome: Outcome) -> Iterator[str]:
-    """Yield times, notes and losses."""
-    yield "Time: " + ", ".join(
-        f"{stage} {seconds:.2f} s" for stage, seconds in outcome.seconds.items()
-    )
-    yield from (f"Note: {note}" for note in outcome.notes)
-    yield from (f"LOST: {one['file']}: {lost_text(one)}" for one in outcome.losses)
+def _lost(outcome: Outcome) -> Iterator[str]:
+    """Yield what of the logs was lost."""
+    yield from (f"LOST       {one['file']}: {lost_text(one)}" for one in outcome.losses)
     if outcome.late:
-        yield f"LOST: {outcome.late} messages came later than the reorder window allows; widen logs.reorder_window"
-
-
-def _cm(value: float | None) -> str:
-    return "-" if value is None else f"{100.0 * value:.2f} cm/s"
+        yield f"LOST       {outcome.late} late messages: widen logs.reorder_window"

@@ -38,7 +38,7 @@ def vehicle_cells(outcome: Outcome) -> list[tuple[str | Shown, ...]]:
 
 
 def _row(name: str, own: Outcome, value: Mapping[str, Any]) -> tuple[str | Shown, ...]:
-    counts, plan, word = own.observations, own.plan, own.decision.word
+    counts, plan, word = own.observations, own.plan, own.verdict.word
     error, without = (value.get(f"standard_error{end}") for end in ("", "_without"))
     found = [one["name"] for one in own.consistency]
     of, used, means = f"vehicles.{name}", counts["used"], counts.get("mean_currents", 0)

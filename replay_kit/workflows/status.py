@@ -16,7 +16,7 @@ from replay_kit.workflows.sound import Sound, sound_result
 def read_status(
     path: Path, now_ns: int | None = None
 ) -> tuple[dict[str, Status], Outcome | None, Sound]:
-    """Return the status of each vehicle of a result, under an empty name that of the only one, the outcome of several, and what was lost.
+    """Return the status of each vehicle of a result, under an empty name that of the only one, the outcome, and what was lost.
 
     Args:
         path: The result; of a damaged one what could be recovered counts.
@@ -29,7 +29,7 @@ def read_status(
         reader = ResultReader(sound.path, opened=sound.file)
         each = read_each(reader)
         found = {name: status_of(held, now_ns) for name, held in each.items()}
-        return found, None if "" in each else reader.outcome, sound
+        return found, reader.outcome, sound
 
 
 def read_each(reader: ResultReader) -> dict[str, Held]:

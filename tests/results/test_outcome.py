@@ -66,12 +66,12 @@ def test_what_a_result_keeps_is_the_outcome_of_the_run_but_for_wall_times_and_sc
 )
 def test_the_verdict_follows_what_was_found_and_changes_no_exit_code(changes, plan, word, reason):
     outcome = made(RUN | changes | {"plan": plan})
-    assert outcome.decision.word == word
-    assert (reason in "; ".join(outcome.decision.reasons)) == bool(reason or word == "trust")
-    assert bool(outcome.decision.reasons) == (word != "trust")
+    assert outcome.verdict.word == word
+    assert (reason in "; ".join(outcome.verdict.reasons)) == bool(reason or word == "trust")
+    assert bool(outcome.verdict.reasons) == (word != "trust")
     codes = (4,) * ("losses" in changes) + (6,) * (changes.get("consistency") is FOUND)
     assert outcome.exit_codes == codes
-    assert outcome.to_json()["decision"] == word
+    assert outcome.to_json()["verdict"] == word
     assert repr(outcome).startswith(word)
 
 
@@ -82,20 +82,20 @@ def test_a_run_of_several_is_trusted_as_far_as_the_least_trusted_vehicle():
         "sg2": made(RUN),
         "sg3": made(RUN | uncertain | {"losses": LOST}),
     }
-    decision = made(RUN | {"vehicles": each}).decision
+    decision = made(RUN | {"vehicles": each}).verdict
     told = ("sg1, sg3: the plan is uncertain", "sg3: part of the log was lost")
     assert decision == ("with care", told)
     contradicts = {"sg2": made(RUN | {"consistency": FOUND})}
     outcome = made(RUN | {"vehicles": each | contradicts})
-    assert outcome.decision.word == "do not use"
-    assert "sg2: turned" in outcome.decision.reasons
+    assert outcome.verdict.word == "do not use"
+    assert "sg2: turned" in outcome.verdict.reasons
     assert outcome.exit_codes == (6,)
 
 
 def test_a_run_that_failed_is_not_to_be_used_and_says_why():
     error = MeasurementError("no usable ping", findings=(FINDING,))
     for outcome in (failed(error), failed(error, made(RUN))):
-        assert outcome.decision == ("do not use", ("no usable ping",))
+        assert outcome.verdict == ("do not use", ("no usable ping",))
         answer = outcome.to_json()
         assert (answer["status"], answer["exit_code"], answer["error"]) == (
             "failed",

@@ -41,14 +41,14 @@ RICH = Outcome(
         **{"count": 4, "distance_median_m": 655.0, "delay_median_s": -540.0},
         "inside_ellipse": 0.75,
     },
-    expected_surfacings={
+    predicted_surfacings={
         **_PAST,
         "later": _PAST,
         "each": [_DIVE],
         "next": _DIVE | {"scored": 6, "calibration": 1.13},
     },
     evidence={**_EVIDENCE, "by_dive": []},
-    referee={
+    comparison={
         "ensemble": "{one}.nc",
         "units": "dives",
         "against": [

@@ -105,6 +105,7 @@ class Following:
         from replay_kit.workflows.follow.follow import follow
         from replay_kit.workflows.follow.watch import FollowOptions
         from replay_kit.workflows.planning.adapters import planner_of
+        from replay_kit.workflows.status import read_status
 
         assert job.out is not None
         if job.vehicles and self.goal_file is not None:
@@ -132,6 +133,6 @@ class Following:
             raise LogError(
                 "no log that can be replayed has arrived; check the folder and the messages about its files"
             )
-        print_summary(outcome, console)
+        print_summary(read_status(job.out)[0], outcome, console)
         write_json(json_file, outcome.to_json())
         return outcome.exit_code

@@ -253,12 +253,14 @@ def smooth(
     from replay_kit.show.summary import print_summary
     from replay_kit.workflows.replay.inputs.job import ReplayJob, check_outputs
     from replay_kit.workflows.smooth import smooth as smooth_logs
+    from replay_kit.workflows.status import read_status
 
     job = ReplayJob(logs, ensemble, outputs.out, overwrite=outputs.overwrite)
     (job,) = local_forecasts([(job, config)])
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     with part_named(outputs.out), progress() as advance:
         outcome = smooth_logs(job, config, advance)
-    print_summary(outcome, console_beside(outputs.json_file), outputs.verbose)
+    console = console_beside(outputs.json_file)
+    print_summary(read_status(outputs.out)[0], outcome, console, verbose=outputs.verbose)
     write_json(outputs.json_file, outcome.to_json())
     return outcome.exit_code

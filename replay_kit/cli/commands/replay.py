@@ -276,11 +276,16 @@ def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "
 def _answer(outputs: Outputs, outcome: "Outcome", console: "Console") -> None:
     """Print the summary, and write the report and the JSON if they are asked for."""
     from replay_kit.show.summary import print_summary
+    from replay_kit.workflows.status import read_status
 
-    print_summary(outcome, console, outputs.verbose)
+    print_summary(read_status(outputs.out)[0], outcome, console, verbose=outputs.verbose)
+    written = [outputs.out, outputs.netcdf, outputs.save_estimate]
     if outputs.page is not None:
         from replay_kit.workflows.report import report
 
         report(outputs.out, outputs.page, outputs.overwrite, outcome)
-        console.print(f"Report: {outputs.page}; open it in a browser.")
+        written.append(outputs.page)
+    names = ", ".join(str(path) for path in written if path is not None)
+    more = "" if outputs.verbose else " (-v: evidence, dives, notes)"
+    console.print(f"Wrote      {names}{more}")
     write_json(outputs.json_file, outcome.to_json())

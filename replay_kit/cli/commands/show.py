@@ -1,7 +1,5 @@
 """``report``, ``status``, ``plot``, ``export`` and ``layout``: a result as a page, on one screen, as figures, tables, in a viewer."""
 
-import shutil
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +24,6 @@ from replay_kit.core.paths import check_paths
 from replay_kit.core.quantities import parse_time
 
 if TYPE_CHECKING:
-    from replay_kit.results.outcome.outcome import Outcome
     from replay_kit.results.views.contents import Contents
     from replay_kit.show.status.status import Status
     from replay_kit.workflows.sound import Sound
@@ -72,10 +69,6 @@ def report(
     return _told(contents, f"Report: {page} ({size / 1e6:.1f} MB); open it in a browser.")
 
 
-# Columns of the screen, at most where a terminal is wider.
-_WIDTH, _WIDEST = 80, 120
-
-
 def status(
     *results: Annotated[
         Path,
@@ -112,36 +105,18 @@ def status(
     from replay_kit.workflows.status import read_status, write_pages
 
     each = [read_status(path, moment) for path in results]
-    if not console.current().quiet and str(answer.json_file) != "-":
-        from replay_kit.show.status.lines import brief_text, status_text
+    from replay_kit.show.summary import print_summary
+    from replay_kit.show.text import print_lines
 
-        show = status_text if console.current().verbose else brief_text
-        width = (
-            min(shutil.get_terminal_size((_WIDTH, 24)).columns, _WIDEST)
-            if sys.stdout.isatty()
-            else _WIDTH
-        )
-        text = "\n".join(
-            "".join(f"{line}\n" for line in sound.lines)
-            + ("" if outcome is None else f"{_table(outcome)}\n")
-            + "\n".join(show(status, width) for status in found.values())
-            for found, outcome, sound in each
-        )
-        console.keep(text)
-        sys.stdout.write(text)
+    beside = console_beside(answer.json_file)
+    for found, outcome, sound in each:
+        print_lines(beside, sound.lines)
+        print_summary(found, outcome, beside, verbose=console.current().verbose, titled=True)
     if html is not None:
         write_pages(*each[0][:2], html)
     figures = [_figures(found, sound) for found, _, sound in each]
     write_json(answer.json_file, {"results": figures} if len(results) > 1 else figures[0])
     return max(sound.exit_code for *_, sound in each)
-
-
-def _table(outcome: "Outcome") -> str:
-    """Return the table of the vehicles of a result."""
-    from replay_kit.show.text import table_text
-    from replay_kit.show.vehicles import COLUMNS, vehicle_rows
-
-    return table_text(COLUMNS, vehicle_rows(outcome))
 
 
 def _figures(found: "Mapping[str, Status]", sound: "Sound") -> dict[str, Any]:

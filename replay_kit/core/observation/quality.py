@@ -78,14 +78,16 @@ class Reason(IntFlag):
 
 
 def reasons_of(reasons: NDArray[np.int32], flags: NDArray[np.int8]) -> list[tuple[str, int]]:
-    """Return the names of the reasons for which bins are not used, each with its number of bins."""
-    not_used = reasons[~usable(flags)]
-    found = int(np.bitwise_or.reduce(not_used, initial=0))
-    return [
-        (str(reason.name).lower(), int(np.count_nonzero(not_used & reason.value)))
-        for reason in Reason
-        if found & reason.value
-    ]
+    """Return the names of the reasons for which bins are not used, each with its number of bins.
+
+    A bin counts once, for its first reason; as missing only where there is no other.
+    """
+    left, found = reasons[~usable(flags)], list[tuple[str, int]]()
+    for reason in sorted(Reason, key=lambda one: one is Reason.MISSING):
+        if count := int(np.count_nonzero(here := (left & reason.value) != 0)):
+            found.append((str(reason.name).lower(), count))
+            left = left[~here]
+    return found
 
 
 Decision = Literal["accepted", "rejected", "unusable"]

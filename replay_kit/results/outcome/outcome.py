@@ -14,12 +14,13 @@ from pydantic_core import to_json
 
 from replay_kit.core.errors import ReplayKitError, finding_json
 from replay_kit.results.outcome.verdict import (
-    Decision,
     RunAlarm,
+    Verdict,
+    basis_sentences,
     decide,
+    errors_text,
     plan_alarm,
     run_alarms,
-    verdict_sentences,
 )
 
 _STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
@@ -28,6 +29,8 @@ Values = Mapping[str, Any]
 _OF_SEVERAL = ("vehicles", "value", "unused")
 # Of the run that has just ended alone: no result has the same bytes with them.
 _OF_RUN = ("seconds", "truth")
+# Names of attributes in results of version 0.3.
+_EARLIER = {"expected_surfacings": "predicted_surfacings", "referee": "comparison"}
 _NO_OBSERVATIONS = {
     "used": 0,
     "rejected": 0,
@@ -53,9 +56,9 @@ class Outcome:
         losses: Damage in the logs.
         late: Messages that came later than the reorder window allows.
         surfacings: Surfacings that plans predicted, beside the actual ones.
-        expected_surfacings: Ends of dives predicted from the dives before, beside the actual ones, and the next one.
+        predicted_surfacings: Ends of dives predicted from the dives before, beside the actual ones, and the next one.
         evidence: Log evidence of the measurements; None where the estimator states no density.
-        referee: How other forecasts explained the log.
+        comparison: How other forecasts explained the log.
         flight_correction: What was taken from mean currents for the flight model's error.
         notes: What the user should know.
         lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
@@ -82,9 +85,9 @@ class Outcome:
     losses: tuple[Values, ...] = ()
     late: int = 0
     surfacings: Values | None = None
-    expected_surfacings: Values | None = None
+    predicted_surfacings: Values | None = None
     evidence: Values | None = None
-    referee: Values | None = None
+    comparison: Values | None = None
     flight_correction: Values | None = None
     notes: tuple[str, ...] = ()
     lost_pings: str = ""
@@ -101,7 +104,7 @@ class Outcome:
 
     def __repr__(self) -> str:
         """Return how far to trust it, and the sentences of its verdict, each a line."""
-        return "\n".join((str(self.decision), *self.verdict))
+        return "\n".join((str(self.verdict), *self.basis))
 
     @property
     def exit_code(self) -> int:
@@ -119,14 +122,19 @@ class Outcome:
         return plan_alarm(self.plan)
 
     @property
-    def decision(self) -> Decision:
+    def verdict(self) -> Verdict:
         """How far to trust the estimate and the plans, and why not further."""
         return decide(self)
 
     @property
-    def verdict(self) -> tuple[str, ...]:
-        """Share of the observations used, consistency, errors before and after, how far to trust the estimate; each a sentence."""
-        return verdict_sentences(self)
+    def basis(self) -> tuple[str, ...]:
+        """What the verdict rests on: observations used, consistency, misfit, whether the stated errors hold; each a sentence."""
+        return basis_sentences(self)
+
+    @property
+    def errors_text(self) -> str:
+        """Whether the stated errors hold, in a few words; empty without observations."""
+        return errors_text(self)
 
     def to_json(self) -> dict[str, Any]:
         """Return it as the JSON object of ``--json``: its attributes, and what follows from them."""
@@ -138,10 +146,10 @@ class Outcome:
             "status": "failed" if self.error else _STATUS[self.exit_code],
             **({"error": self.error} if self.error else {}),
             "exit_code": self.exit_code,
-            "decision": self.decision.word,
-            "reasons": list(self.decision.reasons),
+            "verdict": self.verdict.word,
+            "reasons": list(self.verdict.reasons),
             "alarms": [{"kind": one.kind, "text": one.text} for one in self.alarms],
-            "verdict": list(self.verdict),
+            "basis": list(self.basis),
         } | values
 
     def to_record(self) -> bytes:
@@ -174,7 +182,8 @@ def outcome_from(record: Values) -> Outcome:
         told = record.get("verdict", ())[3:]
         doubts = [text for text in told if "per degree of freedom" not in text]
         record = {**record, "doubts": doubts}
-    return _codec().validate_python(record)
+    named = {_EARLIER.get(name, name): value for name, value in record.items()}
+    return _codec().validate_python(named)
 
 
 def failed(error: ReplayKitError, so_far: Outcome | None = None) -> Outcome:

@@ -28,8 +28,8 @@ _SURFACED = (
     "inside_ellipse=inside"
 )
 _DIVE = (
-    "actual=fix distance_m=distance direction_deg inside_50=in_inner inside_90=in_outer log_score persistent_log_score "
-    "persistent_distance_m=persistent_distance"
+    "actual=fix distance_m=distance direction_deg inside_50=in_inner inside_90=in_outer log_score persistence_log_score "
+    "persistence_distance_m=persistence_distance"
 )
 _ELLIPSE = "major_m=major minor_m=minor bearing_deg"
 _AGAINST = (
@@ -104,9 +104,9 @@ def expected_part(
 def _surfacing_figures(outcomes: Sequence[DiveOutcome]) -> dict[str, Any]:
     """Return hits, score and sharpness of surfacings, one at least; figures beside the last dive's current where that has a spread."""
     inner, outer = held_shares(outcomes)
-    beside = [one for one in outcomes if math.isfinite(one.persistent_log_score)]
+    beside = [one for one in outcomes if math.isfinite(one.persistence_log_score)]
     distances = [one.distance for one in outcomes]
-    others = np.sum([one.forecast.persistent_radius for one in beside])
+    others = np.sum([one.forecast.persistence_radius for one in beside])
     return {
         "count": len(outcomes),
         "inside_50": inner,
@@ -116,7 +116,7 @@ def _surfacing_figures(outcomes: Sequence[DiveOutcome]) -> dict[str, Any]:
         "radius_90_mean_m": float(np.mean([one.forecast.radius for one in outcomes])),
         "log_score": float(np.mean([one.log_score for one in outcomes])),
         "log_score_gain": float(
-            np.mean([one.log_score - one.persistent_log_score for one in beside])
+            np.mean([one.log_score - one.persistence_log_score for one in beside])
         )
         if beside
         else None,
@@ -141,7 +141,7 @@ def _forecast_json(forecast: DiveForecast) -> dict[str, Any]:
         "expected": _place(forecast),
         "ellipse_50": attributes(forecast.inner, _ELLIPSE),
         "ellipse_90": attributes(forecast.outer, _ELLIPSE),
-        **attributes(forecast, "radius_90_m=radius persistent_radius_90_m=persistent_radius"),
+        **attributes(forecast, "radius_90_m=radius persistence_radius_90_m=persistence_radius"),
         # of a log with mean currents nothing needs to be said
         **({} if forecast.basis == "mean_currents" else {"basis": forecast.basis}),
         **({"scored": forecast.scored} if forecast.scored else {}),
@@ -163,7 +163,7 @@ def evidence_part(evidence: Evidence | None) -> dict[str, Any] | None:
     return {**_evidence_figures(evidence.total), "by_dive": by_dive}
 
 
-def referee_part(
+def comparison_part(
     name: str, evidence: Evidence, rivals: Sequence[tuple[str, Evidence]]
 ) -> dict[str, Any]:
     """Return how forecasts explained a log, the first against each other.

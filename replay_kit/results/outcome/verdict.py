@@ -1,4 +1,7 @@
-"""The verdict on a run: how far to trust it and why, the sentences that say so, and what should wake a person."""
+"""The verdict on a run: how far to trust it and why, the sentences that say so, and the alarms.
+
+Source of the interval: Wilson & Hilferty (1931), The distribution of chi-square.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,14 +12,16 @@ from replay_kit.core.errors import severity_word
 if TYPE_CHECKING:
     from replay_kit.results.outcome.outcome import Outcome
 
-# Normalised innovations squared per degree of freedom between which stated errors are taken for right.
-LEAST_NIS, MOST_NIS = 0.5, 2.0
+# Standard deviations between which 99 % of a normal distribution lie.
+_NINETY_NINE = 2.576
+#: Normalised innovations squared per degree of freedom beyond which an estimate is used with care, where the count allows to say so.
+LEAST_NIS, MOST_NIS = 0.5, 1.5
 #: Statuses of plans that must not be flown unread.
 _BAD_PLANS = ("uncertain", "unreachable", "unsafe", "failed")
 Word = Literal["trust", "with care", "do not use"]
 
 
-class Decision(NamedTuple):
+class Verdict(NamedTuple):
     """How far to trust a run.
 
     Attributes:
@@ -46,10 +51,9 @@ class RunAlarm(NamedTuple):
     about: str
 
 
-def decide(outcome: "Outcome") -> Decision:
+def decide(outcome: "Outcome") -> Verdict:
     """Return how far to trust a run, of several vehicles as far as the least trusted. It never changes the exit code."""
     error, found, plan = outcome.error, outcome.consistency, outcome.plan
-    nis = math.nan if outcome.nis_per_dof is None else outcome.nis_per_dof
     against = (
         (error, bool(error)),
         *((one["name"], one["severity"] != "warning" and not error) for one in found),
@@ -58,7 +62,7 @@ def decide(outcome: "Outcome") -> Decision:
     doubtful = (
         ("part of the log was lost", 4 in outcome.exit_codes),
         ("the requested risk cannot be met", 7 in outcome.exit_codes),
-        (nis_sentence(nis), not math.isnan(nis) and not LEAST_NIS <= nis <= MOST_NIS),
+        (errors_text(outcome), doubtful_errors(outcome)),
         *((one["name"], one["severity"] == "warning") for one in found),
         *((text, True) for text in outcome.outside),
         (_plan_reason(plan), bool(_plan_reason(plan))),
@@ -68,12 +72,12 @@ def decide(outcome: "Outcome") -> Decision:
     word: Word = "do not use" if worst else "with care" if others else "trust"
     named = dict[str, list[str]]()
     for name, one in outcome.vehicles.items():
-        for reason in one.decision.reasons:
+        for reason in one.verdict.reasons:
             named.setdefault(reason, []).append(name)
     own = (f"{', '.join(names)}: {reason}" for reason, names in named.items())
-    words = (word, *(one.decision.word for one in outcome.vehicles.values()))
+    words = (word, *(one.verdict.word for one in outcome.vehicles.values()))
     reasons = tuple(dict.fromkeys((*worst, *others, *own)))
-    return Decision(max(words, key=get_args(Word).index), reasons)
+    return Verdict(max(words, key=get_args(Word).index), reasons)
 
 
 def _plan_reason(plan: Mapping[str, Any] | None) -> str:
@@ -119,17 +123,13 @@ def run_alarms(
     return (*((of_plan,) if of_plan else ()), *found)
 
 
-def verdict_sentences(outcome: "Outcome") -> tuple[str, ...]:
+def basis_sentences(outcome: "Outcome") -> tuple[str, ...]:
     """Return the share of the observations used, consistency, errors before and after, and doubts; each a sentence, the last several."""
-    used, rejected, nis = (
-        outcome.observations["used"],
-        outcome.observations["rejected"],
-        outcome.nis_per_dof,
-    )
+    used, rejected = outcome.observations["used"], outcome.observations["rejected"]
     usage = "; ".join(
         filter(None, (f"{used} of {used + rejected} observations used", outcome.lost_pings))
     )
-    trust = () if nis is None else (nis_sentence(nis),)
+    trust = filter(None, (errors_text(outcome),))
     sentences = usage, _consistency(outcome.consistency), _gain(outcome.rms_innovation), *trust
     return (*sentences, *outcome.doubts, *outcome.outside)
 
@@ -158,13 +158,35 @@ def _gain(rms: Mapping[str, Any]) -> str:
         "unknown" if rms[name] is None else f"{100.0 * rms[name]:.1f}"
         for name in ("prior", "before", "after")
     )
-    return f"RMS misfit: forecast {prior}, estimate before update {before}, after {after} cm/s"
+    return f"misfit {before} cm/s before each update, {after} after it, forecast {prior}"
 
 
-def nis_sentence(nis: float) -> str:
-    """Return whether the stated errors hold, of a normalised innovation squared per degree of freedom, 1 expected."""
-    if nis > MOST_NIS:
-        return f"errors are larger than stated (NIS/dof {nis:.2f}, 1 expected)"
-    if nis < LEAST_NIS:
-        return f"errors are smaller than stated (NIS/dof {nis:.2f}, 1 expected)"
-    return f"error bars consistent (NIS/dof {nis:.2f})"
+def nis_interval(count: int) -> tuple[float, float]:
+    """Return between which values 99 % of means of so many normalised innovations squared, one at least, lie where stated errors hold."""
+    size = 2.0 / (9.0 * count)
+    low, high = (1.0 - size + side * math.sqrt(size) for side in (-_NINETY_NINE, _NINETY_NINE))
+    return max(low, 0.0) ** 3, high**3
+
+
+def errors_text(outcome: "Outcome") -> str:
+    """Return whether the stated errors hold, by the interval that the number of observations allows; empty without any.
+
+    Bins of a profile err together, so that an observation counts as its two components.
+    """
+    nis, count = outcome.nis_per_dof, 2 * outcome.observations["used"]
+    if nis is None or not count:
+        return ""
+    low, high = nis_interval(count)
+    share = abs(math.sqrt(nis) - 1.0)
+    if low <= nis <= high or share < 0.05:
+        return "errors as stated"
+    if nis > 4.0:
+        return f"errors {math.sqrt(nis):.1f} times as large as stated"
+    return f"errors {100.0 * share:.0f} % {'larger' if nis > 1.0 else 'smaller'} than stated"
+
+
+def doubtful_errors(outcome: "Outcome") -> bool:
+    """Return whether the stated errors are so far off that the estimate is used with care."""
+    nis = outcome.nis_per_dof
+    off = nis is not None and not LEAST_NIS <= nis <= MOST_NIS
+    return off and errors_text(outcome) not in ("", "errors as stated")

@@ -50,16 +50,16 @@ def _chip(contents: Contents) -> str:
     outcome = contents.outcome
     if not outcome.complete:
         return '<p class="chip care">No verdict: the run did not finish, or an earlier version made the result</p>'
-    decision = outcome.decision
-    reason = f": {decision.reasons[0]}" if decision.reasons else ""
-    text = escape(f"{_WORDS[decision.word]}{reason}")
-    return f'<p class="chip {_CLASSES[decision.word]}"><a href="#trust">{text}</a></p>'
+    verdict = outcome.verdict
+    reason = f": {verdict.reasons[0]}" if verdict.reasons else ""
+    text = escape(f"{_WORDS[verdict.word]}{reason}")
+    return f'<p class="chip {_CLASSES[verdict.word]}"><a href="#trust">{text}</a></p>'
 
 
 def _why(contents: Contents) -> str:
     """Return what else asks for care, and what the plan says of itself; nothing where all is to be trusted."""
-    decision, plan = contents.outcome.decision, contents.last_plan
-    texts = [*decision.reasons[1:]]
+    verdict, plan = contents.outcome.verdict, contents.last_plan
+    texts = [*verdict.reasons[1:]]
     if plan is not None and plan.row["status"] != "reached":
         why = str(plan.row["message"]).partition(". ")[0]
         texts.append(f"the plan failed: {why}" if plan.row["status"] == "failed" else why)
@@ -121,7 +121,7 @@ def _fact(title: str, value: str, below: str = "") -> str:
 
 def _surfacing(contents: Contents) -> str:
     """Return time and ellipse of the next surfacing: of the plan, else as the last dive."""
-    plan, expected = contents.last_plan, contents.outcome.expected_surfacings or {}
+    plan, expected = contents.last_plan, contents.outcome.predicted_surfacings or {}
     if plan is not None and plan.legs and not by_habit(expected):
         table, count = contents.result.surfacings, len(plan.legs)
         done = int((table["planned_time"] == plan.row.name).sum()) if len(table) else 0
@@ -134,9 +134,9 @@ def _surfacing(contents: Contents) -> str:
         ]
     elif following := expected.get("next"):
         time, basis = following["time_ns"], "as the last dive"
-        shown = number("expected_surfacings.next.time_ns", time, clock_text(time))
+        shown = number("predicted_surfacings.next.time_ns", time, clock_text(time))
         axes = [following["ellipse_90"][f"{name}_m"] for name in ("major", "minor")]
-        keys = [f"expected_surfacings.next.ellipse_90.{name}_m" for name in ("major", "minor")]
+        keys = [f"predicted_surfacings.next.ellipse_90.{name}_m" for name in ("major", "minor")]
     else:
         return ""
     when = ""

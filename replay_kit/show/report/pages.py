@@ -220,8 +220,8 @@ def _card(contents: Contents, pages: Mapping[str, str]) -> str:
         for name, used, *_, verdict in vehicle_cells(outcome)
     ]
     return (
-        f"<h3>{escape(str(outcome.decision).capitalize())}</h3>"
-        f"{items_html([escape(text) for text in outcome.verdict])}<h3>Vehicles</h3>{items_html(rows)}"
+        f"<h3>{escape(str(outcome.verdict).capitalize())}</h3>"
+        f"{items_html([escape(text) for text in outcome.basis])}<h3>Vehicles</h3>{items_html(rows)}"
     )
 
 

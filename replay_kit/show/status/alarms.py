@@ -1,14 +1,15 @@
-"""What a person should do by a result: what should wake them, and what to steer now, with the reason where that has changed."""
+"""Alarms of a result, each with what to do, and why what to steer has changed."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from replay_kit.core.geodesy import distance
 from replay_kit.core.plan import plan_legs
-from replay_kit.core.text import place_text, time_text
+from replay_kit.core.text import time_text
 from replay_kit.results.outcome.verdict import plan_alarm, run_alarms
+from replay_kit.show.numbers import clock_text, hours_text
 from replay_kit.show.status import figures
 from replay_kit.show.status.held import Held
 
@@ -16,27 +17,6 @@ from replay_kit.show.status.held import Held
 _SMALL_TURN = 2.0
 # A current is a surprise when it is this many times the expected difference from the estimate.
 _SURPRISE = 2.0
-
-
-def command_text(plan: Any, leg: Mapping[str, float]) -> str:
-    """Return what to steer: of a mission until the next surfacing, with its end as the waypoint.
-
-    Args:
-        plan: ``replay_kit.Plan``.
-        leg: That is flown next; empty for a glide.
-    """
-    heading, angle = (
-        leg.get("heading_deg", plan.heading_deg),
-        leg.get("glide_angle_deg", plan.glide_angle_deg),
-    )
-    if not math.isfinite(heading):
-        return f"no command: {plan.message}"
-    words = f"{heading:.0f}° true, glide angle {angle:.0f}°"
-    if not leg:
-        return f"{words}, {plan.speed:.2f} m/s through water"
-    return (
-        f"{words}, to {leg['depth_m']:.0f} m; for {place_text(leg['longitude'], leg['latitude'])}"
-    )
 
 
 def change_of(held: Held) -> tuple[str, ...]:
@@ -57,12 +37,10 @@ def change_of(held: Held) -> tuple[str, ...]:
             if abs(turn) < _SMALL_TURN
             else f"was {old:.0f}°: {abs(turn):.0f}° to the {'right' if turn > 0.0 else 'left'}"
         )
-    reasons = list(_reasons(held, before, now))
-    if turned == "unchanged" and not reasons:
-        return ("unchanged since the plan before",)
-    return (
-        f"{turned}; because {', '.join(reasons) if reasons else 'the estimate changed a little'}",
-    )
+    if turned == "unchanged":
+        return ("heading unchanged since the previous plan",)
+    reasons = list(_reasons(held, before, now)) or ["the estimate changed a little"]
+    return (f"{turned}; {', '.join(reasons)}",)
 
 
 def _reasons(held: Held, before: Any, now: Any) -> Iterator[str]:
@@ -71,21 +49,19 @@ def _reasons(held: Held, before: Any, now: Any) -> Iterator[str]:
     )
     if moved > 1.0:
         yield f"the goal moved {moved / 1e3:.1f} km"
-    if before.status != now.status:
-        yield f"the plan was {before.status} and is {now.status}"
     since = before.timestamp.ToNanoseconds()
     outcomes = [one for one in held.outcomes if one.timestamp.ToNanoseconds() >= since]
     if outcomes:
         one = outcomes[-1]
         when = f"{abs(one.delay) / 60.0:.0f} min {'late' if one.delay >= 0.0 else 'early'}"
-        yield f"it surfaced {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f}° of the prediction, {when}"
+        yield f"it surfaced {one.distance / 1e3:.1f} km from the plan toward {one.direction_deg:.0f}°, {when}"
     found = figures.dive_current(held)
     if (
         found is not None
         and found.time_ns >= since
         and found.difference > _SURPRISE * found.expected
     ):
-        yield f"the current differed {100.0 * found.difference:.0f} cm/s from the estimate"
+        yield f"the current differed by {100.0 * found.difference:.0f} cm/s from the estimate"
 
 
 def _heading(plan: Any, time_ns: int) -> float:
@@ -105,8 +81,8 @@ class Alarm:
     """What should wake a person.
 
     Attributes:
-        kind: ``surfacing overdue``, ``outside its ellipse``, ``consistency``, ``plan`` or ``forecast ended``.
-        text: What is wrong, as a sentence.
+        kind: ``surfacing overdue``, ``outside its ellipse``, ``current rejected``, ``consistency``, ``plan`` or ``forecast ended``.
+        text: What is wrong and what to do, as a line.
         time_ns: Since when [ns, UTC].
         about: Of which plan, surfacing, finding or forecast: one alarm is given for each.
     """
@@ -130,7 +106,7 @@ def alarms_of(held: Held, now_ns: int) -> tuple[Alarm, ...]:
     """
     return tuple(
         alarm
-        for find in (_bad_plan, _overdue, _outside, _contradictions, _ended)
+        for find in (_bad_plan, _overdue, _outside, _rejected, _contradictions, _ended)
         for alarm in find(held, now_ns)
     )
 
@@ -139,19 +115,45 @@ def _overdue(held: Held, now_ns: int) -> Iterator[Alarm]:
     following = figures.next_surfacing(held)
     if following is not None and (late := following.late_s(now_ns)):
         due = following.time_ns + int(following.margin_s * _SECOND)
-        text = f"the surfacing expected at {time_text(following.time_ns)} is {late / 3600.0:.1f} h late"
+        text = (
+            f"surfacing {hours_text(late)} late (due {clock_text(following.time_ns)} UTC): call it"
+        )
         yield Alarm("surfacing overdue", text, due, str(following.time_ns))
 
 
 def _outside(held: Held, now_ns: int) -> Iterator[Alarm]:
-    if (
-        held.outcomes
-        and not held.outcomes[-1].inside_ellipse
-        and math.isfinite(held.outcomes[-1].ellipse_major)
-    ):
-        one, since = held.outcomes[-1], held.outcomes[-1].timestamp.ToNanoseconds()
-        text = f"the vehicle surfaced {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f} degrees of the predicted place"
-        yield Alarm("outside its ellipse", f"{text}, outside its 90 % ellipse", since, str(since))
+    """Yield an alarm where the last surfacing is outside the ellipse that was shown first for it."""
+    found = held.outcome.predicted_surfacings if held.outcome else None
+    planned = held.outcomes[-1] if held.outcomes else None
+    since = 0 if planned is None else planned.timestamp.ToNanoseconds()
+    last = found["each"][-1] if found and found["each"] else None
+    shown = ((found or {}).get("record") or {}).get("shown", "plan")
+    if planned is not None and (shown == "plan" or last is None):
+        inside, size = planned.inside_ellipse, planned.ellipse_major
+        far, toward, of = planned.distance, planned.direction_deg, "the plan"
+    elif last is not None and last.get("actual_ns", last.get("time_ns")) is not None:
+        inside, size = last["inside_90"], last["ellipse_90"]["major_m"]
+        far, toward, of = last["distance_m"], last["direction_deg"], "the prediction"
+        since = int(last["time_ns"])
+    else:
+        return
+    if not inside and math.isfinite(size):
+        text = (
+            f"surfaced {far / 1e3:.1f} km from {of} toward {toward:.0f}°, outside its 90 % ellipse "
+            f"({size / 1e3:.1f} km): plan again from here"
+        )
+        yield Alarm("outside its ellipse", text, since, str(since))
+
+
+def _rejected(held: Held, now_ns: int) -> Iterator[Alarm]:
+    """Yield an alarm where the mean current of the last dive was rejected."""
+    found = figures.dive_current(held)
+    if found is not None and found.rejected and found.measured is not None:
+        text = (
+            f"dive {found.dive}: its current of {100.0 * found.measured.speed:.0f} cm/s to {found.measured.toward:.0f}° was rejected, "
+            f"{100.0 * found.difference:.0f} cm/s from the estimate: check the dive"
+        )
+        yield Alarm("current rejected", text, found.time_ns, str(found.time_ns))
 
 
 def _contradictions(held: Held, now_ns: int) -> Iterator[Alarm]:
@@ -170,7 +172,7 @@ def _ended(held: Held, now_ns: int) -> Iterator[Alarm]:
     if times is not None and times[2] and now_ns > times[1]:
         yield Alarm(
             "forecast ended",
-            f"the forecast ended at {time_text(times[1])}; give a newer one",
+            f"the forecast ended {clock_text(times[1])} UTC: give a newer one",
             times[1],
             str(times[1]),
         )

@@ -66,6 +66,7 @@ class DiveCurrent:
         predicted: By the estimate before it; None where the log states none.
         difference: Length of what was used, corrected or measured, minus predicted; of profiles their RMS component [m/s].
         expected: One standard deviation of a component of the difference, as the estimate expects it [m/s].
+        rejected: Whether the gate rejected the mean current.
     """
 
     time_ns: int
@@ -75,6 +76,7 @@ class DiveCurrent:
     predicted: Current | None
     difference: float
     expected: float
+    rejected: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,6 +143,8 @@ def dive_current(held: Held) -> DiveCurrent | None:
         return DiveCurrent(time_ns, number, None, None, None, rms, expected)
     row, at = int(means[-1]), held.fixes[-1] if held.fixes else None
     bin_of = int(dive["bins"][:row].sum())
+    if not dive["bins"][row]:
+        off = [np.full(bin_of + 1, np.nan)] * 2
 
     def current(name: str) -> Current | None:
         east, north, error = (
@@ -164,6 +168,7 @@ def dive_current(held: Held) -> DiveCurrent | None:
         predicted,
         less.speed,
         expected,
+        not bool(dive["accepted"][row]),
     )
 
 

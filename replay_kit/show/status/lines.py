@@ -1,68 +1,27 @@
-"""A status in words: in ten lines, an alarm first, each number one of the status's figures; and whole, on a screen of 80 columns."""
+"""A status in words: a summary of ten lines for a screen of 80 columns, and what more there is to say, with ages.
 
+Each number is one of the status's figures.
+"""
+
+import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
 from typing import Any, NamedTuple
 
 from replay_kit.core.geodesy import heading_deg
-from replay_kit.core.text import place_text, printable, time_text
-from replay_kit.show.numbers import Sentence, Shown, fixed, hours_text, minutes_text
-from replay_kit.show.status.status import Line, Status
+from replay_kit.core.text import printable
+from replay_kit.show.numbers import Sentence, Shown, fixed, hours_text, minutes_text, sentence
+from replay_kit.show.status.status import Status
 
-_AGE = 8
-_SECOND = 1_000_000_000
-
-
-def age_text(seconds: float) -> str:
-    """Return how old something is, such as ``now``, ``35 min``, ``4.2 h``, ``3.1 d``; of what lies ahead with ``in``."""
-    if abs(seconds) < 60.0:
-        return "now"
-    text = hours_text(seconds).replace(" days", " d")
-    return text if seconds > 0.0 else f"in {text}"
+#: Columns of a screen, and of its labels.
+WIDTH, _LABEL = 80, 11
+Values = Mapping[str, Any]
+Parts = list[str | Shown]
 
 
-def line_age(status: Status, line: Line) -> str:
-    """Return the age of an answer; empty for one without a time."""
-    return "" if line.time_ns is None else age_text((status.now_ns - line.time_ns) / _SECOND)
-
-
-def status_text(status: Status, width: int = 80) -> str:
-    """Return a status as text: an alarm a line first, then the answers, each with its age.
-
-    Args:
-        status: The status.
-        width: Columns of the terminal.
-    """
-    rows = [f"{printable(status.name)}, status for {time_text(status.now_ns)}"]
-    for alarm in status.alarms:
-        rows += _wrapped(f"! {alarm.kind.upper()}: ", printable(alarm.text), width, 2)
-    rows.append(f"{'':{_LABEL}}{'age':>{_AGE}}  ")
-    for line in status.lines:
-        head = f"{'!' if line.alarms else ''}{line.label}"
-        head = f"{head:<{_LABEL}}{line_age(status, line):>{_AGE}}  "
-        for text in line.text:
-            rows += _wrapped(head, printable(text), width, _LABEL + _AGE + 2)
-            head = " " * (_LABEL + _AGE + 2)
-    return "\n".join(row.rstrip() for row in rows) + "\n"
-
-
-def _wrapped(head: str, text: str, width: int, indent: int) -> list[str]:
-    return textwrap.wrap(
-        text,
-        max(width, 40),
-        initial_indent=head,
-        subsequent_indent=" " * indent,
-        break_on_hyphens=False,
-    ) or [head]
-
-
-_LABEL = 11
-#: Lines of alarms: of more, the last says how many.
-_ALARMS = 2
-
-
-class Brief(NamedTuple):
-    """A line of a brief status.
+class Line(NamedTuple):
+    """A line of the summary.
 
     Attributes:
         label: What it answers, in a word.
@@ -71,6 +30,10 @@ class Brief(NamedTuple):
 
     label: str
     parts: Sequence[str | Shown]
+
+    def __str__(self) -> str:
+        """Return the line with its label."""
+        return f"{self.label:<{_LABEL}}{printable(self.text)}".rstrip()
 
     @property
     def text(self) -> str:
@@ -83,172 +46,337 @@ class Brief(NamedTuple):
         return Sentence(self.parts).html
 
 
-def brief_text(status: Status, width: int = 80) -> str:
-    """Return a status in ten lines of a terminal.
-
-    Args:
-        status: The status.
-        width: Columns of the terminal.
-    """
-    rows = []
-    for alarm in status.alarms[:_ALARMS]:
-        rows.append(f"! {alarm.kind.upper()}: {printable(alarm.text)}")
-    if len(status.alarms) > _ALARMS:
-        rows[-1] = f"! and {len(status.alarms) - _ALARMS + 1} more alarms; -v shows them"
-    rows += [f"{line.label:<{_LABEL}}{printable(line.text)}" for line in brief_lines(status)]
-    rows.append(f"{printable(status.name)}, {time_text(status.now_ns)}; -v shows all")
-    return "".join(f"{_short(row, width)}\n" for row in rows)
+def title(status: Status) -> str:
+    """Return the dive, the place and the age of the last fix as a line; the result's name without one."""
+    name = printable(status.name.removesuffix(".mcap"))
+    if (at := status.figures.get("position")) is None:
+        return name
+    dive = f", dive {at['dive']}" if "dive" in at else ""
+    place = minutes_text(at["longitude"], at["latitude"])
+    old = f"{hours_text(at['age_s'])} ago" if at["age_s"] >= 60.0 else "now"
+    text = f"{dive}: fix {place} {_clock(at['since'])} UTC, {old}"
+    return f"{name[: WIDTH - len(text)]}{text}"
 
 
-def _short(row: str, width: int) -> str:
-    if len(row) <= width:
-        return row.rstrip()
-    keep = 0 if row.startswith("!") else _LABEL
-    return row[:keep] + textwrap.shorten(row[keep:], width - keep, placeholder=" ...")
-
-
-def brief_lines(status: Status) -> Iterator[Brief]:
-    """Yield the answers of a status, each in a line."""
-    found = status.figures
+def lines(status: Status) -> list[Line]:
+    """Return the summary: how far to trust it and why, then the answers."""
+    found, out = status.figures, [Line(*_first(status))]
     makers = {
         "command": _steer,
-        "odds": _odds,
+        "odds": _arrival,
         "surfacing": _surfacing,
-        "position": _position,
-        "made_good": _goal,
+        "goal": _goal,
         "current": _current,
-        "fit": _trust,
+        "fit": _fit,
     }
     for key, make in makers.items():
         if values := found.get(key):
-            yield from make(values)
+            out += make(values)
+    return out
 
 
-def _steer(values: Mapping[str, Any]) -> Iterator[Brief]:
+def _first(status: Status) -> tuple[str, list[str]]:
+    """Return the first line: an alarm that is no part of the verdict, else the verdict, each with the reasons that fit."""
+    fit, odds = status.figures.get("fit", {}), status.figures.get("odds", {})
+    texts = [alarm.text for alarm in status.alarms if alarm.kind not in ("plan", "consistency")]
+    label = "ALARM" if texts else (fit.get("verdict") or "no verdict").upper()
+    texts += [
+        f"{one['name']}: {one['evidence']}"
+        for one in fit.get("findings", ())
+        if one["severity"] != "warning"
+    ]
+    said = _odds_text(odds)
+    # the odds say it with numbers
+    reasons = [text for text in fit.get("reasons", ()) if not (said and "plan" in text)]
+    named = [one["name"] for one in fit.get("findings", ())]
+    texts += [text for text in reasons if text not in named]
+    texts += [one["name"] for one in fit.get("findings", ()) if one["severity"] == "warning"]
+    texts += [said] if said else []
+    if not texts:
+        known = fit.get("verdict") is not None
+        texts = ["no contradiction found"] if known else ["the run did not finish"]
+    return label, [fitting(texts, WIDTH - _LABEL)]
+
+
+def fitting(texts: Sequence[str], width: int) -> str:
+    """Return as many texts as fit into some columns, the first shortened where it is too long, and how many are left."""
+    for kept in range(len(texts), 0, -1):
+        left = f"; {len(texts) - kept} more: -v" if kept < len(texts) else ""
+        text = "; ".join(texts[:kept])
+        if len(text) + len(left) <= width:
+            return text + left
+    cut = textwrap.shorten(texts[0], width - len(left) - 4, placeholder="")
+    return f"{cut}: -v{left}" if len(texts) == 1 else f"{cut}{left}"
+
+
+def _odds_text(odds: Values) -> str:
+    """Return how many simulated flights arrive, or how a plan without them ends; empty where nothing was planned."""
+    if "reached" in odds:
+        count = odds["samples"]
+        asked = f" ({math.ceil(odds['asked'] * count - 1e-9)} required)" if odds["asked"] else ""
+        return f"{round(odds['reached'] * count)} of {count} simulated flights arrive{asked}"
+    return f"plan {odds['status']}" if odds.get("status") not in (None, "reached") else ""
+
+
+def _steer(values: Values) -> Iterator[Line]:
     if values["heading_deg"] is None:
-        yield Brief("Steer", (f"no command: {values['message']}",))
+        yield Line("Steer", [fitting([f"no command: {values['message']}"], WIDTH - _LABEL)])
         return
     heading, angle = values["heading_deg"], values["glide_angle_deg"]
-    parts: list[str | Shown] = [
-        Shown("command.heading_deg", heading, f"{round(heading) % 360:03d}"),
-        "° true, glide angle ",
-        Shown("command.glide_angle_deg", angle, fixed(angle, 0)),
-        "°",
-    ]
+    parts: Parts = [Shown("command.heading_deg", heading, f"{round(heading) % 360:03d}"), "° true"]
+    if values["longitude"] is not None:
+        parts.append(f" to {minutes_text(values['longitude'], values['latitude'])}")
     if values["depth_m"] is not None:
-        parts += [", to ", Shown("command.depth_m", values["depth_m"], fixed(values["depth_m"], 0))]
-        parts += [" m"]
+        parts += [", ", Shown("command.depth_m", values["depth_m"], fixed(values["depth_m"], 0))]
+        parts.append(" m")
+    parts += [", ", Shown("command.glide_angle_deg", angle, fixed(angle, 0)), "°"]
     basis = values["dives"].partition(":")[0] or "as set"
     if values["speed"] is not None:
         parts += [", ", Shown("command.speed", values["speed"], fixed(values["speed"], 2))]
-        parts += [f" m/s ({basis})"]
-    yield Brief("Steer", parts)
-    if values["longitude"] is not None:
-        yield Brief("  for", _place("command", values))
+        parts.append(f" m/s ({basis})")
+    yield Line("Steer", parts)
 
 
-def _place(key: str, values: Mapping[str, Any]) -> list[str | Shown]:
-    """Return a place in degrees and minutes, and in degrees."""
-    longitude, latitude = values["longitude"], values["latitude"]
-    east, north = (part.strip() for part in place_text(longitude, latitude).split(","))
-    return [
-        f"{minutes_text(longitude, latitude)} (",
-        Shown(f"{key}.longitude", longitude, east),
-        ", ",
-        Shown(f"{key}.latitude", latitude, north),
-        ")",
-    ]
-
-
-def _odds(values: Mapping[str, Any]) -> Iterator[Brief]:
-    if "reached" not in values:
-        yield Brief("Odds", (f"plan {values['status']}: {values['message']}",))
+def _arrival(values: Values) -> Iterator[Line]:
+    if values.get("duration_s") is None:
         return
-    share, (low, high) = values["reached"], values["reached_interval"]
-    parts: list[str | Shown] = [
-        Shown("odds.reached", share, f"{100.0 * share:.0f} %"),
-        " (",
-        Shown("odds.reached_interval.0", low, f"{100.0 * low:.0f}"),
-        " to ",
-        Shown("odds.reached_interval.1", high, f"{100.0 * high:.0f}"),
-        ") of ",
-        Shown("odds.samples", values["samples"], str(values["samples"])),
-        " samples arrive",
-    ]
-    if values["duration_s"] is not None:
-        hours, off = values["duration_s"], values["closest_approach_m"]
-        parts += [f"; plan {values['status']}, "]
-        parts += [Shown("odds.duration_s", hours, hours_text(hours))]
-        parts += [", ", Shown("odds.closest_approach_m", off, f"{off:.0f} m"), " off"]
-    yield Brief("Odds", parts)
+    seconds, legs = values["duration_s"], values["legs"]
+    flown: Parts = [Shown("odds.duration_s", seconds, hours_text(seconds))]
+    flown += [f", {legs} legs"] if legs else []
+    if values["status"] not in ("reached", "uncertain"):
+        off = values["closest_approach_m"]
+        far = Shown("odds.closest_approach_m", off, f"{off / 1e3:.1f} km")
+        yield Line(
+            "Nearest", [far, f" from the goal, {_clock(values['arrival'])} UTC (", *flown, ")"]
+        )
+    elif values.get("arrival_median"):
+        half, most = values["arrival_median"], values["arrival_90_percent"]
+        same = 5 * (bool(most) and most[:10] == half[:10])
+        ninety = f", 90 % by {_clock(most)[-same:]}" if most else ", fewer than 90 % in time"
+        yield Line("Arrive", [f"50 % by {_clock(half)} UTC{ninety} (", *flown, ")"])
+    else:
+        fewer = "fewer than 50 % in time; " if "reached" in values else ""
+        yield Line(
+            "Arrive", [f"{fewer}{_clock(values['arrival'])} UTC in the mean current (", *flown, ")"]
+        )
 
 
-def _surfacing(values: Mapping[str, Any]) -> Iterator[Brief]:
-    if (one := values.get("next")) is None:
-        return
-    basis = "by the plan" if one["basis"] == "plan" else "as the last dive"
-    parts: list[str | Shown] = [f"{one['time'][:16]} UTC {basis}"]
-    if one["major_m"] is not None:
-        axes = [
-            Shown(f"surfacing.next.{name}", one[name], fixed(one[name] / 1e3, 1))
-            for name in ("major_m", "minor_m")
-        ]
-        parts += ["; 90 % within ", axes[0], " x ", axes[1], " km"]
-    if one.get("late_s"):
-        parts.insert(0, "OVERDUE, ")
-    yield Brief("Surfacing", parts)
+_BASIS = {"plan": "if it flies this plan", "last_dive": "as the last dive"}
 
 
-def _position(values: Mapping[str, Any]) -> Iterator[Brief]:
-    parts = _place("position", values)
-    if values["error_m"]:
-        parts += [
-            " ± ",
-            Shown("position.error_m", values["error_m"], f"{values['error_m']:g}"),
-            " m",
-        ]
-    yield Brief("Position", parts)
-
-
-def _goal(values: Mapping[str, Any]) -> Iterator[Brief]:
-    far = values["to_goal_km"]
-    parts: list[str | Shown] = [
-        Shown("made_good.to_goal_km", far, fixed(far, 1)),
-        " km to the goal",
-    ]
-    if values["km_a_day"]:
-        rate = values["km_a_day"][0]
-        made, key = rate["km_a_day"], "made_good.km_a_day.0"
-        parts += ["; made good ", Shown(f"{key}.km_a_day", made, fixed(made, 1, True))]
-        parts += [" km a day over "]
-        parts += [Shown(f"{key}.days", rate["days"], hours_text(86_400.0 * rate["days"]))]
-    yield Brief("Goal", parts)
-
-
-def _current(values: Mapping[str, Any]) -> Iterator[Brief]:
-    name = "corrected" if "corrected" in values else "measured"
-    one = values.get(name)
+def _surfacing(values: Values) -> Iterator[Line]:
+    one, other = values.get("next"), values.get("other")
     if one is None:
         return
-    parts = [f"dive {values['dive']} {name} ", *_velocity(name, one)]
-    if (other := values.get("predicted")) is not None:
-        parts += [", predicted ", *_velocity("predicted", other)]
-    yield Brief("Current", parts)
+    late = "OVERDUE " if one.get("overdue_s") else ""
+    parts = [late, _clock(one["time"]), " UTC ", *_within("next", one), f" {_BASIS[one['basis']]}"]
+    yield Line("Next", parts)
+    if other is not None:
+        parts = [_clock(other["time"])[-5:], " ", *_within("other", other)]
+        yield Line("  or", [*parts, f" {_BASIS[other['basis']]}"])
 
 
-def _velocity(name: str, one: Mapping[str, float]) -> list[str | Shown]:
-    """Return the length of a velocity, of its two figures, and where it leads."""
-    speed = (one["east"] ** 2 + one["north"] ** 2) ** 0.5
-    toward = f"{round(float(heading_deg(one['east'], one['north']))) % 360:03d}"
-    return [
-        Shown(f"current.{name}#speed", speed, fixed(100.0 * speed, 1)),
-        f" cm/s to {toward}°",
-    ]
+def _within(name: str, one: Values) -> Parts:
+    """Return the place of a surfacing and the longer semi-axis of its ellipse of 90 %."""
+    parts: Parts = [minutes_text(one["longitude"], one["latitude"])]
+    if (size := one["major_m"]) is not None:
+        text = f"{fixed(size / 1e3, 1)} km" if size >= 1e3 else f"{fixed(size, 0)} m"
+        parts += [" ± ", Shown(f"surfacing.{name}.major_m", size, text)]
+    return parts
 
 
-def _trust(values: Mapping[str, Any]) -> Iterator[Brief]:
-    if "decision" not in values:
-        yield Brief("Trust", ("no verdict",))
+def _goal(values: Values) -> Iterator[Line]:
+    far = values["distance_km"]
+    parts: Parts = [Shown("goal.distance_km", far, fixed(far, 1)), " km away"]
+    if values["made_good"]:
+        rate = values["made_good"][0]
+        made, key = rate["km_a_day"], "goal.made_good.0"
+        word = "receding" if made < 0.0 else "approaching"
+        parts += [f"; {word} ", Shown(f"{key}.km_a_day", abs(made), fixed(abs(made), 1))]
+        days = Shown(f"{key}.days", rate["days"], hours_text(86_400.0 * rate["days"]))
+        parts += [" km a day over ", days]
+    yield Line("Goal", parts)
+
+
+def _current(values: Values) -> Iterator[Line]:
+    name = "corrected" if "corrected" in values else "measured"
+    off = values["difference_m_s"]
+    apart: Parts = (
+        [] if off is None else [Shown("current.difference_m_s", off, fixed(100.0 * off, 1))]
+    )
+    dive = f"dive {values['dive']}" if values["dive"] else "last"
+    if (one := values.get(name)) is None:
+        if apart:
+            yield Line("Current", [f"{dive}: profiles ", *apart, " cm/s from the estimate"])
         return
-    reasons = "; ".join(values["reasons"])
-    yield Brief("Trust", (": ".join(filter(None, [values["decision"], reasons])),))
+    parts: Parts = [f"{dive}: ", *_velocity(name, one)]
+    parts += [" corrected"] if name == "corrected" else []
+    parts += [", rejected"] if values["rejected"] else []
+    yield Line("Current", [*parts, *([", ", *apart, " from the estimate"] if apart else [])])
+
+
+def _velocity(name: str, one: Mapping[str, float]) -> Parts:
+    """Return the length of a velocity, of its two figures, and where it leads."""
+    speed = math.hypot(one["east"], one["north"])
+    toward = f"{round(float(heading_deg(one['east'], one['north']))) % 360:03d}"
+    return [Shown(f"current.{name}#speed", speed, fixed(100.0 * speed, 1)), f" cm/s to {toward}°"]
+
+
+def _fit(values: Values) -> Iterator[Line]:
+    if values["verdict"] is None:
+        return
+    rms = values["rms_innovation"]
+    if rms["before"] is not None and rms["prior"] is not None:
+        said = sentence(
+            "misfit {before:cm/s} cm/s, forecast {prior:cm/s}", rms, "fit.rms_innovation."
+        )
+        yield Line("Trust", [*said.parts, *([f"; {values['errors']}"] if values["errors"] else [])])
+    counts = values["observations"]
+    total = counts["used"] + counts["rejected"]
+    if not total:
+        return
+    parts: Parts = [Shown("fit.observations.used", counts["used"], f"{counts['used']:,}")]
+    parts.append(f" of {total:,} observations used")
+    if why := counts["bins_rejected"]:
+        out = sum(why.values())
+        parts.append(f"; {out:,} of {out + counts['profile_bins']:,} bins ")
+        room = WIDTH - _LABEL - len(str(Sentence(parts)))
+        parts.append(reasons_text(sorted(why, key=lambda name: -why[name]), room))
+    yield Line("Data", parts)
+
+
+def reasons_text(reasons: Iterable[str], room: int) -> str:
+    """Return for which reasons bins were excluded, as many as some columns hold."""
+    words = [name.replace("_", " ") for name in reasons]
+    for count in range(len(words), 0, -1):
+        text = ", ".join(words[:count]) + ("" if count == len(words) else ", ...")
+        if len(text) <= room:
+            return text
+    return "excluded"
+
+
+class Detail(NamedTuple):
+    """What more there is to say of an answer.
+
+    Attributes:
+        key: Of the answer.
+        label: Its name.
+        since: When it was so; empty for what has no time.
+        texts: Sentences.
+    """
+
+    key: str
+    label: str
+    since: str
+    texts: Sequence[str]
+
+
+def details(status: Status) -> Iterator[Detail]:
+    """Yield what the summary leaves out."""
+    makers = {
+        "position": ("Position", _reckoned),
+        "goal": ("Made good", _rates),
+        "current": ("Current", _compared),
+        "surfacing": ("Surfacing", _expected),
+        "command": ("Steer", lambda values: values["why"]),
+        "odds": ("Plan", _planned),
+        "forecast": ("Forecast", _ages),
+        "fit": ("Trust", lambda values: values.get("basis", ())),
+    }
+    for key, (label, make) in makers.items():
+        values = status.figures.get(key)
+        if values and (texts := [*make(values)]):
+            yield Detail(key, label, values["since"], texts)
+
+
+def _reckoned(values: Values) -> Iterator[str]:
+    error = f" ± {values['error_m']:g} m" if values["error_m"] else ""
+    yield f"fix {minutes_text(values['longitude'], values['latitude'])}{error}"
+    if at := values.get("dead_reckoned"):
+        place = minutes_text(at["longitude"], at["latitude"])
+        yield f"dead reckoned {place} at {_clock(at['time'])} UTC"
+
+
+def _rates(values: Values) -> Iterator[str]:
+    yield f"goal {minutes_text(values['longitude'], values['latitude'])}, {values['depth_m']:g} m"
+    for one in values["made_good"]:
+        over = hours_text(86_400.0 * one["days"])
+        # over a long time the fixes' errors are far below the digit that is shown
+        yield f"{one['km_a_day']:+.1f} ± {max(one['error'], 0.01):.1g} km a day over {over}"
+
+
+def _compared(values: Values) -> Iterator[str]:
+    off = values["predicted_difference_m_s"]
+    if off is not None:
+        yield f"difference from the estimate expected: {100.0 * off:.1f} cm/s a component"
+    for name in ("measured", "corrected", "predicted"):
+        if one := values.get(name):
+            error = one["standard_error"]
+            of = f" ± {100.0 * error:.1f} cm/s" if error else ""
+            yield f"{name} {Sentence(_velocity(name, one))}{of}"
+
+
+def _expected(values: Values) -> Iterator[str]:
+    for name in ("next", "other"):
+        if one := values.get(name):
+            yield f"{_BASIS[one['basis']]}: {_clock(one['time'])} UTC{_ellipse_text(one)}"
+            if "margin_s" in one:
+                late = one["overdue_s"]
+                yield (
+                    f"OVERDUE by {hours_text(late)}"
+                    if late
+                    else f"overdue {hours_text(one['margin_s'])} after that"
+                )
+            yield from (one["why"] for _ in (1,) if "why" in one)
+    if one := values.get("last"):
+        side = {True: ", inside its ellipse", False: ", outside its ellipse", None: ""}
+        late = f"{hours_text(abs(one['delay_s']))} {'late' if one['delay_s'] >= 0.0 else 'early'}"
+        yield (
+            f"surfaced {one['distance_m'] / 1e3:.1f} km from the plan toward {one['direction_deg']:.0f}°, {late}"
+            + side[one["inside"]]
+        )
+
+
+def _ellipse_text(one: Values) -> str:
+    if one["major_m"] is None:
+        return "; no ellipse without samples of the estimate (planner.samples)"
+    axes = " x ".join(f"{one[f'{name}_m'] / 1e3:.2f}" for name in ("major", "minor"))
+    return f"; 90 % ellipse {axes} km along {one['bearing_deg']:.0f}°"
+
+
+def _planned(values: Values) -> Iterator[str]:
+    yield f"{values['status']}: {values['message']}"
+    yield from filter(None, [values.get("dives")])
+    if (energy := values.get("energy_j")) is not None and energy > 0.0:
+        battery = values["battery_j"]
+        yield f"energy {energy / 1e3:.0f} kJ" + (f" of {battery / 1e3:.0f} kJ" if battery else "")
+
+
+def _ages(values: Values) -> Iterator[str]:
+    ahead = values["ends_in_s"]
+    if ahead is None:
+        yield f"of {values['since']}, held constant"
+        return
+    ends = f"ends in {hours_text(ahead)}" if ahead >= 0.0 else f"ENDED {hours_text(-ahead)} ago"
+    yield f"{values['since']} to {values['last']}; {ends}"
+
+
+def _clock(text: str) -> str:
+    """Return a time of the figures as day and minute, such as ``18 Nov 19:16``."""
+    time = datetime.fromisoformat(text.rstrip("Z").replace(" ", "T"))
+    return f"{time.day} {time:%b %H:%M}"
+
+
+def detail_lines(status: Status) -> Iterator[str]:
+    """Yield ``details`` as lines of a terminal."""
+    for one in details(status):
+        head = f"{one.label:<{_LABEL}}"
+        for text in one.texts:
+            yield from textwrap.wrap(
+                printable(text),
+                WIDTH,
+                initial_indent=head,
+                subsequent_indent=" " * _LABEL,
+                break_on_hyphens=False,
+            )
+            head = " " * _LABEL

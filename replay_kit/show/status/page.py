@@ -11,8 +11,8 @@ from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.page.parts import compass
-from replay_kit.show.status.lines import brief_lines, line_age
-from replay_kit.show.status.status import Line, Status
+from replay_kit.show.status.lines import Detail, details, lines, title
+from replay_kit.show.status.status import Status
 from replay_kit.show.vehicles import vehicle_rows
 
 # What is focused and unfolded is kept for the next look; nothing is loaded while no one looks.
@@ -39,15 +39,15 @@ def status_page(status: Status, refresh_s: int = 60) -> str:
         refresh_s: After how many seconds a browser loads the page again.
     """
     parts = {
-        "title": escape(status.name),
+        "title": escape(title(status)),
         "alarms": "".join(
             f"<li><b>{escape(alarm.kind)}</b> {escape(alarm.text)}</li>" for alarm in status.alarms
         ),
         "map": _drawn(status),
         "brief": "".join(
-            f"<dt>{escape(one.label)}</dt><dd>{one.html}</dd>" for one in brief_lines(status)
+            f"<dt>{escape(one.label)}</dt><dd>{one.html}</dd>" for one in lines(status)
         ),
-        "lines": "\n".join(_line_html(status, line) for line in status.lines),
+        "lines": "\n".join(map(_detail_html, details(status))),
     }
     return _filled(parts, status.now_ns, refresh_s)
 
@@ -67,7 +67,7 @@ def several_page(
         refresh_s: As of ``status_page``.
     """
     alarms = [(name, alarm) for name, status in statuses.items() for alarm in status.alarms]
-    briefs = {name: list(brief_lines(status)) for name, status in statuses.items()}
+    briefs = {name: lines(status) for name, status in statuses.items()}
     rows = {} if outcome is None else {row[0]: row[-1] for row in vehicle_rows(outcome)}
     parts = {
         "title": escape(", ".join(statuses)),
@@ -79,8 +79,8 @@ def several_page(
         "brief": "".join(
             f'<dt><a href="{escape(pages[name])}">{escape(name)}</a></dt>'
             f"<dd>{escape(rows.get(name, ''))}</dd>"
-            + "".join(f"<dt>{escape(one.label)}</dt><dd>{escape(one.text)}</dd>" for one in lines)
-            for name, lines in briefs.items()
+            + "".join(f"<dt>{escape(one.label)}</dt><dd>{escape(one.text)}</dd>" for one in each)
+            for name, each in briefs.items()
         ),
         "lines": "".join(
             f'<p><a href="{escape(pages[name])}">All answers of {escape(name)}</a></p>'
@@ -121,10 +121,10 @@ def _drawn(status: Status) -> str:
     return small_map(status.places) + arrow
 
 
-def _line_html(status: Status, line: Line) -> str:
-    first, *more = line.text
+def _detail_html(one: Detail) -> str:
+    first, *more = one.texts
     rest = "".join(f"<p>{escape(text)}</p>" for text in more)
-    age = line_age(status, line)
-    shown = f'<span class="age">{escape(age)}</span>' if age else ""
-    kind = ' class="alarm"' if line.alarms else ""
-    return f'<section id="{line.key}"{kind}><h2>{escape(line.label)}{shown}</h2><p class="first">{escape(first)}</p>{rest}</section>'
+    return (
+        f'<section id="{one.key}"><h2>{escape(one.label)}<span class="age">{escape(one.since)}</span></h2>'
+        f'<p class="first">{escape(first)}</p>{rest}</section>'
+    )

@@ -1,60 +1,38 @@
-"""A status: the answers to a pilot's questions as lines of text, as alarms, and as figures for JSON."""
+"""A status: the figures that answer a pilot's questions, and the alarms. Words on them are in ``lines``."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from replay_kit.core.errors import severity_word
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import ORIGIN, plan_legs, share_interval
 from replay_kit.core.surfacing import planned_ellipses
-from replay_kit.core.text import place_text, time_text
-from replay_kit.results.outcome.verdict import plan_alarm
-from replay_kit.show.numbers import hours_text
-from replay_kit.show.sentences import by_habit, past_sentences, place_of_next
+from replay_kit.core.text import time_text
+from replay_kit.show.sentences import profile_bins
 from replay_kit.show.status import figures
-from replay_kit.show.status.alarms import Alarm, alarms_of, change_of, command_text
+from replay_kit.show.status.alarms import Alarm, alarms_of, change_of
 from replay_kit.show.status.held import Held
 
 _SECOND = 1_000_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """An answer.
-
-    Attributes:
-        key: Of what it answers, the same in every status.
-        label: The question in a word or two.
-        text: The answer, numbers with their errors; several sentences are each a text.
-        time_ns: When what it says was so [ns, UTC]; None for what has no time.
-        alarms: Whether an alarm belongs to it.
-    """
-
-    key: str
-    label: str
-    text: tuple[str, ...]
-    time_ns: int | None = None
-    alarms: bool = False
+Values = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """A result on one screen.
+    """A result in figures.
 
     Attributes:
         name: Of the result.
         now_ns: The time for which ages are given [ns, UTC].
-        lines: The answers.
         alarms: What should wake a person.
-        figures: The numbers of the answers, for JSON.
+        figures: The answers, as ``status --json`` has them: ``position``, ``goal``, ``current``, ``surfacing``, ``command``, ``odds``,
+            ``forecast`` and ``fit``, each with ``since``, the time when it was so; those that are known.
         places: Of ``track``, ``plan``, ``goal`` and ``ellipse`` that are known, each (east, north) [m] of points, local frame.
     """
 
     name: str
     now_ns: int
-    lines: tuple[Line, ...]
     alarms: tuple[Alarm, ...]
     figures: Mapping[str, Any]
     places: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
@@ -68,21 +46,16 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
         now_ns: The present time [ns, UTC]; None for the last time of the result.
     """
     now = held.last_ns if now_ns is None else now_ns
-    alarms, numbers = alarms_of(held, now), dict[str, Any]()
-    kinds, lines = {alarm.kind for alarm in alarms}, list[Line]()
-    for key, (label, answer_of, of_it) in _ANSWERS.items():
-        text, values, time_ns = answer_of(held, now)
-        if text:
-            lines.append(Line(key, label, tuple(text), time_ns, not kinds.isdisjoint(of_it)))
-        if values:
-            numbers[key] = values
+    alarms = alarms_of(held, now)
+    answers = {key: answer(held, now) for key, answer in _ANSWERS.items()}
     about = {
         "result": held.name,
         "now": time_text(now),
         "last": time_text(held.last_ns),
         "alarms": [alarm.record() for alarm in alarms],
     }
-    return Status(held.name, now, tuple(lines), alarms, {**about, **numbers}, _places(held))
+    known = {key: values for key, values in answers.items() if values}
+    return Status(held.name, now, alarms, {**about, **known}, _places(held))
 
 
 def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
@@ -106,206 +79,130 @@ def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
     return found
 
 
-#: Sentences, figures for JSON, and when they were so [ns, UTC]; None for what has no time.
-_Answer = tuple[Sequence[str], dict[str, Any], int | None]
-
-
-def _where(held: Held, now_ns: int) -> _Answer:
+def _position(held: Held, now_ns: int) -> Values:
     if not held.fixes:
-        return ["no measured position"], {}, None
+        return {}
     fix, error = held.fixes[-1], held.settings.get("measurements", {}).get("fix_std")
-    text = [
-        f"{place_text(fix.longitude, fix.latitude)}"
-        + (f" ± {error:g} m" if error else "")
-        + f", since {time_text(fix.time_ns)}"
-    ]
-    values: dict[str, Any] = {
+    values: Values = {
+        "since": time_text(fix.time_ns),
         "longitude": fix.longitude,
         "latitude": fix.latitude,
-        "since": time_text(fix.time_ns),
-        "error_m": error,
+        "error_m": error or None,
+        "age_s": (now_ns - fix.time_ns) / _SECOND,
     }
-    if held.reckoned is not None:
-        at = held.reckoned
-        text.append(
-            f"dead reckoned {place_text(at.longitude, at.latitude)} at {time_text(at.time_ns)}"
-        )
-        values["dead_reckoned"] = {
-            "longitude": at.longitude,
-            "latitude": at.latitude,
-            "time": time_text(at.time_ns),
-        }
+    if (at := held.reckoned) is not None:
+        place = {"longitude": at.longitude, "latitude": at.latitude}
+        values["dead_reckoned"] = {**place, "time": time_text(at.time_ns)}
     if held.dive is not None and (number := int(held.dive["dive"][-1])):
-        text.append(f"after dive {number}")
         values["dive"] = number
-    return text, values, fix.time_ns
+    return values
 
 
-def _rate(held: Held, now_ns: int) -> _Answer:
-    goal, rates = figures.goal_of(held), figures.made_good(held)
-    if goal is None:
-        return ["no goal was given"], {}, None
-    if not held.fixes:
-        return ["no fix, no distance to the goal"], {}, None
-    left = figures.far(held.fixes[-1], goal) / 1e3
-    text = [f"{left:.1f} km to the goal {place_text(goal[0], goal[1])}, {goal[2]:g} m"]
-    # over a long time the fixes' errors are far below the digit that is shown
-    text += [
-        f"{rate.km_a_day:+.1f} ± {max(rate.error, 0.01):.1g} km a day over {hours_text(86_400.0 * rate.days)}"
-        for rate in rates
-    ]
-    values = {
-        "to_goal_km": left,
-        "km_a_day": [
-            {"days": rate.days, "km_a_day": rate.km_a_day, "error": rate.error} for rate in rates
+def _goal(held: Held, now_ns: int) -> Values:
+    goal = figures.goal_of(held)
+    if goal is None or not held.fixes:
+        return {}
+    return {
+        "since": time_text(held.fixes[-1].time_ns),
+        "longitude": goal[0],
+        "latitude": goal[1],
+        "depth_m": goal[2],
+        "distance_km": figures.far(held.fixes[-1], goal) / 1e3,
+        "made_good": [
+            {"days": rate.days, "km_a_day": rate.km_a_day, "error": rate.error}
+            for rate in figures.made_good(held)
         ],
     }
-    return text, values, held.fixes[-1].time_ns
 
 
-def _current(held: Held, now_ns: int) -> _Answer:
+def _current(held: Held, now_ns: int) -> Values:
     found = figures.dive_current(held)
     if found is None:
-        return ["nothing measured"], {}, None
-    values: dict[str, Any] = {
-        "time": time_text(found.time_ns),
+        return {}
+    values: Values = {
+        "since": time_text(found.time_ns),
         "dive": found.dive,
+        "rejected": found.rejected,
         "difference_m_s": _finite(found.difference),
-        "expected_m_s": _finite(found.expected),
+        "predicted_difference_m_s": _finite(found.expected),
     }
-    expected = (
-        f"{100.0 * found.expected:.1f} cm/s expected a component"
-        if math.isfinite(found.expected)
-        else "expected unknown"
-    )
-    if found.measured is None and found.corrected is None:
-        text = [
-            f"no mean current in the last dive; profiles differ {100.0 * found.difference:.1f} cm/s RMS from the estimate ({expected})"
-        ]
-        return text, values, found.time_ns
-    text = []
-    for name, words, current in (
-        ("measured", "measured", found.measured),
-        ("corrected", _CORRECTED, found.corrected),
-    ):
-        if current is not None:
-            text.append(f"dive {found.dive} {words} {_current_text(current)}")
-            values[name] = {
-                "east": current.east,
-                "north": current.north,
-                "standard_error": _finite(current.error),
-            }
-    if found.predicted is not None:
-        text.append(
-            f"predicted {_current_text(found.predicted)}; apart {100.0 * found.difference:.1f} cm/s ({expected})"
-        )
-        values["predicted"] = {"east": found.predicted.east, "north": found.predicted.north}
-    return text, values, found.time_ns
+    for name in ("measured", "corrected", "predicted"):
+        if (current := getattr(found, name)) is not None:
+            both = {"east": current.east, "north": current.north}
+            values[name] = both | {"standard_error": _finite(current.error)}
+    return values
 
 
-def _surfacing(held: Held, now_ns: int) -> _Answer:
-    following, found = (
-        figures.next_surfacing(held),
-        held.outcome.expected_surfacings if held.outcome else None,
-    )
-    text, values = (
-        _next_surfacing(following, now_ns)
-        if following is not None and not by_habit(found)
-        else _next_as_last_dive(held, found, now_ns)
-    )
+def _surfacing(held: Held, now_ns: int) -> Values:
+    following = figures.next_surfacing(held)
+    found = held.outcome.predicted_surfacings if held.outcome else None
+    by_plan = None if following is None else _by_plan(following, now_ns)
+    by_dive = None if not (found and found["next"]) else _as_last_dive(found["next"])
+    record = (found or {}).get("record") or {}
+    first, other = by_plan, by_dive
+    if by_plan is None or (by_dive is not None and record.get("shown") == "habit"):
+        first, other = by_dive, by_plan
+    values: Values = {}
+    if first is not None:
+        why = _why_first(first["basis"], other, record.get("count", 0), bool(held.plans))
+        values = {"since": time_text(held.last_ns), "next": first | {"why": why}, "other": other}
     if held.outcomes:
-        one = held.outcomes[-1]
-        inside = (
-            "inside"
-            if one.inside_ellipse
-            else "outside"
-            if math.isfinite(one.ellipse_major)
-            else ""
-        )
-        side = f", {inside} its ellipse" if inside else ""
-        text.append(
-            f"the last was {one.distance / 1e3:.1f} km toward {one.direction_deg:.0f}° and {_late(one.delay)}{side}"
-        )
+        one, size = held.outcomes[-1], held.outcomes[-1].ellipse_major
         values["last"] = {
             "distance_m": one.distance,
             "direction_deg": one.direction_deg,
             "delay_s": one.delay,
-            "inside": inside,
+            "inside": bool(one.inside_ellipse) if math.isfinite(size) else None,
         }
     if found:
-        text += map(str, past_sentences(found))
-        values["expected"] = {
-            "inside_50": found["inside_50"],
-            "inside_90": found["inside_90"],
-            "count": found["count"],
-            "next": found["next"],
-        }
-    return text, values, following.planned_ns if following else None
+        values["predicted"] = {name: found[name] for name in ("inside_50", "inside_90", "count")}
+    return values
 
 
-def _next_surfacing(
-    following: figures.NextSurfacing, now_ns: int
-) -> tuple[list[str], dict[str, Any]]:
-    """Return the next surfacing in words and as figures."""
-    leg, late = following.leg, following.late_s(now_ns)
-    when = (
-        f"OVERDUE by {hours_text(late)}"
-        if late
-        else f"in {hours_text(max(0.0, (following.time_ns - now_ns) / _SECOND))}"
-    )
-    text = [
-        f"next, by the plan: {time_text(following.time_ns)} "
-        f"({when}; overdue after {hours_text(following.margin_s)} more)"
-    ]
-    place = place_text(leg["longitude"], leg["latitude"])
-    ellipse = {name: leg.get(f"ellipse_{name}") for name in ("major_m", "minor_m", "bearing_deg")}
-    if "ellipse_major_m" in leg:
-        axes = " x ".join(f"{leg[f'ellipse_{name}_m'] / 1e3:.1f}" for name in ("major", "minor"))
-        text.append(f"at {place}; 90 % ellipse {axes} km along {leg['ellipse_bearing_deg']:.0f}°")
-    else:
-        text.append(f"at {place}; no ellipse without samples of the estimate (planner.samples)")
-    when_where = {
+def _why_first(basis: str, other: Values | None, count: int, planned: bool) -> str:
+    """Return in a few words why a surfacing is the one to believe."""
+    if other is None:
+        if basis == "plan":
+            return "nothing is known of its dives"
+        return "the plan has no surfacing ahead" if planned else "no plan is flown"
+    judged = f"{count} surfacing{'s' * (count != 1)}"
+    better = "past dives" if basis == "last_dive" else "plans"
+    return f"{better} predicted {judged} better" if count else "no surfacing was predicted yet"
+
+
+def _by_plan(following: figures.NextSurfacing, now_ns: int) -> Values:
+    """Return the next surfacing if the plan is flown."""
+    leg, axes = following.leg, ("major_m", "minor_m", "bearing_deg")
+    return {
+        "basis": "plan",
         "time": time_text(following.time_ns),
-        "late_s": late,
+        "overdue_s": following.late_s(now_ns),
+        "margin_s": following.margin_s,
         "longitude": leg["longitude"],
         "latitude": leg["latitude"],
+        **{name: leg.get(f"ellipse_{name}") for name in axes},
     }
-    return text, {"next": {"basis": "plan", **when_where, **ellipse}}
 
 
-def _next_as_last_dive(
-    held: Held, found: Mapping[str, Any] | None, now_ns: int
-) -> tuple[list[str], dict[str, Any]]:
-    """Return the next surfacing of a vehicle that flies no plan, as the last dive tells it, in words and as figures."""
-    following, why = figures.next_surfacing(held), "no plan is being flown"
-    if held.plans:
-        why = (
-            "the dives before predicted better" if following else "the plan has no surfacing ahead"
-        )
-    following = found["next"] if found else None
-    if following is None:
-        return [why] if held.plans else [], {}
-    seconds = (following["time_ns"] - now_ns) / _SECOND
-    when = f"in {hours_text(seconds)}" if seconds >= 0.0 else f"{hours_text(-seconds)} ago"
-    text = f"next, from the last dive, as {why}: {time_text(following['time_ns'])} ({when}), {place_of_next(following)}"
-    (longitude, latitude), ellipse = following["expected"], following["ellipse_90"]
-    values = {
+def _as_last_dive(following: Mapping[str, Any]) -> Values:
+    """Return the next surfacing of a vehicle that dives as it last did."""
+    longitude, latitude = following["expected"]
+    return {
+        "basis": "last_dive",
         "time": time_text(following["time_ns"]),
         "longitude": longitude,
         "latitude": latitude,
-        **ellipse,
+        **following["ellipse_90"],
     }
-    return [text], {"next": {"basis": "last_dive", **values}}
 
 
-def _command(held: Held, now_ns: int) -> _Answer:
+def _command(held: Held, now_ns: int) -> Values:
     if not held.plans:
-        return ["no plan"] if figures.goal_of(held) else [], {}, None
-    plan, change = held.plans[-1], change_of(held)
-    following = figures.next_surfacing(held)
+        return {}
+    plan, following = held.plans[-1], figures.next_surfacing(held)
     leg = following.leg if following else {}
-    text = [command_text(plan, leg), *change]
-    values = {
+    return {
+        "since": time_text(plan.timestamp.ToNanoseconds()),
         "heading_deg": _finite(leg.get("heading_deg", plan.heading_deg)),
         "glide_angle_deg": _finite(leg.get("glide_angle_deg", plan.glide_angle_deg)),
         "depth_m": leg.get("depth_m"),
@@ -314,122 +211,100 @@ def _command(held: Held, now_ns: int) -> _Answer:
         "dives": figures.statistics_of(plan).get(ORIGIN, ""),
         "longitude": leg.get("longitude"),
         "latitude": leg.get("latitude"),
-        "why": list(change),
+        "why": list(change_of(held)),
     }
-    return text, values, plan.timestamp.ToNanoseconds()
 
 
-def _odds(held: Held, now_ns: int) -> _Answer:
+def _odds(held: Held, now_ns: int) -> Values:
     said, since_ns = figures.last_plan(held)
     if said is None:
-        return [], {}, None
-    values: dict[str, Any] = {"status": said["status"], "message": said["message"]}
+        return {}
+    values: Values = {
+        "since": time_text(since_ns),
+        "status": said["status"],
+        "message": said["message"],
+    }
     if said["status"] == "failed":
-        return [f"plan failed: {said['message']}"], values, since_ns
+        return values
     plan = held.plans[-1]
-    text = [_outcome(plan, said)]
-    if plan.HasField("odds") and plan.odds.n_samples:
-        odds = plan.odds
-        low, high = share_interval(odds.reached, odds.n_samples)
-        text.append(
-            f"{100.0 * odds.reached:.0f} % ({100.0 * low:.0f} to {100.0 * high:.0f}) of {odds.n_samples} simulated flights arrive, "
-            f"{100.0 * odds.safe:.0f} % safe"
-        )
+    begin, odds = plan.timestamp.ToNanoseconds(), plan.odds
+    statistics = figures.statistics_of(plan)
+    values |= {
+        "duration_s": _finite(plan.duration),
+        "arrival": _time_after(begin, plan.duration),
+        "closest_approach_m": _finite(plan.closest_approach),
+        "legs": len(plan_legs(statistics)),
+        "energy_j": _finite(plan.energy),
+        "battery_j": _finite(plan.battery),
+        "dives": statistics.get(ORIGIN, ""),
+        "asked": _number(statistics.get("arrive")),
+    }
+    if plan.HasField("odds") and odds.n_samples:
         values |= {
-            "duration_s": _finite(plan.duration),
-            "closest_approach_m": _finite(plan.closest_approach),
             "reached": odds.reached,
-            "reached_interval": [low, high],
+            "reached_interval": [*share_interval(odds.reached, odds.n_samples)],
             "safe": odds.safe,
             "samples": odds.n_samples,
+            "arrival_median": _time_after(begin, odds.arrival_median),
+            "arrival_90_percent": _time_after(begin, odds.arrival_90_percent),
         }
-    else:
-        text.append("odds unknown without samples (planner.samples)")
-    if origin := figures.statistics_of(plan).get(ORIGIN):
-        text.append(origin)
-        values["dives"] = origin
-    if math.isfinite(plan.energy) and plan.energy > 0.0:
-        share = (
-            f" of {plan.battery / 1e3:.0f} kJ"
-            if math.isfinite(plan.battery) and plan.battery > 0.0
-            else ""
-        )
-        text.append(f"energy {plan.energy / 1e3:.0f} kJ{share}")
-        values |= {"energy_j": plan.energy, "battery_j": _finite(plan.battery)}
-    return text, values, since_ns
+    return values
 
 
-def _outcome(plan: Any, said: Mapping[str, Any]) -> str:
-    """Return how a plan ends; only one that reaches its goal, and without an alarm, is said to arrive."""
-    if not math.isfinite(plan.duration):
-        return f"plan {plan.status}: {plan.message}"
-    hours, off = f"{plan.duration / 3600.0:.1f} h", f"{plan.closest_approach:.0f} m"
-    if plan.status == "reached" and plan_alarm(said) is None:
-        return f"plan reached: arrives after {hours}, {off} off"
-    return f"plan {plan.status}: in {hours} it comes within {off} of the goal"
+def _time_after(begin_ns: int, seconds: float) -> str | None:
+    """Return the time some seconds later as text; None where they are not finite."""
+    return time_text(begin_ns + round(seconds * _SECOND)) if math.isfinite(seconds) else None
 
 
-def _forecast(held: Held, now_ns: int) -> _Answer:
+def _forecast(held: Held, now_ns: int) -> Values:
     times = figures.forecast_times(held)
     if times is None:
-        return ["states no time: its age is unknown"], {}, None
+        return {}
     first, last, evolves = times
-    values = {
-        "first": time_text(first),
+    return {
+        "since": time_text(first),
         "last": time_text(last),
+        "evolves": evolves,
         "age_s": (now_ns - first) / _SECOND,
+        "ends_in_s": (last - now_ns) / _SECOND if evolves else None,
     }
-    if not evolves:
-        return [f"of {time_text(first)}, held constant"], values, first
-    ahead = (last - now_ns) / _SECOND
-    ends = f"ends in {hours_text(ahead)}" if ahead >= 0.0 else f"ENDED {hours_text(-ahead)} ago"
-    return [f"{time_text(first)} to {time_text(last)}; {ends}"], values, first
 
 
-def _fit(held: Held, now_ns: int) -> _Answer:
-    outcome = held.outcome
+def _fit(held: Held, now_ns: int) -> Values:
+    outcome, since = held.outcome, time_text(held.last_ns)
     if outcome is None or not outcome.complete:
-        why = "no verdict: the run did not finish, or an earlier version made the result"
-        return [why], {"findings": [], "verdict": [], "nis_per_dof": None}, held.last_ns
-    text = [
-        str(outcome.decision),
-        *(
-            f"{severity_word(one['severity'])}: {one['name']}, {one['evidence']}; {one['set']}"
-            for one in outcome.consistency
-        ),
-        *(text for text in outcome.verdict if text not in outcome.decision.reasons),
-    ]
-    values = {
-        "decision": outcome.decision.word,
-        "reasons": list(outcome.decision.reasons),
+        return {"since": since, "verdict": None}
+    return {
+        "since": since,
+        "verdict": outcome.verdict.word,
+        "reasons": list(outcome.verdict.reasons),
         "findings": list(outcome.consistency),
-        "verdict": list(outcome.verdict),
+        "basis": list(outcome.basis),
+        "rms_innovation": dict(outcome.rms_innovation),
         "nis_per_dof": outcome.nis_per_dof,
+        "errors": outcome.errors_text,
+        "observations": {
+            **{name: outcome.observations[name] for name in ("used", "rejected", "bins_rejected")},
+            "profile_bins": profile_bins(outcome.observations),
+        },
     }
-    return text, values, held.last_ns
 
 
-#: By the key of its figures what an answer is called, how it is made, and the alarms that belong to it.
-_ANSWERS: Mapping[str, tuple[str, Callable[[Held, int], _Answer], Sequence[str]]] = {
-    "position": ("Position", _where, ()),
-    "made_good": ("Made good", _rate, ()),
-    "current": ("Current", _current, ()),
-    "surfacing": ("Surfacing", _surfacing, ("surfacing overdue", "outside its ellipse")),
-    "command": ("Steer", _command, ()),
-    "odds": ("Odds", _odds, ("plan",)),
-    "forecast": ("Forecast", _forecast, ("forecast ended",)),
-    "fit": ("Fit", _fit, ("consistency",)),
+#: By its key how an answer is made.
+_ANSWERS: Mapping[str, Callable[[Held, int], Values]] = {
+    "position": _position,
+    "goal": _goal,
+    "current": _current,
+    "surfacing": _surfacing,
+    "command": _command,
+    "odds": _odds,
+    "forecast": _forecast,
+    "fit": _fit,
 }
-_CORRECTED = "corrected for the flight model's error"
 
 
-def _current_text(current: figures.Current) -> str:
-    error = f" ± {100.0 * current.error:.1f}" if math.isfinite(current.error) else ""
-    return f"{100.0 * current.speed:.1f}{error} cm/s toward {current.toward:.0f}°"
-
-
-def _late(seconds: float) -> str:
-    return f"{hours_text(abs(seconds))} {'late' if seconds >= 0.0 else 'early'}"
+def _number(text: str | None) -> float | None:
+    return None if text is None else float(text)
 
 
 def _finite(value: float | None) -> float | None:

@@ -39,7 +39,7 @@ def row_of(outcome: Outcome) -> dict[str, Any]:
     return {
         "mission": outcome.name,
         "status": answer.get("status", "failed"),
-        "verdict": "do not use" if found is None else found.decision.word,
+        "verdict": "do not use" if found is None else found.verdict.word,
         "profiles_used": used.get("used"),
         "profiles_rejected": used.get("rejected"),
         "dives": len(answer["by_dive"]) if answer else None,

@@ -21,10 +21,10 @@ from replay_kit.forecast import ensemble_files
 from replay_kit.logs.formats import logs_in
 from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.outcome.parts import (
+    comparison_part,
     correction_part,
     expected_part,
     plan_part,
-    referee_part,
     surfacings_part,
 )
 from replay_kit.results.slices import depth_slices
@@ -73,7 +73,7 @@ def conclude(
     found = [_found(run, number, inputs, own) for number, own in enumerate(flows)]
     for each, of in zip(found, run.of, strict=True):
         if others and (evidence := of.counts.log_evidence) is not None:
-            each["referee"] = referee_part(name_of(job.ensemble), evidence, others)
+            each["comparison"] = comparison_part(name_of(job.ensemble), evidence, others)
     files = (*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values())
     if job.vehicles:
         outcome = made(_of_several(run, inputs, flows, found, useless, bool(windows)), files)
@@ -240,7 +240,7 @@ def _found(run: Run, number: int, inputs: Prepared, flow: FlowEstimate) -> dict[
     return account.part() | {
         "plan": plan_part(plan, planning.failure),
         "surfacings": surfacings_part(planning.outcomes),
-        "expected_surfacings": expected_part(of.forecasts.outcomes, following, planning.outcomes),
+        "predicted_surfacings": expected_part(of.forecasts.outcomes, following, planning.outcomes),
         "notes": account.notes() + of.publishing.surface.notes,
         "consistency": [*map(finding_json, findings)],
         "doubts": blind,

@@ -141,7 +141,7 @@ def expected(next_ns):
     }
     each = [{"dive": 7, "earlier_dives": 6, "inside_90": True, "radius_90_m": 400.0}]
     coming = {"time_ns": next_ns, "expected": [5.2, 62.1], "ellipse_90": ellipse}
-    return {"expected_surfacings": {**of_one, "later": None, "each": each, "next": coming}}
+    return {"predicted_surfacings": {**of_one, "later": None, "each": each, "next": coming}}
 
 
 def surfacing(given):
@@ -175,7 +175,7 @@ def test_one_next_surfacing_comes_first_the_plans_while_one_is_flown_and_else_th
     # the habit is shown where it has predicted better, and says so
     found = outcome_from(summary)
     record = {"shown": "habit", "count": 3, "habit": -20.0, "plan": -26.0}
-    by_habit = replace(found, expected_surfacings={**found.expected_surfacings, "record": record})
+    by_habit = replace(found, predicted_surfacings={**found.predicted_surfacings, "record": record})
     text, numbers = surfacing(held(outcome=by_habit))
     assert numbers["next"]["basis"] == "last_dive"
     assert "as the dives before predicted better: " in text[0]

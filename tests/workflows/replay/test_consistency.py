@@ -191,7 +191,7 @@ def test_without_its_profiles_and_mean_currents_a_log_leaves_the_prior(ocean):
     no_means = with_settings(measurements={"without": ("dac",)})
     alone = run(ocean, faulty(ocean, "up for down"), no_means)
     assert (alone.observations["used"], alone.exit_code) == (0, 6)
-    assert "no observation changed the estimate: it is the prior forecast" in alone.verdict
+    assert "no observation changed the estimate: it is the prior forecast" in alone.basis
 
 
 def test_frozen_positions_of_a_log_without_measurements_are_no_result(ocean):
@@ -336,7 +336,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     beyond, total = (int(word) for word in finding["evidence"].split() if word.isdigit())
     assert (total, beyond > 40) == (54, True)
     assert (
-        summary.verdict[1]
+        summary.basis[1]
         == f"the log does not contradict itself, but {name}: {finding['evidence']}"
     )
     assert finding_line(finding).startswith(f"{'WARNING' if place else 'MISFIT'}: {name}: ")

@@ -43,8 +43,8 @@ def test_the_referee_compares_what_each_forecast_made_of_the_same_dives(folder):
     given, against = f"--ensemble {folder}/ensemble.nc --without dives:1", folder / "fewer.nc"
     assert run(folder, f"{given} --against {against} -o {out} --json {table}") == 0
     answer = json.loads(table.read_text())
-    (against,) = answer["referee"]["against"]
-    assert (answer["referee"]["ensemble"], against["ensemble"]) == ("ensemble.nc", "fewer.nc")
+    (against,) = answer["comparison"]["against"]
+    assert (answer["comparison"]["ensemble"], against["ensemble"]) == ("ensemble.nc", "fewer.nc")
     total = answer["evidence"]["log_evidence"]
     assert against["gain"] == pytest.approx(total - against["other_log_evidence"], rel=1e-9)
     dives = [each["dive"] for each in answer["evidence"]["by_dive"]]

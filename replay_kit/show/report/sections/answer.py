@@ -8,7 +8,8 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import severity_word
 from replay_kit.core.text import count_text, time_text
-from replay_kit.results.outcome.verdict import MOST_NIS
+from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.outcome.verdict import doubtful_errors
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import calibration
 from replay_kit.show.numbers import Sentence, number, sentence
@@ -87,8 +88,7 @@ def next_steps(contents: Contents) -> list[str]:
         out.append(f"{why}: {escape(plan['message'])}.")
     elif not len(plans):
         out.append("Name a goal with <code>--goal LON,LAT,DEPTH</code> to have the way planned.")
-    nis = outcome.nis_per_dof
-    if nis is not None and nis > MOST_NIS:
+    if doubtful_errors(outcome) and (outcome.nis_per_dof or 0.0) > 1.0:
         # mean currents have no bins whose quality could be tested
         look = (
             "Run <code>replay-kit qc</code> on the log and compare"
@@ -107,7 +107,13 @@ def next_steps(contents: Contents) -> list[str]:
         out.append(
             "Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty."
         )
-    return out or ["Nothing: the estimate agrees with what was measured."]
+    return out or [_advice(outcome)]
+
+
+def _advice(outcome: Outcome) -> str:
+    """Return what to do where nothing is missing."""
+    reasons = "; ".join(map(escape, outcome.verdict.reasons))
+    return f"Check before use: {reasons}." if reasons else "No action needed."
 
 
 def _is_neutral(note: str) -> bool:

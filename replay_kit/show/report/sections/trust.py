@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 from replay_kit.core.errors import severity_word
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.outcome.verdict import LEAST_NIS, MOST_NIS, nis_sentence
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.trust import trust_figures
 from replay_kit.show.numbers import Sentence, Shown, sentence
@@ -75,8 +74,9 @@ def _errors_hold(outcome: Outcome) -> Light:
     nis = outcome.nis_per_dof
     if nis is None:
         return Light("errors not tested", "none", Sentence(["No measurement tested them."]), ())
-    hold, said = LEAST_NIS <= nis <= MOST_NIS, nis_sentence(nis)
-    before, shown, after = f"{said[:1].upper()}{said[1:]}.".partition(f"{nis:.2f}")
+    said, shown = outcome.errors_text, f"{nis:.2f}"
+    hold = said == "errors as stated"
+    before, after = f"{said[:1].upper()}{said[1:]} (NIS/dof ", ", 1 expected)."
     return Light(
         "errors hold" if hold else "errors do not hold",
         "good" if hold else "care",
@@ -111,7 +111,7 @@ def trust_section(contents: Contents) -> Section:
 def _answer(contents: Contents) -> str:
     if not contents.outcome.complete:
         return "No verdict: the run did not finish, or an earlier version made the result."
-    return f"{escape(str(contents.outcome.decision).capitalize())}."
+    return f"{escape(str(contents.outcome.verdict).capitalize())}."
 
 
 def _gate_html(contents: Contents) -> str:

@@ -66,7 +66,7 @@ class Before:
             latitude=latitude,
             inner=inner,
             outer=outer,
-            persistent_radius=self.persistence.radius(SHARES[1]) * dive.seconds,
+            persistence_radius=self.persistence.radius(SHARES[1]) * dive.seconds,
             basis=basis,
         )
 
@@ -89,8 +89,8 @@ class Before:
             forecast=self._placed(expected, dive, start, number, basis),
             fix=Fix(*end),
             log_score=expected.log_density(dive.velocity),
-            persistent_log_score=self.persistence.log_density(dive.velocity),
-            persistent_distance=off * dive.seconds,
+            persistence_log_score=self.persistence.log_density(dive.velocity),
+            persistence_distance=off * dive.seconds,
         )
         state = self.model.step(self.known, dive)
         return Before(self.model, state, self.persistence.after(dive.velocity)), outcome
