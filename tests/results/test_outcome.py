@@ -15,7 +15,7 @@ from replay_kit.results.outcome.outcome import failed, made, outcome_from
 
 RUN = {
     "messages": [{"topic": "/adcp", "read": 5, "used": 4, "skipped": 1, "reasons": []}],
-    "observations": {"used": 4, "rejected": 1, "bins_used": 9, "bins_rejected": {"amplitude": 2}},
+    "observations": {"used": 40, "rejected": 1, "bins_used": 9, "bins_rejected": {"amplitude": 2}},
     "rms_innovation": {"before": 0.1, "after": 0.05, "prior": 0.2},
     "nis_per_dof": 1.1,
     "by_dive": [{"dive": 1, "profiles": np.int64(4), "rms_innovation_prior": math.nan}],
@@ -49,8 +49,8 @@ def test_what_a_result_keeps_is_the_outcome_of_the_run_but_for_wall_times_and_sc
         ({}, None, "trust", ""),
         ({}, PLAN | {"status": "reached"}, "trust", ""),
         ({"losses": LOST}, None, "with care", "part of the log was lost"),
-        ({"nis_per_dof": 2.5}, None, "with care", "errors are larger than stated"),
-        ({"nis_per_dof": 0.4}, None, "with care", "errors are smaller than stated"),
+        ({"nis_per_dof": 2.5}, None, "with care", "errors 58 % larger than stated"),
+        ({"nis_per_dof": 0.4}, None, "with care", "errors 37 % smaller than stated"),
         ({"outside": (OUTSIDE,)}, None, "with care", OUTSIDE),
         ({}, PLAN | {"status": "unsafe"}, "with care", "the plan is unsafe"),
         ({}, PLAN | {"status": "reached", "odds": {"reached": 0.0}}, "with care", "no sample"),
@@ -103,7 +103,7 @@ def test_a_run_that_failed_is_not_to_be_used_and_says_why():
             "no usable ping",
         )
         assert [one["name"] for one in answer["consistency"]] == ["turned"]
-    assert failed(error, made(RUN)).observations["used"] == 4
+    assert failed(error, made(RUN)).observations["used"] == 40
 
 
 def test_of_an_earlier_version_as_much_is_read_as_it_kept():

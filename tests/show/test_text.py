@@ -11,6 +11,7 @@ from replay_kit.results.losses import code_of, coded
 from replay_kit.results.outcome.outcome import made
 from replay_kit.results.outcome.parts import plan_part, surfacings_part
 from replay_kit.show.sentences import energy_sentence, outcomes_sentence, plan_sentence
+from replay_kit.show.status.status import status_of
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import (
     SafeConsole,
@@ -21,6 +22,7 @@ from replay_kit.show.text import (
     print_table,
     short_times,
 )
+from tests.show.status.held_samples import held
 
 DAY = 86_400 * 10**9
 # 2018-11-16
@@ -164,17 +166,13 @@ FOUND = {
 }
 
 
-def test_dives_are_a_line_with_the_worst_three_and_rows_when_asked_for():
-    few = printed(lambda console: print_summary(made(FOUND), console), 400)
-    # sqrt((1 x 0.1^2 + 3 x 0.3^2 + 0.2^2 + 0.05^2) / 6)
-    assert (
-        "Dives: 5; RMS innovation 23.18 cm/s predicted from earlier dives, 20.00 cm/s by the prior forecast; "
-        "worst: 2 (30.00 cm/s), 4 (20.00 cm/s), 1 (10.00 cm/s); -v shows all"
-    ) in few
-    assert "/adcp/cell_1 ... _3, 3 topics     5     3        2" in few
-    assert "Not used: 6 x /adcp/cell_1 ... _3, 3 topics: late: by 3 s" in few
-    whole = printed(lambda console: print_summary(made(FOUND), console, verbose=True), 400)
-    assert not any("worst" in line for line in whole)
+def test_tables_of_topics_and_dives_are_printed_when_asked_for():
+    found, statuses = made(FOUND), {"": status_of(held())}
+    few, whole = (
+        printed(lambda console, v=v: print_summary(statuses, found, console, verbose=v), 400)
+        for v in (False, True)
+    )
+    assert not any("/adcp" in line for line in few)
     assert sum(line.startswith("/adcp/cell_") for line in whole) == 3
     assert [line.split() for line in whole if line.split()[1:3] == ["1", "3"]] == [
         ["2", "1", "3", "30.00", "20.00", "1.00"]

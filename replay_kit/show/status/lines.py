@@ -75,7 +75,7 @@ def lines(status: Status) -> list[Line]:
     return out
 
 
-def _first(status: Status) -> tuple[str, list[str]]:
+def _first(status: Status) -> tuple[str, Parts]:
     """Return the first line: an alarm that is no part of the verdict, else the verdict, each with the reasons that fit."""
     fit, odds = status.figures.get("fit", {}), status.figures.get("odds", {})
     texts = [alarm.text for alarm in status.alarms if alarm.kind not in ("plan", "consistency")]
@@ -95,7 +95,18 @@ def _first(status: Status) -> tuple[str, list[str]]:
     if not texts:
         known = fit.get("verdict") is not None
         texts = ["no contradiction found"] if known else ["the run did not finish"]
-    return label, [fitting(texts, WIDTH - _LABEL)]
+    text = fitting(texts, WIDTH - _LABEL)
+    if "reached" not in odds or not text.endswith(said):
+        return label, [text]
+    arrived, count = (odds[name] for name in ("arrived", "samples"))
+    _, _, rest = said.partition(f" of {count}")
+    numbers: Parts = [Shown("odds.arrived", arrived, f"{arrived}"), " of "]
+    return label, [
+        text.removesuffix(said),
+        *numbers,
+        Shown("odds.samples", count, f"{count}"),
+        rest,
+    ]
 
 
 def fitting(texts: Sequence[str], width: int) -> str:
@@ -114,7 +125,7 @@ def _odds_text(odds: Values) -> str:
     if "reached" in odds:
         count = odds["samples"]
         asked = f" ({math.ceil(odds['asked'] * count - 1e-9)} required)" if odds["asked"] else ""
-        return f"{round(odds['reached'] * count)} of {count} simulated flights arrive{asked}"
+        return f"{odds['arrived']} of {count} simulated flights arrive{asked}"
     return f"plan {odds['status']}" if odds.get("status") not in (None, "reached") else ""
 
 

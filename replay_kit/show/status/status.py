@@ -142,10 +142,10 @@ def _surfacing(held: Held, now_ns: int) -> Values:
     first, other = by_plan, by_dive
     if by_plan is None or (by_dive is not None and record.get("shown") == "habit"):
         first, other = by_dive, by_plan
-    values: Values = {}
+    values: Values = {"since": time_text(held.last_ns)}
     if first is not None:
         why = _why_first(first["basis"], other, record.get("count", 0), bool(held.plans))
-        values = {"since": time_text(held.last_ns), "next": first | {"why": why}, "other": other}
+        values |= {"next": first | {"why": why}, "other": other}
     if held.outcomes:
         one, size = held.outcomes[-1], held.outcomes[-1].ellipse_major
         values["last"] = {
@@ -156,7 +156,7 @@ def _surfacing(held: Held, now_ns: int) -> Values:
         }
     if found:
         values["predicted"] = {name: found[name] for name in ("inside_50", "inside_90", "count")}
-    return values
+    return values if len(values) > 1 else {}
 
 
 def _why_first(basis: str, other: Values | None, count: int, planned: bool) -> str:
@@ -242,6 +242,7 @@ def _odds(held: Held, now_ns: int) -> Values:
     if plan.HasField("odds") and odds.n_samples:
         values |= {
             "reached": odds.reached,
+            "arrived": round(odds.reached * odds.n_samples),
             "reached_interval": [*share_interval(odds.reached, odds.n_samples)],
             "safe": odds.safe,
             "samples": odds.n_samples,

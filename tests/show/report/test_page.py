@@ -11,18 +11,16 @@ import replay_kit as rk
 from replay_kit.results.views.record import leaves
 from replay_kit.show.numbers import Shown
 from replay_kit.show.report.pages import SECTIONS, report_html
-from replay_kit.show.sentences import estimate_sentences, further_sentences
+from replay_kit.show.sentences import estimate_sentences, found_sentences, trust_sentences
 from replay_kit.show.status.held import read_held
-from replay_kit.show.status.lines import brief_lines
+from replay_kit.show.status.lines import lines
 from replay_kit.show.status.status import status_of
 from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, figures, text_of, unpacked
 
 #: Figures of a status that are numbers of the summary.
 STATED = {
-    "odds.reached": "plan.odds.reached",
     "odds.samples": "plan.odds.n_samples",
-    "odds.closest_approach_m": "plan.closest_approach_m",
     "command.speed": "plan.speed",
 }
 KNOWN = ["map", "answer", "section", "trust", "plan", "again"]
@@ -67,13 +65,13 @@ def test_every_number_of_page_summary_and_status_is_one_of_json(page, replayed):
         if isinstance(value, int | float) and not isinstance(value, bool)
     }
     assert len(numbers) > 40
-    said = [*estimate_sentences(outcome), *further_sentences(outcome)]
+    said = [*estimate_sentences(outcome), *found_sentences(outcome), *trust_sentences(outcome)]
     carried = [part for each in said for part in each.parts if not isinstance(part, str)]
     assert len(carried) > 10
     status = status_of(read_held(replayed.reader))
     carried += [
         part._replace(key=STATED[part.key])
-        for line in brief_lines(status)
+        for line in lines(status)
         for part in line.parts
         if not isinstance(part, str) and part.key in STATED
     ]
@@ -155,7 +153,7 @@ def test_words_say_what_was_measured_found_and_not_used(page, replayed):
     assert summary.observations["rejected"] == 1
     assert "; 3 dives; " in words
     trust = " ".join(text_of(page, "trust").split())
-    said = [*estimate_sentences(summary), *further_sentences(summary)]
+    said = [*estimate_sentences(summary), *trust_sentences(summary)]
     assert all(str(each) in f"{words} {trust}" for each in said)
     assert (
         f"{summary.observations['mean_currents']} mean currents used, 1 rejected; bins not used: "

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.outcome.verdict import nis_sentence
 from replay_kit.show.report.sections.answer import _depths, found_warnings, next_steps
 
 
@@ -53,11 +52,12 @@ def test_notes_of_what_was_chosen_stand_apart():
 
 @pytest.mark.parametrize(
     ("nis", "profiles", "first"),
-    [(1.89, 3, "Nothing:"), (2.07, 3, "Run <code>replay-kit qc"), (2.07, 0, "Compare")],
+    [(1.3, 3, "No action needed"), (2.07, 3, "Run <code>replay-kit qc"), (2.07, 0, "Compare")],
 )
 def test_steps_follow_the_verdict_and_can_be_run(nis, profiles, first):
     """Quality control refuses logs of mean currents alone."""
-    outcome = Outcome(nis_per_dof=nis)
+    counts = {**Outcome().observations, "used": 400}
+    outcome = Outcome(nis_per_dof=nis, observations=counts)
     contents = SimpleNamespace(
         outcome=outcome,
         result=SimpleNamespace(plans=[0]),
@@ -66,8 +66,7 @@ def test_steps_follow_the_verdict_and_can_be_run(nis, profiles, first):
     )
     (step,) = next_steps(contents)  # type: ignore[arg-type]
     assert step.startswith(first)
-    said = nis_sentence(nis)
-    assert said.startswith("error bars consistent") == step.startswith("Nothing:")
+    assert (outcome.verdict.word == "trust") == step.startswith("No action")
 
 
 def test_a_depth_of_a_little_above_the_surface_is_no_negative_zero():

@@ -20,7 +20,7 @@ from replay_kit.results.reader import ResultReader
 from replay_kit.show.status import figures
 from replay_kit.show.status.alarms import alarms_of, change_of
 from replay_kit.show.status.held import Fix, read_held
-from replay_kit.show.status.lines import age_text, brief_text, status_text
+from replay_kit.show.status.lines import WIDTH, detail_lines, fitting, lines, title
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
 from tests.cli.test_cli_settings import loaded
@@ -28,7 +28,13 @@ from tests.command import invoke
 from tests.places import SAMPLES
 from tests.show.status.held_samples import HOUR_NS, START_NS, held, mean_current, plan
 
+RMS = {"before": 0.09, "after": 0.08, "prior": 0.1}
 END_NS = START_NS + 48 * HOUR_NS
+
+
+def text_of(status):
+    """All that a status says, of which lines may be broken."""
+    return " ".join(" ".join([*map(str, lines(status)), *detail_lines(status)]).split())
 
 
 def kinds(values, now_ns=END_NS):
@@ -98,20 +104,16 @@ def test_what_was_measured_stands_before_what_the_correction_made_of_it():
     assert (found.measured.speed, found.corrected.speed) == pytest.approx((0.1, 0.05))
     assert found.difference == pytest.approx(0.05)
     status = status_of(held(dive=one))
-    (line,) = (line for line in status.lines if line.key == "current")
-    assert line.text[:2] == (
-        "dive 7 measured 10.0 ± 1.0 cm/s toward 90°",
-        "dive 7 corrected for the flight model's error 5.0 ± 2.0 cm/s toward 0°",
-    )
+    assert "measured 10.0 cm/s to 090° ± 1.0 cm/s" in text_of(status)
+    assert "corrected 5.0 cm/s to 000° ± 2.0 cm/s" in text_of(status)
+    assert "dive 7: 5.0 cm/s to 000° corrected, 5.0 from the estimate" in text_of(status)
     assert status.figures["current"]["measured"]["standard_error"] == 0.01
     # a result of version 0.2.0 holds the corrected one alone
     old = held(dive=mean_current(END_NS, None, (0.0, 0.0), 0.02, (0.1, 0.0)))
     found = figures.dive_current(old)
     assert found.measured is None
     assert found.corrected.speed == pytest.approx(0.1)
-    assert "measured" not in " ".join(
-        next(line for line in status_of(old).lines if line.key == "current").text
-    )
+    assert "measured" not in text_of(status_of(old))
 
 
 def test_a_surfacing_is_overdue_by_a_share_of_its_leg_and_the_next_leg_comes_after_a_surfacing():
@@ -146,23 +148,19 @@ def expected(next_ns):
 
 def surfacing(given):
     status = status_of(given, END_NS)
-    (line,) = (line for line in status.lines if line.key == "surfacing")
-    return line.text, status.figures["surfacing"]
+    said = [line.text for line in lines(status) if line.label in ("Next", "  or")]
+    return said, status.figures["surfacing"]
 
 
-def test_one_next_surfacing_comes_first_the_plans_while_one_is_flown_and_else_the_last_dives():
-    summary = expected(END_NS + HOUR_NS)
-    text, numbers = surfacing(held(outcome=outcome_from(summary)))
-    when = "2023-11-17 02:13:20Z (in 4.0 h; overdue after 48 min more)"
-    assert text[0] == f"next, by the plan: {when}"
+def test_both_next_surfacings_are_named_and_first_the_one_that_the_record_says_to_believe():
+    found = outcome_from(expected(END_NS + HOUR_NS))
+    by_plan = "62°00.0′N 5°06.0′E ± 2.0 km if it flies this plan"
+    by_dive = "62°06.0′N 5°12.0′E ± 464 m as the last dive"
+    said, numbers = surfacing(held(outcome=found))
+    assert said == [f"17 Nov 02:13 UTC {by_plan}", f"23:13 {by_dive}"]
     assert (numbers["next"]["basis"], numbers["next"]["time"]) == ("plan", "2023-11-17 02:13:20Z")
-    assert sum("next" in sentence for sentence in text) == 1
-    text, numbers = surfacing(held(outcome=outcome_from(summary), plans=[], outcomes=[]))
-    assert text[0] == (
-        "next, from the last dive, as no plan is being flown: 2023-11-16 23:13:20Z (in 60 min), 5.2000 E, 62.1000 N, 90 % within "
-        "464 x 283 m along 29 degrees"
-    )
-    assert numbers["next"] == {
+    assert numbers["next"]["why"] == "no surfacing was predicted yet"
+    assert numbers["other"] == {
         "basis": "last_dive",
         "time": "2023-11-16 23:13:20Z",
         "longitude": 5.2,
@@ -171,25 +169,20 @@ def test_one_next_surfacing_comes_first_the_plans_while_one_is_flown_and_else_th
         "minor_m": 283.0,
         "bearing_deg": 29.0,
     }
-    assert sum("next" in sentence for sentence in text) == 1
-    # the habit is shown where it has predicted better, and says so
-    found = outcome_from(summary)
     record = {"shown": "habit", "count": 3, "habit": -20.0, "plan": -26.0}
     by_habit = replace(found, predicted_surfacings={**found.predicted_surfacings, "record": record})
-    text, numbers = surfacing(held(outcome=by_habit))
-    assert numbers["next"]["basis"] == "last_dive"
-    assert "as the dives before predicted better: " in text[0]
+    said, numbers = surfacing(held(outcome=by_habit))
+    assert said == [f"16 Nov 23:13 UTC {by_dive}", f"02:13 {by_plan}"]
+    assert numbers["next"]["why"] == "past dives predicted 3 surfacings better"
+    said, numbers = surfacing(held(outcome=found, plans=[], outcomes=[]))
+    assert said == [f"16 Nov 23:13 UTC {by_dive}"]
+    assert numbers["next"]["why"] == "no plan is flown"
     over = held().outcomes[0]
     over.planned_time.FromNanoseconds(END_NS)
-    text, _ = surfacing(held(outcome=outcome_from(summary), outcomes=[over, over]))
-    assert text[0].startswith("next, from the last dive, as the plan has no surfacing ahead: ")
-    assert (
-        "(60 min ago)"
-        in surfacing(held(outcome=outcome_from(expected(END_NS - HOUR_NS)), plans=[], outcomes=[]))[
-            0
-        ][0]
-    )
-    assert surfacing(held(outcomes=[over, over]))[0][0] == "the plan has no surfacing ahead"
+    said, numbers = surfacing(held(outcome=found, outcomes=[over, over]))
+    assert numbers["next"]["why"] == "the plan has no surfacing ahead"
+    assert all(len(one["why"].split()) <= 6 for one in (numbers["next"],))
+    assert surfacing(held(outcomes=[over, over]))[0] == []
 
 
 def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
@@ -238,10 +231,10 @@ def test_of_200_twin_dives_hardly_one_is_overdue_though_the_pilot_changes_their_
 def test_a_plan_says_which_numbers_of_its_dives_were_not_stated():
     origin = "as flown: 0.21 m/s, 500 m, 57 degrees"
     said = plan(END_NS)
-    assert "as flown" not in status_text(status_of(held(plans=[said])))
+    assert "as flown" not in text_of(status_of(held(plans=[said])))
     said.statistics.add(name=ORIGIN, value=origin)
     status = status_of(held(plans=[said]))
-    assert origin in status_text(status)
+    assert origin in text_of(status)
     assert status.figures["odds"]["dives"] == origin
 
 
@@ -276,52 +269,30 @@ def test_a_change_of_the_command_is_told_with_its_reasons():
     (change,) = change_of(held())
     # the plan before would steer its second leg now
     assert "was 60°: 20° to the right" in change
-    assert "3.5 km toward 270°" in change
-    assert "the current differed 10 cm/s" in change
+    assert "it surfaced 3.5 km from the plan toward 270°, 10 min late" in change
+    assert "the current differed by 10 cm/s" in change
     moved = plan(
         END_NS, goal={"longitude": 6.0, "latitude": 62.0, "depth": 0.0}, status="uncertain"
     )
     (change,) = change_of(held(plans=[held().plans[0], moved]))
     assert "the goal moved 26.2 km" in change
-    assert "was reached and is uncertain" in change
     quiet = held(
         plans=[plan(END_NS - HOUR_NS), plan(END_NS)],
         outcomes=[],
         dive=mean_current(END_NS, (0.01, 0.0), (0.0, 0.0), 0.02),
     )
-    assert change_of(quiet) == ("unchanged since the plan before",)
+    assert change_of(quiet) == ("heading unchanged since the previous plan",)
     assert change_of(held(plans=held().plans[-1:])) == ()
 
 
-def test_the_screen_is_80_columns_wide_and_says_how_old_each_answer_is():
-    text = status_text(status_of(held(), END_NS + 3 * HOUR_NS))
-    assert max(map(len, text.splitlines())) <= 80
-    for label in (
-        "Position",
-        "Made good",
-        "Current",
-        "Surfacing",
-        "Steer",
-        "Odds",
-        "Forecast",
-        "Fit",
-    ):
-        assert (
-            re.search(
-                rf"^{label} +3.0 h |^{label} +\d+\.\d d |^{label} +\d+ h ", text, re.MULTILINE
-            )
-            or label == "Forecast"
-        ), label
-    assert "90 % (65 to 98) of 10 simulated flights arrive" in text
-    assert "250 kJ of 1000 kJ" in text
-    assert "± 20 m" in text
-    assert [age_text(seconds) for seconds in (0.0, 120.0, 7200.0, -7200.0, 864_000.0)] == [
-        "now",
-        "2 min",
-        "2.0 h",
-        "in 2.0 h",
-        "10.0 d",
-    ]
+def test_what_the_summary_leaves_out_is_told_on_80_columns():
+    status = status_of(held(), END_NS + 3 * HOUR_NS)
+    assert max(map(len, detail_lines(status))) <= WIDTH
+    text = text_of(status)
+    for said in ("energy 250 kJ of 1000 kJ", "± 20 m", "ENDED", "surfaced 3.5 km from the plan"):
+        assert (said in text) == (said != "ENDED"), said
+    assert "ENDED" in text_of(status_of(held(), END_NS + 60 * HOUR_NS))
+    assert title(status) == "r, dive 7: fix 62°00.0′N 5°00.0′E 16 Nov 22:13 UTC, 3.0 h ago"
 
 
 def test_the_page_holds_the_same_answers_loads_itself_again_and_runs_nothing_of_a_log_s():
@@ -339,23 +310,60 @@ def test_the_page_holds_the_same_answers_loads_itself_again_and_runs_nothing_of_
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}'" in page
     assert "&lt;b&gt;crosses&lt;/b&gt;" in page
-    assert page.count("<section") == len(status.lines)
-    assert '<section id="odds" class="alarm">' in page
+    assert page.count("<section") == 7
 
 
-def test_ten_lines_say_the_alarm_first_then_what_to_steer():
+def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
     unsafe = plan(END_NS, status="unsafe", message="crosses a shipping lane " * 9)
-    text = brief_text(status_of(held(plans=[unsafe])))
-    lines = text.splitlines()
-    assert len(lines) <= 10
-    assert max(map(len, lines)) <= 80
-    assert lines[0].startswith("! PLAN: the plan is unsafe: crosses a shipping lane")
-    assert lines[1] == "Steer      080° true, glide angle 20°, to 500 m, 0.30 m/s (as set)"
-    assert "62° 00.0′ N, 5° 06.0′ E (5.1000 E, 62.0000 N)" in lines[2]
     many = {"name": "headings", "evidence": "off", "set": "check", "severity": "inconsistent"}
-    four = brief_text(status_of(held(plans=[unsafe], outcome=Outcome(consistency=[many] * 3))))
-    assert len(four.splitlines()) <= 11
-    assert four.splitlines()[1] == "! and 3 more alarms; -v shows them"
+    found = outcome_from(expected(END_NS + HOUR_NS) | {"rms_innovation": RMS})
+    for outcome in (found, replace(found, consistency=[many] * 3)):
+        said = [title(status_of(held(plans=[unsafe])))]
+        said += map(str, lines(status_of(held(plans=[unsafe], outcome=outcome))))
+        assert len(said) <= 10
+        assert max(map(len, said)) <= WIDTH
+    assert said[1].startswith("DO NOT USE headings: off; headings: off;")
+    steer = "Steer      080° true to 62°00.0′N 5°06.0′E, 500 m, 20°, 0.30 m/s (as set)"
+    assert said[2] == steer
+
+
+def test_a_line_holds_as_many_reasons_as_fit_and_says_how_many_are_left():
+    assert fitting(["one", "two"], 20) == "one; two"
+    assert fitting(["a long reason", "another reason"], 26) == "a long reason; 1 more: -v"
+    assert fitting(["word " * 9, "b"], 30) == "word word; 1 more: -v"
+
+
+def test_a_current_that_the_gate_rejected_is_shown_as_measured_and_rings_once():
+    one = mean_current(END_NS, (0.1, 0.0), (0.0, 0.0), 0.02)
+    refused = held(dive={**one, "accepted": np.zeros(1, np.bool_)})
+    assert kinds(refused) == ["current rejected"]
+    assert "dive 7: 10.0 cm/s to 090°, rejected, 10.0 from the estimate" in text_of(
+        status_of(refused)
+    )
+    assert kinds(held()) == []
+
+
+def test_the_ellipse_that_was_shown_first_is_judged_by_the_surfacing():
+    found = outcome_from(expected(END_NS + HOUR_NS))
+    record = {"shown": "habit", "count": 3, "habit": -20.0, "plan": -26.0}
+    missed = {**found.predicted_surfacings["each"][-1], "inside_90": False, "time_ns": END_NS}
+    missed |= {"distance_m": 4400.0, "direction_deg": 200.0}
+    missed["ellipse_90"] = {"major_m": 1300.0, "minor_m": 1000.0, "bearing_deg": 0.0}
+    for shown, rung in (("habit", ["outside its ellipse"]), ("plan", [])):
+        of = {"record": {**record, "shown": shown}, "each": [missed]}
+        outcome = replace(found, predicted_surfacings={**found.predicted_surfacings, **of})
+        assert kinds(held(outcome=outcome)) == rung
+    (alarm,) = alarms_of(
+        held(
+            outcome=replace(
+                outcome, predicted_surfacings={**outcome.predicted_surfacings, "record": record}
+            )
+        ),
+        END_NS,
+    )
+    assert alarm.text == (
+        "surfaced 4.4 km from the prediction toward 200°, outside its 90 % ellipse (1.3 km): plan again from here"
+    )
 
 
 def test_each_number_of_the_brief_status_is_a_figure_of_it_and_rounded_alike():

@@ -336,8 +336,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     beyond, total = (int(word) for word in finding["evidence"].split() if word.isdigit())
     assert (total, beyond > 40) == (54, True)
     assert (
-        summary.basis[1]
-        == f"the log does not contradict itself, but {name}: {finding['evidence']}"
+        summary.basis[1] == f"the log does not contradict itself, but {name}: {finding['evidence']}"
     )
     assert finding_line(finding).startswith(f"{'WARNING' if place else 'MISFIT'}: {name}: ")
     shown = found_warnings(Contents(read_result(ocean / "out.mcap")))

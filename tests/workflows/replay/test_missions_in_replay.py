@@ -29,7 +29,7 @@ from replay_kit.show.figures.map import Chosen, plan_figure
 from replay_kit.show.notebook import read_result
 from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held
-from replay_kit.show.status.lines import status_text
+from replay_kit.show.status.lines import detail_lines
 from replay_kit.show.status.status import status_of
 from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
@@ -132,7 +132,7 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
         290.0,
         len(held.outcomes) + 1,
     )
-    assert words in " ".join(status_text(status_of(held)).split())
+    assert words in " ".join(" ".join(detail_lines(status_of(held))).split())
     contents = Contents(rk.open_result(path))
     assert f"Dives {words}." in plan_figure(contents, Chosen()).notes
     last = held.fixes[-1]
