@@ -2,14 +2,15 @@
 
 import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from itertools import chain
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from replay_kit.core.text import count_text
 from replay_kit.logs.glider.missions import pattern
 from replay_kit.logs.shared.payloads import gather
 from replay_kit.logs.tables.schemas import NOT_A_KIND
@@ -65,11 +66,11 @@ def info_json(info: LogInfo) -> dict[str, Any]:
     }
 
 
-def _span(topics: Mapping[str, TopicInfo]) -> str:
+def _span(topics: Iterable[TopicInfo]) -> str:
     """Return the time span of a log's topics in words; empty when no message has a time."""
     spans = [
         (topic.first_ns, topic.last_ns)
-        for topic in topics.values()
+        for topic in topics
         if topic.first_ns is not None and topic.last_ns is not None
     ]
     return (
@@ -101,25 +102,95 @@ def _content_lines(log: LogInfo) -> Iterator[str]:
 
 
 def print_infos(logs: Sequence[LogInfo], console: Console, verbose: bool = False) -> None:
-    """Print what logs hold, and the notes that several of them have once after the last, unless whole lists are asked for."""
-    notes = gather(note for log in logs for note in log.report.notes)
-    shared = (
-        {}
-        if verbose
-        else {note: found for note, found in notes.items() if len(found) > 1 and len(logs) > 1}
-    )
-    said = set(chain.from_iterable(shared.values()))
-    for log in logs:
-        alone = tuple(note for note in log.report.notes if note not in said)
-        print_info(replace(log, report=replace(log.report, notes=alone)), console, verbose)
-    print_lines(
-        console,
-        (
-            f"Note, of {len(found)} of the {len(logs)} logs: {note}"
-            for note, found in shared.items()
-        ),
-    )
+    """Print what logs hold: of one its topics, of several a row for each and what they have together, unless whole lists are asked for."""
+    if verbose or len(logs) == 1:
+        for log in logs:
+            print_info(log, console, verbose)
+    elif logs:
+        print_table(console, _heading(logs), _COLUMNS, _rows(logs))
+        print_lines(console, _summary_lines(logs))
     print_lines(console, together_lines(logs))
+
+
+_COLUMNS = ("log", "first", "last", "profiles", "mean currents", "positions", "dives")
+# reasons, notes and losses of several logs that are printed; -v prints all
+_MOST_LINES = 2
+
+
+def _heading(logs: Sequence[LogInfo]) -> str:
+    """Return missions, formats, time span and region of logs."""
+    missions, formats = (
+        ", ".join(dict.fromkeys(filter(None, values)))
+        for values in ([log.report.mission for log in logs], [log.report.format for log in logs])
+    )
+    span = _span([topic for log in logs for topic in log.topics.values()])
+    return f"{missions or count_text(len(logs), 'log')} ({formats}){span}"
+
+
+def _rows(logs: Sequence[LogInfo]) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each log; numbers of one of which only the index was read are empty."""
+    ends = [
+        [topic_time for topic in log.topics.values() if (topic_time := time(topic)) is not None]
+        for time in (attrgetter("first_ns"), attrgetter("last_ns"))
+        for log in logs
+    ]
+    firsts, lasts = ends[: len(logs)], ends[len(logs) :]
+    times = short_times(
+        [min(each, default=None) for each in firsts] + [max(each, default=None) for each in lasts]
+    )
+    for k, log in enumerate(logs):
+        content = log.content
+        counts = content.profiles, content.mean_currents, content.positions, log.dives
+        numbers = map(str, counts) if log.sampled is None else [""] * len(counts)
+        yield Path(log.report.path).name, times[k], times[len(logs) + k], *numbers
+
+
+def _summary_lines(logs: Sequence[LogInfo]) -> Iterator[str]:
+    """Yield what several logs can be used for, what of them is not used or lost, and how many notes -v prints."""
+    uses = Counter(log.use for log in logs)
+    yield from (
+        f"Use: {use}" if count == len(logs) else f"Use of {count} of {len(logs)}: {use}"
+        for use, count in uses.items()
+    )
+    boxes = [log.content.box for log in logs if log.content.box is not None]
+    if boxes:
+        west, south, east, north = (
+            side(each)
+            for side, each in zip((min, min, max, max), zip(*boxes, strict=True), strict=True)
+        )
+        yield f"Positions: {west:.4f}..{east:.4f} E, {south:.4f}..{north:.4f} N"
+    not_used: dict[str, Counter[str]] = defaultdict(Counter)
+    for log in logs:
+        for topic, reasons in log.not_used.items():
+            not_used[topic].update({why: n for why, n in reasons.items() if why != NOT_A_KIND})
+    notes = gather(note for log in logs for note in log.report.notes)
+    own = [f"Note: {note}" for note, found in notes.items() if len(found) < len(logs)]
+    losses = [
+        f"LOST: {log.report.path}: {loss_words(one)}" for log in logs for one in log.report.losses
+    ]
+    gaps = [line for log in logs for line in (*late_lines(log.topics), *gap_lines(log.topics))]
+    missing = dict.fromkeys(log.missing for log in logs if log.missing and log.together is None)
+    unchecked = sum(bool(log.report.unchecked) for log in logs)
+    yield from few(losses)
+    yield from few([*not_used_lines(not_used, whole=False)])
+    yield from few(gaps)
+    yield from (f"Missing for a replay: {one}" for one in missing)
+    mappable = {(topic, kind) for log in logs for topic, kind in log.mappable.items()}
+    yield from few(
+        [f"Unknown type: {topic} looks like a {kind}" for topic, kind in sorted(mappable)]
+    )
+    if unchecked:
+        yield f"Without a checksum, so that damage cannot be detected: {unchecked} of {len(logs)} logs"
+    if notes:
+        yield from few(own)
+        yield f"Notes: {len(notes)}; -v prints them, and the topics of each log"
+
+
+def few(lines: Sequence[str]) -> Iterator[str]:
+    """Yield the first lines, and how many more there are."""
+    yield from lines[:_MOST_LINES]
+    if len(lines) > _MOST_LINES:
+        yield f"{lines[0].partition(':')[0]}: {len(lines) - _MOST_LINES} more; -v prints all"
 
 
 def together_lines(logs: Sequence[LogInfo]) -> Iterator[str]:
@@ -147,7 +218,10 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
     )
     columns = ("topic", "schema", "messages", "first", "last")
     print_table(
-        console, f"{report.path} ({report.format}){_span(topics)}", columns, folded(rows, verbose)
+        console,
+        f"{report.path} ({report.format}){_span(topics.values())}",
+        columns,
+        folded(rows, verbose),
     )
     if report.mission:
         console.print(f"Mission: {report.mission}")
