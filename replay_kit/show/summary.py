@@ -62,6 +62,8 @@ def print_summary(
     if verbose:
         _print_tables(outcome, console)
     else:
+        found = outcome.consistency
+        print_lines(console, (finding_line(one) for one in found if one["severity"] != "warning"))
         asked = truth_sentences(outcome.truth) if outcome.truth is not None else ()
         print_lines(console, map(str, asked))
         compared = outcome.comparison

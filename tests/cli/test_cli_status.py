@@ -31,7 +31,7 @@ def results(tmp_path_factory):
 
 def test_several_results_are_shown_one_after_the_other(results):
     said = [invoke(f"status {each}").stdout for each in results]
-    assert invoke(["status", *results]).stdout == "\n".join(said)
+    assert invoke(["status", *results]).stdout == "".join(said)
     both, first = (
         json.loads(invoke(f"status {' '.join(each)} -q --json -").stdout)
         for each in (results, results[:1])

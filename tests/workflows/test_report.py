@@ -37,7 +37,8 @@ def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path):
     logs, out = f"{SAMPLES}/survey.mcap --ensemble {SAMPLES}/ensemble.nc", tmp_path / "out.mcap"
     more = f"--truth {SAMPLES}/truth.nc --json {tmp_path}/out.json --report"
     outcome = succeed(f"replay {logs} -o {out} {SHORT} {more}")
-    assert f"Report: {tmp_path / 'out.html'}; open it in a browser." in outcome.stdout
+    assert "Wrote      " in outcome.stdout
+    assert f"{out}, out.html" in outcome.stdout
     made, summary = (
         (tmp_path / "out.html").read_text(),
         json.loads((tmp_path / "out.json").read_text()),

@@ -285,7 +285,8 @@ def _answer(outputs: Outputs, outcome: "Outcome", console: "Console") -> None:
 
         report(outputs.out, outputs.page, outputs.overwrite, outcome)
         written.append(outputs.page)
-    names = ", ".join(str(path) for path in written if path is not None)
+    _, *others = (path.name for path in written if path is not None)
+    names = ", ".join([str(outputs.out), *others])
     more = "" if outputs.verbose else " (-v: evidence, dives, notes)"
     console.print(f"Wrote      {names}{more}")
     write_json(outputs.json_file, outcome.to_json())

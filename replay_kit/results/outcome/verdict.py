@@ -61,6 +61,7 @@ def decide(outcome: "Outcome") -> Verdict:
     )
     doubtful = (
         ("part of the log was lost", 4 in outcome.exit_codes),
+        (outcome.lost_pings, bool(outcome.lost_pings)),
         ("the requested risk cannot be met", 7 in outcome.exit_codes),
         (errors_text(outcome), doubtful_errors(outcome)),
         *((one["name"], one["severity"] == "warning") for one in found),
@@ -126,9 +127,7 @@ def run_alarms(
 def basis_sentences(outcome: "Outcome") -> tuple[str, ...]:
     """Return the share of the observations used, consistency, errors before and after, and doubts; each a sentence, the last several."""
     used, rejected = outcome.observations["used"], outcome.observations["rejected"]
-    usage = "; ".join(
-        filter(None, (f"{used} of {used + rejected} observations used", outcome.lost_pings))
-    )
+    usage = f"{used} of {used + rejected} observations used"
     trust = filter(None, (errors_text(outcome),))
     sentences = usage, _consistency(outcome.consistency), _gain(outcome.rms_innovation), *trust
     return (*sentences, *outcome.doubts, *outcome.outside)

@@ -330,7 +330,7 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
 def test_a_line_holds_as_many_reasons_as_fit_and_says_how_many_are_left():
     assert fitting(["one", "two"], 20) == "one; two"
     assert fitting(["a long reason", "another reason"], 26) == "a long reason; 1 more: -v"
-    assert fitting(["word " * 9, "b"], 30) == "word word; 1 more: -v"
+    assert fitting(["word " * 9, "b"], 30) == "word word word; 1 more: -v"
 
 
 def test_a_current_that_the_gate_rejected_is_shown_as_measured_and_rings_once():

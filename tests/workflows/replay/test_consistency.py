@@ -100,8 +100,8 @@ def test_a_sound_log_has_no_finding_and_a_verdict(summary_of):
     assert (answer["status"], answer["consistency"], answer["exit_codes"]) == ("done", [], [])
     assert summary.observations["used"] + summary.observations["rejected"] == PINGS + 6
     # six pings lie outside the water of the ensemble
-    assert answer["verdict"][:2] == ["60 of 66 observations used", "no contradiction found"]
-    assert answer["verdict"][2].startswith(
+    assert answer["basis"][:2] == ["60 of 66 observations used", "no contradiction found"]
+    assert answer["basis"][2].startswith(
         f"RMS misfit: forecast {100.0 * summary.rms_innovation['prior']:.1f}, estimate before update "
     )
 
@@ -250,12 +250,9 @@ def test_a_contradiction_ends_with_six_and_is_in_the_answer(ocean, tmp_path):
     assert set(finding) == {"name", "since", "evidence", "likely_cause", "set", "severity"}
     assert finding["name"] == "two sources of the current contradict each other"
     assert finding["since"].endswith("Z")
-    assert (
-        answer["verdict"][1] == "1 contradiction: two sources of the current contradict each other"
-    )
+    assert answer["basis"][1] == "1 contradiction: two sources of the current contradict each other"
     lines = done.stdout.splitlines()
-    assert lines[0] == "Verdict: do not use: two sources of the current contradict each other"
-    assert lines[1].startswith("Basis: 60 of 66 observations used; 1 contradiction: two sources")
+    assert lines[0].startswith("DO NOT USE two sources of the current contradict each other: ")
     assert any(
         line.startswith("CONTRADICTION: two sources of the current contradict each other (since ")
         for line in lines

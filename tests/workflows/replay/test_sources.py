@@ -127,7 +127,7 @@ def test_recordings_that_overlap_hold_duplicates_that_contradict_nothing(tmp_pat
     (tmp_path / "c.toml").write_text('[gating]\ngate = "off"\n')
     line = "replay first.mcap second.mcap --ensemble ensemble.nc --config c.toml -o out.mcap"
     done = run_command(tmp_path, line)
-    assert "10 profiles are duplicates" in done.stdout
+    assert "30 of 40 observations used; 60 of 120 bins missing, duplicate" in done.stdout
     assert "contradicted the estimate and were rejected" not in done.stdout
 
 
