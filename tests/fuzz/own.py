@@ -166,7 +166,7 @@ def own_files(folder: Path) -> list[Own]:
         run_until(job, _CONFIG, 60)
     write_memory(place, Memory(said=("a log",) * 40, forecast="ensemble.nc sha256:0"))
     files = {path.name: path for path in place.iterdir() if path.is_file()}
-    run_name, _ = json.loads(np.load(files["run.ck"])["replay-kit state 14"].tobytes())
+    run_name, _ = json.loads(np.load(files["run.ck"])["replay-kit state 15"].tobytes())
     commands = _result_commands(folder)
 
     return [

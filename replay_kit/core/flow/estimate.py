@@ -36,7 +36,7 @@ from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.flow.lattice import HorizontalFunctions
-from replay_kit.core.flow.local import LocalCurrent, Oscillation
+from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import inside_grid, nearest, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
@@ -144,6 +144,7 @@ class FlowEstimate:
         unknowns: Their estimate; None where nothing is uncertain, as of a truth or a member.
         potential: shape (M, Z), of the part with divergence; None without one.
         local: Current about the vehicle beside the flow, which no velocity here includes; None where none is known.
+        surface: Current at the surface that radars show beside the modes; None without radars.
         about: Global attributes that datasets of it have beside their own: what its inputs are cited by, who made it.
         span_ns: First and last time of the positions and measurements it was made from [ns, UTC]; None when unknown.
     """
@@ -157,6 +158,7 @@ class FlowEstimate:
     unknowns: Unknowns | None = None
     potential: Array | None = None
     local: LocalCurrent | None = None
+    surface: SurfaceCurrent | None = None
     about: Mapping[str, str] = field(default_factory=dict)
     span_ns: tuple[int, int] | None = None
 
@@ -196,7 +198,8 @@ class FlowEstimate:
         assert self.unknowns is not None
         unknowns = self.unknowns.at(time_ns)
         latent = unknowns.latent(self.modes, time_ns)
-        return replace(self, latent=latent, time_ns=time_ns, unknowns=unknowns)
+        surface = None if self.surface is None else self.surface.at(time_ns)
+        return replace(self, latent=latent, time_ns=time_ns, unknowns=unknowns, surface=surface)
 
     def require_model_of_time(self) -> None:
         """Raise EstimatorError when the flow has no model of time, so that ``at`` cannot answer."""
@@ -260,7 +263,11 @@ class FlowEstimate:
             local = with_potential(self.horizontal, places, self.latent, self.potential)
             by_level = self._true(places, local, true_axes)[:, at]
             weights = depth_weights(self.depth_functions, depths, self.levels)
-            return np.asarray(np.einsum("cpz,pz->pc", by_level, weights))
+            found = np.einsum("cpz,pz->pc", by_level, weights)
+            if self.surface is not None:
+                shown = self.surface.between(places[at], depths)
+                found += self._true(places[at], shown.T[..., None], true_axes)[..., 0].T
+            return np.asarray(found)
 
         return _over_places(here, east, north, depth)
 
@@ -289,7 +296,9 @@ class FlowEstimate:
             own, levels = self._in_functions(depths), depth_weights(_LINEAR, depths, self.levels)
             of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
             beside = np.einsum("pz,cpz->pc", levels, self._beside(places, covariance)[:, at])
-            return np.asarray(np.maximum(of_flow + beside**2, 0.0))
+            found = np.maximum(of_flow + beside**2, 0.0)
+            shown = self.surface
+            return np.asarray(found if shown is None else shown.variance(found, places[at], depths))
 
         return _over_places(here, east, north, depth)
 
@@ -358,8 +367,8 @@ class FlowEstimate:
         return tuple(zip(*drawn, strict=True))
 
     def mean_flow(self) -> FlowEstimate:
-        """Return the mean alone: the same flow without uncertainty, model of time and local current."""
-        return replace(self, modes=self.modes[:, :0], unknowns=None, local=None)
+        """Return the mean of the modes alone: the same flow without uncertainty, model of time and currents beside it."""
+        return replace(self, modes=self.modes[:, :0], unknowns=None, local=None, surface=None)
 
     @cached_property
     def _factor(self) -> Array:

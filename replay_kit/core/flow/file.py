@@ -28,7 +28,7 @@ from replay_kit.core.flow.functions import (
     NodeKernel,
 )
 from replay_kit.core.flow.lattice import HorizontalFunctions, StreamFunctionLattice
-from replay_kit.core.flow.local import LocalCurrent, Oscillation
+from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
 from replay_kit.core.flow.process import Process
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.inputs import (
@@ -92,6 +92,10 @@ FIELDS = [
         "local_scale | local.scale | local | s, decorrelation time",
         "local_mean | local.mean | local component | m/s, local east and north, after the last dive",
         "local_cov | local.cov | local component component_2 | m2/s2, its covariance",
+        "surface_east | surface.east | surface_x | m, local east, of the current at the surface beside the flow",
+        "surface_north | surface.north | surface_y | m, local north",
+        "surface_velocity | surface.velocity | surface_y surface_x component | m/s, local east and north",
+        "surface_error | surface.error | surface_y surface_x | m/s, its standard error",
         "depth_function_kind | depth_functions.kind | attribute",
         "projection_longitude | grid.projection.longitude | attribute",
         "projection_latitude | grid.projection.latitude | attribute",
@@ -110,6 +114,9 @@ FIELDS = [
         "oscillation_scale | unknowns.oscillation.scale | attribute",
         "oscillation_time | unknowns.oscillation.time_ns | attribute",
         "local_time | local.time_ns | attribute",
+        "surface_std | surface.std | attribute",
+        "surface_depth | surface.depth | attribute",
+        "surface_time | surface.time_ns | attribute",
     )
 ]
 _STANDARD = {
@@ -335,6 +342,7 @@ def flow_of(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
         depth_functions=DepthFunctions(**of("depth_functions")),
         unknowns=unknowns,
         local=LocalCurrent(**of("local")) if of("local") else None,
+        surface=SurfaceCurrent(**of("surface")) if of("surface") else None,
         about=json.loads(attrs.get("replay_kit_about", "{}")),
         span_ns=(first, last) if "data_span" in attrs else None,
         **{"modes": np.empty((latent.shape[0], 0)), "time_ns": None} | of(""),

@@ -1,4 +1,4 @@
-"""Currents beside an estimate's slow field: the local current about a vehicle, and oscillations over the region.
+"""Currents beside an estimate's slow field: the local current about a vehicle, radars' at the surface, oscillations over the region.
 
 The local current is what the estimate does not resolve: tides, inertial motion, fronts between the forecast's points. It is the same at all
 depths, and an Ornstein-Uhlenbeck process along the vehicle's way: its mean decays with time, and its uncertainty grows to that of the
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +71,82 @@ class LocalCurrent:
             noise = std * np.sqrt(-np.expm1(-2.0 * seconds / scale)) * rng.standard_normal((n, 2))
             drawn.append(np.exp(-seconds / scale) * drawn[-1] + noise)
         return np.stack(drawn, axis=1)
+
+
+# Radars' hours are averages: their field is that of the time so far from it [ns].
+_HOUR_NS = 3_600 * 10**9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceCurrent:
+    """The current at the surface that radars show beside an estimate, on cells of a grid; between them it is linear.
+
+    Attributes:
+        east: shape (I,) [m], cell centres in the local frame.
+        north: shape (J,) [m].
+        velocity: shape (J, I, 2) [m/s], local axes, at ``time_ns``.
+        error: shape (J, I) [m/s], standard error of a component.
+        std: Standard deviation of a component where nothing is seen [m/s].
+        depth: To which it is known [m].
+        time_ns: Of the vectors [ns, UTC].
+    """
+
+    east: Array
+    north: Array
+    velocity: Array
+    error: Array
+    std: float
+    depth: float
+    time_ns: int
+
+    def at(self, time_ns: int) -> "SurfaceCurrent":
+        """Return what is known for a time [ns, UTC]: more than an hour from the vectors nothing but that it has the size ``std``."""
+        if abs(time_ns - self.time_ns) <= _HOUR_NS:
+            return self
+        unknown = np.full_like(self.error, np.nan)
+        return replace(self, velocity=np.zeros_like(self.velocity), error=unknown)
+
+    def between(self, places: Array, depth: Array) -> Array:
+        """Return the velocity, shape (n, 2) [m/s], local axes; 0 below its depth and off the grid.
+
+        Args:
+            places: shape (n, 2) [m], local east and north.
+            depth: shape (n,) [m].
+        """
+        here, found = self._holds(places, depth), np.zeros((len(places), 2))
+        found[here] = self._interpolated(self.velocity, places[here])
+        return found
+
+    def variance(self, of_flow: Array, places: Array, depth: Array) -> Array:
+        """Return the variance of a component of both together, shape (n, 2) [m^2/s^2]: where vectors are near that of this current alone.
+
+        Args:
+            of_flow: shape (n, 2) [m^2/s^2], of the flow beside it.
+            places: As of ``between``.
+            depth: As of ``between``.
+        """
+        here, found = self._holds(places, depth), of_flow.copy()
+        error = self._interpolated(self.error[..., None], places[here])
+        found[here] = np.where(np.isnan(error), of_flow[here] + self.std**2, error**2)
+        return found
+
+    def _holds(self, places: Array, depth: Array) -> Mask:
+        ends = ((self.east[0], self.north[0]), (self.east[-1], self.north[-1]))
+        inside = (places >= ends[0]).all(axis=1) & (places <= ends[1]).all(axis=1)
+        return np.asarray(inside & (depth <= self.depth))
+
+    def _interpolated(self, values: Array, places: Array) -> Array:
+        """Return values, shape (J, I, c), linear between the cells around places, shape (n, c)."""
+        cells, shares = [], []
+        for axis, at in zip((self.east, self.north), places.T, strict=True):
+            cells.append(np.clip(np.searchsorted(axis, at, "right") - 1, 0, axis.size - 2))
+            shares.append(
+                ((at - axis[cells[-1]]) / (axis[cells[-1] + 1] - axis[cells[-1]]))[:, None]
+            )
+        (i, j), (x, y) = cells, shares
+        south = (1.0 - x) * values[j, i] + x * values[j, i + 1]
+        north = (1.0 - x) * values[j + 1, i] + x * values[j + 1, i + 1]
+        return np.asarray((1.0 - y) * south + y * north)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

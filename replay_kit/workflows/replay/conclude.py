@@ -136,7 +136,7 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
             own = (
                 flow_at(setup.estimator, run.current, run.last_ns) if run.is_pooled else planned_on
             )
-            dated = replace(own, span_ns=span_ns) if run.is_pooled else run.dated(own)
+            dated = replace(run.dated(own), span_ns=span_ns) if run.is_pooled else run.dated(own)
             held[window] = replace(dated, about=about)
         flows.append(held[window])
     _, *others = held.values()

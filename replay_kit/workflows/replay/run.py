@@ -417,8 +417,8 @@ class Run:
         return max(filter(None, held), key=lambda one: one.time_ns, default=None)
 
     def dated(self, flow: FlowEstimate) -> FlowEstimate:
-        """Return an estimate with the span of its data, which ends at its time."""
-        first_ns = self.of[0].first_ns
+        """Return an estimate with radars' current at the surface and with the span of its data, which ends at its time."""
+        first_ns, flow = self.of[0].first_ns, self.of[0].publishing.surface.added(flow)
         if first_ns is None or flow.time_ns is None:
             return flow
         return replace(flow, span_ns=(first_ns, max(first_ns, flow.time_ns)))

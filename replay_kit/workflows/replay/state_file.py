@@ -25,7 +25,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.inputs import open_input
 
 # The first member: the version of the form is in its name, which lies after the fixed part of its entry.
-_TREE, _ENTRY = "replay-kit state 14", 30
+_TREE, _ENTRY = "replay-kit state 15", 30
 _REAL, _MASK = "<f8", "nonzero"
 _PLAIN = (type(None), bool, int, float, str)
 

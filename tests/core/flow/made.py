@@ -6,7 +6,7 @@ import numpy as np
 
 from replay_kit.core.flow.estimate import Unknowns
 from replay_kit.core.flow.lattice import lattice_over
-from replay_kit.core.flow.local import LocalCurrent, Oscillation
+from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
 from replay_kit.core.flow.process import Process
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
@@ -19,6 +19,16 @@ LOCAL = LocalCurrent(
     cov=np.array(
         [[[0.0, 0.0], [0.0, 0.0]], [[4e-4, 1e-4], [1e-4, 3e-4]], [[9e-4, 0.0], [0.0, 9e-4]]]
     ),
+    time_ns=TIME_NS,
+)
+
+SURFACE = SurfaceCurrent(
+    east=np.array([-9e3, 0.0, 9e3]),
+    north=np.array([-5e3, 5e3]),
+    velocity=np.linspace(-0.1, 0.2, 12).reshape(2, 3, 2),
+    error=np.linspace(0.01, 0.06, 6).reshape(2, 3),
+    std=0.08,
+    depth=5.0,
     time_ns=TIME_NS,
 )
 

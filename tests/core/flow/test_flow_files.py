@@ -17,7 +17,7 @@ from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
 from replay_kit.core.flow.compact import pack, unpack
 from replay_kit.core.flow.dataset import to_dataset, wet_at, write_grid
 from replay_kit.core.flow.file import load, load_bytes, save_bytes, sealed
-from tests.core.flow.made import HOUR, LOCAL, changing
+from tests.core.flow.made import HOUR, LOCAL, SURFACE, changing
 from tests.places import ROOT
 from tests.synthetic_flow import TIME_NS, regular
 
@@ -57,7 +57,10 @@ def test_every_kind_of_flow_survives_a_file_and_a_pickle(
     of = {"on_lattice": on_lattice, "potential": potential, "turning": turning, "kind": kind}
     flow = changing(moving, fixed, time_ns, times, **of)
     flow = replace(
-        flow, local=LOCAL if local else None, about={"source": "\u00e9"} if local else {}
+        flow,
+        local=LOCAL if local else None,
+        surface=SURFACE if local else None,
+        about={"source": "\u00e9"} if local else {},
     )
     flow = flow.at(TIME_NS + HOUR)
     data = save_bytes(flow)

@@ -136,7 +136,7 @@ def test_a_state_of_another_run_or_damaged_is_told_and_the_run_begins_anew(
     if what == "settings":
         config = CONFIG.model_copy(update={"consistency": ConsistencyConfig(on_failure="ignore")})
     elif what == "parts":
-        name, _ = json.loads(np.load(checkpoint)["replay-kit state 14"].tobytes())
+        name, _ = json.loads(np.load(checkpoint)["replay-kit state 15"].tobytes())
         write_state(checkpoint, name, replace(read_state(checkpoint, name), state=None))
     elif what.endswith("gone"):
         file.unlink()

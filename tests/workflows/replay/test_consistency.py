@@ -102,7 +102,7 @@ def test_a_sound_log_has_no_finding_and_a_verdict(summary_of):
     # six pings lie outside the water of the ensemble
     assert answer["basis"][:2] == ["60 of 66 observations used", "no contradiction found"]
     assert answer["basis"][2].startswith(
-        f"RMS misfit: forecast {100.0 * summary.rms_innovation['prior']:.1f}, estimate before update "
+        f"misfit {100.0 * summary.rms_innovation['before']:.1f} cm/s before each update, "
     )
 
 

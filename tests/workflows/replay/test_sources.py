@@ -1,5 +1,7 @@
 """Measurements beside the vehicle's own in a replay: counted by source, withheld by source, the same from the result and after a pause."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -102,8 +104,8 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     assert kinds >= {"shear", "radar", "drifters"}
     rows = export(Contents(result), tmp_path / "surface.csv", table="surface")
     assert rows == {"surface": len(cells)}
-    (said,) = [note for note in beside.notes if "table surface has both" in note]
-    assert said.startswith("radars show currents beside the estimate, a field of ")
+    (said,) = [note for note in beside.notes if "which the estimate at the surface" in note]
+    assert said.startswith("radars differ from the modes by a field of ")
     report(tmp_path / "out.mcap", tmp_path / "out.html")
     told = (tmp_path / "out.html").read_text(encoding="utf-8")
     assert all(f"{name}: " in told for name in ("geostrophic shear", "HF radar", "drifters"))
@@ -112,6 +114,32 @@ def test_radar_and_drifters_are_used_beside_a_glider_and_alone(ocean, tmp_path):
     content = inspect_logs(others, load_config(None))
     assert [info.content.surface for info in content] == [4, 11, 8]
     assert {info.use for info in content} == {"ready for replay: currents at the surface found"}
+
+
+def test_after_radars_points_and_table_have_one_current_at_the_surface_and_one_error(
+    ocean, tmp_path
+):
+    totals = made.totals((0.1, 0.05), 4, west=-59.9, south=39.8)
+    totals.to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")
+    run(ocean, tmp_path / "out.mcap", (tmp_path / "totals.nc",))
+    result = open_result(tmp_path / "out.mcap")
+    last = result.surface.loc[result.surface.index[-1]].dropna()
+    at = last["longitude"], last["latitude"]
+    found = result.estimate.velocity_at(*at, 0.0).to_pandas()
+    names = ["u", "v", "u_standard_error", "v_standard_error"]
+    known = found["u"].notna().to_numpy()
+    assert known.sum() > 20
+    np.testing.assert_allclose(found[names][known], last[names][known], atol=2e-3)
+    # below the first level it is the modes' alone, and later only the field's size is known
+    deep = result.estimate.velocity_at(*at, 20.0).to_pandas()
+    alone = replace(result.estimate, surface=None).velocity_at(*at, 20.0).to_pandas()
+    np.testing.assert_array_equal(deep[names], alone[names])
+    old = result.estimate.surface.at(result.estimate.time_ns + 2 * 3600 * 10**9)
+    later = replace(result.estimate, surface=old).velocity_at(*at, 0.0).to_pandas()
+    before = replace(result.estimate, surface=None).velocity_at(*at, 0.0).to_pandas()
+    np.testing.assert_array_equal(later["u"], before["u"])
+    grown = np.hypot(before["u_standard_error"], old.std)
+    np.testing.assert_allclose(later["u_standard_error"], grown)
 
 
 def test_recordings_that_overlap_hold_duplicates_that_contradict_nothing(tmp_path):

@@ -96,7 +96,7 @@ def test_members_that_state_more_than_the_file_has_take_no_memory(tmp_path):
         np.lib.format.write_array_header_1_0(head, form)
         data = head.getvalue() + bytes(8 if packing == zipfile.ZIP_STORED else 1 << 27)
         with zipfile.ZipFile(tmp_path / "state", "w", packing) as archive:
-            archive.writestr("replay-kit state 14.npy", data)
+            archive.writestr("replay-kit state 15.npy", data)
         with pytest.raises(StateError):
             read_state(tmp_path / "state", "a run")
 

@@ -26,7 +26,7 @@ _NEUTRAL = (
         "could not be decoded",
         "members: ",
         "variance of the prior multiplied",
-        "beside the estimate, a field",
+        "differ from the modes by a field",
     ),
     *(
         "the recorder's stamps are",

@@ -15,6 +15,7 @@ import numpy as np
 from replay_kit.config.run import OutputConfig
 from replay_kit.core.arrays import Array, replace
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.local import SurfaceCurrent
 from replay_kit.core.flow.points import known_at
 from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
 from replay_kit.core.grid import Projection
@@ -44,10 +45,19 @@ class SurfaceState:
     Attributes:
         seen: The vectors of the first times, and what they are beside the estimate, shape (n, 2) [m/s]; none once all have come.
         field: Of the residuals; None before any.
+        last: The field of the last time and the frame that it is in; None before any.
     """
 
     seen: tuple[tuple[LinearMeasurement, Array], ...] = ()
     field: ResidualField | None = None
+    last: tuple[Projection, SurfaceCurrent] | None = None
+
+    def added(self, flow: FlowEstimate) -> FlowEstimate:
+        """Return an estimate with the field of the last time, where it is in its frame."""
+        projection, last = self.last or (None, None)
+        if last is None or projection != flow.grid.projection:
+            return flow
+        return replace(flow, surface=last.at(flow.time_ns or last.time_ns))
 
     @property
     def notes(self) -> list[str]:
@@ -56,7 +66,7 @@ class SurfaceState:
             return []
         size = f"{100.0 * self.field.std:.1f} cm/s over {self.field.length / 1e3:.0f} km"
         return [
-            f"radars show currents beside the estimate, a field of {size}: table surface has both"
+            f"radars differ from the modes by a field of {size}, which the estimate at the surface includes (table surface)"
         ]
 
 
@@ -202,14 +212,24 @@ def surface_step(
     if field is None or state.seen:
         times = (*state.seen, (vectors, residual))
         field = ResidualField.likeliest(times)
-        state = SurfaceState(times if len(times) < _TIMES else (), field)
+        state = replace(state, seen=times if len(times) < _TIMES else (), field=field)
     east, north = _grid(np.column_stack(local))
     x, y = (each.ravel() for each in np.meshgrid(east, north))
     beside, error = field.between(vectors, residual, *to_geographic(projection, x, y))
     velocity = _estimated(flow, vectors.time_ns, x, y, depth) + beside
     shape = (north.size, east.size, 2)
     known = np.where(np.isfinite(velocity), error[:, None], np.nan)
-    return state, Slice(depth, east, north, velocity.reshape(shape), known.reshape(shape))
+    last = SurfaceCurrent(
+        east,
+        north,
+        beside.reshape(shape),
+        error.reshape(shape[:2]),
+        field.std,
+        max(depth, float(flow.levels[0])),
+        vectors.time_ns,
+    )
+    found = Slice(depth, east, north, velocity.reshape(shape), known.reshape(shape))
+    return replace(state, last=(projection, last)), found
 
 
 def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, depth: float) -> Array:
