@@ -131,8 +131,9 @@ class SurfaceCurrent:
         return found
 
     def _holds(self, places: Array, depth: Array) -> Mask:
-        ends = ((self.east[0], self.north[0]), (self.east[-1], self.north[-1]))
-        inside = (places >= ends[0]).all(axis=1) & (places <= ends[1]).all(axis=1)
+        low, high = (np.array([self.east[end], self.north[end]]) for end in (0, -1))
+        # degrees and back move a place by less than that
+        inside = ((places >= low - 0.01) & (places <= high + 0.01)).all(axis=1)
         return np.asarray(inside & (depth <= self.depth))
 
     def _interpolated(self, values: Array, places: Array) -> Array:
