@@ -23,7 +23,8 @@ POSITIONS = 3000
 _PLANNED, _FIXES = 1000, 150
 #: The roles of features from the lowest on a map to the highest, with the table of an export whose rows they are of.
 ROLES: Mapping[str, str] = {
-    **{"bottom": "", "no_go": "plans", "ellipse": "plans", "past": "surfacings", "track": "track"},
+    **{"bottom": "", "no_go": "plans", "between": "plans", "ellipse": "plans"},
+    **{"past": "surfacings", "track": "track"},
     **{"apart": "surfacings", "fix": "track", "begin": "track", "predicted": "surfacings"},
     **{"actual": "surfacings", "plan": "plans", "planned": "plans", "start": "plans"},
     **{"vehicle": "track", "goal": "plans", "place": "series"},
@@ -163,7 +164,8 @@ def _of_plan_area(contents: Contents) -> Iterator[Feature]:
     for number, outline in enumerate(plan.ellipses, start=1):
         name = f"90 % ellipse of planned surfacing {number}"
         about = {"time": _made(plan), "last": number == len(plan.ellipses)}
-        yield _feature("Polygon", [_ring(outline, projection)], "ellipse", name, about)
+        role = "ellipse" if number in (1, len(plan.ellipses)) else "between"
+        yield _feature("Polygon", [_ring(outline, projection)], role, name, about)
 
 
 def _of_plan(contents: Contents) -> Iterator[Feature]:

@@ -123,10 +123,8 @@ def fixed(value: float, digits: int, signed: bool = False) -> str:
 
 
 def error_text(value: float) -> str:
-    """Return a standard error [m/s] to a millimetre a second where it is that small, else to a centimetre."""
-    if value < 0.0005:
-        return "0.001 or less"
-    return fixed(value, 2 if value >= 0.01 else 3)
+    """Return a standard error [m/s] in cm/s, to a millimetre a second."""
+    return "0.1 or less" if value < 0.0005 else fixed(100.0 * value, 1)
 
 
 def clock_text(time_ns: int) -> str:

@@ -70,6 +70,7 @@ class Outcome:
         unused: Vehicles that gave nothing to the estimate, and why.
         exit_codes: All that apply, the one that the run ends with first; empty where it is 0.
         error: Why the run failed; empty otherwise.
+        mission: Vehicle and mission as the logs name them; empty where they do not.
         complete: Whether the run ended: False for a result of which only tables are known.
         seconds: Wall time of each stage; of the run that has just ended alone.
         truth: Score against a truth; of the run that has just ended alone.
@@ -98,6 +99,7 @@ class Outcome:
     unused: Mapping[str, str] = field(default_factory=dict)
     exit_codes: tuple[int, ...] = ()
     error: str = ""
+    mission: str = ""
     complete: bool = True
     seconds: Values = field(default_factory=dict, compare=False)
     truth: Values | None = field(default=None, compare=False)

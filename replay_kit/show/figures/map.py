@@ -223,11 +223,13 @@ def marks_of(features: Iterable[Feature]) -> list[Mark]:
     """Return features as marks in degrees, those of a role that follow each other as one."""
     marks = []
     for role, group in groupby(features, key=lambda one: str(one["properties"]["role"])):
-        parts = [places_of(one["geometry"]) for one in group]
-        if ON_MAP[role]["kind"] != "points":
+        parts, look = [places_of(one["geometry"]) for one in group], ON_MAP[role]
+        if "off" in look:
+            continue
+        if look["kind"] != "points":
             parts = [part for each in parts for part in (each, np.full((1, 2), np.nan))][:-1]
         x, y = np.concatenate(parts).T
-        marks.append(Mark(x=x, y=y, **ON_MAP[role]))
+        marks.append(Mark(x=x, y=y, **look))
     return marks
 
 

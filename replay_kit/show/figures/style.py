@@ -13,13 +13,21 @@ MARKERS = {
     **{"cross": "+", "star": "*", "pentagon": "p"},
 }
 DASHES: dict[str, Any] = {"dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (8, 3))}
-#: What is drawn of a feature of a role on a map, on a page and in print: a mark's look and its name in the legend.
+#: What is drawn of a feature of a role on a map, on a page and in print: a mark's look, its name in the legend, and whether it is drawn
+#: only when it is asked for.
 ON_MAP: dict[str, dict[str, Any]] = {
     "bottom": {"kind": "line", "color": "soft", "width": 0.8},
     "no_go": {"kind": "ring", "name": "no-go area", "color": SYMBOLS["no_go"][0], "width": 1.2},
+    "between": {
+        "kind": "ring",
+        "name": "90 % of the legs between",
+        "color": SYMBOLS["plan"][0],
+        "width": 1.2,
+        "off": True,
+    },
     "ellipse": {
         "kind": "ring",
-        "name": "90 % of planned surfacings",
+        "name": "90 % of the next and the last leg",
         "color": SYMBOLS["plan"][0],
         "width": 1.2,
     },
@@ -28,6 +36,7 @@ ON_MAP: dict[str, dict[str, Any]] = {
         "name": "90 % of past surfacings",
         "color": SYMBOLS["predicted"][0],
         "width": 1.2,
+        "off": True,
     },
     "track": {"kind": "line", "name": "track", "color": SYMBOLS["track"][0], "halo": True},
     "apart": {"kind": "line", "color": SYMBOLS["actual"][0], "width": 1.2, "dash": "dot"},

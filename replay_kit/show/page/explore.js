@@ -5,7 +5,7 @@ const made = (kind, values) => Object.assign(document.createElement(kind), value
 
 function startMap(figure) {
   const place = document.querySelector(`#${figure.key} .plot`);
-  const map = { figure, drawn: figure.map, place, hidden: new Set(), until: Infinity, quantity: "speed" };
+  const map = { figure, drawn: figure.map, place, hidden: new Set(figure.map.marks.filter(({ off }) => off).map(({ name }) => name)), until: Infinity, quantity: "speed" };
   [map.canvas, map.tip] = [made("canvas", { ariaHidden: "true" }), made("p", { className: "tip", hidden: true, ariaLive: "polite" })];
   place.replaceChildren(map.canvas, map.tip);
   state.map = map;
@@ -52,7 +52,7 @@ function drawKeys(map) {
     const { most, [map.dark ? "dark" : "light"]: colors } = map.drawn.scales[map.quantity];
     const [hours, speed] = [driftHours(map), map.quantity === "speed"];
     if (speed) parts.unshift(`<span class="bar-drift">drift in ${hours < 1 ? `${60 * hours} min` : `${hours} h`}</span>`);
-    const middle = `<span>0</span><span>${speed ? "current" : "standard error"}</span><span>${most} m/s</span>`;
+    const middle = `<span>0</span><span>${speed ? "current" : "standard error"}</span><span>${+(100 * most).toPrecision(3)} cm/s</span>`;
     parts.unshift(`<span class="bar-color"><i style="background:linear-gradient(to right,${colors.join(",")})"></i>${middle}</span>`);
   }
   part(map, ".keys").innerHTML = parts.join("");
@@ -77,10 +77,10 @@ function showTip(map, px, py) {
   const lines = [saidAt(map, px, py), `${degreeText(latitude, "NS", 1)}, ${degreeText(longitude, "EW", 1)}`];
   if (kind === "known") {
     const [error, north] = [Math.hypot(out[2], out[3]) / Math.SQRT2, [1, 0].map((k) => degreesOf(map, x + k, y + 1 - k)[1] - latitude)];
-    const about = error >= 0 ? ` ± ${error.toFixed(error < 0.01 ? 3 : 2)}` : "";
+    const about = error >= 0 ? ` ± ${(100 * error).toFixed(1)}` : "";
     // clockwise from true north, towards which latitude grows
     const bearing = Math.round((Math.atan2(out[0], out[1]) - Math.atan2(...north)) * (180 / Math.PI) + 720) % 360;
-    lines.push(`<b>${Math.hypot(out[0], out[1]).toFixed(2)}${about} m/s</b> toward ${String(bearing).padStart(3, "0")}°`);
+    lines.push(`<b>${(100 * Math.hypot(out[0], out[1])).toFixed(1)}${about} cm/s</b> toward ${String(bearing).padStart(3, "0")}°`);
     lines.push([1, 2].map((number) => map.figure.choices[number][state.choices[number]]).join(", "));
   } else if (kind) lines.push(kind === "dry" ? map.drawn.dry : "outside the forecast");
   map.tip.innerHTML = lines.filter(Boolean).join("<br>");

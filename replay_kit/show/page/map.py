@@ -98,7 +98,7 @@ def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[s
 
 def _said(about: Mapping[str, Any], count: int) -> list[str]:
     """Return what is said of each position of a feature."""
-    if about["role"] in ("bottom", "apart", "ellipse", "past"):
+    if about["role"] in ("bottom", "apart", "ellipse", "between", "past"):
         return [""] * count
     name, depths = escape(about["name"]), about.get("depth_m")
     if "coordTimes" in about:

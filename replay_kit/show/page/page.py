@@ -276,10 +276,12 @@ def _map_html(figure: Map, plot: str, about: str) -> str:
     )
     button = '<button type="button" class="play" aria-label="Play" aria-pressed="false">▶</button>'
     controls = "".join(_controls_html(figure))
-    names = [mark["name"] for mark in figure.drawn["marks"]] + ["drift"] * bool(controls)
+    names = {mark["name"]: mark.get("off", False) for mark in figure.drawn["marks"]}
+    names |= {"drift": False} if controls else {}
     layers = "".join(
-        f'<li><label><input type="checkbox" name="{escape(name)}" checked> {escape(name)}</label></li>'
-        for name in dict.fromkeys(filter(None, names))
+        f'<li><label><input type="checkbox" name="{escape(name)}"{"" if off else " checked"}> {escape(name)}</label></li>'
+        for name, off in names.items()
+        if name
     )
     plot += '<p class="waiting">This map is drawn by JavaScript, in a browser of 2023 or later.</p>'
     return (

@@ -1,7 +1,8 @@
 """The card of the first screen: how far to trust the answer, what to steer, when and where, and the current at the vehicle."""
 
+from collections.abc import Mapping
 from html import escape
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -96,6 +97,12 @@ def _unbroken(place: str) -> str:
 
 def _arrival(plan: LastPlan) -> str:
     begin, duration = int(plan.row.name.value), float(plan.row["duration"])
+    odds, key, text = plan.odds, "plan.duration_s", f"in the mean current, {hours_text(duration)}"
+    if odds is not None and np.isfinite(half := odds["arrival_median"]):
+        duration, key, most = half, "plan.odds.arrival_median", odds["arrival_90_percent"]
+        late = clock_text(begin + round(1e9 * most)) if np.isfinite(most) else ""
+        ninety = number("plan.odds.arrival_90_percent", most, late) if late else ""
+        text = f"half of the flights; 90 % by {ninety}" if late else "half; fewer than 90 % in time"
     end = clock_text(begin + round(1e9 * duration))
     status, miss = str(plan.row["status"]), float(plan.row["closest_approach"])
     arrives = status in ("reached", "uncertain")
@@ -103,9 +110,8 @@ def _arrival(plan: LastPlan) -> str:
     off = number(
         "plan.closest_approach_m", miss, f"{miss:.0f} m" if miss < 2e3 else f"{miss / 1e3:.1f} km"
     )
-    below = "" if arrives else f"{off} from it"
-    first = _fact(title, number("plan.duration_s", duration, end), below)
-    odds = plan.odds
+    below = text if arrives else f"{off} from it"
+    first = _fact(title, number(key, duration, end), below)
     if odds is None:
         return f'<div class="facts">{first}{_fact("Odds of arriving", "unknown", "no samples were flown")}</div>'
     share = float(odds["reached"])
@@ -119,40 +125,65 @@ def _fact(title: str, value: str, below: str = "") -> str:
     return f'<div><p class="title">{title}</p><p class="value">{value}</p><p class="below">{below}</p></div>'
 
 
+class _Surfacing(NamedTuple):
+    """A predicted surfacing: its time [ns, UTC], what it supposes, and its numbers as HTML."""
+
+    time_ns: int
+    basis: str
+    shown: str
+    size: str
+
+
 def _surfacing(contents: Contents) -> str:
-    """Return time and ellipse of the next surfacing: of the plan, else as the last dive."""
-    plan, expected = contents.last_plan, contents.outcome.predicted_surfacings or {}
-    if plan is not None and plan.legs and not by_habit(expected):
-        table, count = contents.result.surfacings, len(plan.legs)
-        done = int((table["planned_time"] == plan.row.name).sum()) if len(table) else 0
-        leg = plan.legs[min(done, count - 1)]
-        time, basis = int(plan.row.name.value) + round(1e9 * leg["surfacing_s"]), "by the plan"
-        shown = leg_number(leg["leg"], "surfacing_s", leg["surfacing_s"], clock_text(time))
-        axes: list[Any] = [leg.get(f"ellipse_{name}_m") for name in ("major", "minor")]
-        keys = [
-            f"plan.statistics.leg_{leg['leg']:03d}#ellipse_{name}_m" for name in ("major", "minor")
-        ]
-    elif following := expected.get("next"):
-        time, basis = following["time_ns"], "as the last dive"
-        shown = number("predicted_surfacings.next.time_ns", time, clock_text(time))
-        axes = [following["ellipse_90"][f"{name}_m"] for name in ("major", "minor")]
-        keys = [f"predicted_surfacings.next.ellipse_90.{name}_m" for name in ("major", "minor")]
-    else:
+    """Return time and ellipse of the next surfacing: by the plan and as the last dive, the one to believe first."""
+    predicted = contents.outcome.predicted_surfacings
+    each = [_by_plan(contents), _as_last_dive(predicted or {})]
+    known = [one for one in (each[::-1] if by_habit(predicted) else each) if one is not None]
+    if not known:
         return ""
+    first, *others = known
     when = ""
     if contents.track.time_ns.size:
-        ahead = (time - int(contents.track.time_ns[-1])) / 1e9
+        ahead = (first.time_ns - int(contents.track.time_ns[-1])) / 1e9
         when = f"in {hours_text(ahead)}, " if ahead >= 0.0 else f"{hours_text(-ahead)} ago, "
-    size = "unknown"
-    if None not in axes:
-        texts = [
-            number(key, axis, fixed(axis / 1e3, 1)) for key, axis in zip(keys, axes, strict=True)
-        ]
-        size = f"± {' × '.join(texts)} km"
+    below = "".join(f"{one.shown} {one.basis}, {one.size}" for one in others) or "semi-axes"
     return (
-        f'<div class="facts">{_fact("Next surfacing (UTC)", shown, f"{when}{basis}")}'
-        f"{_fact('Within (90 %)', size, 'semi-axes of the ellipse')}</div>"
+        f'<div class="facts">{_fact("Next surfacing (UTC)", first.shown, f"{when}{first.basis}")}'
+        f"{_fact('Within (90 %)', first.size, ''.join(below) or 'semi-axes')}</div>"
     )
+
+
+def _by_plan(contents: Contents) -> _Surfacing | None:
+    plan = contents.last_plan
+    if plan is None or not plan.legs:
+        return None
+    table, count = contents.result.surfacings, len(plan.legs)
+    done = int((table["planned_time"] == plan.row.name).sum()) if len(table) else 0
+    leg = plan.legs[min(done, count - 1)]
+    time = int(plan.row.name.value) + round(1e9 * leg["surfacing_s"])
+    shown = leg_number(leg["leg"], "surfacing_s", leg["surfacing_s"], clock_text(time))
+    axes = {
+        f"plan.statistics.leg_{leg['leg']:03d}#ellipse_{name}_m": leg.get(f"ellipse_{name}_m")
+        for name in ("major", "minor")
+    }
+    return _Surfacing(time, "if it flies this plan", shown, _size(axes))
+
+
+def _as_last_dive(predicted: Mapping[str, Any]) -> _Surfacing | None:
+    following, at = predicted.get("next"), "predicted_surfacings.next"
+    if not following:
+        return None
+    time, ellipse = following["time_ns"], following["ellipse_90"]
+    axes = {f"{at}.ellipse_90.{name}_m": ellipse[f"{name}_m"] for name in ("major", "minor")}
+    shown = number(f"{at}.time_ns", time, clock_text(time))
+    return _Surfacing(time, "as the last dive", shown, _size(axes))
+
+
+def _size(axes: Mapping[str, float | None]) -> str:
+    """Return the semi-axes of an ellipse by their fields."""
+    known = {key: axis for key, axis in axes.items() if axis is not None}
+    texts = [number(key, axis, fixed(axis / 1e3, 1)) for key, axis in known.items()]
+    return f"± {' × '.join(texts)} km" if texts else "unknown"
 
 
 def _water(contents: Contents) -> str:
@@ -167,10 +198,10 @@ def _water(contents: Contents) -> str:
         if np.isfinite(here[0]):
             bearing, speed = float(heading_deg(here[0], here[1])), float(np.hypot(*here[:2]))
             error = float(np.hypot(*here[2:]) / np.sqrt(2.0))
-            said = f"± {error_text(error)} m/s at most" if np.isfinite(error) else "error unknown"
+            said = f"± {error_text(error)} cm/s at most" if np.isfinite(error) else "error unknown"
             parts = (
                 f'<div class="steer">{compass(bearing, f"The water goes toward {bearing:.0f} degrees")}<div>'
-                f'<p class="big">{fixed(speed, 2)}<small> m/s</small></p><p>the water goes toward {round(bearing) % 360:03d}°, '
+                f'<p class="big">{fixed(100.0 * speed, 1)}<small> cm/s</small></p><p>the water goes toward {round(bearing) % 360:03d}°, '
                 f"{said}; mean to {depth:.0f} m at the vehicle</p></div></div>"
             )
     rms, facts = contents.outcome.rms_innovation, ""
@@ -179,9 +210,7 @@ def _water(contents: Contents) -> str:
         value = f"{abs(gain):.0f} % {'closer' if gain >= 0.0 else 'farther'}"
         missed = number("rms_innovation.before", rms["before"], f"{100.0 * rms['before']:.1f}")
         prior = number("rms_innovation.prior", rms["prior"], f"{100.0 * rms['prior']:.1f}")
-        facts = _fact(
-            "Against the forecast", value, f"misses measurements by {missed}, it by {prior} cm/s"
-        )
+        facts = _fact("Against the forecast", value, f"misfit {missed} cm/s, forecast {prior}")
     facts += _least_known(contents, mean) if flow is not None else ""
     return parts + (f'<div class="facts">{facts}</div>' if facts else "")
 
@@ -213,7 +242,7 @@ def _least_known(contents: Contents, mean: Array) -> str:
     return _fact(
         "Measure next at",
         _unbroken(minutes_text(*place)),
-        f"± {error_text(error[j, i])} m/s, least known{far}",
+        f"± {error_text(error[j, i])} cm/s, least known{far}",
     )
 
 
@@ -239,16 +268,16 @@ def _profile(contents: Contents) -> str:
     known = np.isfinite(found.u)
     if not known.any():
         return ""
-    depth, marks, words, reach = flow.levels[known], list[Mark](), list[str](), 1e-3
+    depth, marks, words, reach = flow.levels[known], list[Mark](), list[str](), 0.1
     for name, color, each, error in (
         ("east", "two", found.u, found.u_standard_error),
         ("north", "one", found.v, found.v_standard_error),
     ):
-        value, band = each[known], np.nan_to_num(_NINETY * error[known])
+        value, band = 100.0 * each[known], np.nan_to_num(100.0 * _NINETY * error[known])
         both = np.append(value - band, (value + band)[::-1])
         marks.append(Mark("band", both, np.append(depth, depth[::-1]), "", color))
         marks.append(Mark("line", value, depth, name, color))
-        words.append(f"{name} {fixed(value[0], 2)} to {fixed(value[-1], 2)} m/s")
+        words.append(f"{name} {fixed(value[0], 1)} to {fixed(value[-1], 1)} cm/s")
         reach = max(reach, float(np.abs(both).max()))
     ends = nice(reach, True)
     axes = Axis("", ends=(-ends, ends)), Axis("depth", "m", (max(float(depth[-1]), 1.0), 0.0))
@@ -256,6 +285,6 @@ def _profile(contents: Contents) -> str:
     (svg, _), *_ = panels_svg(Figure("at-the-vehicle", "", [panel]), 350.0)
     said = f"Current from {depth[0]:g} to {depth[-1]:g} m: {', '.join(words)}"
     return (
-        '<p class="title">Current at the vehicle by depth [m/s] (bands: 90 %)</p>'
+        '<p class="title">Current at the vehicle by depth [cm/s] (bands: 90 %)</p>'
         f'<div class="profile" role="img" aria-label="{said}">{svg}{legend(panel)}</div>'
     )

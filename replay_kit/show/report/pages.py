@@ -13,7 +13,7 @@ from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import CONFIG_NAME
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.record import changed_settings, leaves
-from replay_kit.show.numbers import Sentence, number
+from replay_kit.show.numbers import Sentence, clock_text, number
 from replay_kit.show.page.map import map_of
 from replay_kit.show.page.page import Section, page_html
 from replay_kit.show.page.parts import items_html, table_html
@@ -178,16 +178,21 @@ def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
     contents = Contents(result, notes)
     added = additions("sections", callable, "a function").values()
     sections = [section(contents) for section in (*SECTIONS, *added)]
-    return page_html(f"Report on {result.reader.name}", sections, _subtitle(contents))
+    title = contents.outcome.mission or f"Report on {result.reader.name}"
+    return page_html(title, sections, _subtitle(contents))
 
 
 def _subtitle(contents: Contents) -> str:
     span, dives = contents.span_ns, int((contents.result.dives.index > 0).sum())
     if span is None:
         return ""
-    begin, end = (time_text(each)[:16] for each in span)
-    parts = [f"{begin} to {end} UTC", *([count_text(dives, "dive")] if dives else [])]
-    return " · ".join([*parts, count_text(contents.outcome.observations["used"], "measurement")])
+    begin, end = map(clock_text, span)
+    fixes = contents.result.fixes
+    measured = fixes.index[~fixes["dead_reckoned"].to_numpy(bool)] if len(fixes) else fixes.index
+    fix = f"last fix {clock_text(measured[-1].value)} UTC" if len(measured) else ""
+    dive = count_text(dives, "dive") if dives else ""
+    used = count_text(contents.outcome.observations["used"], "observation")
+    return " · ".join(filter(None, [f"{begin} to {end} UTC", fix, dive, used]))
 
 
 def several_html(contents: Contents, pages: Mapping[str, str]) -> str:

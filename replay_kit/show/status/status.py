@@ -23,7 +23,7 @@ class Status:
     """A result in figures.
 
     Attributes:
-        name: Of the result.
+        name: Of the vehicle and its mission, or else of the result.
         now_ns: The time for which ages are given [ns, UTC].
         alarms: What should wake a person.
         figures: The answers, as ``status --json`` has them: ``position``, ``goal``, ``current``, ``surfacing``, ``command``, ``odds``,
@@ -48,14 +48,16 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
     now = held.last_ns if now_ns is None else now_ns
     alarms = alarms_of(held, now)
     answers = {key: answer(held, now) for key, answer in _ANSWERS.items()}
+    mission = held.outcome.mission if held.outcome else ""
     about = {
         "result": held.name,
+        "mission": mission,
         "now": time_text(now),
         "last": time_text(held.last_ns),
         "alarms": [alarm.record() for alarm in alarms],
     }
     known = {key: values for key, values in answers.items() if values}
-    return Status(held.name, now, alarms, {**about, **known}, _places(held))
+    return Status(mission or held.name, now, alarms, {**about, **known}, _places(held))
 
 
 def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:

@@ -200,6 +200,7 @@ class Account:
             "lost_pings": self.lost_pings(),
             "losses": [{"file": path} | loss_json(loss) for path, loss in losses],
             "late": sum(self.merged.late.values()),
+            "mission": ", ".join(dict.fromkeys(one.mission for one in self.reports if one.mission)),
         }
 
 
