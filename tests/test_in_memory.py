@@ -268,7 +268,7 @@ def test_a_planner_of_ones_own_plans_and_its_result_cannot_be_verified(tmp_path)
         ConfigError, match="planner: expected a Planner, got str without plan, check"
     ):
         rk.replay(*sample, goal=goal, planner="mine")
-    with pytest.raises(ConfigError, match="goal: measurements say nothing of where the vehicle is"):
+    with pytest.raises(ConfigError, match="goal: the table has no vehicle position"):
         rk.replay([*_profiles(4)], _dataset(), goal=goal)
 
 

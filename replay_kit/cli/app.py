@@ -46,7 +46,7 @@ _MODULES = {
 _COMMANDS = {
     "replay": (
         "LOG... --ensemble FILE... -o OUT.mcap",
-        "Replay logs through the current estimator: estimate, uncertainty and plan in one MCAP.",
+        "Estimate the ocean current from logs and a forecast, and plan on it; write one MCAP.",
     ),
     "smooth": (
         "LOG... --ensemble FILE... -o OUT.mcap",
@@ -54,7 +54,7 @@ _COMMANDS = {
     ),
     "info": (
         "LOG... | --ensemble FILE...",
-        "Report the contents of a log or a forecast and what it can be used for.",
+        "List the contents of a log or forecast.",
     ),
     "qc": (
         "LOG...",

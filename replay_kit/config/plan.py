@@ -42,8 +42,7 @@ class PlanRequest(Section):
     )
     goal: Annotated[tuple[str, ...], Option("--goal", PLACE.form, _INPUTS, True), PLACES] = Field(
         default=(),
-        description="Where to go [degrees, degrees, m]; may be repeated, in order. With --glider each goes to one of them, or to its own "
-        "with NAME= before it.",
+        description="Goal [degrees, degrees, m]; may be repeated, in order. With --glider goals are assigned to gliders; NAME= fixes one.",
     )
     glider: Annotated[
         tuple[str, ...], Option("--glider", f"NAME={PLACE.form}", _INPUTS, True), PLACES

@@ -25,7 +25,7 @@ def _known_objective(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DiveSettings:
-    """How a vehicle that is planned for dives.
+    """Dive settings of the vehicle.
 
     Attributes:
         speed: Through water [m/s].

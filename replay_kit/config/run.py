@@ -156,8 +156,8 @@ class MeasurementConfig(Section):
     )
     flight_bias: bool = Field(
         default=True,
-        description="Correct the mean currents of dives for the flight model's error, in proportion to the way through the water, where "
-        "the dives before show one; mean currents then count beside profiles that were computed from them.",
+        description="Correct mean currents for the flight-model error where earlier dives show one; mean currents then count beside "
+        "profiles that were computed from them.",
     )
     dead_reckoning: Literal["corrected", "through_water"] = Field(
         default="corrected",
@@ -256,8 +256,8 @@ class ForecastConfig(Section):
     window_points: int | None = Field(
         default=None,
         ge=100,
-        description="Points a level of a region found from the log; of a larger one windows of this size follow each vehicle, each "
-        "starting from what the one before learnt. With a goal, and for estimates through time, one region holds all. "
+        description="Largest window [points per level]; in a larger region windows of this size follow each vehicle, each "
+        "starting from the estimate of the previous one. With a goal, and for estimates through time, one region holds all. "
         "Default: a square of 14 correlation lengths, at least 1,600.",
     )
     levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(
@@ -285,7 +285,7 @@ class ForecastConfig(Section):
     offline: Annotated[bool, Option("--offline")] = Field(
         default=False,
         exclude=True,
-        description="Ask no server: forecasts given by address are those fetched before.",
+        description="Use fetched forecasts only.",
     )
     max_download: Annotated[
         Annotated[float, Field(gt=0.0)] | None, Option("--max-download", "MB")

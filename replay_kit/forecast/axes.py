@@ -34,7 +34,7 @@ _LEAST_SHARE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class AxesCheck:
-    """What physics says of the axes of the velocities.
+    """Test of the velocity axes.
 
     Attributes:
         axes: As read.

@@ -121,7 +121,7 @@ def outcomes_sentence(found: Mapping[str, Any]) -> Sentence:
         else ", {inside_ellipse:share} inside the 90 % ellipse"
     )
     return sentence(
-        "Plan vs. actual surfacings: {count} predicted by the plan before; median distance {distance_median_m:.0f} m, {delay_median_s:min}"
+        "Surfaced {distance_median_m:.0f} m from the plan, {delay_median_s:min} (median of {count})"
         + share,
         found,
         "surfacings.",
@@ -262,7 +262,7 @@ def comparison_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
                 "first": "{ensemble} explained the log better",
                 "second": f"{{{at}ensemble}} explained the log better",
             }
-            verdict = better.get(other["better"], "the log does not tell which explained it better")
+            verdict = better.get(other["better"], "the difference is not significant")
             left = f"; {{{at}not_compared}} {unit} with unlike measurements left out"
             said = (
                 f"{names}{verdict}; log evidence {{{at}gain_mean:+.2f}} a {one} over {{{at}compared}} {unit} "

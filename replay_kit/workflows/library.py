@@ -92,7 +92,7 @@ def replay(
     settings: Settings = None,
     **options: Unpack[ReplayOptions],
 ) -> Result:
-    """Return what logs and an ensemble forecast say of the current: the estimate, and tables of what was used.
+    """Estimate the current from logs and an ensemble forecast: the estimate, and tables of the observations used.
 
     Args:
         logs: Logs of one mission; an open one stands for its path, and is read with these settings. Or measurements
@@ -122,7 +122,7 @@ def replay(
     of_each = logs if isinstance(logs, Mapping) and not is_observed(logs) else None
     if goal is not None and any(map(is_observed, [logs] if of_each is None else of_each.values())):
         raise ConfigError(
-            "goal: measurements say nothing of where the vehicle is; plan on the estimate: plan(result.estimate, start, goal)"
+            "goal: the table has no vehicle position; plan on the estimate: plan(result.estimate, start, goal)"
         )
     folder = Path(tempfile.mkdtemp(prefix="replay_kit_")) if out is None else None
     held = _Held(

@@ -47,7 +47,7 @@ def live(ensemble: Paths, *, settings: Settings = None) -> Live:
 
 
 class Live:
-    """What the messages so far say of the current. It is mutable: messages change it, and no question does."""
+    """Estimate of the current from the messages so far. It is mutable: messages change it, questions do not."""
 
     def __init__(self, ensemble: Paths, config: RunConfig) -> None:
         """Read the forecast and make the prior of it."""

@@ -61,7 +61,7 @@ def test_goals_too_many_and_too_few_are_named_and_one_may_be_a_glider_s_own(flow
         (f"{BOTH} --start=152.4,-39.6,0 {NEAR}", "--start: expected no --glider"),
         (f"{BOTH} --goal=sg3=152.4,-39.6,0", "got sg3"),
         (f"{BOTH} {NEAR} --separation -1", "--separation: expected a number above 0"),
-        (f"--start=152.4,-39.6,0 {NEAR} --separation 500", "expected --glider beside it"),
+        (f"--start=152.4,-39.6,0 {NEAR} --separation 500", "expected --glider too"),
         (f"{BOTH} {NEAR} --waypoints list.csv", "plan each glider alone"),
         (f"{BOTH} {NEAR} --csv -", "expected files with --glider"),
         (f"{ONE} --glider=sg2=10,50,0 {NEAR}", "outside"),

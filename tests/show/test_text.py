@@ -117,7 +117,7 @@ def test_a_name_wider_than_the_terminal_is_whole():
 @pytest.mark.parametrize(
     ("reason", "code"),
     [
-        ("not asked for: of no use to the estimator, or outside the time span", "not_asked_for"),
+        ("not needed by the estimator, or outside the time span", "not_needed_by_the_estimator"),
         ("later than the reorder window allows", "later_than_the_reorder_window_allows"),
         (
             "GPS fix without time or position, or flagged bad (quality 3)",
@@ -218,11 +218,11 @@ def test_surfacings_are_told_by_the_medians_of_their_errors_and_the_share_inside
     ]
     assert (
         str(outcomes_sentence(surfacings_part(made)))
-        == "Plan vs. actual surfacings: 4 predicted by the plan before; median distance 2250 m, +2 min, 67 % inside the 90 % ellipse"
+        == "Surfaced 2250 m from the plan, +2 min (median of 4), 67 % inside the 90 % ellipse"
     )
     assert (
         str(outcomes_sentence(surfacings_part(made[3:])))
-        == "Plan vs. actual surfacings: 1 predicted by the plan before; median distance 9000 m, +4 min"
+        == "Surfaced 9000 m from the plan, +4 min (median of 1)"
     )
     told = surfacings_part(made)
     assert [one["inside_ellipse"] for one in told["each"]] == [True, False, True, None]

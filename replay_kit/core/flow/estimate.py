@@ -456,8 +456,8 @@ class FlowEstimate:
                 estimate answers for its own time, ``Velocities.estimate_time``, and warns of times outside the span of its data.
 
         Raises:
-            EstimatorError: The flow has no model of time, or a time is before its last observation, a latitude is none, or a depth is
-                negative or not finite.
+            EstimatorError: The flow has no model of time, or a time is before its last observation; a latitude is outside
+                [-90, 90]; a depth is negative or not finite.
             ConfigError: A time is none.
         """
         from replay_kit.core.flow.points import best_velocity_at
@@ -474,7 +474,7 @@ class FlowEstimate:
                 ``Velocities.estimate_time``. Depths down to 1 m above the surface are at the surface.
 
         Raises:
-            EstimatorError: A column is missing, a latitude is none, or a depth is above the surface or not finite.
+            EstimatorError: A column is missing, a latitude is outside [-90, 90], or a depth is above the surface or not finite.
             ConfigError: A time is none.
         """
         from replay_kit.core.flow.points import velocity_along

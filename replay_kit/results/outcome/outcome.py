@@ -115,7 +115,7 @@ class Outcome:
 
     @property
     def alarms(self) -> tuple[RunAlarm, ...]:
-        """What should wake a person, the plan first."""
+        """Alarms, the plan's first."""
         return run_alarms(self.plan, self.consistency)
 
     @property

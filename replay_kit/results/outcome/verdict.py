@@ -38,7 +38,7 @@ class Verdict(NamedTuple):
 
 
 class RunAlarm(NamedTuple):
-    """What should wake a person.
+    """An alarm.
 
     Attributes:
         kind: ``plan`` or ``consistency``.

@@ -61,9 +61,7 @@ def _check_chosen(kind: str, chosen: Chosen) -> None:
     """Raise ConfigError for a place, a depth or a time that a figure does not have."""
     for name, value in (("at", chosen.at), ("depth", chosen.depth), ("time", chosen.time_ns)):
         if value is not None and kind not in _HAVE[name]:
-            raise ConfigError(
-                f"--{name}: the figure {kind} has none; {', '.join(_HAVE[name])} would obey it"
-            )
+            raise ConfigError(f"--{name}: applies to {', '.join(_HAVE[name])}, not to {kind}")
     if chosen.at is not None and chosen.depth is not None:
         raise ConfigError("--depth: --at states a depth already; leave one of them out")
 

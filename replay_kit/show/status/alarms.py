@@ -78,7 +78,7 @@ _SECOND = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """What should wake a person.
+    """An alarm.
 
     Attributes:
         kind: ``surfacing overdue``, ``outside its ellipse``, ``current rejected``, ``consistency``, ``plan`` or ``forecast ended``.

@@ -25,7 +25,7 @@ class Status:
     Attributes:
         name: Of the vehicle and its mission, or else of the result.
         now_ns: The time for which ages are given [ns, UTC].
-        alarms: What should wake a person.
+        alarms: What needs action now.
         figures: The answers, as ``status --json`` has them: ``position``, ``goal``, ``current``, ``surfacing``, ``command``, ``odds``,
             ``forecast`` and ``fit``, each with ``since``, the time when it was so; those that are known.
         places: Of ``track``, ``plan``, ``goal`` and ``ellipse`` that are known, each (east, north) [m] of points, local frame.

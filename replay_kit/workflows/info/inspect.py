@@ -1,4 +1,4 @@
-"""What is in a log, and what it can be used for."""
+"""Contents of a log, and its uses."""
 
 import time
 from collections import Counter

@@ -81,9 +81,7 @@ def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
         if any(time is not None for time in outline.times_ns):
             notes.append(f"{name}: a mission that lasts into its time keeps out of it throughout")
         if len(corners) > 3 and not shapely.is_valid(shapely.Polygon(corners)):
-            notes.append(
-                f"{name}: its outline crosses itself; what it winds around an odd number of times is forbidden"
-            )
+            notes.append(f"{name}: its outline crosses itself; filled by the even-odd rule")
         if not _overlaps(corners, grid):
             if _overlaps(corners[:, ::-1], grid):
                 raise PlanError(

@@ -139,18 +139,21 @@ def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
 
 def _glider_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
     if not request.glider:
-        return ((request.separation is not None, "--separation: expected --glider beside it"),)
+        return ((request.separation is not None, "--separation: expected --glider too"),)
     alone = ("start", "depart", "horizon", "mooring", "line", "risk", "arrive_by")
     given = [f"--{name.replace('_', '-')}" for name in alone if getattr(request, name)]
     named = [name for name, _ in request.goals_of_gliders if name]
     unknown = [name for name in named if name not in request.glider_places]
     return (
         (len(request.glider) < 2, "--glider: expected two gliders or more; one has --start"),
-        (given, f"{', '.join(given)}: expected no --glider beside; plan each glider alone"),
-        (request.waypoints, "--waypoints: expected no --glider beside; plan each glider alone"),
+        (given, f"{', '.join(given)}: cannot be combined with --glider; plan each glider alone"),
+        (
+            request.waypoints,
+            "--waypoints: cannot be combined with --glider; plan each glider alone",
+        ),
         (
             request.objective == "odds",
-            "--objective odds: expected no --glider beside; plan each glider alone",
+            "--objective odds: cannot be combined with --glider; plan each glider alone",
         ),
         (
             unknown or len(set(named)) < len(named),

@@ -73,9 +73,9 @@ class Account:
             used = self.counts.used.get(topic, 0)
             unexplained = read[topic] - used - reasons[topic].total()
             if unexplained > 0:
-                reasons[topic][
-                    "not asked for: of no use to the estimator, or outside the time span"
-                ] += unexplained
+                reasons[topic]["not needed by the estimator, or outside the time span"] += (
+                    unexplained
+                )
             counts = {"read": read[topic], "used": used, "skipped": read[topic] - used}
             rows.append({"topic": topic, **counts, "reasons": reasons[topic]})
         return rows
@@ -300,5 +300,5 @@ def _describe(rows: Sequence[Mapping[str, Any]]) -> str:
 def _is_relevant(row: Mapping[str, Any]) -> bool:
     """Return whether a message of a topic was used, or skipped for a reason that concerns its contents."""
     return row["used"] > 0 or any(
-        not reason.startswith(("not asked for", "not a kind")) for reason in row["reasons"]
+        not reason.startswith(("not needed", "not a kind")) for reason in row["reasons"]
     )

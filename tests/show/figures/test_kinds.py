@@ -232,9 +232,9 @@ def test_a_map_of_a_time_has_the_current_published_before_it_and_nothing_later(c
 @pytest.mark.parametrize(
     ("kind", "chosen", "said"),
     [
-        ("trust", Chosen((5.0, 62.0, 77.0)), "--at: the figure trust has none; map, series, plan"),
-        ("series", Chosen(depth=9.0), "--depth: the figure series has none; map, plan"),
-        ("plan", Chosen(time_ns=1), "--time: the figure plan has none; map would obey it"),
+        ("trust", Chosen((5.0, 62.0, 77.0)), "--at: applies to map, series, plan, not to trust"),
+        ("series", Chosen(depth=9.0), "--depth: applies to map, plan, not to series"),
+        ("plan", Chosen(time_ns=1), "--time: applies to map, not to plan"),
         ("map", Chosen((5.0, 62.0, 77.0), 9.0), "--depth: --at states a depth already"),
     ],
 )

@@ -76,7 +76,7 @@ def test_numbers_are_written_as_people_do():
     assert minutes_text(-179.9999, -40.0) == "40°00.0′S 180°00.0′W"
     assert minutes_text(190.5, 0.26) == "0°15.6′N 169°30.0′W"
     assert [error_text(value) for value in (0.0001, 0.004, 0.034)] == [
-        "0.001 or less",
-        "0.004",
-        "0.03",
+        "0.1 or less",
+        "0.4",
+        "3.4",
     ]

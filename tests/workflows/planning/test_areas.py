@@ -34,7 +34,7 @@ def written(path, rings):
         ([RING, RING[::-1]], None),
         (
             [[RING[0], RING[2], RING[1], RING[3], RING[0]]],
-            "range: its outline crosses itself; what it winds around an odd number",
+            "range: its outline crosses itself; filled by the even-odd rule",
         ),
         ([[[x - 30.0, y] for x, y in RING]], "range: it lies outside of the region"),
         ([[[x + 1.0, y] for x, y in RING]], "range: it lies outside of the region"),

@@ -74,9 +74,7 @@ def run_metadata(
     hashes = [file_hash(path) for path in logs]
     for i, digest in enumerate(hashes):
         if digest in hashes[:i]:
-            raise ConfigError(
-                f"{logs[i]}: the same bytes as {logs[hashes.index(digest)]}; a log given twice would count twice"
-            )
+            raise ConfigError(f"{logs[i]}: identical to {logs[hashes.index(digest)]}; remove one")
     inputs = {
         f"log{i}": f"{path.name} sha256:{digest}"
         for i, (path, digest) in enumerate(zip(logs, hashes, strict=True))

@@ -85,7 +85,7 @@ def _check_contents(vehicles: Sequence[Vehicle]) -> None:
             name, other = held.setdefault(file_hash(path), (one.name, path))
             if name != one.name:
                 raise ConfigError(
-                    f"{path} of {one.name}: the same bytes as {other} of {name}; a log is of one vehicle: leave one of them out"
+                    f"{path} of {one.name}: identical to {other} of {name}; a log is of one vehicle: leave one of them out"
                 )
 
 
