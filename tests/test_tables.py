@@ -138,7 +138,7 @@ def test_tables_of_several_vehicles_share_an_estimate():
     }
     with pytest.raises(ConfigError, match=r"^logs\['b'\]\['u'\]: expected 48 values"):
         rk.replay({"a": _rows(), "b": _columns() | {"u": np.ones(3)}}, _dataset())
-    with pytest.raises(ConfigError, match="goal: measurements say nothing"):
+    with pytest.raises(ConfigError, match="goal: the table has no vehicle position"):
         rk.replay({"a": _rows(), "b": _columns()}, _dataset(), goal=(152.3, -39.8, 50.0))
 
 

@@ -21,59 +21,33 @@ from replay_kit.core.errors import ConfigError
 
 # Columns from which a description begins; longer names have a line of their own.
 _NAMES = 26
-# A command with more options than this shows some of them in its help, and all with --help-all: what it requires, the common
-# ones, and those of its own that are not for rare cases.
+# A command with more options than this shows in its help those that it requires and these, and all with --help-all.
 _MANY = 16
 _COMMON = {
     *(
-        "--goal",
         "--start",
-        "--end",
-        "--region",
-        "--levels",
+        "--goal",
         "--members",
-        "--modes",
-        "--place-ensemble",
+        "--levels",
         "--config",
+        "--report",
+        "--follow",
         "--json",
-    ),
-    *(
         "--overwrite",
+    ),
+    *(
+        "--as",
         "--depth",
+        "--radius",
+        "--waypoints",
+        "--no-go",
+        "--bathymetry",
+        "--depart",
         "--samples",
-        "--speed",
-        "--tolerance",
-        "--without",
     ),
-}
-_RARE = {
-    *(
-        "--truth-radius",
-        "--checkpoint",
-        "--include-inputs",
-        "--interval",
-        "--until-idle",
-        "--goal-file",
-        "--notify",
-        "--write-unsafe",
-    ),
-    *(
-        "--waypoint-tolerance",
-        "--surfacings-only",
-        "--line-weight",
-        "--line-width",
-        "--spline",
-        "--time-limit",
-        "--arrive",
-        "--scheduler",
-        "--workers",
-    ),
-    *("--fresh",),
-    *("--separation", "--horizon"),
 }
 # Up to a full stop or semicolon, not one in a name such as .mcap; and the default at the end.
 _FIRST_SENTENCE = re.compile(r"(.*?)(?=[.;](?:\s|$)|$).*?( \[default: [^]]*\])?$", re.DOTALL)
-_SETTINGS_FROM = 4  # order of the groups of settings, after those of a command's own options
 
 
 def layout(
@@ -114,14 +88,9 @@ def option_groups(
     groups: dict[str, list[Argument]] = {"Common options": []} if many else {}
     # the order of groups is theirs, that of options the order in which they are written
     for argument in sorted(shown, key=lambda argument: _group(argument)[0]):
-        order, heading = _group(argument)
+        _, heading = _group(argument)
         common = many and (argument.required or not _COMMON.isdisjoint(argument.names))
-        if (
-            every
-            or not many
-            or common
-            or (order < _SETTINGS_FROM and _RARE.isdisjoint(argument.names))
-        ):
+        if every or not many or common:
             groups.setdefault("Common options" if common else heading, []).append(argument)
     brief = many and not every
     ordered = (

@@ -1,9 +1,8 @@
 """The figures of an outcome as sentences, without the heavy libraries."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-from replay_kit.core.text import place_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.numbers import Sentence, joined, sentence
 
@@ -74,8 +73,8 @@ def trust_sentences(outcome: Outcome) -> Iterator[Sentence]:
         yield from (
             joined("Comparison: ", [one]) for one in comparison_sentences(outcome.comparison)
         )
-    if (expected := outcome.predicted_surfacings) is not None:
-        yield joined("Predicted surfacings: ", surfacings_sentences(expected))
+    if outcome.predicted_surfacings is not None:
+        yield surfacings_sentence(outcome.predicted_surfacings)
 
 
 def plan_sentence(plan: Mapping[str, Any]) -> Sentence:
@@ -145,90 +144,27 @@ def truth_sentences(truth: Mapping[str, Any]) -> Iterator[Sentence]:
         )
 
 
-def surfacings_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
-    """Yield the figures of ``surfacings_json``, and the coming surfacing, as sentences."""
-    yield from past_sentences(found)
-    if (following := found["next"]) is not None:
-        place = place_of_next(following, "predicted_surfacings.next.")
-        yield joined("next, flown as the last dive: ", [place])
-
-
-def past_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
-    """Yield the figures of ``surfacings_json`` of the dives so far as sentences."""
-    each, at = found["each"], "predicted_surfacings."
-    yield sentence(
-        f"{{count}} expected from {_from(each)}: {{inside_50:share}} inside the 50 % ellipse, {{inside_90:share}} inside the 90 % one; "
-        f"median distance {{distance_median_m:.0f}} m, mean radius of 90 % {{radius_90_mean_m:.0f}} m{_beside(found, each)}",
-        found,
-        at,
-    )
-    early = [
-        f"dive {{each.{k}.dive}} ({_early(one, k)})"
-        for k, one in enumerate(each)
-        if one["earlier_dives"] < 2
-    ]
-    if early:
-        yield sentence(f"of these {', '.join(early)}", found, at)
-
-
-def by_habit(expected: Mapping[str, Any] | None) -> bool:
-    """Return whether the dives so far, of ``surfacings_json``, predicted better than plans, so that the coming surfacing is theirs."""
-    record = (expected or {}).get("record") or {}
-    return record.get("shown") == "habit" and bool(expected and expected["next"])
-
-
-def place_of_next(following: Mapping[str, Any], at: str = "") -> Sentence:
-    """Return the place of the coming surfacing of ``surfacings_json``, with its ellipse of 90 %.
-
-    Args:
-        following: The coming surfacing.
-        at: Path of its fields within an outcome, with a dot at its end.
-    """
-    return sentence(
-        f"{place_text(*following['expected'])}, 90 % within {{ellipse_90.major_m:.0f}} x {{ellipse_90.minor_m:.0f}} m along "
-        f"{{ellipse_90.bearing_deg:.0f}} degrees{_calibration(following)}",
-        following,
-        at,
-    )
-
-
-def _calibration(following: Mapping[str, Any]) -> str:
-    """Return by how many scored surfacings an ellipse is calibrated, as a template; empty for results that do not say it."""
-    if "scored" not in following:
-        return ""
-    if "calibration" not in following:
-        return " (not calibrated: {scored} scored)"
-    return " (calibrated by {scored} scored surfacings: {calibration:.2f} times as large)"
-
-
-def _from(each: Sequence[Mapping[str, Any]]) -> str:
-    """Return what surfacings were expected from, which is said of those without mean currents."""
-    bases = {one.get("basis") for one in each}
-    if "estimate" in bases:
-        return "the displacements of the dives before each and the current of the estimate, without mean currents"
-    return (
-        "the displacements of the dives before each, without mean currents"
-        if "displacements" in bases
-        else "the dives before each"
-    )
-
-
-def _beside(found: Mapping[str, Any], each: Sequence[Mapping[str, Any]]) -> str:
-    """Return how the ellipses compare with the last dive's current alone, as a template of ``surfacings_json``."""
+def surfacings_sentence(found: Mapping[str, Any]) -> Sentence:
+    """Return how well the ends of dives were predicted from the dives before, as a sentence."""
     at, figures = ("later.", found["later"]) if found["later"] else ("", found)
-    if figures["log_score_gain"] is None or figures["radius_ratio"] is None:
-        return ""
-    kept = "velocity over ground" if any("basis" in one for one in each) else "current"
-    return (
-        f"; beside the last dive's {kept} with its spread: radius {{{at}radius_ratio:.2f}} times as large, "
-        f"log score {{{at}log_score_gain:+.2f}} a dive"
+    sharper = ""
+    if figures["log_score_gain"] is not None and figures["radius_ratio"] is not None:
+        sharper = (
+            f"; ellipses {{{at}radius_ratio:.2f}} times as large as with the last dive's current, "
+            f"log score {{{at}log_score_gain:+.2f}} a dive"
+        )
+    return sentence(
+        "Predicted surfacings: {inside_50:share} of {count} inside the 50 % ellipse, {inside_90:share} inside the 90 % ellipse; "
+        f"median distance {{distance_median_m:.0f}} m, mean radius of 90 % {{radius_90_mean_m:.0f}} m{sharper}",
+        found,
+        "predicted_surfacings.",
     )
 
 
-def _early(one: Mapping[str, Any], k: int) -> str:
-    before = "without an earlier one" if one["earlier_dives"] == 0 else "after a single one"
-    where = "inside" if one["inside_90"] else "outside"
-    return f"{before}: {where} its 90 % ellipse of {{each.{k}.radius_90_m:.0f}} m"
+def by_habit(predicted: Mapping[str, Any] | None) -> bool:
+    """Return whether the dives so far, of ``surfacings_json``, predicted better than plans, so that the coming surfacing is theirs."""
+    record = (predicted or {}).get("record") or {}
+    return record.get("shown") == "habit" and bool(predicted and predicted["next"])
 
 
 def evidence_sentence(found: Mapping[str, Any]) -> Sentence:

@@ -55,16 +55,6 @@ def print_table(
     console.print(table)
 
 
-def table_text(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table as lines, its columns as wide as their longest cells."""
-    cells = [columns, *rows]
-    wide = [max(len(row[k]) for row in cells) for k in range(len(columns))]
-    lines = [
-        "  ".join(text.ljust(size) for text, size in zip(row, wide, strict=True)) for row in cells
-    ]
-    return "\n".join(line.rstrip() for line in lines) + "\n"
-
-
 def folded(rows: Iterable[tuple[str, ...]], whole: bool = False) -> list[tuple[str, ...]]:
     """Return rows with those that follow each other and are equal but for a number in their topics' names folded into one.
 

@@ -92,11 +92,10 @@ def test_the_common_options_of_a_long_list_come_first():
     ]
     common = options(said[said.index("Common options:") : said.index("Inputs:")])
     assert common[:3] == ["LOG", "--ensemble", "-o"]
-    expected = "--goal --config --overwrite --json --start --end --region --levels --members"
-    assert set(common[3:]) == {
-        *expected.split(),
-        *("--place-ensemble", "--modes", "--without", "--speed", "--depth"),
-    }
+    expected = (
+        "--goal --members --levels --config --report --follow --json --overwrite --as --depth"
+    )
+    assert set(common[3:]) == {*expected.split(), "--bathymetry", "--radius", "--start"}
     # a short list has no such heading
     assert headings(invoke("synthesize --help").stdout) == [
         "Outputs:",
@@ -107,8 +106,7 @@ def test_the_common_options_of_a_long_list_come_first():
 
 def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults():
     said = " ".join(invoke("replay --help", columns=100).stdout.split())
-    assert "--levels Z1,Z2,... Depth levels used [m] --place-ensemble" in said
-    assert "--modes N|all Number of modes per level, fewer where fewer exist [default: 300]" in said
+    assert "--levels Z1,Z2,... Depth levels used [m] --" in said
     # what must be given is told whole
     assert "may be repeated. --members defines what a member is. [required]" in said
 

@@ -83,5 +83,5 @@ def test_each_number_of_a_sentence_carries_its_field():
         "by 2.1 cm/s RMS, 4.3 cm/s at most; from 22 dives this error is 14 ± 3 % of the way through the water along it and -2 ± 4 % across"
         in text
     )
-    assert "61 % inside the 50 % ellipse, 83 % inside the 90 % one" in text
+    assert "61 % of 6 inside the 50 % ellipse, 83 % inside the 90 % ellipse" in text
     assert "{one}.nc explained the log better; log evidence +1.26 a dive over 5 dives" in text

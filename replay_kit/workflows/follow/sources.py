@@ -109,7 +109,7 @@ def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
         return replace(found, aside="has no message yet")
     same = next((source for source in others if source.sha256 == found.sha256), None)
     if same is not None:
-        return replace(found, aside=f"has identical to {same.path.name}, and counts once")
+        return replace(found, aside=f"is identical to {same.path.name} and counts once")
     missions = {source.mission for source in others if source.mission}
     if found.mission and missions and found.mission not in missions:
         return replace(

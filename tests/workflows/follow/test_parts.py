@@ -58,7 +58,7 @@ def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_or_given_twice_is_s
     assert "is of sg999 mission 2, not of sg171 mission 1" in judge(
         source("b.nc", mission="sg999 mission 2"), own
     )
-    assert "same bytes as a.nc" in judge(source("b.nc", sha256="sha of a.nc"), own)
+    assert "identical to a.nc" in judge(source("b.nc", sha256="sha of a.nc"), own)
     assert "far from the present: its clock was wrong" in judge(
         source("b.nc", NOW_NS + 2 * DAY_NS), own
     )

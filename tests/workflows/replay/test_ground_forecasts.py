@@ -17,7 +17,6 @@ from replay_kit.core.observation import (
     VehicleState,
 )
 from replay_kit.results.outcome.parts import expected_part
-from replay_kit.show.sentences import surfacings_sentences
 from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
     forecast_end,
@@ -260,17 +259,15 @@ def test_the_coming_surfacing_is_of_a_dive_like_the_last_in_the_estimates_curren
 
 
 @pytest.mark.parametrize(
-    ("begin", "said"),
+    ("begin", "basis"),
     [
-        ((-4000.0, -4000.0), "the current of the estimate"),
-        ((4e5, 4e5), "before each, without mean"),
+        ((-4000.0, -4000.0), "estimate"),
+        ((4e5, 4e5), "displacements"),
     ],
 )
-def test_the_summary_says_what_surfacings_were_expected_from(begin, said):
+def test_each_surfacing_states_what_it_was_predicted_from(begin, basis):
     flows = currents(4)
     outcomes = expected(mission(flows, begin), estimate(flows))
     found = expected_part(outcomes, outcomes[-1].forecast)
-    words = "; ".join(map(str, surfacings_sentences(found)))
-    assert said in words
-    assert "beside the last dive's velocity over ground" in words
-    assert found["next"]["basis"] == outcomes[0].forecast.basis
+    assert {one["basis"] for one in found["each"]} == {basis}
+    assert found["next"]["basis"] == outcomes[0].forecast.basis == basis
