@@ -104,20 +104,13 @@ def test_what_was_written_is_read_back(contents, full):
         np.testing.assert_allclose(getattr(seabed, name), getattr(SEABED, name), atol=1e-6)
 
 
-def test_a_plan_without_all_that_says_so(plan, tmp_path):
+def test_a_plan_without_all_that_has_none_of_it(plan, tmp_path):
     contents = written(tmp_path / "out.mcap", plan)
     found = contents.last_plan
     assert [found.energy, found.battery, found.odds, found.bottom] == [None] * 4
     assert [*found.areas, *found.ellipses] == []
     assert contents.seabed is None
-    text = text_of(report_html(contents.result), "plan")
-    for missing in (
-        "holds no energy of the plan",
-        "no odds of arriving: [planner] samples = 100",
-        "no depth of the bottom: --bathymetry",
-    ):
-        assert missing in text
-    assert "battery" not in text
+    assert "battery" not in text_of(report_html(contents.result), "plan")
 
 
 def test_energy_of_earlier_versions_is_unknown(plan, tmp_path):

@@ -1,4 +1,4 @@
-"""Notes that state what was chosen are not among what looks wrong, and the page judges errors as the verdict does."""
+"""Notes are not among what looks wrong, and the page judges errors as the verdict does."""
 
 from types import SimpleNamespace
 
@@ -10,20 +10,11 @@ from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.report.sections.answer import _depths, found_warnings, next_steps
 
 
-def test_notes_of_what_was_chosen_stand_apart():
+def test_notes_on_how_the_log_was_read_are_notes():
     names = "glider_1.nc: 5 variables were read by their names"
-    notes = [
-        names,
-        "members: 40 fields",
-        "300 modes a level",
-        "a fix <b> jumps",
-        "3 logs: the recorder's stamps are +0.000 s from UTC",
-    ]
     contents = SimpleNamespace(
-        outcome=Outcome(notes=notes),
-        result=SimpleNamespace(
-            events=pd.DataFrame({"level": [], "message": []}),
-        ),
+        outcome=Outcome(notes=(names, "a fix <b> jumps", "300 modes a level")),
+        result=SimpleNamespace(events=pd.DataFrame({"level": [], "message": []})),
         measured=SimpleNamespace(
             innovations=pd.DataFrame(
                 {
@@ -34,19 +25,11 @@ def test_notes_of_what_was_chosen_stand_apart():
             )
         ),
     )
-    magnetic = "headings are magnetic; no declination was added to them"
-    notes.append(magnetic)
-    found = found_warnings(contents)  # type: ignore[arg-type]
-    assert [text for kind, text in found if kind != "note"] == ["A fix &lt;b&gt; jumps."]
-    said = [text for kind, text in found if kind == "note"]
-    recorder = "3 logs: the recorder&#x27;s stamps are +0.000 s from UTC."
     # the name of a file stays as it is
-    assert said == [
-        f"{names}.",
-        "Members: 40 fields.",
-        "300 modes a level.",
-        recorder,
-        magnetic.capitalize() + ".",
+    assert found_warnings(contents) == [  # type: ignore[arg-type]
+        ("note", f"{names}."),
+        ("note", "A fix &lt;b&gt; jumps."),
+        ("note", "300 modes a level."),
     ]
 
 

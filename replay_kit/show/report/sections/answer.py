@@ -17,27 +17,6 @@ from replay_kit.show.page.page import Section
 from replay_kit.show.page.parts import items_html
 from replay_kit.show.sentences import estimate_sentences, found_sentences
 
-#: Notes of a run that only state what was read and chosen.
-_NEUTRAL = (
-    *(
-        "modes a level",
-        "prior: ",
-        "no goal was given",
-        "could not be decoded",
-        "members: ",
-        "variance of the prior multiplied",
-        "differ from the modes by a field",
-    ),
-    *(
-        "the recorder's stamps are",
-        "since its start against",
-        "were read by their names",
-        "each counted once",
-    ),
-    "no declination was added to them",
-)
-
-
 _KINDS = {"stop": "Stop", "care": "Care", "note": "Note"}
 
 
@@ -58,7 +37,6 @@ def found_warnings(contents: Contents) -> list[tuple[str, str]]:
     tests = (_losses, _bias, _rejections, _surfacings)
     notes = outcome.notes
     care = [text for test in tests if (text := test(contents))]
-    care += [escape(_sentence(note)) for note in notes if not _is_neutral(note)]
     events = contents.result.events
     told = dict.fromkeys(events["message"][events["level"].isin(["warning", "error"])])
     said = [text for text in told if text not in notes]
@@ -75,8 +53,8 @@ def found_warnings(contents: Contents) -> list[tuple[str, str]]:
         # what was found with the last message alone is no event
         if one.kind == "plan" or not any(text.startswith(one.about) for text in said)
     ]
-    neutral = [("note", escape(_sentence(note))) for note in notes if _is_neutral(note)]
-    return [*alarms, *(("care", text) for text in care), *neutral]
+    read = [("note", escape(_sentence(note))) for note in notes]
+    return [*alarms, *(("care", text) for text in care), *read]
 
 
 def next_steps(contents: Contents) -> list[str]:
@@ -114,10 +92,6 @@ def _advice(outcome: Outcome) -> str:
     """Return what to do where nothing is missing."""
     reasons = "; ".join(map(escape, outcome.verdict.reasons))
     return f"Check before use: {reasons}." if reasons else "No action needed."
-
-
-def _is_neutral(note: str) -> bool:
-    return any(word in note for word in _NEUTRAL)
 
 
 def _sentence(text: str) -> str:

@@ -64,24 +64,6 @@ def _odds(odds: Mapping[str, float]) -> str:
     return odds_sentence(odds).html + more.html
 
 
-def what_is_missing(plan: LastPlan) -> list[str]:
-    """Return what the result does not hold of its last plan, and what would give it."""
-    out = []
-    if plan.energy is None:
-        out.append(
-            "The result holds no energy of the plan: a single glide has none, a mission (--planner mission) has."
-        )
-    if plan.odds is None and plan.row["status"] != "failed":
-        out.append(
-            "The result holds no odds of arriving: [planner] samples = 100 flies each mission through 100 samples of the estimate."
-        )
-    if plan.bottom is None:
-        out.append(
-            "The result holds no depth of the bottom: --bathymetry keeps plans above it and shows it here."
-        )
-    return out
-
-
 _PLANS, _TITLE = 30, "How does the plan turn out?"
 
 
@@ -115,7 +97,7 @@ def plan_section(contents: Contents) -> Section:
     )
     status = str(plan.row["status"])
     answer = f"{escape(status.capitalize())}: {_STATUS.get(status, '')}."
-    return Section("plan", _TITLE, html, figures, what_is_missing(plan), "Plan", answer)
+    return Section("plan", _TITLE, html, figures, menu="Plan", answer=answer)
 
 
 def _legs_html(plan: LastPlan) -> str:
