@@ -35,7 +35,7 @@ gc.set_threshold(50_000, 20, 20)
 _MODULES = {
     name: module
     for module, names in {
-        "logs": ("info", "qc", "convert", "verify", "smooth"),
+        "logs": ("info", "qc", "convert", "verify", "compare", "smooth"),
         "show": ("report", "status", "plot", "export", "layout"),
         "ensemble": ("fetch", "fit", "twin", "synthesize"),
         "experiment": ("paper",),
@@ -85,7 +85,7 @@ _COMMANDS = {
         "Export a result to other formats: time series at places, track, section, dives, innovations, surfacings, plans.",
     ),
     "plan": (
-        "FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH",
+        "FLOW... [--start LON,LAT,DEPTH] [--goal LON,LAT,DEPTH]",
         "Plan a glider mission: headings, glide angles and surfacings to one or several goals, near a place, or along a line.",
     ),
     "twin": (
@@ -111,6 +111,10 @@ _COMMANDS = {
     "verify": (
         "OUT.mcap",
         "Reproduce a result from its recorded inputs and report differences (exit code 5).",
+    ),
+    "compare": (
+        "A.mcap B.mcap",
+        "Compare two results: settings, estimate, innovations, plans, findings (exit code 5 where values differ).",
     ),
 }
 _STUDIES = {

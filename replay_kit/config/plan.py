@@ -38,11 +38,13 @@ class PlanRequest(Section):
 
     flows: tuple[Path, ...] = Field(default=(), description="Files of the estimate.")
     start: Annotated[str | None, Option("--start", PLACE.form, _INPUTS), PLACE] = Field(
-        default=None, description="Where the mission begins [degrees, degrees, m]."
+        default=None,
+        description="Where the mission begins [degrees, degrees, m]. Default: the last fix of a result.",
     )
     goal: Annotated[tuple[str, ...], Option("--goal", PLACE.form, _INPUTS, True), PLACES] = Field(
         default=(),
-        description="Goal [degrees, degrees, m]; may be repeated, in order. With --glider goals are assigned to gliders; NAME= fixes one.",
+        description="Goal [degrees, degrees, m]; may be repeated, in order. Default: that of a result. With --glider goals are assigned to "
+        "gliders; NAME= fixes one.",
     )
     glider: Annotated[
         tuple[str, ...], Option("--glider", f"NAME={PLACE.form}", _INPUTS, True), PLACES
@@ -145,7 +147,7 @@ class PlanRequest(Section):
         """Where it begins."""
         if self.start is None:
             raise ConfigError(
-                "--start is missing; expected replay-kit plan FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH."
+                "--start is missing; expected replay-kit plan FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH, or a result with a fix."
             )
         return _place(self.start, "--start")
 

@@ -5,20 +5,18 @@ from typing import TYPE_CHECKING
 from replay_kit.core.extensions import on_demand
 
 if TYPE_CHECKING:
-    from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
+    from replay_kit.results.differences import Difference, Recorded, difference, read_recorded
     from replay_kit.results.mcap_writer import ResultWriter
     from replay_kit.results.reader import ResultReader
     from replay_kit.results.schemas import CONTRACT_VERSION
-    from replay_kit.results.topics import Digest
 
 __all__ = [
     "CONTRACT_VERSION",
     "Difference",
-    "Digest",
     "Recorded",
     "ResultReader",
     "ResultWriter",
-    "first_difference",
+    "difference",
     "read_recorded",
 ]
 

@@ -4,7 +4,7 @@ The file is written as ``OUT.mcap.part`` and gets its name only when it is compl
 are those of the events, never of the writing, so that the same run gives the same bytes.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -39,7 +39,6 @@ from replay_kit.results.topics import (
     LAYOUT_NAME,
     SUMMARY_NAME,
     WINDOW_NAME,
-    Digest,
 )
 from replay_kit.results.vehicles import name_of, topic_of
 
@@ -57,7 +56,6 @@ class ResultWriter(ResultFile):
         self,
         path: Path,
         overwrite: bool = False,
-        on_digest: Callable[[Digest], None] | None = None,
         goes_on: bool = False,
     ) -> None:
         """Open ``path`` + ``.part``; one left over by an interrupted run is replaced.
@@ -65,7 +63,6 @@ class ResultWriter(ResultFile):
         Args:
             path: The result file.
             overwrite: Replace an existing result.
-            on_digest: Called with each digest written.
             goes_on: As of ``ResultFile``.
 
         Raises:
@@ -73,7 +70,6 @@ class ResultWriter(ResultFile):
         """
         super().__init__(path, overwrite, goes_on)
         self._arrow_scale: float | None = None
-        self._on_digest = on_digest
         self._vehicle = ""
 
     @contextmanager
@@ -201,13 +197,6 @@ class ResultWriter(ResultFile):
     def log(self, time_ns: int, level: messages.Level, text: str) -> None:
         """Write an event to ``/log``."""
         self._log("/log", messages.log_message(time_ns, level, text), time_ns)
-
-    def digest(self, time_ns: int) -> Digest:
-        """Write a digest, and tell it; as ``ResultFile``."""
-        value = super().digest(time_ns)
-        if self._on_digest is not None:
-            self._on_digest(value)
-        return value
 
     @property
     def state(self) -> tuple[Written, float | None]:

@@ -59,8 +59,7 @@ class ResultFile:
 
     def __repr__(self) -> str:
         """Return what the result holds."""
-        names, found = (ESTIMATE_NAME, EARLIER_ESTIMATE), self.reader.summary.attachment_indexes
-        held = "estimate" if any(one.name in names for one in found) else "no estimate"
+        held = "estimate" if self.has_estimate else "no estimate"
         ends, topics = self.reader.summary.statistics, self.reader.topics
         assert ends is not None
         tables = {
@@ -84,6 +83,12 @@ class ResultFile:
     def outcome(self) -> Outcome:
         """What the run found and how far to trust it: counts, fit, verdict, plan, surfacings, contradictions, losses."""
         return self.made or self.reader.outcome or Outcome(complete=False)
+
+    @property
+    def has_estimate(self) -> bool:
+        """Whether it holds an estimate."""
+        found = self.reader.summary.attachment_indexes
+        return any(one.name in (ESTIMATE_NAME, EARLIER_ESTIMATE) for one in found)
 
     @cached_property
     def estimate(self) -> FlowEstimate:

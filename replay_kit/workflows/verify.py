@@ -1,16 +1,11 @@
-"""Whether a result can be reproduced: its inputs are replayed, or planned on, with its configuration; the first difference is reported.
+"""Whether a result can be reproduced: its inputs are replayed, or planned on, with its configuration, and the values compared."""
 
-The result of a replay holds digests of its messages every few hours of log time; the repeated run stops at the first that differs.
-"""
-
-import json
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from itertools import groupby, islice
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -23,14 +18,12 @@ from replay_kit.core.plan import Place
 from replay_kit.core.progress import Progress, silent
 from replay_kit.core.version import __version__
 from replay_kit.forecast.remote.kept import CACHE
-from replay_kit.results.compare import Difference, Recorded, first_difference, read_recorded
+from replay_kit.results.differences import Difference, Recorded, difference, read_recorded
 from replay_kit.results.schemas import CONTRACT_VERSION
-from replay_kit.results.topics import SUMMARY_NAME, Digest
 from replay_kit.results.vehicles import vehicle_records
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
-    FOLLOWED,
     PLAN_RECORD,
     PROVIDED,
     file_hash,
@@ -54,26 +47,18 @@ class Verdict:
 
     Attributes:
         result: The result.
-        messages: Number of messages that are the same.
-        difference: The first message that differs; None when none does.
-        others: Attachments and metadata records that differ, of these the values: recorded, then made again.
+        difference: Between its values and those made again.
         notes: What may explain a difference: other versions, a limit of time.
     """
 
     result: Path
-    messages: int
-    difference: Difference | None
-    others: tuple[str, ...]
+    difference: Difference
     notes: tuple[str, ...]
 
     @property
     def same(self) -> bool:
-        """Whether the result was reproduced bit for bit."""
-        return self.difference is None and not self.others
-
-
-class _DivergedError(Exception):
-    """The repetition gave another digest."""
+        """Whether its values were reproduced."""
+        return self.difference.same
 
 
 def verify(
@@ -118,131 +103,16 @@ def verify(
         if planned:
             assert plan_again is not None, "the result of a plan needs plan_again"
             plan_again(recorded, config, found, again)
-            made, difference = read_recorded(again).digests[-1].messages, None
         else:
             if BATHYMETRY in found:
                 config = with_bathymetry(config, found[BATHYMETRY])
-            made, difference = _replay_again(
-                result, recorded, _job(recorded, found, again), config, planner_of, progress
-            )
-        others: tuple[str, ...] = ()
-        if difference is None:
-            difference = first_difference(result, again, definitions=_same_contract(recorded))
-            others = _others_that_differ(recorded, read_recorded(again))
-    return Verdict(
-        result,
-        difference.index if difference else made,
-        difference,
-        others,
-        _what_may_differ(recorded),
-    )
-
-
-def _replay_again(
-    result: Path,
-    recorded: Recorded,
-    job: ReplayJob,
-    config: RunConfig,
-    planner_of: PlannerFactory,
-    progress: Progress,
-) -> tuple[int, Difference | None]:
-    """Replay a result's inputs; return the number of messages made, and the difference at which it stopped, None when it is whole."""
-    made, stopped = _repeat(job, config, planner_of, recorded.digests, progress)
-    if stopped is None:
-        return made, None
-    assert job.out is not None, "what is compared is a file"
-    unfinished = job.out.with_name(job.out.name + ".part")
-    difference = first_difference(result, unfinished, stopped.messages, _same_contract(recorded))
-    if difference is None:
-        # the digest itself is what differs: nothing less than everything must be compared
-        made, _ = _repeat(job, config, planner_of, (), progress)
-    return made, difference
-
-
-def _same_contract(recorded: Recorded) -> bool:
-    """Return whether a result has this version's contract; another names fields otherwise, but their bytes can be compared."""
-    return _contract(recorded) == str(CONTRACT_VERSION)
-
-
-def _others_that_differ(one: Recorded, other: Recorded) -> tuple[str, ...]:
-    """Return attachments and metadata records that are not the same, but for versions and what a truth is scored with."""
-    # results of earlier versions have no summary
-    made = {
-        name: data
-        for name, data in other.attachments.items()
-        if name != SUMMARY_NAME or name in one.attachments
-    }
-    attachments = [f"attachment {name}" for name in _unequal(one.attachments, made)]
-    ours, theirs = (
-        {name: _without_truth(values) for name, values in recorded.metadata.items()}
-        for recorded in (one, other)
-    )
-    # how a log grew is not repeated: its final files are replayed at once
-    ignored = (
-        {_VERSIONS, FOLLOWED}
-        if _contract(one) == _contract(other)
-        else {_VERSIONS, FOLLOWED, "contract"}
-    )
-    metadata: list[str] = []
-    for name in _unequal(ours, theirs):
-        if name not in ignored:
-            found = _values_that_differ(ours.get(name), theirs.get(name), f"metadata {name}")
-            metadata += list(islice(found, _VALUES_SHOWN)) or [f"metadata {name}"]
-    digests = ["the digests"] if one.digests != other.digests else []
-    return (*attachments, *metadata, *digests)
+            replay(_job(recorded, found, again), config, planner_of, progress)
+        return Verdict(result, difference(result, again), _what_may_differ(recorded))
 
 
 def _contract(recorded: Recorded) -> str | None:
     """Return the version of the contract of a result."""
     return recorded.metadata.get("contract", {}).get("version")
-
-
-def _unequal(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    return sorted(name for name in one.keys() | other.keys() if one.get(name) != other.get(name))
-
-
-def _values_that_differ(one: object, other: object, path: str) -> Iterator[str]:
-    """Yield the path and both values of everything that differs; a text that is JSON is looked into."""
-    with suppress(ValueError, TypeError):
-        one, other = json.loads(one), json.loads(other)  # type: ignore[arg-type]
-    if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
-        one, other = dict(enumerate(one)), dict(enumerate(other))
-    if isinstance(one, dict) and isinstance(other, dict):
-        for key in _unequal(one, other):
-            yield from _values_that_differ(one.get(key), other.get(key), f"{path}: {key}")
-    # not-a-number is taken for itself
-    elif repr(one) != repr(other):
-        yield f"{path}: {'none' if one is None else one} | {'none' if other is None else other}"
-
-
-def _without_truth(values: Mapping[str, str]) -> dict[str, str]:
-    return {key: value for key, value in values.items() if key not in ("truth", "truth_radius_km")}
-
-
-def _repeat(
-    job: ReplayJob,
-    config: RunConfig,
-    planner_of: PlannerFactory,
-    expected: Sequence[Digest],
-    progress: Progress,
-) -> tuple[int, Digest | None]:
-    """Replay until a digest differs; return the number of messages made, and that digest, None when all are the same.
-
-    Without expected digests there is nothing to stop at.
-    """
-    made, other = 0, None
-    remaining = list(expected)
-
-    def compare(digest: Digest) -> None:
-        nonlocal made, other
-        made = digest.messages
-        if expected and (not remaining or remaining.pop(0) != digest):
-            other = digest
-            raise _DivergedError
-
-    with suppress(_DivergedError):
-        replay(job, config, planner_of, progress, compare)
-    return made, other
 
 
 def _inputs(result: Path, recorded: Recorded, folders: Sequence[Path]) -> dict[str, Path]:
@@ -321,9 +191,7 @@ def _what_may_differ(recorded: Recorded) -> tuple[str, ...]:
             "planned with --time-limit: a search that the clock stops may find another plan"
         )
     if (version_then := _contract(recorded)) != str(CONTRACT_VERSION):
-        notes.append(
-            f"made with contract version {version_then}, here it is {CONTRACT_VERSION}: names of fields were not compared"
-        )
+        notes.append(f"made with contract version {version_then}, here it is {CONTRACT_VERSION}")
     for package, made_with in recorded.metadata.get(_VERSIONS, {}).items():
         try:
             here = __version__ if package == "replay-kit" else version(package)
@@ -338,20 +206,16 @@ def _what_may_differ(recorded: Recorded) -> tuple[str, ...]:
 
 def verdict_json(verdict: Verdict) -> dict[str, Any]:
     """Return the JSON object of ``--json``."""
-    return {**asdict(verdict), "result": str(verdict.result), "same": verdict.same}
+    return {
+        "result": str(verdict.result),
+        **verdict.difference.to_json(),
+        "notes": list(verdict.notes),
+    }
 
 
 def print_verdict(verdict: Verdict, console: Console) -> None:
-    """Print whether the result was made again, or where not."""
-    if verdict.same:
-        console.print(f"{verdict.result}: made again bit for bit, {verdict.messages} messages")
-    if (first := verdict.difference) is not None:
-        console.print(
-            f"{verdict.result}: message {first.index} differs: {first.topic} at {first.time_ns} ns",
-        )
-        for field in first.fields:
-            console.print(f"  {field}  (recorded | made again)")
-    for name in verdict.others:
-        console.print(f"{verdict.result}: differs: {name}")
+    """Print whether the result was made again, or what differs (recorded | made again)."""
+    for line in str(verdict.difference).splitlines():
+        console.print(f"{verdict.result}: {line}")
     for note in verdict.notes:
         console.print(f"note: {note}")

@@ -13,7 +13,7 @@ from planners import MissionSettings
 from replay_kit import __version__
 from replay_kit.config.run import load_config
 from replay_kit.core.flow.file import load
-from replay_kit.results import first_difference
+from replay_kit.results import difference
 from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.command import invoke, succeed
@@ -133,7 +133,7 @@ def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
     places = ASK.partition(" --depth")[0]
     run(f"{flow} {places} --config {tmp_path}/attached.toml --no-go {areas} -o {again}")
     assert recorded(again)[1] == settings
-    assert first_difference(out, again) is None
+    assert difference(out, again).same
 
 
 @pytest.mark.full
@@ -233,7 +233,7 @@ def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(fl
         ("--waypoints a.txt", 2, "ends in one of"),
         ("--surfacings-only", 2, "expected --mooring"),
         ("--line-weight 5", 2, "expected --line"),
-        ("--line-width 500", 2, "--line-width: expected --line beside it"),
+        ("--line-width 500", 2, "--line-width: expected --line too"),
         ("--line --line-width 0", 2, "--line-width: expected a number above 0, got 0"),
         ("--line --line-width inf", 2, "--line-width: expected a number above 0, got inf"),
         ("--waypoint-tolerance 5", 2, "expected --waypoints"),

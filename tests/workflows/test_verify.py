@@ -1,7 +1,8 @@
-"""A result is made again bit for bit, and whatever was changed in it is found and named."""
+"""A result is made again, and whatever value differs between two results is found and named."""
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,12 +11,13 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
+from replay_kit import open_result
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.forecast import read_truth
-from replay_kit.results import first_difference, read_recorded
+from replay_kit.results import difference
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
@@ -125,83 +127,45 @@ def verdict_on(run, tmp_path, message=None, **changes):
 def test_a_result_is_made_again(run):
     verdict = verify(run / "out.mcap", [], planner_of)
     assert verdict.same
-    assert verdict.messages == read_recorded(run / "out.mcap").digests[-1].messages > 90
     assert not verdict.notes
-    assert first_difference(run / "out.mcap", run / "out.mcap") is None
+    assert str(verdict.difference) == "the same values"
 
 
 @pytest.mark.parametrize(
-    ("topic", "field"),
+    ("topic", "field", "table"),
     [
-        ("/flow/innovation", "nis[0]"),
-        ("/flow/estimate", "x[3]"),
-        pytest.param("/plan/controls", "heading_deg", marks=pytest.mark.full),
+        ("/flow/innovation", "nis[0]", "observations"),
+        ("/vehicle/fix", "latitude", "fixes"),
+        pytest.param("/plan/controls", "heading_deg", "plans", marks=pytest.mark.full),
     ],
 )
-def test_a_changed_message_is_named_with_its_field(run, tmp_path, topic, field):
-    index = index_of(run / "out.mcap", topic)
+def test_a_value_that_differs_is_named_with_its_table_and_size(run, tmp_path, topic, field, table):
+    name, _, number = field.rstrip("]").partition("[")
 
-    def edit(message):
-        name, _, number = field.rstrip("]").partition("[")
-        if number:
-            getattr(message, name)[int(number)] *= 1.0 + 2e-7
-        else:
-            setattr(message, field, getattr(message, field) * (1.0 + 1e-15) + 1e-300)
+    def by(share):
+        def edit(message):
+            if number:
+                getattr(message, name)[int(number)] *= 1.0 + share
+            else:
+                setattr(message, name, getattr(message, name) * (1.0 + share))
 
-    verdict = verdict_on(run, tmp_path, (index, edited(edit)))
-    assert (verdict.difference.index, verdict.difference.topic) == (index, topic)
-    assert len(verdict.difference.fields) == 1
-    assert verdict.difference.fields[0].startswith(f"{field}: ")
-    assert verdict.messages == index
-    assert not verdict.same
+        return verdict_on(run, tmp_path, (index_of(run / "out.mcap", topic), edited(edit)))
 
-
-@pytest.mark.full
-def test_a_missing_message_and_a_changed_attachment_are_named(run, tmp_path):
-    with (run / "out.mcap").open("rb") as file:
-        count = sum(1 for _ in make_reader(file).iter_messages(log_time_order=False))
-    short = verdict_on(run, tmp_path, (count - 1, lambda schema, data: None))
-    assert short.difference.fields == ("only the second has this message",)
-    verdict = verdict_on(
-        run,
-        tmp_path,
-        attachment=lambda name, data: data[:-1] if name == "estimate.npz" else data,
-    )
-    assert verdict.others == ("attachment estimate.npz",)
-    assert verdict.difference is None
+    (found,) = by(1e-6).difference.tables
+    assert (found.name, {*found.columns}) == (table, {name})
+    # the last bits of a number are no difference
+    assert topic == "/flow/innovation" or by(1e-12).same
 
 
-def test_other_settings_than_recorded_are_found_at_the_first_digest(run, tmp_path):
+def test_other_settings_than_recorded_are_found(run, tmp_path):
     def settings(name, data):
-        return data.replace(b"velocity_std = 0.09", b"velocity_std = 0.1").replace(
-            b"surface_depth = 3.0", b"surface_depth = 200.0"
-        )
+        return data.replace(b"surface_depth = 3.0", b"surface_depth = 200.0")
 
-    verdict = verdict_on(run, tmp_path, attachment=settings)
-    assert not verdict.same
-    assert verdict.difference.index < read_recorded(verdict.result).digests[1].messages
-
-
-@pytest.mark.full
-def test_a_digest_that_lies_or_is_missing_hides_nothing(run, tmp_path):
-    index = index_of(run / "out.mcap", "/plan/controls")
-
-    turned = edited(lambda plan: setattr(plan, "heading_deg", plan.heading_deg + 90.0))
-    lying = stating("replay_kit.digest", sha256="0" * 64)
-    for metadata in (lying, lambda name, values: None if name == "replay_kit.digest" else values):
-        verdict = verdict_on(run, tmp_path, (index, turned), metadata=metadata)
-        assert verdict.difference.index == index
-        untouched = verdict_on(run, tmp_path, metadata=metadata)
-        assert untouched.difference is None
-        assert "the digests" in untouched.others
-
-
-def test_changed_metadata_schemas_and_stamps_are_named(run, tmp_path):
-    options = stating("replay_kit.options", modes="7")
-    (other,) = verdict_on(run, tmp_path, metadata=options).others
-    assert other.startswith("metadata replay_kit.options: modes: 7 | ")
-    path = changed(run / "out.mcap", tmp_path / "later.mcap", later_ns=5)
-    assert first_difference(run / "out.mcap", path).fields[0].startswith("publish_ns: ")
+    found = verdict_on(run, tmp_path, attachment=settings).difference
+    assert not found.same
+    assert {one.name for one in found.tables} >= {"observations", "innovations"}
+    assert len(found.estimate) > 2
+    assert all(one.largest >= one.rms > 0.0 for one in found.estimate)
 
 
 def test_other_versions_are_said(run, tmp_path):
@@ -210,6 +174,26 @@ def test_other_versions_are_said(run, tmp_path):
     assert verdict.same
     assert any("made with numpy 1.0, here it is" in note for note in verdict.notes)
     assert any("made with gone 3, here it is none" in note for note in verdict.notes)
+
+
+def test_two_results_are_compared_by_their_values_and_settings(run, tmp_path):
+    job = ReplayJob((run / "glider.mcap",), run / "ensemble.nc", tmp_path / "b.mcap")
+    replay(job, RunConfig(estimator={"modes": 5}))
+    found = difference(run / "out.mcap", tmp_path / "b.mcap")
+    assert "settings.estimator.modes: 300 | 5" in found.made
+    assert [one.depth for one in found.estimate] == open_result(
+        tmp_path / "b.mcap"
+    ).estimate.levels.tolist()
+    assert {one.name: one.rows for one in found.tables}["plans"] == (1, 0)
+    done = invoke(f"compare {run}/out.mcap {tmp_path}/b.mcap --json {tmp_path}/c.json")
+    assert done.exit_code == 5
+    assert json.loads((tmp_path / "c.json").read_text())["same"] is False
+    assert succeed(f"compare {run}/out.mcap {run}/out.mcap").output == "the same values\n"
+    later = replace(job, out=tmp_path / "d.mcap")
+    replay(later, RunConfig(forecast={"levels": (5.0, 150.0, 300.0)}))
+    said = invoke(f"compare {tmp_path}/b.mcap {tmp_path}/d.mcap")
+    assert said.exit_code == 3
+    assert "expected estimates of one grid" in said.output
 
 
 def test_inputs_are_known_by_their_content(run, tmp_path):
@@ -231,41 +215,14 @@ def test_inputs_are_known_by_their_content(run, tmp_path):
 
 def test_the_command_says_it_and_ends_with_0_or_5(run, tmp_path):
     said = succeed(f"verify {run}/out.mcap --json {tmp_path}/verdict.json")
-    assert "made again bit for bit" in said.output
+    assert said.output == f"{run}/out.mcap: the same values\n"
     assert json.loads((tmp_path / "verdict.json").read_text())["same"] is True
     index = index_of(run / "out.mcap", "/vehicle/fix")
     north = edited(lambda fix: setattr(fix, "latitude", fix.latitude + 1.0))
     path = changed(run / "out.mcap", tmp_path / "other.mcap", (index, north))
     said = invoke(f"verify {path} --inputs {run}")
     assert said.exit_code == 5
-    assert f"message {index} differs: /vehicle/fix" in said.output
-    assert "latitude: " in said.output
-
-
-@pytest.mark.full
-def test_a_result_of_contract_version_2_is_verified_by_its_bytes_with_a_note(run, tmp_path):
-    """Version 3 renamed fields, so the definitions of the schemas differ and the messages do not."""
-
-    old = changed(
-        run / "out.mcap",
-        tmp_path / "old.mcap",
-        metadata=stating("contract", version="2"),
-        definition=lambda data: data.replace(b"gate_threshold", b"gate_formerly_"),
-    )
-    assert first_difference(run / "out.mcap", old).fields == (
-        "schema: the definitions of replay_kit.Innovations differ",
-    )
-    verdict = verify(old, [run], planner_of)
-    assert verdict.same, verdict
-    assert verdict.notes == (
-        "made with contract version 2, here it is 6: names of fields were not compared",
-    )
-    damaged = changed(
-        old,
-        tmp_path / "damaged.mcap",
-        message=(index_of(old, "/flow/innovation"), lambda schema, data: data + b"\x08\x01"),
-    )
-    assert not verify(damaged, [run], planner_of).same
+    assert "table fixes: latitude differs by 1" in said.output
 
 
 def test_other_forecasts_of_several_files_are_verified_as_they_were_given():

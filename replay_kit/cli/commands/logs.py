@@ -222,6 +222,29 @@ def verify(
     return sound.exit_code or (0 if verdict.same else 5)
 
 
+def compare(
+    first: Annotated[Path, argument("A.mcap", "A result of replay or plan.")],
+    second: Annotated[Path, argument("B.mcap", "Another, of the same region and period.")],
+    /,
+    *,
+    answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
+) -> int:
+    """Return 0 when the values are the same, 5 when they differ, 4 when part of a result was lost."""
+    check_paths([first, second], [answer.json_file], answer.overwrite)
+
+    from replay_kit.results import difference
+    from replay_kit.show.text import print_lines
+    from replay_kit.workflows.sound import sound_result
+
+    with sound_result(first) as one, sound_result(second) as other:
+        found = difference(one.path, other.path)
+    print_lines(
+        console_beside(answer.json_file), [*one.lines, *other.lines, *str(found).splitlines()]
+    )
+    write_json(answer.json_file, {"results": [str(first), str(second)], **found.to_json()})
+    return max(one.exit_code, other.exit_code) or (0 if found.same else 5)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Smoothed(Answer):
     """What is written."""

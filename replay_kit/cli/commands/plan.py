@@ -132,6 +132,10 @@ def plan(
     if config.plan.bathymetry is None:
         asked["bathymetry"] = config.planner.bathymetry_path
     request = config.plan.model_copy(update=asked)
+    from replay_kit.workflows.planning.request import checked, completed
+
+    check_inputs(flows)
+    request = completed(request)
     files = [*flows, request.no_go, request.bathymetry]
     written = [outputs.out, outputs.waypoints, *streams]
     if request.glider:
@@ -141,9 +145,6 @@ def plan(
         written = [path for own in each for path in (own.out, own.geojson, own.csv)]
         written.append(outputs.json_file)
     check_paths([*files, settings.file], written, outputs.overwrite)
-
-    # what takes long to load, after what is quickly refused
-    from replay_kit.workflows.planning.request import checked
 
     request = checked(request)
     check_inputs(files)

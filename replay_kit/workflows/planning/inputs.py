@@ -1,5 +1,6 @@
 """What a plan is made on: the estimates, the areas to keep out of, the bottom to stay above."""
 
+import json
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 from planners.hazards.domain import Region, locate_all
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.core.as_flown import AsFlown
+from replay_kit.core.as_flown import AS_FLOWN, AsFlown
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.file import load
 from replay_kit.core.grid import Grid
@@ -105,7 +106,7 @@ class FlowFile:
 def read_known(
     files: Sequence[tuple[Path, FlowFile]], flow_step: float
 ) -> "tuple[KnownCurrent, AsFlown | None]":
-    """Return what some files, one at least, know of the current, and how the vehicle flew by the last result among them, None without.
+    """Return what some files, one at least, know of the current, and how the vehicle flew by the last of them, None where it does not say.
 
     The time of the vehicle's last fix is known where there is one file, a result.
 
@@ -119,13 +120,13 @@ def read_known(
     from replay_kit.workflows.planning.currents import known_current
 
     known = known_current([(path, file.flow) for path, file in files], flow_step)
-    results = [file.held for _, file in files if file.held is not None]
-    if not results:
-        return known, None
-    last = results[-1]
-    if len(files) == 1 and last.fixes:
-        known = replace(known, last_fix_ns=last.fixes[-1].time_ns)
-    return known, AsFlown.in_metadata(last.metadata)
+    _, last = files[-1]
+    if last.held is None:
+        saved = last.flow.about.get(AS_FLOWN)
+        return known, AsFlown.in_metadata({AS_FLOWN: json.loads(saved)} if saved else {})
+    if len(files) == 1 and last.held.fixes:
+        known = replace(known, last_fix_ns=last.held.fixes[-1].time_ns)
+    return known, AsFlown.in_metadata(last.held.metadata)
 
 
 def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
@@ -151,6 +152,19 @@ def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
                 flow = next((one for one in flows if _holds(one, places)), flow)
         return FlowFile(flow, held, sound.lines, sound.exit_code)
     return FlowFile(load(path), None, ())
+
+
+def held_of(path: Path) -> "Held | None":
+    """Return what a result holds of its end, its last fix and its goal among it; None for an estimate alone, or of several vehicles."""
+    if not _is_result(path):
+        return None
+    from replay_kit.results.reader import ResultReader
+    from replay_kit.show.status.held import read_held
+    from replay_kit.workflows.sound import sound_result
+
+    with sound_result(path) as sound:
+        reader = ResultReader(sound.path, opened=sound.file)
+        return None if reader.vehicles else read_held(reader)
 
 
 def _holds(flow: FlowEstimate, places: Sequence[Place]) -> bool:

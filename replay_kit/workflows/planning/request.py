@@ -15,6 +15,29 @@ if TYPE_CHECKING:
     from planners.request import Line, Mooring, Weights
 
 
+def completed(request: PlanRequest) -> PlanRequest:
+    """Return a request with the start and the goal that are not given taken from its result: the last fix, and the goal of the run.
+
+    Raises:
+        ReplayKitError: The result cannot be read.
+    """
+    if request.glider or not request.flows or (request.start is not None and request.goal):
+        return request
+    from replay_kit.show.status.figures import goal_of
+    from replay_kit.workflows.planning.inputs import held_of
+
+    held = held_of(request.flows[-1])
+    if held is None:
+        return request
+    found: dict[str, Any] = {}
+    if request.start is None and held.fixes:
+        fix = held.fixes[-1]
+        found["start"] = f"{fix.longitude},{fix.latitude},0"
+    if not request.goal and (goal := goal_of(held)) is not None:
+        found["goal"] = (",".join(map(str, goal)),)
+    return request.model_copy(update=found)
+
+
 def checked(request: PlanRequest) -> PlanRequest:
     """Return a request, checked before any file is read, with the weight and the width of the line that it follows.
 
@@ -79,19 +102,19 @@ def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
     return (
         (
             request.waypoint_tolerance is not None and not request.waypoints,
-            "--waypoint-tolerance: expected --waypoints beside it",
+            "--waypoint-tolerance: expected --waypoints too",
         ),
         (
             request.surfacings_only and not moored,
-            "--surfacings-only: expected --mooring beside it; only a mooring counts surfacings",
+            "--surfacings-only: expected --mooring too; only a mooring counts surfacings",
         ),
         (
             request.line_weight is not None and not request.line,
-            "--line-weight: expected --line beside it",
+            "--line-weight: expected --line too",
         ),
         (
             request.line_width is not None and not request.line,
-            "--line-width: expected --line beside it",
+            "--line-width: expected --line too",
         ),
         (
             request.objective is not None and moored,
@@ -182,7 +205,7 @@ def check_samples(request: PlanRequest, count: int, knows_errors: bool) -> None:
             f"{asked}: the estimate states no uncertainty (a truth, a member, a mean), so that it has no odds; give the result of a replay"
         )
     if count == 0:
-        raise ConfigError(f"{asked}: expected --samples beside it, got 0 of them")
+        raise ConfigError(f"{asked}: expected --samples above 0, got 0")
 
 
 def objective_of(text: str) -> "str | Weights":

@@ -28,7 +28,7 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.plan import share_interval
 from replay_kit.core.progress import announce
 from replay_kit.core.text import time_text
-from replay_kit.results.compare import Recorded
+from replay_kit.results.differences import Recorded
 from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.adapters import (
     sample_count,

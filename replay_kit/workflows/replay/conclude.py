@@ -117,7 +117,9 @@ def _write(
     if inputs.job.netcdf is not None:
         write_grid(flow, inputs.job.netcdf)
     if inputs.job.save_estimate is not None:
-        flow.save(inputs.job.save_estimate)
+        flown = run.of[0].forecasts.as_flown
+        vehicle = {} if flown is None else {AS_FLOWN: json.dumps(flown.to_record())}
+        replace(flow, about={**flow.about, **vehicle}).save(inputs.job.save_estimate)
 
 
 def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate], dict[str, int]]:

@@ -27,7 +27,6 @@ from replay_kit.core.progress import Progress, silent
 from replay_kit.logs.reader import reading
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, failed
-from replay_kit.results.topics import Digest
 from replay_kit.workflows.replay.checkpoint import States, run_identity
 from replay_kit.workflows.replay.conclude import conclude, so_far
 from replay_kit.workflows.replay.follow_up import follow_up
@@ -55,7 +54,6 @@ def replay(
     config: RunConfig,
     planner_of: PlannerFactory | None = None,
     progress: Progress = silent,
-    on_digest: Callable[[Digest], None] | None = None,
     forecasts: Forecasts | None = None,
 ) -> tuple[Outcome, FlowEstimate]:
     """Replay logs through the estimator and return the outcome and the final estimate.
@@ -65,7 +63,6 @@ def replay(
         config: The run's settings.
         planner_of: Makes the planner, when the job has a goal.
         progress: Called with how much is done of each stage.
-        on_digest: Called with each digest of the result.
         forecasts: What ``forecasts_of`` reads for this job; None reads it.
 
     Raises:
@@ -81,14 +78,14 @@ def replay(
     with threads, _collecting_seldom():
         job = identified(job, config)
         try:
-            return _replay(job, config, planner_of, progress, on_digest, forecasts)[:2]
+            return _replay(job, config, planner_of, progress, forecasts)[:2]
         except MeasurementError as error:
             vehicles = by_tracks(job, config, error)
             if not vehicles:
                 raise
         # taken for one vehicle's, the logs are of several
         job = identified(replace(job, vehicles=vehicles), config)
-        return _replay(job, config, planner_of, progress, on_digest, None)[:2]
+        return _replay(job, config, planner_of, progress, None)[:2]
 
 
 @contextmanager
@@ -106,7 +103,6 @@ def _replay(
     config: RunConfig,
     planner_of: PlannerFactory | None,
     progress: Progress,
-    on_digest: Callable[[Digest], None] | None,
     forecasts: Forecasts | None,
 ) -> tuple[Outcome, FlowEstimate, Run]:
     read = input_stamps(job)
@@ -114,14 +110,14 @@ def _replay(
     others = tuple(
         rivals(
             job,
-            lambda each: _replay(each, config, None, progress, None, None)[2].log_evidence,
+            lambda each: _replay(each, config, None, progress, None)[2].log_evidence,
         )
     )
     run, inputs = prepare(job, config, planner_of, progress, forecasts)
     run.follow_up = follow_up
     states = _states(run, inputs)
     try:
-        _loop(run, inputs, states, on_digest, reading(inputs.logs.all, progress, "replaying"))
+        _loop(run, inputs, states, reading(inputs.logs.all, progress, "replaying"))
         check_unchanged(read, may_grow=job.following is not None)
         progress(0, 1, "writing the results")
         outcome, flow = conclude(run, inputs, others)
@@ -131,7 +127,7 @@ def _replay(
         assert states is not None, "a run without a state reads none"
         job.tell(f"{error}; the replay begins anew")
         states.forget()
-        return _replay(job, config, planner_of, progress, on_digest, inputs.forecasts)
+        return _replay(job, config, planner_of, progress, inputs.forecasts)
     except BaseException as error:
         # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk
         unusable = isinstance(error, ConfigError | MeasurementError | LogError | PlanError)
@@ -165,7 +161,6 @@ def _loop(
     run: Run,
     inputs: Prepared,
     states: States | None,
-    on_digest: Callable[[Digest], None] | None,
     on_messages: Callable[[int], None],
 ) -> None:
     """Pass the logs' messages, those after a state, through the run."""
@@ -173,7 +168,7 @@ def _loop(
     checkpoint, messages = (None, None) if states is None else states.resume(inputs.messages)
     if job.out is not None:
         goes_on = checkpoint is not None and job.following is None and part_of(job.out).exists()
-        run.writer = ResultWriter(job.out, job.overwrite, on_digest, goes_on)
+        run.writer = ResultWriter(job.out, job.overwrite, goes_on)
     if states is not None and checkpoint is not None:
         states.restore(run, checkpoint, begin)
     for block in inputs.played(run, messages, begin):

@@ -14,7 +14,7 @@ import replay_kit as rk
 from planners import MissionRequest, plan_mission
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig, load_config
-from replay_kit.core.as_flown import AsFlown
+from replay_kit.core.as_flown import AS_FLOWN, AsFlown
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection
@@ -148,8 +148,17 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
         words,
         False,
     )
-    # the dives went as deep, and so do those of a plan that states nothing
-    assert said()["message"].endswith("; as flown: 0.30 m/s, dives to 290 m, 1.6 h, 19 degrees")
+    # the dives went as deep, and so do those of a plan that states nothing, which begins at the last fix and leads to the run's goal
+    whole = said()
+    assert whole["message"].endswith("; as flown: 0.30 m/s, dives to 290 m, 1.6 h, 19 degrees")
+    alone = json.loads(succeed(f"plan {path} --samples=0 --json -").stdout)
+    assert alone["legs"] == whole["legs"]
+    # a saved estimate knows its vehicle too
+    record = json.dumps(AsFlown.in_metadata(held.metadata).to_record())
+    flow = rk.open_result(path).estimate
+    replace(flow, about={**flow.about, AS_FLOWN: record}).save(tmp_path / "flow.nc")
+    saved = json.loads(succeed(f"plan {tmp_path}/flow.nc {places} --samples=0 --json -").stdout)
+    assert saved["message"] == whole["message"]
 
 
 def position(seconds: float, depth: float, dead_reckoned: bool = False) -> VehicleState:

@@ -1,0 +1,282 @@
+"""Two results compared by their values: inputs and settings, the estimate, tables, findings. Bytes and hashes decide nothing."""
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replay_kit.core.errors import LogError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.results.reader import ResultReader
+from replay_kit.results.result import ResultFile
+from replay_kit.results.topics import CONFIG_NAME
+from replay_kit.results.views.record import leaves
+
+#: Values are the same to this, of themselves where they are above 1.
+TOLERANCE = 1e-9
+_TABLES = ("fixes", "observations", "innovations", "surface", "surfacings", "plans", "plan_tracks")
+# records of a plan, each value JSON
+_PLANNED = ("legs", "departures")
+# records of how a result was made that a repetition need not share
+_OF_MAKING = ("replay_kit.versions", "replay_kit.followed", "contract")
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """The record of the run that made a result.
+
+    Attributes:
+        metadata: Record name to keys and values, without digests.
+        config_toml: The configuration.
+    """
+
+    metadata: dict[str, dict[str, str]]
+    config_toml: str
+
+
+@dataclass(frozen=True, slots=True)
+class LevelDifference:
+    """Difference of two estimates at a level, over the nodes of their grid.
+
+    Attributes:
+        depth: [m].
+        rms: Of a component of the velocity [m/s].
+        largest: Of a component of the velocity [m/s].
+        standard_error: Largest difference of the standard errors [m/s].
+    """
+
+    depth: float
+    rms: float
+    largest: float
+    standard_error: float
+
+
+@dataclass(frozen=True, slots=True)
+class TableDifference:
+    """Difference of two tables.
+
+    Attributes:
+        name: Of the table, after the name of one of several vehicles.
+        rows: Number of rows of both.
+        columns: Largest difference by column in its unit, of texts and flags the number of unequal rows; empty where the rows differ.
+    """
+
+    name: str
+    rows: tuple[int, int]
+    columns: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """What differs between two results.
+
+    Attributes:
+        made: Inputs and settings, each with both values; they alone make no difference.
+        estimate: The levels that differ.
+        tables: The tables that differ.
+        findings: Legs, findings, verdicts and exit codes that are not the same.
+    """
+
+    made: tuple[str, ...]
+    estimate: tuple[LevelDifference, ...]
+    tables: tuple[TableDifference, ...]
+    findings: tuple[str, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether all values are the same."""
+        return not (self.estimate or self.tables or self.findings)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON object of ``--json``."""
+        return {"same": self.same, **asdict(self)}
+
+    def __str__(self) -> str:
+        """Return a line for each difference."""
+        return "\n".join([*self.made, *self._values()])
+
+    def _values(self) -> Iterator[str]:
+        if self.same:
+            yield "the same values"
+        for one in self.estimate:
+            rms, most, error = (100.0 * v for v in (one.rms, one.largest, one.standard_error))
+            yield (
+                f"estimate at {one.depth:g} m: RMS {rms:.2g}, at most {most:.2g} cm/s; standard error at most {error:.2g} cm/s"
+            )
+        for table in self.tables:
+            if table.rows[0] != table.rows[1]:
+                yield f"table {table.name}: {table.rows[0]} | {table.rows[1]} rows"
+            for name, value in table.columns.items():
+                yield f"table {table.name}: {name} differs by {value:.3g}"
+        yield from self.findings
+
+
+def read_recorded(path: Path) -> Recorded:
+    """Return the record of the run that made a result.
+
+    Raises:
+        LogError: It cannot be read, or was made neither by a replay nor by a plan.
+    """
+    reader = ResultReader(path)
+    metadata, config = reader.metadata, reader.text(CONFIG_NAME)
+    # a replay has an ensemble, a plan made on its own estimates
+    inputs = metadata.get("replay_kit.inputs", {})
+    known = any(key.startswith(("ensemble", "flow")) for key in inputs)
+    if not config or not known:
+        lacking = "replay_kit.inputs: ensemble or flow0" if config else CONFIG_NAME
+        raise LogError(
+            f"{path}: expected a whole result of replay-kit replay or plan, but it has no {lacking}; give the file of --out"
+        )
+    return Recorded(metadata, config)
+
+
+def difference(one: Path, other: Path) -> Difference:
+    """Return what differs between two results.
+
+    Args:
+        one: A result of a replay or a plan.
+        other: Another.
+
+    Raises:
+        LogError: One cannot be read, or their versions, vehicles, regions or periods cannot be compared.
+    """
+    files = ResultFile(one), ResultFile(other)
+    records = read_recorded(one), read_recorded(other)
+    versions, vehicles = (
+        [of(pair) for pair in zip(files, records, strict=True)]
+        for of in (
+            lambda pair: pair[1].metadata["contract"]["version"],
+            lambda pair: [each.name for each in pair[0].reader.vehicles] or [""],
+        )
+    )
+    for what, (a, b) in (("contract version", versions), ("vehicles", vehicles)):
+        if a != b:
+            raise LogError(f"{one} and {other}: expected one {what}, got {a} and {b}")
+    tables, findings = list[TableDifference](), list[str]()
+    for name in vehicles[0]:
+        a, b = (ResultFile(each, vehicle=name) for each in (one, other))
+        tables += _tables(name, a, b)
+        findings += [f"{name}: {text}" if name else text for text in _findings(a, b)]
+    levels = [level for pair in _estimates(*files) for level in _levels(*pair)]
+    return Difference(
+        tuple(_made(*records)),
+        tuple(each for each in levels if max(each.largest, each.standard_error) > TOLERANCE),
+        tuple(tables),
+        tuple(findings),
+    )
+
+
+def _made(one: Recorded, other: Recorded) -> Iterator[str]:
+    """Yield inputs, options and settings that differ."""
+    held = []
+    for each in (one, other):
+        records = {name: values for name, values in each.metadata.items() if name not in _OF_MAKING}
+        nested = {"settings": tomllib.loads(each.config_toml), **records}
+        held.append(dict(leaves(nested)))
+    a, b = held
+    for name in sorted(a.keys() | b.keys()):
+        if name.startswith(("settings.", "replay_kit.inputs", "replay_kit.options")) and a.get(
+            name
+        ) != b.get(name):
+            yield f"{name}: {a.get(name, 'none')} | {b.get(name, 'none')}"
+
+
+def _estimates(one: ResultFile, other: ResultFile) -> Iterator[tuple[FlowEstimate, FlowEstimate]]:
+    """Yield the estimates of both, window by window; none of results of plans alone.
+
+    Raises:
+        LogError: They are of other regions or periods.
+    """
+    if not (one.has_estimate or other.has_estimate):
+        return
+    pairs = [*zip(one.estimates, other.estimates, strict=False)]
+    for a, b in pairs:
+        grids = [(each.grid.longitude, each.grid.latitude, each.grid.levels) for each in (a, b)]
+        alike = all(
+            x.shape == y.shape and np.allclose(x, y, rtol=0.0, atol=1e-6)
+            for x, y in zip(*grids, strict=True)
+        )
+        if not alike or len(one.estimates) != len(other.estimates) or a.span_ns != b.span_ns:
+            what = "period" if alike and a.span_ns != b.span_ns else "grid"
+            raise LogError(
+                f"{one.path} and {other.path}: expected estimates of one {what}, got two; replay both with the same --region, --levels, "
+                "--start and --end"
+            )
+    yield from pairs
+
+
+def _levels(one: FlowEstimate, other: FlowEstimate) -> Iterator[LevelDifference]:
+    east, north = one.grid.east.ravel(), one.grid.north.ravel()
+    for depth in one.levels.tolist():
+        velocity = one.velocity(east, north, depth) - other.velocity(east, north, depth)
+        error = np.zeros(1)
+        if one.n_modes and other.n_modes:
+            pair = [each.standard_error(east, north, depth) for each in (one, other)]
+            error = np.nan_to_num(pair[0] - pair[1])
+        yield LevelDifference(
+            depth,
+            float(np.sqrt(np.mean(velocity**2))),
+            float(np.abs(velocity).max()),
+            float(np.abs(error).max()),
+        )
+
+
+def _tables(vehicle: str, one: ResultFile, other: ResultFile) -> Iterator[TableDifference]:
+    for name in _TABLES:
+        a, b = (getattr(each, name).reset_index() for each in (one, other))
+        columns = dict[str, float]()
+        if len(a) == len(b):
+            each = {str(column): _apart(a[column], b[column]) for column in a if column in b}
+            columns = {column: value for column, value in each.items() if value > 0.0}
+        if columns or len(a) != len(b):
+            yield TableDifference(f"{vehicle} {name}".strip(), (len(a), len(b)), columns)
+
+
+def _apart(one: Any, other: Any) -> float:
+    """Return by how much two columns differ beyond the tolerance, of times in seconds; of texts and flags the number of unequal rows."""
+    if one.dtype.kind in "mM":
+        return float(np.abs((one - other).dt.total_seconds()).max() if len(one) else 0.0)
+    if one.dtype.kind not in "fiu" or other.dtype.kind not in "fiu":
+        texts = [each.astype(object).fillna("").astype(str).to_numpy() for each in (one, other)]
+        return float(np.sum(texts[0] != texts[1]))
+    a, b = one.to_numpy(np.float64), other.to_numpy(np.float64)
+    alike = (a == b) | (np.isnan(a) & np.isnan(b))
+    with np.errstate(invalid="ignore"):
+        off = np.where(alike, 0.0, np.abs(a - b))
+    off = np.where(np.isnan(off), np.inf, off)
+    beyond = off > TOLERANCE * np.maximum(np.nan_to_num(np.abs(a)), 1.0)
+    return float(off[beyond].max(initial=0.0))
+
+
+def _numbers(record: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
+    """Yield the values of a record whose values are JSON, by their path."""
+    for name, text in record.items():
+        yield from leaves(json.loads(text), name)
+
+
+def _findings(one: ResultFile, other: ResultFile) -> Iterator[str]:
+    for record in _PLANNED:
+        first, second = (
+            dict(_numbers(each.reader.metadata.get(record, {}))) for each in (one, other)
+        )
+        for name in sorted(first.keys() | second.keys()):
+            x, y = first.get(name), second.get(name)
+            close = (
+                isinstance(x, float)
+                and isinstance(y, float)
+                and abs(x - y) <= TOLERANCE * max(abs(x), 1.0)
+            )
+            if x != y and not close:
+                yield f"{record}: {name}: {x} | {y}"
+    for what, of in (
+        ("finding", lambda found: [each["name"] for each in found.consistency]),
+        ("verdict", lambda found: [found.verdict.word]),
+        ("exit code", lambda found: found.exit_codes),
+    ):
+        a, b = ([*of(each.outcome)] for each in (one, other))
+        if a != b:
+            yield f"{what}: {', '.join(map(str, a)) or 'none'} | {', '.join(map(str, b)) or 'none'}"
