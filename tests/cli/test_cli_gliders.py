@@ -45,8 +45,13 @@ def test_each_glider_has_a_goal_and_files_which_are_reproduced(flow, tmp_path):
         succeed(f"verify {tmp_path}/plan-{name}.mcap --inputs {flow.parent}")
 
 
-def test_goals_too_many_and_too_few_are_named_and_one_may_be_a_glider_s_own(flow):
-    said = run(f"{flow} {BOTH} {NEAR} {FAR} --goal=152.4,-39.6,0").output
+def test_goals_too_many_and_too_few_are_named_and_one_may_be_a_glider_s_own(flow, tmp_path):
+    lists = f"--waypoints {tmp_path}/list.csv"
+    said = run(f"{flow} {BOTH} {NEAR} {FAR} --goal=152.4,-39.6,0 {lists}").output
+    # a list of places for each, where it has a plan
+    each = [(tmp_path / f"list-{name}.csv").read_text().splitlines() for name in ("sg1", "sg2")]
+    assert all(len(rows) > 1 for rows in each)
+    assert each[0][1:] != each[1][1:]
     assert "no glider goes there" in said
     told = json.loads(run(f"{flow} {BOTH} --goal=sg2=152.4,-39.6,0 --json -").stdout)
     assert told["goals"] == {"sg1": None, "sg2": 1}
@@ -62,7 +67,6 @@ def test_goals_too_many_and_too_few_are_named_and_one_may_be_a_glider_s_own(flow
         (f"{BOTH} --goal=sg3=152.4,-39.6,0", "got sg3"),
         (f"{BOTH} {NEAR} --separation -1", "--separation: expected a number above 0"),
         (f"--start=152.4,-39.6,0 {NEAR} --separation 500", "expected --glider too"),
-        (f"{BOTH} {NEAR} --waypoints list.csv", "plan each glider alone"),
         (f"{BOTH} {NEAR} --csv -", "expected files with --glider"),
         (f"{ONE} --glider=sg2=10,50,0 {NEAR}", "outside"),
     ],

@@ -73,7 +73,8 @@ class Outputs(Answer):
         def own(path: Path | None) -> Path | None:
             return None if path is None else path.with_stem(f"{path.stem}-{name}")
 
-        return replace(self, out=own(self.out), geojson=own(self.geojson), csv=own(self.csv))
+        files = {"out": own(self.out), "geojson": own(self.geojson), "csv": own(self.csv)}
+        return replace(self, **files, waypoints=own(self.waypoints))  # type: ignore[arg-type]
 
 
 @takes_settings(
@@ -142,7 +143,7 @@ def plan(
         if "-" in (str(outputs.geojson), str(outputs.csv)):
             raise ConfigError("--geojson and --csv: expected files with --glider, one for each")
         each = [outputs.of(name) for name in request.glider_places]
-        written = [path for own in each for path in (own.out, own.geojson, own.csv)]
+        written = [path for own in each for path in (own.out, own.geojson, own.csv, own.waypoints)]
         written.append(outputs.json_file)
     check_paths([*files, settings.file], written, outputs.overwrite)
 
@@ -212,13 +213,16 @@ def _together(config: "RunConfig", outputs: Outputs) -> int:
     with progress():
         made = make_together(config.plan, config.planner)
 
-    from replay_kit.workflows.planning.outputs import mission_json, print_mission
+    from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason
 
     console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
+    unsafe = {name: unsafe_reason(one, config.plan) for name, one in made.planned.items()}
     each = {name: mission_json(one) for name, one in made.planned.items()}
     try:
         write_json(outputs.json_file, together_json(made, each))
         for name, one in made.planned.items():
+            if unsafe[name] is not None and not outputs.write_unsafe:
+                continue
             plan = config.plan.model_copy(update={"of_glider": name})
             _write_mission(one, outputs.of(name), config.model_copy(update={"plan": plan}))
     finally:
@@ -226,4 +230,9 @@ def _together(config: "RunConfig", outputs: Outputs) -> int:
         for name, one in made.planned.items():
             console.print(f"\n{name}", style="bold")
             print_mission(one, console, config.plan.battery)
-    return max(one.on.exit_code for one in made.planned.values())
+            if unsafe[name] is not None and not outputs.write_unsafe:
+                console.print(
+                    f"{unsafe[name]}; no file of {name} is written without --write-unsafe"
+                )
+    lost = max(one.on.exit_code for one in made.planned.values())
+    return _UNSAFE if any(unsafe.values()) else lost

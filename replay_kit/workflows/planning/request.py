@@ -171,10 +171,6 @@ def _glider_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
         (len(request.glider) < 2, "--glider: expected two gliders or more; one has --start"),
         (given, f"{', '.join(given)}: cannot be combined with --glider; plan each glider alone"),
         (
-            request.waypoints,
-            "--waypoints: cannot be combined with --glider; plan each glider alone",
-        ),
-        (
             request.objective == "odds",
             "--objective odds: cannot be combined with --glider; plan each glider alone",
         ),

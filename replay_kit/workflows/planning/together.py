@@ -20,6 +20,7 @@ from planners.separation import (
     share_of_nearer,
 )
 from planners.simulation.currents import Flow, Sample
+from planners.waypoints import waypoints_of
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig
@@ -114,10 +115,14 @@ def _missions(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Togethe
     for name, made, request in zip(going, joint.plans, joint.requests, strict=True):
         made = with_origin(made, origin)
         one = PlannedMission(made, on, None, None, None, (*notes, *on.notes), count)
+        of_list = None
+        if job.waypoints and len(made.headings_deg):
+            few, of_list = waypoints_of(flow, made, request, job.waypoint_tolerance, drawn)
+            one = replace(one, waypoints=few)
         if count == 0:
             one = replace(one, plan=without_odds(made, known.first))
         elif len(made.headings_deg):
-            odds = mission_odds(flow, drawn, made, request)
+            odds = of_list or mission_odds(flow, drawn, made, request)
             judged = with_odds(made, odds, job.arrive, job.accepted_risk)
             one = replace(one, plan=judged, odds=odds, samples=samples_json(odds, job))
         planned[name] = one
