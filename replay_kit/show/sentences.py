@@ -48,15 +48,6 @@ def profile_bins(counts: Mapping[str, Any]) -> int:
     return int(counts["bins_used"] - counts.get("mean_currents", 0) - values // 2)
 
 
-def found_sentences(outcome: Outcome) -> Iterator[Sentence]:
-    """Yield plan, surfacings and truth."""
-    if (plan := outcome.plan) is not None:
-        # one that was never made has nothing but the reason
-        made = "statistics" in plan
-        yield plan_sentence(plan) if made else Sentence([f"Plan: none; {plan['message']}"])
-    yield from flown_sentences(outcome)
-
-
 def flown_sentences(outcome: Outcome) -> Iterator[Sentence]:
     """Yield surfacings beside plans, and the score against a truth."""
     if outcome.surfacings is not None:
@@ -75,18 +66,6 @@ def trust_sentences(outcome: Outcome) -> Iterator[Sentence]:
         )
     if outcome.predicted_surfacings is not None:
         yield surfacings_sentence(outcome.predicted_surfacings)
-
-
-def plan_sentence(plan: Mapping[str, Any]) -> Sentence:
-    """Return a plan of an outcome as a sentence."""
-    if plan["status"] == "failed" or plan.get("heading_deg") is None:
-        return sentence("Plan: {status}: {message}", plan)
-    return sentence(
-        "Plan: {status}: steer {heading_deg:.1f} degrees true at {speed:.2f} m/s through water, {glide_angle_deg:.2f} degrees "
-        "down; {message}",
-        plan,
-        "plan.",
-    )
 
 
 def odds_sentence(odds: Mapping[str, Any]) -> Sentence:

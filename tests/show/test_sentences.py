@@ -6,7 +6,7 @@ from typing import Any
 
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.numbers import Shown
-from replay_kit.show.sentences import estimate_sentences, found_sentences, trust_sentences
+from replay_kit.show.sentences import estimate_sentences, flown_sentences, trust_sentences
 
 _DIVE: dict[str, Any] = {
     "dive": 7,
@@ -68,7 +68,7 @@ _KNOWN = r"[59]0 % (ellipse|one|interval|within)|of 90 %|152\.5000 E, 40\.2500 S
 
 
 def test_each_number_of_a_sentence_carries_its_field():
-    said = [*estimate_sentences(RICH), *found_sentences(RICH), *trust_sentences(RICH)]
+    said = [*estimate_sentences(RICH), *flown_sentences(RICH), *trust_sentences(RICH)]
     assert len(said) == 8
     outcome = RICH.to_json()
     for one in said:

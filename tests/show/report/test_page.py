@@ -11,7 +11,7 @@ import replay_kit as rk
 from replay_kit.results.views.record import leaves
 from replay_kit.show.numbers import Shown
 from replay_kit.show.report.pages import SECTIONS, report_html
-from replay_kit.show.sentences import estimate_sentences, found_sentences, trust_sentences
+from replay_kit.show.sentences import estimate_sentences, flown_sentences, trust_sentences
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import lines
 from replay_kit.show.status.status import status_of
@@ -65,7 +65,7 @@ def test_every_number_of_page_summary_and_status_is_one_of_json(page, replayed):
         if isinstance(value, int | float) and not isinstance(value, bool)
     }
     assert len(numbers) > 40
-    said = [*estimate_sentences(outcome), *found_sentences(outcome), *trust_sentences(outcome)]
+    said = [*estimate_sentences(outcome), *flown_sentences(outcome), *trust_sentences(outcome)]
     carried = [part for each in said for part in each.parts if not isinstance(part, str)]
     assert len(carried) > 10
     status = status_of(read_held(replayed.reader))

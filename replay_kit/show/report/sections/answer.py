@@ -15,7 +15,7 @@ from replay_kit.results.views.slices import calibration
 from replay_kit.show.numbers import Sentence, number, sentence
 from replay_kit.show.page.page import Section
 from replay_kit.show.page.parts import items_html
-from replay_kit.show.sentences import estimate_sentences, found_sentences
+from replay_kit.show.sentences import estimate_sentences, flown_sentences
 
 _KINDS = {"stop": "Stop", "care": "Care", "note": "Note"}
 
@@ -165,7 +165,7 @@ def words_section(contents: Contents) -> Section:
     used = estimate_sentences(outcome) if outcome.complete else ()
     parts = {
         "What was measured": [Sentence([_measured(contents)]), *used],
-        "What was found": [*_found(contents), *found_sentences(outcome)],
+        "What was found": [*_found(contents), *flown_sentences(outcome)],
         "What was not used, and why": [*_not_used(contents)],
     }
     lists = (
