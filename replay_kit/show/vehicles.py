@@ -12,7 +12,7 @@ COLUMNS = (
     "used",
     "mean currents",
     "misfit before [cm/s]",
-    "NIS/dof",
+    "errors",
     "without it [cm/s]",
     "error without it",
     "plan",
@@ -42,13 +42,12 @@ def _row(name: str, own: Outcome, value: Mapping[str, Any]) -> tuple[str | Shown
     error, without = (value.get(f"standard_error{end}") for end in ("", "_without"))
     found = [one["name"] for one in own.consistency]
     of, used, means = f"vehicles.{name}", counts["used"], counts.get("mean_currents", 0)
-    nis = own.nis_per_dof
     return (
         name,
         Shown(f"{of}.observations.used", used, str(used)),
         Shown(f"{of}.observations.mean_currents", means, str(means)),
         _cm(f"{of}.rms_innovation.before", own.rms_innovation["before"]),
-        "" if nis is None else Shown(f"{of}.nis_per_dof", nis, f"{nis:.2f}"),
+        own.errors_text.removeprefix("errors "),
         _cm(f"value.{name}.rms_change", value.get("rms_change")),
         f"{without / error:.2f}" if error and without else "",
         "" if plan is None else plan["status"],

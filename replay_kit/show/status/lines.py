@@ -183,7 +183,8 @@ def _surfacing(values: Values) -> Iterator[Line]:
     parts = [late, _clock(one["time"]), " UTC ", *_within("next", one), f" {_BASIS[one['basis']]}"]
     yield Line("Next", parts)
     if other is not None:
-        parts = [_clock(other["time"])[-5:], " ", *_within("other", other)]
+        same = 5 * (other["time"][:10] == one["time"][:10])
+        parts = [_clock(other["time"])[-same:], " ", *_within("other", other)]
         yield Line("  or", [*parts, f" {_BASIS[other['basis']]}"])
 
 
