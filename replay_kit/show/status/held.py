@@ -15,6 +15,7 @@ from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import decode
 from replay_kit.results.topics import CONFIG_NAME, complete
+from replay_kit.show.sentences import SOURCES
 
 # Two plans tell what changed; their surfacings and the measurements between them tell why.
 _PLANS, _OUTCOMES = 2, 50
@@ -123,7 +124,11 @@ def _last(reader: ResultReader, topic: str, name: str, most: int) -> list[Any]:
 def _last_dive(reader: ResultReader) -> Columns | None:
     """Return the measurements of the last dive; the last ones of a vehicle that does not dive."""
     kept: list[Columns] = []
-    for block in blocks_in(reader, newest=True):
+    for whole in blocks_in(reader, newest=True):
+        # the vehicle's own: others' are counted by dives of their own
+        block = picked(whole, ~np.isin(whole["mean_current_kind"], [*SOURCES]))
+        if not block["dive"].size:
+            continue
         dive = (kept[0] if kept else block)["dive"][-1]
         # those after the last row of another dive
         own = np.logical_and.accumulate(block["dive"][::-1] == dive)[::-1]

@@ -249,7 +249,7 @@ def _fit(values: Values) -> Iterator[Line]:
         return
     parts: Parts = [Shown("fit.observations.used", counts["used"], f"{counts['used']:,}")]
     parts.append(f" of {total:,} observations used")
-    if why := counts["bins_rejected"]:
+    if counts["profile_bins"] and (why := counts["bins_rejected"]):
         out = sum(why.values())
         parts.append(f"; {out:,} of {out + counts['profile_bins']:,} bins ")
         room = WIDTH - _LABEL - len(str(Sentence(parts)))
