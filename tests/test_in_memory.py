@@ -14,8 +14,8 @@ from replay_kit.estimator.baselines import nearest_member
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.verify import verify
 from tests import synthetic
-from tests.logs.glider import glider_samples as made
-from tests.logs.glider.test_dialects import DACS
+from tests.logs.netcdf import glider_samples as made
+from tests.logs.netcdf.test_dialects import DACS
 from tests.logs.slocum import slocum_samples
 from tests.places import SAMPLES
 

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
 
 
 #: ``logs``: ``LogFormat``, a row of the table of log formats.
-#: ``dialects``: ``Dialect`` of glider files. ``estimators``: function of an ``Ensemble`` and the ``EstimatorConfig`` that returns an
+#: ``dialects``: ``Dialect`` of files of columns: gliders, HF radars, drifters.
+#: ``estimators``: function of an ``Ensemble`` and the ``EstimatorConfig`` that returns an
 #: ``Estimator``; its name is that of ``--estimator``. ``checks``: ``PingCheck`` or ``PositionCheck``. ``sections``: function of the
 #: report's ``Contents`` that returns a ``Section``. ``objectives``: ``Objective`` of missions; its name is that of ``--objective``.
-#: ``radar_totals``: ``TotalsDialect`` of files of HF radars. ``sensors``: function of a message's payload that returns a
+#: ``sensors``: function of a message's payload that returns a
 #: ``LinearMeasurement``, or in words why there is none; its name is that of the messages' schema.
 Kind = Literal[
-    "logs", "dialects", "radar_totals", "sensors", "estimators", "checks", "sections", "objectives"
+    "logs", "dialects", "sensors", "estimators", "checks", "sections", "objectives"
 ]
 
 

@@ -20,9 +20,9 @@ from replay_kit.core.message import LogReport, Loss, RawMessage
 from replay_kit.core.paths import check_paths
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
-from replay_kit.logs.formats import logs_in
 from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
+from replay_kit.logs.opening import logs_in
 from replay_kit.logs.reader import LogFile, RawLog, reading
 from replay_kit.results.losses import (
     code_of,

@@ -13,11 +13,11 @@ from pymavlink import DFReader, mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs import open_log
-from replay_kit.logs.dataflash import DataflashReader
+from replay_kit.logs.mavlink.dataflash import DataflashReader
 from replay_kit.workflows.replay.inputs.scan import MAVLINK_NAMES
 from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
-from tests.logs.dataflash_samples import dataflash
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
+from tests.logs.mavlink.dataflash_samples import dataflash
 
 START_US = 1_700_000_000_000_000
 

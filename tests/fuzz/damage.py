@@ -17,7 +17,7 @@ from mcap.stream_reader import breakup_chunk
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.core.message import LogReport
-from replay_kit.logs.dataflash import DataflashReader
+from replay_kit.logs.mavlink.dataflash import DataflashReader
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
 from tests.places import ROOT

@@ -11,8 +11,8 @@ from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import open_log
-from replay_kit.logs.dataflash import DataflashReader
 from replay_kit.logs.decode.decoders import decode_json
+from replay_kit.logs.mavlink.dataflash import DataflashReader
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
 

@@ -31,12 +31,12 @@ from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.fuzz import damage
 from tests.fuzz.mishap import Mishap, mishap
 from tests.logs.adcp import ad2cp_samples, raw_adcp_samples
-from tests.logs.dataflash_samples import dataflash
-from tests.logs.glider import glider_samples
 from tests.logs.log_samples import json_mcap, tlog
+from tests.logs.mavlink.dataflash_samples import dataflash
 from tests.logs.mcap.test_broken_mcap import record_offsets
+from tests.logs.netcdf import glider_samples
 from tests.logs.slocum import slocum_samples
-from tests.logs.surface.made import write_radials
+from tests.logs.surface_samples import write_radials
 from tests.places import SAMPLES
 
 #: More seconds than this for a log of some kilobytes are a hang.

@@ -9,8 +9,8 @@ from replay_kit.core import extensions
 from replay_kit.core.errors import LogError
 from replay_kit.logs import LogFormat, open_log, open_logs
 from replay_kit.logs.mcap.reader import McapReader
-from tests.logs.glider import glider_samples
 from tests.logs.log_samples import json_mcap
+from tests.logs.netcdf import glider_samples
 from tests.places import DATA, needs
 
 METADATA = """rosbag2_bagfile_information:

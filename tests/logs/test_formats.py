@@ -6,8 +6,8 @@ import pytest
 
 from replay_kit.core.errors import LogError
 from replay_kit.logs import FORMATS, open_log
-from tests.logs.dataflash_samples import dataflash, declarations
 from tests.logs.log_samples import json_mcap, tlog
+from tests.logs.mavlink.dataflash_samples import dataflash, declarations
 from tests.places import ROOT
 
 

@@ -11,9 +11,9 @@ from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.info.listing import info_json, print_info
-from tests.logs.dataflash_samples import dataflash
-from tests.logs.glider import glider_samples as gliders
 from tests.logs.log_samples import json_mcap, tlog
+from tests.logs.mavlink.dataflash_samples import dataflash
+from tests.logs.netcdf import glider_samples as gliders
 
 DATAFLASH, VALUES, STAMPS = (
     "records of a DataFlash log",

@@ -59,7 +59,7 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
         "Formats",
         (
             "replay_kit/logs/README.md",
-            "replay_kit/logs/glider/README.md",
+            "replay_kit/logs/netcdf/README.md",
             "replay_kit/logs/mavlink/README.md",
             "replay_kit/logs/tables/README.md",
             "replay_kit/logs/tables/ADCP_PING.md",

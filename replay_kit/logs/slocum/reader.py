@@ -10,10 +10,9 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Loss
-from replay_kit.logs.glider.dialects import SLOCUM_BINARY
-from replay_kit.logs.glider.files import GliderFile
-from replay_kit.logs.glider.netcdf import NetcdfFile
-from replay_kit.logs.glider.reader import GliderReader
+from replay_kit.logs.netcdf.glider_dialects import SLOCUM_BINARY
+from replay_kit.logs.netcdf.reader import ColumnsReader
+from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import unreadable
 from replay_kit.logs.slocum.cycles import read_cycles
 from replay_kit.logs.slocum.header import (
@@ -113,7 +112,7 @@ def open_slocum(
     input: int = 0,
     config: LogConfig | None = None,
     wanted: frozenset[str] | None = None,
-) -> GliderReader:
+) -> ColumnsReader:
     """Return the reader of the binary files of one Slocum.
 
     Args:
@@ -142,11 +141,11 @@ def open_slocum(
     losses += [Loss(f"{error}; not used", 0, file.stat().st_size) for file, error in errors.items()]
     notes += _completeness(segments)
     parts = [
-        GliderFile(part, SLOCUM_BINARY)
+        part
         for is_science in (False, True)
         if (part := _joined(segments, is_science, notes)) is not None
     ]
-    return GliderReader(parts, input, config, losses, notes)
+    return ColumnsReader(parts, SLOCUM_BINARY, input, config, losses, notes)
 
 
 def glider_of(path: Path) -> tuple[str, ...]:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.logs.glider.netcdf import Stored
-from replay_kit.logs.glider.units import from_minutes
+from replay_kit.logs.netcdf.units import from_minutes
+from replay_kit.logs.netcdf.variables import Stored
 
 #: The sensors with the time of a cycle [s since 1970], of the flight and the science computer.
 CLOCKS = ("m_present_time", "sci_m_present_time")

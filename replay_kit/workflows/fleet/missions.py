@@ -15,7 +15,7 @@ from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.paths import Address, check_paths, path_of, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import ensemble_files
-from replay_kit.logs.formats import logs_in
+from replay_kit.logs.opening import logs_in
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import with_bathymetry
 

@@ -22,7 +22,7 @@ from replay_kit.core.plan import Place
 from replay_kit.core.text import count_text, place_text
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
-from replay_kit.logs.formats import may_grow
+from replay_kit.logs.opening import may_grow
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.show.status.held import Held

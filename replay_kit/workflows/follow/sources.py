@@ -12,8 +12,7 @@ from replay_kit.core.inputs import Stamp, open_input, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.text import time_text
 from replay_kit.logs import open_log
-from replay_kit.logs.formats import in_folder, may_grow
-from replay_kit.logs.glider.missions import pattern
+from replay_kit.logs.opening import in_folder, may_grow, pattern
 
 #: A first message this much older or younger than those of all other files is a clock's error [ns].
 _FAR_NS = 366 * 86_400 * 10**9

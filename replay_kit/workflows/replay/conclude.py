@@ -18,7 +18,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Profiles
 from replay_kit.forecast import ensemble_files
-from replay_kit.logs.formats import logs_in
+from replay_kit.logs.opening import logs_in
 from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.outcome.parts import (
     comparison_part,

@@ -7,7 +7,7 @@ from pathlib import Path
 import lz4.block
 import numpy as np
 
-from tests.logs.glider import glider_samples as made
+from tests.logs.netcdf import glider_samples as made
 
 #: Sensor, bytes of a value, unit.
 Sensors = Sequence[tuple[str, int, str]]

@@ -17,7 +17,7 @@ from replay_kit.logs.slocum.cycles import read_cycles
 from replay_kit.logs.slocum.header import SensorLists, read_header, read_sensors, unpacked
 from tests.command import run_command
 from tests.fuzz.mishap import mishap
-from tests.logs.glider import glider_samples as made
+from tests.logs.netcdf import glider_samples as made
 from tests.logs.slocum import slocum_samples as slocum
 from tests.places import DATA, needs
 from tests.reference.slocum import cycles as cycles_one_by_one

@@ -10,7 +10,7 @@ from replay_kit.core.message import Message
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests import synthetic
 from tests.command import invoke, succeed
-from tests.logs.glider import glider_samples as made
+from tests.logs.netcdf import glider_samples as made
 
 
 def _cells(path: Path) -> Path:

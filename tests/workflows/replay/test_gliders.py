@@ -13,7 +13,7 @@ from replay_kit.workflows.replay.account import Account
 from replay_kit.workflows.replay.stages.counts import Counts
 from tests import synthetic
 from tests.command import invoke, succeed
-from tests.logs.glider import glider_samples as made
+from tests.logs.netcdf import glider_samples as made
 from tests.places import DATA, needs
 from tests.results.result_samples import metadata_of
 

@@ -19,7 +19,7 @@ from replay_kit.workflows.report import report
 from replay_kit.workflows.sound import open_result
 from tests import synthetic
 from tests.command import run_command
-from tests.logs.surface import made
+from tests.logs import surface_samples as made
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 from tests.measurements.section.test_lines import mission

@@ -17,7 +17,7 @@ from replay_kit.forecast import ensemble_files, read_truth
 from replay_kit.forecast.blocks import open_collection
 from replay_kit.forecast.members import parse_rule
 from replay_kit.logs import open_logs
-from replay_kit.logs.formats import logs_in
+from replay_kit.logs.opening import logs_in
 from replay_kit.results.mcap_writer import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region

@@ -13,7 +13,7 @@ from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.region import Region, bounds_of, inside
 from replay_kit.core.table import Columns, chosen
 from replay_kit.core.text import some_text, time_text
-from replay_kit.logs.formats import logs_in
+from replay_kit.logs.opening import logs_in
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.place import LogTracks

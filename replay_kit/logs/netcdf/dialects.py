@@ -1,0 +1,217 @@
+"""What a dialect of files of columns is: one entry says how its files are recognised, and under which names and units they hold what.
+
+A name is compared without regard to case. Of several names of a quantity the first that a file has is read, standard names before.
+"""
+
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.message import NO_MEANS
+from replay_kit.core.quantities import metres_per_second
+from replay_kit.logs.netcdf.units import (
+    ANGLE,
+    CHARGE,
+    CONDUCTIVITY,
+    HEIGHT,
+    LATITUDE,
+    LENGTH,
+    LONGITUDE,
+    NUMBER,
+    PRESSURE,
+    SALINITY,
+    SPEED,
+    TEMPERATURE,
+    VOLTAGE,
+    Quantity,
+)
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
+from replay_kit.logs.reader import Entry
+
+Names = Mapping[str, str]
+# not at the surface, nor relative to the vehicle
+_CURRENT = re.compile(r"(?:[a-z]+_)*?(eastward|northward)_sea_water_velocity(?:_\w+)?")
+
+_PLACES = ("", "gps_", "start_", "end_", "dac_", "waypoint_")
+#: What is read of gliders: samples along the track, fixes before (``start_``), after (``end_``) or at any time (``gps_``), mean
+#: currents (``dac_``), absolute profiles (``profile_``). Keys that end in ``time`` are times, those that end in ``flag`` flags.
+QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        **{f"{part}longitude": LONGITUDE for part in _PLACES},
+        **{f"{part}latitude": LATITUDE for part in _PLACES},
+        **dict.fromkeys(("depth", "gps_error", "profile_depth", "radius"), LENGTH),
+        **dict.fromkeys(("altitude", "water_depth"), HEIGHT),
+        "pressure": PRESSURE,
+        "temperature": TEMPERATURE,
+        "conductivity": CONDUCTIVITY,
+        "salinity": SALINITY,
+        "voltage": VOLTAGE,
+        "charge_used": CHARGE,
+        **dict.fromkeys(("heading", "pitch", "roll", "declination"), ANGLE),
+        **dict.fromkeys(
+            ("dac_east", "dac_north", "dac_error", "profile_east", "profile_north"), SPEED
+        ),
+        **dict.fromkeys(("dive", "dead_reckoning", "nav_state"), NUMBER),
+    }
+)
+
+# how many samples each profile of a ragged array has; which mission a file is of
+_ALWAYS = re.compile(r"(rowsize|row_size|trajectory|mission_name).*")
+
+
+class Content(NamedTuple):
+    """What the files of a log hold.
+
+    Attributes:
+        entries: Begins a pass: the messages in any order, then further ones, of each in order of time.
+        skipped: Topic and reason of what cannot be used, to its number.
+        mission: Of which they are; empty when they state none.
+    """
+
+    entries: Callable[[], Sequence[Iterator[Entry]]]
+    skipped: Mapping[tuple[str, str], int]
+    mission: str = ""
+
+
+#: Makes the content of the files of one log, in a dialect, and adds what it assumed to the notes.
+Read = Callable[[Sequence[NetcdfFile], "Dialect", LogConfig, list[str]], Content]
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """One convention of files of columns.
+
+    Attributes:
+        name: As in ``LogReport.format``.
+        title: For a person.
+        signature: Names that a file of the dialect has, all of them; ``a|b`` is one of both.
+        names: Quantity to the names that it may have, the preferred first, with spaces between them.
+        convention: Text in the attribute ``Conventions`` that is enough to recognise the dialect; empty for none.
+        standard: Quantity to the standard name by which its variable is found before its names are tried.
+        quantities: The quantities that are read, with their units and bounds.
+        units: Unit of a quantity where the dialect has one that the files do not state.
+        flag_meanings: ``value meaning`` pairs of flags in files that do not state them.
+        heading: What headings count from.
+        beside: Pattern of further names that are read, in lower case.
+        ascent_share: Where in a dive a profile's own time and place lie, from 0 at its start to 1 at its end; 0 where that is not known.
+        dac_kind: How the mean currents were computed.
+        pings: Reads the pings of an ADCP from a file, and adds to the notes what it assumed; None for a dialect without one.
+        log_of: Which files are one log: each alone, those of one ``mission``, or ``all`` of the dialect.
+        raw: Whether values are as the vehicle wrote them: their units are fixed, and positions before the first fix are unfounded.
+        read: What the columns are; None for a glider's.
+        by_times: Whether a file may be larger than memory: only its times are read when it is opened.
+    """
+
+    name: str
+    title: str
+    signature: str
+    names: Names
+    convention: str = ""
+    standard: Names = field(default_factory=dict)
+    quantities: Mapping[str, Quantity] = field(default_factory=lambda: QUANTITIES)
+    units: Names = field(default_factory=dict)
+    flag_meanings: str = ""
+    heading: Literal["magnetic", "true", "unknown"] = "unknown"
+    beside: str = ""
+    ascent_share: float = 0.0
+    dac_kind: str = "dead_reckoning"
+    pings: Callable[[NetcdfFile, list[str]], Iterator[Entry]] | None = None
+    log_of: Literal["file", "mission", "all"] = "file"
+    raw: bool = False
+    read: Read | None = None
+    by_times: bool = False
+
+    def recognises(self, names: Collection[str], attributes: Mapping[str, Any]) -> bool:
+        """Return whether a file with these variables and attributes is of the dialect."""
+        lower = {name.lower() for name in names}
+        stated = str(attributes.get("Conventions", attributes.get("conventions", "")))
+        wanted = [names.split("|") for names in self.signature.split()]
+        by_name = bool(wanted) and all(not lower.isdisjoint(names) for names in wanted)
+        return by_name or bool(self.convention and self.convention in stated.upper())
+
+    def chosen(self, held: Mapping[str, Stored]) -> dict[str, str]:
+        """Return the variable of each quantity that a file has, in the file's own case."""
+        own = {name.lower(): name for name in held}
+        found = {
+            key: [own[name] for name in listed.split() if name in own]
+            for key, listed in self.names.items()
+        }
+        named = [(name, one.text("standard_name")) for name, one in held.items() if self.standard]
+        for key, standard in self.standard.items():
+            stated = [name for name, stands in named if stands == standard]
+            found[key] = stated if len(stated) == 1 else found[key]
+        return {key: names[0] for key, names in found.items() if names}
+
+    def wanted(self, held: Mapping[str, Stored]) -> list[str]:
+        """Return which of a file's variables are read: those of quantities, their flags, and those beside."""
+        found = self.chosen(held)
+        chosen = set(found.values())
+        if self.read is None and not {"dac_east", "dac_north"} <= set(found):
+            chosen |= {name for name, stored in held.items() if self._may_be_mean(name, stored)}
+        flags = {name + suffix for name in chosen for suffix in ("_QC", "_qc")}
+        return [
+            name
+            for name in held
+            if name in chosen
+            or name in flags
+            or re.fullmatch(self.beside, name.lower())
+            or _ALWAYS.fullmatch(name.lower())
+        ]
+
+    def _may_be_mean(self, name: str, stored: Stored) -> bool:
+        """Return whether a variable may be a component of a mean current: by its standard name, or by a unit of velocity without one."""
+        if re.fullmatch(self.beside, name.lower()):
+            return False
+        by_unit = not stored.text("standard_name") and metres_per_second(stored.units) is not None
+        return bool(_direction(stored)) or by_unit
+
+    def by_standard_names(self, held: Mapping[str, Stored], notes: list[str]) -> dict[str, str]:
+        """Return the variable of each quantity, components of currents by their standard names wherever one is present.
+
+        Args:
+            held: The file's variables.
+            notes: What names and standard names contradict, and which variables may be mean currents, is added here.
+        """
+        found = self.chosen(held)
+        for part in ("dac", "profile"):
+            keys = (f"{part}_east", f"{part}_north")
+            named = [found[key] for key in keys if key in found]
+            stated = [_direction(held[name]) for name in named]
+            if stated in (["north", "east"], ["north", ""], ["", "east"]):
+                found |= dict(zip(keys, reversed(named), strict=True))
+                notes.append(
+                    f"{' and '.join(named)}: read as their standard names state, northward and eastward; their names say the contrary"
+                )
+            elif stated in (["north"] * 2, ["east"] * 2):
+                notes.append(
+                    f"{' and '.join(named)}: both have the standard name of the {stated[0]}ward component; read by their names"
+                )
+        if {"dac_east", "dac_north"} <= set(found):
+            return found
+        free = {
+            name: stored
+            for name, stored in held.items()
+            if name not in found.values()
+            and stored.values.ndim < 2
+            and self._may_be_mean(name, stored)
+        }
+        directed = {to: name for name, stored in free.items() if (to := _direction(stored))}
+        stated = [to for stored in free.values() if (to := _direction(stored))]
+        sizes = {held[name].values.size for name in directed.values()}
+        if sorted(stated) == ["east", "north"] and len(sizes) == 1:
+            return found | {f"dac_{to}": name for to, name in directed.items()}
+        if free:
+            notes.append(
+                f"{NO_MEANS}{', '.join(free)} may be them, by their unit, but no standard name says which is east and which north; "
+                "state eastward_sea_water_velocity and northward_sea_water_velocity"
+            )
+        return found
+
+
+def _direction(stored: Stored) -> str:
+    """Return ``east`` or ``north`` for a variable whose standard name is of a component of the current; empty for others."""
+    match = _CURRENT.fullmatch(stored.text("standard_name"))
+    return "" if match is None or match[0].startswith("surface") else match[1][:-4]

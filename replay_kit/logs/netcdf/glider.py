@@ -1,0 +1,224 @@
+"""What a glider's columns are: fixes, positions, mean currents, pings and other instruments, as messages."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.message import NO_MEANS
+from replay_kit.core.observation import Fix
+from replay_kit.core.text import count_text
+from replay_kit.logs.netcdf.adcp import INVERTED
+from replay_kit.logs.netcdf.columns import Columns, joined, read_columns
+from replay_kit.logs.netcdf.currents import DiveMean, mean_currents
+from replay_kit.logs.netcdf.dialects import Content, Dialect
+from replay_kit.logs.netcdf.instruments import (
+    PROFILES,
+    absolute_profiles,
+    fixes_of,
+    instrument_entries,
+)
+from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.reader import Entry
+from replay_kit.logs.shared.payloads import FIX, Positions, location_fix, number, stamp
+
+_NS = 1_000_000_000
+_DECIMATED_NS = 60 * _NS
+# m; samples of one time that lie farther apart have no depth of their own
+_ONE_DEPTH = 5.0
+_DAC = "replay_kit.DepthAveragedCurrent"
+
+
+def glider(
+    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, notes: list[str]
+) -> Content:
+    """Return the content of the files of a glider, which are read whole: a mission has some ten thousand samples.
+
+    ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with the depth, once a minute. ``/adcp``: velocity
+    relative to the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: as
+    ``instrument_entries``. ``/adcp/inverted``, ``/adcp/absolute``: absolute profiles. ``/dac``: the mean current of each dive, at the
+    fix after it.
+
+    Args:
+        files: Of one log, in order of time.
+        dialect: Theirs.
+        config: Without effect.
+        notes: What was assumed is added here.
+
+    Raises:
+        LogError: A variable has a unit that is not understood.
+    """
+    del config
+    count = sum(len(file.sources) or 1 for file in files)
+    if count > 1:
+        notes.insert(0, f"{dialect.title}: {count} files are one log")
+    if left_out := sum(file.attributes.get("lines_left_out", 0) for file in files):
+        notes.append(
+            f"{count_text(left_out, 'line')} with fewer or more columns than the heading, not used"
+        )
+    mission = _one_mission(files, dialect, notes)
+    columns = joined([read_columns(file, dialect, notes) for file in files])
+    fixes, lost = fixes_of(columns, notes)
+    found = mean_currents(columns, fixes, dialect.ascent_share, notes)
+    pings = (
+        []
+        if dialect.pings is None
+        else [ping for file in files for ping in dialect.pings(file, notes)]
+    )
+    pings += absolute_profiles(columns, found.means, notes)
+    samples = columns.samples
+    if (
+        not (found.means or pings)
+        and fixes.time_ns.size > 1
+        and {"longitude", "depth"} <= set(samples)
+    ):
+        notes.append(
+            f"{NO_MEANS}none is stated; if the dead-reckoned positions include no current, "
+            "--measurements.dead-reckoning through_water computes them"
+        )
+    if "heading" in samples:
+        unknown = "whether headings are magnetic or true is not known"
+        how = unknown if dialect.heading == "unknown" else f"headings are {dialect.heading}"
+        notes.append(f"{how}; no declination was added to them")
+    skipped = Counter[tuple[str, str]]()
+    for topic, reason, number_of in columns.skipped:
+        skipped[topic, reason] += number_of
+    flagged = sum(number_of for topic, _, number_of in columns.skipped if topic == "/vehicle/fix")
+    skipped["/vehicle/fix", "GPS fix without time or position"] += max(lost - flagged, 0)
+    skipped += Counter({("/dac", reason): number_of for reason, number_of in found.skipped})
+
+    def entries() -> Sequence[Iterator[Entry]]:
+        # at one time a position comes before the velocities measured there
+        unordered = chain(
+            fixes.entries(),
+            _positions(columns, found.means, fixes, dialect),
+            _dacs(found.means, pings, dialect.dac_kind),
+            pings,
+        )
+        return unordered, *instrument_entries(samples)
+
+    return Content(entries, skipped, mission)
+
+
+def _dacs(means: Sequence[DiveMean], pings: Sequence[Entry], kind: str) -> Iterator[Entry]:
+    # an inversion weighs the mean current against the pings; profiles that were only shifted to it hold nothing else of it
+    topics = {topic for _, topic, _, _ in pings}
+    named = (
+        {"also_in": PROFILES}
+        if PROFILES in topics
+        else {"inverted_in": INVERTED}
+        if INVERTED in topics
+        else {}
+    )
+    for mean in means:
+        yield mean.end.time_ns, "/dac", _DAC, _dac(mean, kind) | named
+
+
+def _positions(
+    columns: Columns, means: Sequence[DiveMean], fixes: Positions, dialect: Dialect
+) -> Iterator[Entry]:
+    """Yield the track, one position a minute; the first and the deepest sample are treated like the others."""
+    for mean in means:
+        if (middle := mean.middle) is not None:
+            fix = location_fix(*middle, mean.max_depth, True, math.nan)
+            yield middle.time_ns, "/vehicle/position", FIX, fix
+    samples = columns.samples
+    if not {"longitude", "latitude"} <= set(samples):
+        return
+    # a basestation's positions are of its CTD, its attitude of its ADCP
+    basestation = dialect.name == "seaglider"
+    time, depth = samples["time"], _depth_at_times(samples)
+    usable = np.isfinite(samples["longitude"] + samples["latitude"])
+    usable &= ~np.isin(time, fixes.time_ns) & (np.isfinite(depth) | (not basestation))
+    if dialect.raw and fixes.time_ns.size:
+        usable &= time >= fixes.time_ns[0]
+    angles = (
+        [] if basestation else [name for name in ("heading", "pitch", "roll") if name in samples]
+    )
+    due = -_DECIMATED_NS
+    for k in np.flatnonzero(usable).tolist():
+        time_ns = int(time[k])
+        if time_ns < due:
+            continue
+        due = time_ns + _DECIMATED_NS
+        place = samples["longitude"][k], samples["latitude"][k], depth[k]
+        fix = location_fix(time_ns, *place, True, math.nan)
+        fix["metadata"] += [
+            {"key": name, "value": f"{value:.2f}"}
+            for name in angles
+            if math.isfinite(value := samples[name][k])
+        ]
+        yield time_ns, "/vehicle/position", FIX, fix
+
+
+def _depth_at_times(samples: Mapping[str, Any]) -> Any:
+    """Return the samples' depths [m], NaN where samples at other depths have the same time."""
+    if "depth" not in samples:
+        return np.full(samples["time"].size, np.nan)
+    depth = np.array(samples["depth"], np.float64)
+    _, of_time = np.unique(samples["time"], return_inverse=True)
+    least, most = np.full((2, of_time.max(initial=-1) + 1), [[np.inf], [-np.inf]])
+    np.fmin.at(least, of_time, depth)
+    np.fmax.at(most, of_time, depth)
+    return np.where((most - least)[of_time] > _ONE_DEPTH, np.nan, depth)
+
+
+def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
+    return {
+        "stamp": stamp(mean.end.time_ns),
+        **({} if mean.dive is None else {"dive": mean.dive}),
+        "dac_eastward": number(mean.east),
+        "dac_northward": number(mean.north),
+        "error": number(mean.error),
+        "start_fix": _end(mean.start),
+        "end_fix": _end(mean.end),
+        "duration": (mean.end.time_ns - mean.start.time_ns) / _NS,
+        "max_depth": number(mean.max_depth),
+        "radius": number(mean.radius),
+        "dac_kind": kind,
+    }
+
+
+def _end(end: Fix) -> dict[str, Any]:
+    return {"time": stamp(end.time_ns), "lon": end.longitude, "lat": end.latitude}
+
+
+#: Variables that name the mission, and attributes that do, with the dialects of which they do; of others ``id`` names the file
+_NAMED = ("trajectory", "mission_name")
+_ATTRIBUTES = (("deployment_name", None), ("id", "og1"), ("glider_name", None))
+
+
+def missions_of(file: NetcdfFile, dialect: str) -> tuple[str, ...]:
+    """Return the names of the missions in a file; none when it does not state them.
+
+    Args:
+        file: With the variables ``trajectory`` and ``mission_name``, if it has them.
+        dialect: Name of its dialect.
+    """
+    if dialect == "seaexplorer":
+        return (".".join(file.path.name.lower().split(".")[:2]),)
+    named = [stored for name, stored in file.variables.items() if name.lower() in _NAMED]
+    stated = tuple(dict.fromkeys(text for stored in named for text in stored.texts() if text))
+    if stated:
+        return stated
+    held = {key.lower(): str(value).strip() for key, value in file.attributes.items()}
+    if dialect == "seaglider" and held.get("mission"):
+        vehicle = held.get("platform_id") or held.get("glider", "")
+        return (f"{vehicle} mission {held['mission']}".strip(),)
+    found = (held.get(key, "") for key, only in _ATTRIBUTES if only in (None, dialect))
+    return tuple(name for name in found if name)[:1]
+
+
+def _one_mission(files: Sequence[NetcdfFile], dialect: Dialect, notes: list[str]) -> str:
+    """Return the mission that all files are of; empty when they state none, or several, which is noted."""
+    names = list(dict.fromkeys(name for file in files for name in missions_of(file, dialect.name)))
+    if len(names) > 1:
+        shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
+        notes.append(
+            f"{len(names)} missions in one log ({shown}): their dives are merged as if one glider had made them"
+        )
+    return names[0] if len(names) == 1 else ""

@@ -1,0 +1,192 @@
+"""Tables of pings, a row a depth, in files or in memory: columns as they are asked for, by CF standard name, or by name.
+
+Rows of one time and place are a profile.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.observation import Observation, usable
+from replay_kit.core.text import some_text
+from replay_kit.logs.netcdf import units
+from replay_kit.logs.netcdf.columns import read_values
+from replay_kit.logs.netcdf.dialects import Content, Dialect
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
+from replay_kit.logs.shared.payloads import PING, numbers, stamp
+
+TOPIC = "/observations"
+_EXPECTED = "expected a table with the columns time, longitude, latitude, depth [m], u, v and error [m/s], a row a depth"
+_PLACE = ("time", "longitude", "latitude")
+
+#: By quantity the name of its column, or its value in all rows.
+Asked = Mapping[Any, str | float]
+
+
+def chosen_of(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]:
+    """Return a table, with a column for each number that is asked for, and the column of each quantity.
+
+    Raises:
+        ConfigError: A column that is asked for is not there, or one is not found.
+    """
+    held = dict(file.variables)
+    chosen = PINGS.chosen(held)
+    for key, name in asked.items():
+        if not isinstance(name, str):
+            held[str(name)] = Stored(np.array(float(name)), {})
+        elif name not in held:
+            raise ConfigError(
+                f"logs.columns.{key}: expected a column of {file.path}, one of {some_text(list(held))}, got '{name}'"
+            )
+        chosen[str(key)] = str(name)
+    if lacking := [key for key in PINGS.names if key not in chosen]:
+        raise ConfigError(
+            f"{file.path}: {_EXPECTED}; it lacks {', '.join(lacking)}"
+            f"{'; state the standard error of each component, it is not guessed' if 'error' in lacking else ''}"
+            f"; name it with --columns {lacking[0]}=COLUMN (logs.columns), or give one number for all rows"
+        )
+    return replace(file, variables=held), chosen
+
+
+def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[Observation], int]:
+    """Return the profiles of a table in order of time, and the number of rows without a time or a place, which are left out.
+
+    Args:
+        file: The table; its path is what it is called in errors.
+        asked: What is not to be found by standard name or name.
+        notes: What was assumed is added here.
+
+    Raises:
+        ConfigError: A column is missing, or an error is none.
+        LogError: The times have a unit that is not understood.
+    """
+    file, chosen = chosen_of(file, asked)
+    rows = _over_rows(file, chosen, read_values(file, PINGS, chosen, notes))
+    known = (rows["time"] > 0) & np.isfinite(rows["longitude"] + rows["latitude"])
+    good = np.isfinite(rows["depth"] + rows["u"] + rows["v"])
+    if (bad := known & good & ~(rows["error"] > 0.0)).any():
+        raise ConfigError(
+            f"{file.path}['{chosen['error']}']: expected the standard error of each component [m/s], above 0, got "
+            f"{rows['error'][bad][0]:g}; it is not guessed"
+        )
+    error = np.where(good, rows["error"], 1.0)  # of a bin that is missing
+    at = np.flatnonzero(known)
+    at = at[np.lexsort([rows[name][at] for name in ("depth", *_PLACE[::-1])])]
+    apart = np.any([np.diff(rows[name][at]) != 0 for name in _PLACE], axis=0)
+    return [
+        Observation.profile(
+            *(rows[name][k[0]].item() for name in _PLACE),
+            *(values[k] for values in (rows["depth"], rows["u"], rows["v"], error)),
+        )
+        for k in np.split(at, np.flatnonzero(apart) + 1)
+        if k.size
+    ], int((~known).sum())
+
+
+def _over_rows(
+    file: NetcdfFile, chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]
+) -> dict[str, NDArray[Any]]:
+    """Return quantities at each row, in the order of the dimensions of all; one that lacks a dimension is repeated along it."""
+    sizes: dict[str, int] = {}
+    for key, own in values.items():
+        for dim, size in zip(file.variables[chosen[key]].dims, own.shape, strict=False):
+            if sizes.setdefault(dim, size) != size:
+                raise ConfigError(
+                    f"{file.path}: {_EXPECTED}, of one length: {chosen[key]} has {size} values, others {sizes[dim]}"
+                )
+    shape = tuple(sizes.values())
+    # of a grid, or of columns that have no rows in common
+    if len(shape) > 2 or np.prod(shape) > max(own.size for own in values.values()):
+        raise ConfigError(f"{file.path}: {_EXPECTED}, got columns over {some_text(list(sizes))}")
+    order = list(sizes)
+    rows = {}
+    for key, own in values.items():
+        dims = file.variables[chosen[key]].dims[: own.ndim]
+        turned = own.transpose(sorted(range(own.ndim), key=lambda k: order.index(dims[k])))
+        spread = turned.reshape([sizes[dim] if dim in dims else 1 for dim in order])
+        rows[key] = np.broadcast_to(spread, shape).ravel()
+    return rows
+
+
+def _pings(
+    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, notes: list[str]
+) -> Content:
+    """Return the profiles of a table, on ``/observations``."""
+    del dialect
+    try:
+        profiles, left_out = profiles_of(files[0], config.columns, notes)
+    except ConfigError as error:
+        raise LogError(str(error)) from error
+    return Content(
+        lambda: [
+            iter(()),
+            ((one.time_ns, TOPIC, PING, ping_of(one, k)) for k, one in enumerate(profiles)),
+        ],
+        {(TOPIC, "row without a time or a place"): left_out},
+    )
+
+
+def ping_of(profile: Observation, ordinal: int) -> dict[str, Any]:
+    """Return a profile as an ``AdcpPing`` with a place of its own."""
+    good = usable(profile.flags)[:, None]
+    velocity = np.where(good, profile.velocity, np.nan)
+    std = np.hypot(profile.error_std, profile.common_std)
+    return {
+        "stamp": stamp(profile.time_ns),
+        "ping": ordinal,
+        **({"dive": profile.dive} if profile.dive else {}),
+        "place": {"lon": profile.longitude, "lat": profile.latitude},
+        "coordinate_system": "earth",
+        "reference": "earth",
+        "orientation": "down",
+        "bin_mapped": True,
+        "n_cells": profile.depth.size,
+        "cell_distances": numbers(profile.depth),
+        "transducer_depth": 0.0,
+        "pressure": 0.0,
+        "velocity": numbers(velocity),
+        "velocity_std": numbers(std),
+        "correlation_depth": profile.correlation_depth,
+    }
+
+
+# what is too fast or too deep is flagged later, and counted
+_SPEED, _DEPTH = (replace(each, low=-np.inf, high=np.inf) for each in (units.SPEED, units.LENGTH))
+PINGS = Dialect(
+    "table",
+    "Table of pings",
+    "",
+    {
+        "time": "time date datetime",
+        "longitude": "longitude lon",
+        "latitude": "latitude lat",
+        "depth": "depth",
+        "u": "eastward_sea_water_velocity u east eastward",
+        "v": "northward_sea_water_velocity v north northward",
+        "error": "error error_std standard_error",
+    },
+    standard={
+        **{key: key for key in (*_PLACE, "depth")},
+        "u": "eastward_sea_water_velocity",
+        "v": "northward_sea_water_velocity",
+        "error": "eastward_sea_water_velocity standard_error",
+    },
+    quantities={
+        "longitude": units.LONGITUDE,
+        "latitude": units.LATITUDE,
+        "depth": _DEPTH,
+        **dict.fromkeys(("u", "v", "error"), _SPEED),
+    },
+    units={
+        **dict.fromkeys(("longitude", "latitude"), "degrees"),
+        "depth": "m",
+        **dict.fromkeys(("u", "v", "error"), "m/s"),
+    },
+    beside=".*",
+    read=_pings,
+)

@@ -1,0 +1,172 @@
+"""The reader of all files of columns: NetCDF, and tables in text. A dialect says what the columns are."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.extensions import additions
+from replay_kit.core.message import Loss, Message
+from replay_kit.logs.formats import FIRST_COLUMNS
+from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.glider import glider, missions_of
+from replay_kit.logs.netcdf.glider_dialects import GLIDERS
+from replay_kit.logs.netcdf.pings import PINGS
+from replay_kit.logs.netcdf.rows import ROWS, on_a_grid
+from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
+from replay_kit.logs.netcdf.text import in_text, open_text
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
+from replay_kit.logs.reader import LogFile
+from replay_kit.logs.shared.blocks import ReadStatistics
+from replay_kit.logs.shared.payloads import by_variable, gather
+
+#: All dialects, in the order in which they are tried; a file of none is of ``PINGS`` or ``ROWS``.
+DIALECTS: tuple[Dialect, ...] = (*GLIDERS, TOTALS, DRIFTERS)
+# names of currents in forecasts, and bytes from which a file is asked for them before it is read
+_USUAL = ("u", "uo", "water_u", "vozocrtx", "uvel", "u_eastward", "ucur", "vxo")
+_LARGE = 1 << 24
+_NAMES = re.compile("trajectory|mission_name", re.IGNORECASE)
+
+
+def dialect_of(
+    held: Mapping[str, Stored], attributes: Mapping[str, Any], text: bool = False
+) -> Dialect | None:
+    """Return the dialect of a file with these variables and attributes; None for a file of no known dialect.
+
+    Args:
+        held: The variables.
+        attributes: Of the file.
+        text: Whether it is a table with commas, in which no glider's dialect is tried.
+    """
+    added = additions("dialects", lambda value: isinstance(value, Dialect), "a Dialect").values()
+    return next(
+        (
+            dialect
+            for dialect in (*DIALECTS, *added)
+            if (dialect.read is not None or not text) and dialect.recognises(held, attributes)
+        ),
+        None,
+    )
+
+
+class ColumnsReader(LogFile):
+    """The files of one dialect that are one log."""
+
+    def __init__(
+        self,
+        files: Sequence[NetcdfFile],
+        dialect: Dialect,
+        input: int = 0,
+        config: LogConfig | None = None,
+        losses: Sequence[Loss] = (),
+        notes: Sequence[str] = (),
+    ) -> None:
+        """Read the files.
+
+        Args:
+            files: The log's files in order of time; the log is named after the first.
+            dialect: Theirs.
+            input: Position of the log among the run's inputs.
+            config: How logs are read.
+            losses: Damage found while the files were opened.
+            notes: What was assumed then.
+
+        Raises:
+            LogError: A file cannot be read, or a variable has a unit that is not understood.
+        """
+        paths = [path for file in files for path in file.sources or (file.path,)]
+        super().__init__(paths, input, config)
+        self.format = dialect.name
+        self._losses, self._told = losses, [*notes]
+        self._content = (dialect.read or glider)(files, dialect, self._config, self._told)
+        self._gliders = dialect.read is None
+        self.mission = self._content.mission
+        self.statistics.notes = self._notes()
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the log's messages in order of time; their topics are named where each dialect's content is made."""
+        self.statistics = ReadStatistics()
+        self.statistics.notes = self._notes()
+        for loss in self._losses:
+            self.statistics.lose(loss.what, loss.offset, loss.bytes)
+        for (topic, reason), count in self._content.skipped.items():
+            self._skip(topic, reason, count)
+        yield from self._by_time(*self._content.entries())
+        self.statistics.notes = self._notes()
+
+    def is_gliders(self) -> bool:
+        """Return whether the dialect is of gliders."""
+        return self._gliders
+
+    def _notes(self) -> tuple[str, ...]:
+        """Return each note once; those that several files give say how many."""
+        alike = gather(self._told).items()
+        return tuple(
+            by_variable(
+                note if len(found) == 1 else f"{note} (in {len(found)} files)"
+                for note, found in alike
+            )
+        )
+
+
+def open_columns(
+    paths: Sequence[Path],
+    input: int = 0,
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
+) -> LogFile:
+    """Return the reader of the files that are one log.
+
+    Args:
+        paths: The files.
+        input: Position of the log among the run's inputs.
+        config: How logs are read.
+        wanted: Without effect.
+
+    Raises:
+        LogError: A file cannot be read, or is a forecast.
+    """
+    del wanted
+    opened = [_opened(path, config or LogConfig()) for path in paths]
+    dialect = opened[0][1]
+    files = [file for file, own in opened if own.name == dialect.name]
+    return ColumnsReader(files, dialect, input, config)
+
+
+def log_of(path: Path) -> tuple[str, ...] | None:
+    """Return the names of a file's dialect and missions, which all its profiles or parts share; None where a mission is one file.
+
+    Raises:
+        LogError: The file cannot be read, or is a forecast.
+    """
+    if in_text(path):
+        return "seaexplorer", *missions_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
+    file, dialect = _opened(path, LogConfig(), whole=False)
+    if dialect.log_of == "file":
+        return None
+    return dialect.name, *(missions_of(file, dialect.name) if dialect.log_of == "mission" else ())
+
+
+def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFile, Dialect]:
+    """Return the variables of a file that its dialect reads, or those alone that name its mission, and the dialect."""
+    text = in_text(path)
+    found: list[Dialect] = []
+
+    def choose(held: Mapping[str, Stored], attributes: Mapping[str, Any]) -> list[str]:
+        dialect = dialect_of(held, attributes, text and not FIRST_COLUMNS & {*map(str.lower, held)})
+        flat = {name: stored for name, stored in held.items() if stored.values.ndim < 3}
+        if dialect is None:
+            if path.stat().st_size >= _LARGE and any(
+                name.lower() in _USUAL for name in held.keys() - flat.keys()
+            ):
+                raise on_a_grid(path, held)
+            asked = text or config.columns or len(PINGS.chosen(flat)) == len(PINGS.names)
+            dialect, held = (PINGS, flat) if asked else (ROWS, held)
+        found.append(dialect)
+        if dialect.by_times:
+            return [dialect.chosen(held)["time"]]
+        return dialect.wanted(held) if whole else [*filter(_NAMES.fullmatch, held)]
+
+    file = (open_text if text else open_netcdf)(path, choose)
+    return file, found[0]

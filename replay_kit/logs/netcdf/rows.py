@@ -1,0 +1,141 @@
+"""NetCDF files of no known dialect: each time is a message, for ``[[measurements.map]]``."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import LogError
+from replay_kit.core.text import some_text
+from replay_kit.logs.netcdf import units
+from replay_kit.logs.netcdf.dialects import Content, Dialect
+from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.reader import Entry
+from replay_kit.logs.shared.payloads import numbers
+
+#: First part of the topic, before the name of the time variable.
+TOPIC = "netcdf/"
+_VELOCITY = (
+    "eastward_sea_water_velocity",
+    "northward_sea_water_velocity",
+    "sea_water_x_velocity",
+    "sea_water_y_velocity",
+)
+# Rows of which messages are made at once.
+_ROWS = 4096
+_NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
+_EXPECTED = "expected a Seaglider basestation file or a glider file of another known dialect"
+
+
+def on_a_grid(path: str | Path, names: Collection[str]) -> LogError:
+    """Return the error for a forecast that is given as a log."""
+    return LogError(
+        f"{path}: {_EXPECTED}, got currents on a grid: {some_text(list(names))}{_NOT_A_LOG}"
+    )
+
+
+def rows_of(
+    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, notes: list[str]
+) -> Content:
+    """Return the content of a file whose variables are rows over one time; rows without a time are counted and left out.
+
+    Raises:
+        LogError: The file holds no time, or is a forecast.
+    """
+    del dialect, config
+    file = files[0]
+    if any(
+        stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2
+        for stored in file.variables.values()
+    ):
+        raise on_a_grid(file.path, file.variables)
+    name = _time_name(file)
+    said: list[str] = []
+    time_ns, known = units.time_ns(name, file.variables[name], file.path, said)
+    time_ns, known = time_ns.ravel(), known.ravel()
+    rows, fixed = _split(file, name, time_ns.size)
+    if not rows:
+        raise LogError(
+            f"{file.path}: {_EXPECTED}, got no variable along {name} alone: {', '.join(file.variables)}{_NOT_A_LOG}"
+        )
+    notes.append(
+        f"of no known glider dialect: each row over {name} is a message on {TOPIC}{name}, with {', '.join(rows)}"
+        + (f", and at each row {', '.join(fixed)}" if fixed else "")
+    )
+    notes += said
+    at = np.flatnonzero(known)
+    at = at[np.argsort(time_ns[at], kind="stable")]
+    return Content(
+        lambda: [iter(()), _entries(f"{TOPIC}{name}", time_ns, rows, fixed, at)],
+        {(f"{TOPIC}{name}", "row without a time"): int((~known).sum())},
+    )
+
+
+def _entries(
+    topic: str,
+    time_ns: NDArray[np.int64],
+    rows: Mapping[str, Array],
+    fixed: Mapping[str, Array],
+    at: NDArray[np.intp],
+) -> Iterator[Entry]:
+    """Yield the messages of rows, some at a time: those of a long file would take many times its memory."""
+    for_all = {
+        name: numbers(values) if values.ndim else float(values) for name, values in fixed.items()
+    }
+    for some in np.split(at, range(_ROWS, at.size, _ROWS)):
+        columns = [
+            numbers(values[some]) if values.ndim > 1 else values[some].astype(float).tolist()
+            for values in rows.values()
+        ]
+        for time, *row in zip(time_ns[some].tolist(), *columns, strict=True):
+            yield time, topic, "netcdf", dict(zip(rows, row, strict=True)) | for_all
+
+
+def _time_name(file: NetcdfFile) -> str:
+    """Return the name of the variable of time: the longest of those with an epoch, then of those with the name."""
+    sized = {
+        name: stored
+        for name, stored in file.variables.items()
+        if stored.values.size and stored.values.dtype.kind in "iuf" and stored.values.ndim < 2
+    }
+    stated = [name for name, stored in sized.items() if " since " in stored.units]
+    named = [name for name in sized if "time" in name.lower() and sized[name].values.ndim]
+    found = stated or named
+    if not found:
+        raise LogError(
+            f"{file.path}: {_EXPECTED}, or any NetCDF with a variable of time (units 'seconds since 1970-01-01'); got variables "
+            f"{', '.join(file.variables) or 'none'}{_NOT_A_LOG}"
+        )
+    return max(
+        found,
+        key=lambda name: (sized[name].values.size, sized[name].text("standard_name") == "time"),
+    )
+
+
+def _split(file: NetcdfFile, time: str, n: int) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return the variables with a row for each time, and those that hold for all, such as levels; names with dots can be in no path."""
+    rows: dict[str, Array] = {}
+    fixed: dict[str, Array] = {}
+    for name, stored in file.variables.items():
+        if (
+            name == time
+            or "." in name
+            or stored.values.dtype.kind not in "iufb"
+            or stored.values.ndim > 2
+        ):
+            continue
+        values = stored.unpacked()
+        if values.ndim and values.shape[0] == n:
+            rows[name] = values
+        elif values.ndim == 2 and values.shape[1] == n:
+            rows[name] = values.T
+        elif values.ndim < 2 and values.size < n:
+            fixed[name] = values
+    return rows, fixed
+
+
+#: All variables of any file.
+ROWS = Dialect("netcdf", "NetCDF of no known dialect", "", {}, beside=".*", read=rows_of)

@@ -1,0 +1,112 @@
+"""Columns of tables in text, as variables: CSV, and the files of a SeaExplorer, perhaps compressed."""
+
+import csv
+import gzip
+import io
+import zlib
+from collections.abc import Iterator
+from contextlib import ExitStack
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import exceeds_claim, open_input
+from replay_kit.logs.formats import GZIP_MAGIC, is_seaexplorer
+from replay_kit.logs.netcdf.variables import Choose, NetcdfFile, Stored, as_number
+
+# Rows that are read at once; letters of a value and of a line.
+_ROWS, _LONGEST, _LONGEST_LINE = 50_000, 128, 1 << 14
+_HEAD = 1 << 12
+_UNREADABLE = (OSError, EOFError, ValueError, csv.Error, zlib.error)
+
+
+def in_text(path: Path) -> bool:
+    """Return whether a file is a table in text."""
+    with open(path, "rb") as file:
+        return not file.read(4).startswith((b"CDF", b"\x89HDF"))
+
+
+def open_text(path: Path, choose: Choose) -> NetcdfFile:
+    """Return the columns of a table that are chosen, as texts: names, perhaps with units in brackets or in the next row, then a row each.
+
+    A SeaExplorer's file may be cut anywhere: lines that have not as many columns as its heading are counted and left out.
+
+    Raises:
+        LogError: It cannot be read, or its rows are of unlike lengths.
+    """
+    try:
+        with open(path, "rb") as file:
+            exact = not is_seaexplorer(file.read(_HEAD))
+        lines = _lines(path)
+        first = next(lines, "")
+        delimiter = max(",;\t", key=first.count)
+        quoting: Any = csv.QUOTE_MINIMAL if exact else csv.QUOTE_NONE
+        table = csv.reader(chain([first], lines), delimiter=delimiter, quoting=quoting)
+        headings = [_name_and_unit(cell) for cell in next(table)]
+        named = {name: Stored(np.empty(0), {}) for name, _ in headings if name}
+        chosen = {*choose(named, {})}
+        at = [k for k, (name, _) in enumerate(headings) if name in chosen]
+        blocks, left_out = [np.empty((len(at), 0), "S1")], 0
+        while some := list(islice(filter(None, table), _ROWS)):
+            rows = [[row[k] for k in at] for row in some if len(row) == len(headings)]
+            left_out += len(some) - len(rows)
+            blocks.append(_block(rows, len(at)))
+        cells = np.hstack(blocks)
+        if exact and left_out:
+            raise ValueError(f"{left_out} rows that are not as long as the names")
+    except _UNREADABLE as error:
+        raise LogError(
+            f"{path}: expected a table: names, perhaps units, rows as long; got: {error}; is the file whole?"
+        ) from error
+    begin = [np.isfinite([as_number(text) for text in row]).sum() for row in cells.T[:2]]
+    in_row = exact and len(begin) == 2 and 2 * begin[0] < begin[1]
+    variables = {}
+    for k, texts in zip(at, cells, strict=True):
+        name, unit = headings[k]
+        unit = texts[0].decode() if in_row else unit
+        attributes = {"units": unit} if unit not in ("", "UTC") else {}
+        variables[name] = Stored(texts[int(in_row) :], attributes, ("row",))
+    return NetcdfFile(path, {"lines_left_out": left_out}, variables, tuple(named))
+
+
+def _name_and_unit(heading: str) -> tuple[str, str]:
+    """Return the name of a column, and the unit in brackets after it."""
+    name, _, unit = heading.strip().partition("[" if "[" in heading else "(")
+    return name.strip(), unit.rstrip("]) ")
+
+
+def _lines(path: Path) -> Iterator[str]:
+    """Yield the lines of a file, unpacked where it is compressed, without comments.
+
+    Raises:
+        EOFError, ValueError: It holds more than a file of its size can, or a line hardly ends.
+    """
+    with open_input(path) as raw, ExitStack() as stack:
+        compressed = raw.read(2) == GZIP_MAGIC
+        raw.seek(0)
+        packed = stack.enter_context(gzip.open(raw)) if compressed else raw
+        text, size = io.TextIOWrapper(packed, "utf-8-sig", "replace", newline=""), 0
+        while line := text.readline(_LONGEST_LINE):
+            size += len(line)
+            # a text in memory takes up to four times the room that it has in a file
+            if why := exceeds_claim(path, 4 * size):
+                raise EOFError(why)
+            if len(line) == _LONGEST_LINE:
+                raise ValueError(f"a line of {_LONGEST_LINE} letters or more")
+            if not line.startswith("#"):
+                yield line
+
+
+def _block(rows: list[list[str]], width: int) -> NDArray[np.bytes_]:
+    """Return the columns of some rows of a table as texts, shape (width, n).
+
+    Raises:
+        ValueError: A cell is too long for a value.
+    """
+    if max((len(cell) for row in rows for cell in row), default=0) > _LONGEST:
+        raise ValueError(f"a value of more than {_LONGEST} letters")
+    return np.char.encode(np.array(rows, str).reshape(-1, width).T, "utf-8")

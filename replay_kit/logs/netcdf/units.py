@@ -1,0 +1,265 @@
+"""Values of glider files in SI units: units by their names, times by their epochs, what is missing, and what was assumed.
+
+Every function that assumes something says so in ``notes``, as a sentence for a person.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import LogError
+from replay_kit.core.quantities import decibars, metres, metres_per_second, seconds
+from replay_kit.logs.netcdf.variables import Stored
+
+_SINCE = re.compile(
+    r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*",
+    re.IGNORECASE,
+)
+# 1971 and 2100: clocks that lost their time count from 1970
+_FIRST_NS, _LAST_NS = 31_536_000 * 10**9, 4_102_444_800 * 10**9
+# of any epoch; more is no time, and does not fit into 64 bits of nanoseconds
+_MOST_MS = 9e12
+_DATE = re.compile(r"^(\d{2})/(\d{2})/(\d{4}) (.*)")
+_EPOCH_SECONDS = (3.5e8, 4.1e9)
+# rad; a mission whose headings all lie below a turn, or whose tilts all lie below a right angle, is in radians
+_TURN, _LEAST_ANGLES = 6.3, 20
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A physical quantity.
+
+    Attributes:
+        unit: The unit used inside.
+        factor: Of a unit's name, in lower case without spaces, what turns it into this one; None where it is not known.
+        low: Least believable value; less is taken for a mark of a missing one.
+        high: Largest believable value.
+    """
+
+    unit: str
+    factor: Callable[[str], float | None]
+    low: float
+    high: float
+
+
+_DEGREES = dict.fromkeys(
+    (
+        "deg",
+        "degree",
+        "degrees",
+        "degrees_north",
+        "degrees_east",
+        "degree_north",
+        "degree_east",
+        "°",
+    ),
+    1.0,
+)
+_ANGLES = _DEGREES | dict.fromkeys(("rad", "radian", "radians"), 180.0 / np.pi)
+_SALINITIES = ("1", "psu", "1e-3", "0.001", "pss-78", "pss", "g/kg")
+_CELSIUS = ("degc", "celsius", "degrees_celsius", "degree_celsius", "degree_c", "degrees_c", "°c")
+LATITUDE = Quantity("degrees", _ANGLES.get, -90.0, 90.0)
+LONGITUDE = Quantity("degrees", _ANGLES.get, -180.0, 360.0)
+LENGTH = Quantity("m", metres, -12_000.0, 12_000.0)
+PRESSURE = Quantity("dbar", decibars, -20.0, 12_000.0)
+ANGLE = Quantity("degrees", _ANGLES.get, -360.0, 720.0)
+SPEED = Quantity("m/s", metres_per_second, -5.0, 5.0)
+HEIGHT = Quantity("m", metres, 0.0, 12_000.0)
+TEMPERATURE = Quantity("degrees Celsius", dict.fromkeys(_CELSIUS, 1.0).get, -5.0, 60.0)
+SALINITY = Quantity("1", dict.fromkeys(_SALINITIES, 1.0).get, 0.0, 80.0)
+CONDUCTIVITY = Quantity(
+    "S/m", {"s/m": 1.0, "sm-1": 1.0, "ms/cm": 0.1, "mscm-1": 0.1}.get, 0.0, 10.0
+)
+VOLTAGE = Quantity("V", {"volts": 1.0, "v": 1.0}.get, 0.0, 1000.0)
+CHARGE = Quantity("A h", {"amp-hrs": 1.0}.get, 0.0, 1e6)
+NUMBER = Quantity("", dict[str, float]().get, -1e9, 1e9)
+
+
+def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit: str = "") -> Array:
+    """Return a variable in its quantity's unit, NaN where it is missing or not believable.
+
+    Args:
+        name: Of the variable, for the notes.
+        stored: The variable.
+        quantity: What it is.
+        notes: What was assumed is added here.
+        unit: Unit to take where the file states none that is known; ``nmea``, degrees and minutes (ddmm.mmm), whatever it states. Empty
+            for the stated one.
+    """
+    values = stored.unpacked()
+    stated = stored.units
+    key = _unit_key(stated)
+    if unit and (unit == "nmea" or quantity.factor(key) is None):
+        stated = key = unit
+    factor = quantity.factor(key)
+    if key == "nmea":
+        notes.append(f"{name}: degrees and minutes (ddmm.mmm) converted to degrees")
+        values = from_minutes(values)
+    elif factor is not None:
+        if factor != 1.0:
+            notes.append(f"{name}: converted from {stated} to {quantity.unit}")
+            values = values * factor
+    elif quantity.unit:
+        notes.append(
+            f"{name}: {f'unit {stated!r} is not known' if stated else 'states no unit'}, taken as {quantity.unit}"
+        )
+    odd = (values < quantity.low) | (values > quantity.high)
+    if odd.any():
+        notes.append(
+            f"{name}: {int(odd.sum())} values outside {quantity.low:g}..{quantity.high:g} {quantity.unit} taken as missing"
+        )
+    return np.where(odd | ~np.isfinite(values), np.nan, values)
+
+
+def from_minutes(values: Array) -> Array:
+    """Return degrees of degrees and minutes (ddmm.mmm); marks of no fix, such as 69696969, become more degrees than there are."""
+    return np.sign(values) * (np.abs(values) // 100.0 + np.abs(values) % 100.0 / 60.0)
+
+
+def _unit_key(unit: str) -> str:
+    return re.sub(r"\s+|\*\*", "", unit.lower())
+
+
+def in_minutes(places: Mapping[str, Array]) -> bool:
+    """Return whether positions are degrees and minutes (ddmm.mmm), because there are more than there are degrees.
+
+    Args:
+        places: Latitudes and longitudes by names that end in these words, as stored. A latitude near the equator does not tell them
+            apart, its longitude does.
+    """
+    # marks of no fix, such as 69696969, are more than either
+    most = {key: 90.0 if key.endswith("latitude") else 360.0 for key in places}
+    return any(
+        ((np.abs(v) > most[key]) & (np.abs(v) < 36_000.0)).any() for key, v in places.items()
+    )
+
+
+def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str]) -> Array:
+    """Return angles in degrees, of a variable that says degrees and may hold radians.
+
+    Args:
+        name: Of the variable, for the notes.
+        values: shape (n,), taken as degrees so far.
+        whole_turn: Whether it is a heading, which covers a turn; else a tilt.
+        notes: What was assumed is added here.
+    """
+    known = np.abs(values[np.isfinite(values)])
+    most = _TURN if whole_turn else _TURN / 4.0
+    if known.size < _LEAST_ANGLES or not 0.0 < known.max() <= most:
+        return values
+    notes.append(
+        f"{name}: no value above {known.max():.2f}, so taken as radians although its unit is degrees; converted to degrees"
+    )
+    return np.rad2deg(values)
+
+
+def time_ns(
+    name: str, stored: Stored, where: str | Path, notes: list[str]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return times to the millisecond [ns, UTC], 0 where unknown, and whether each is known; ``datetime64`` to the nanosecond.
+
+    Raises:
+        LogError: No value is a time of a mission in the unit that the file states.
+    """
+    if stored.values.dtype.kind == "M":
+        dated = ~np.isnat(stored.values)
+        return np.where(dated, stored.values.astype("M8[ns]").astype(np.int64), 0), dated
+    plain = stored.unpacked()
+    if stored.values.dtype.kind == "S" and not np.isfinite(plain).all():
+        notes.append(f"{name}: times are texts, taken as UTC")
+        plain = np.array([_seconds_of(text) for text in stored.texts()])
+        stored = Stored(plain, {"units": "seconds since 1970-01-01"}, stored.dims[:1])
+    units, match = stored.units, _SINCE.fullmatch(stored.units)
+    # of whole numbers, nanoseconds since 1970 have more digits than a float holds
+    whole = stored.values.dtype.kind in "iu" and stored.packing == (1.0, 0.0)
+    finite = np.isfinite(plain)
+    unit, epoch_ms = (seconds(match[1]), _epoch_ms(match)) if match else (None, None)
+    known = finite.copy()
+    if unit is None or epoch_ms is None:
+        unit, epoch_ms = 1.0, 0
+        known = finite & (plain > _EPOCH_SECONDS[0]) & (plain < _EPOCH_SECONDS[1])
+        if known.any():
+            stated = f"unit {units!r}" if units else "no unit"
+            notes.append(f"{name}: {stated}, taken as seconds since 1970")
+    with np.errstate(over="ignore"):
+        since = np.where(known, (stored.values if whole else plain) * (1000.0 * unit), np.nan)
+    known &= np.abs(since) < _MOST_MS
+    milliseconds = np.round(np.where(known, since, 0.0)).astype(np.int64) + epoch_ms
+    found = milliseconds * 1_000_000
+    known &= (found > _FIRST_NS) & (found < _LAST_NS)
+    if finite.any() and not known.any():
+        raise LogError(
+            f"{where}: {name}: expected units 'seconds since 1970-01-01' or the like that give times of a mission, got '{units}' and "
+            f"times from {np.nanmin(plain):g} on; process the dive again, or correct the units"
+        )
+    return np.where(known, found, 0), known
+
+
+def _seconds_of(text: str) -> float:
+    """Return seconds since 1970 of a time, in UTC unless it states an offset; NaN for other texts.
+
+    Args:
+        text: In ISO 8601, or as a SeaExplorer writes it, day/month/year.
+    """
+    try:
+        time = datetime.fromisoformat(_DATE.sub(r"\3-\2-\1T\4", text))
+    except ValueError:
+        return float("nan")
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+
+
+def _epoch_ms(match: re.Match[str]) -> int | None:
+    year, month, day, hour, minute, second = (int(part or 0) for part in match.groups()[1:7])
+    try:
+        whole = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+    except ValueError:
+        return None
+    return round(whole.timestamp()) * 1000 + round(float(match[8] or 0.0) * 1000.0)
+
+
+#: Of a flag's meaning: such values are not used
+UNUSABLE = re.compile(r"bad|fail|miss|suspect|question|unsampled|reject|spike|stuck", re.IGNORECASE)
+
+
+def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
+    """Return which values their flags call unusable, by the meanings of the flags and never by their numbers.
+
+    Args:
+        name: Of the flags, for the notes.
+        flags: The flags, of whatever type.
+        meanings: ``value meaning`` pairs to take where the file states none.
+        notes: What was found is added here.
+    """
+    known = stated_meanings(flags) or dict(
+        zip(map(int, meanings.split()[::2]), meanings.split()[1::2], strict=True)
+    )
+    if flags.values.dtype.kind == "S":
+        digits = flags.values.ravel().astype("S1").astype(str)
+        numbers = np.where(np.char.isdigit(digits), digits, "-1").astype(np.int64)
+    else:
+        numbers = np.nan_to_num(flags.unpacked(), nan=-1.0).astype(np.int64)
+    bad = {value: words for value, words in known.items() if UNUSABLE.search(words)}
+    found = np.isin(numbers, list(bad))
+    for value in sorted(set(numbers[found].tolist())):
+        notes.append(f"{name}: {int((numbers == value).sum())} x {value} ({bad[value]}), not used")
+    return np.asarray(found)
+
+
+def stated_meanings(flags: Stored) -> dict[int, str]:
+    """Return the meanings of flags; some writers state the values as one text."""
+    values: Any = flags.attributes.get("flag_values")
+    if values is None or not flags.text("flag_meanings"):
+        return {}
+    listed = (
+        re.findall(r"-?\d+", flags.text("flag_values"))
+        if isinstance(values, str | bytes)
+        else np.ravel(values).tolist()
+    )
+    return dict(zip(map(int, listed), flags.text("flag_meanings").split(), strict=False))

@@ -1,0 +1,299 @@
+"""Variables of a NetCDF file, classic or NetCDF-4, as stored; only those asked for are read."""
+
+import math
+import mmap
+import struct
+from collections.abc import Callable, Collection, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import netcdf_file
+
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import LogError
+from replay_kit.core.inputs import (
+    exceeds_claim,
+    is_dimension,
+    open_input,
+    packed_fill,
+    plain_attribute,
+    unpacking,
+)
+
+_ATTRIBUTES = (
+    *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
+    *(
+        "standard_name",
+        "positive",
+        "flag_values",
+        "flag_meanings",
+        "long_name",
+        "comment",
+        "sample_dimension",
+    ),
+)
+_UNREADABLE = (
+    OSError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    ArithmeticError,
+    MemoryError,
+)
+_ITEM = 8  # bytes of a value in memory
+_ZERO = np.float64(0.0)
+_MAPPED = 1 << 24  # bytes of a file that is not read into memory whole
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stored:
+    """A variable as stored: nothing decoded, nothing masked.
+
+    Attributes:
+        values: Of any shape and type.
+        attributes: By name; those of ``_ATTRIBUTES`` that there are, and maybe more.
+        dims: Names of its dimensions; empty names where the file does not name them.
+    """
+
+    values: NDArray[Any]
+    attributes: Mapping[str, Any]
+    dims: tuple[str, ...] = ()
+
+    @property
+    def units(self) -> str:
+        """Unit as the file states it; empty when it states none."""
+        return self.text("units")
+
+    def text(self, attribute: str) -> str:
+        """Return an attribute as text; empty when there is none."""
+        value = self.attributes.get(attribute, "")
+        return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+    @property
+    def packing(self) -> tuple[float, float]:
+        """Scale and offset of the values; 1 and 0 when the file states none."""
+        factor, offset = (
+            float(np.ravel(self.attributes.get(name, default))[0]) for name, default in _PACKING
+        )
+        return factor, offset
+
+    def texts(self) -> list[str]:
+        """Return the texts of an array of characters or of texts, without the blanks and zeros that fill them up; none of other arrays."""
+        if self.values.dtype.kind != "S" or not self.values.size:
+            return []
+        values = np.ascontiguousarray(self.values)
+        joined = (
+            values.view(f"S{values.shape[-1]}")
+            if values.ndim and values.dtype.itemsize == 1
+            else values
+        )
+        return [text.decode("utf-8", "replace").strip("\0 ") for text in joined.ravel().tolist()]
+
+    def unpacked(self) -> Array:
+        """Return the values, NaN where they are the fill value, with scale and offset applied."""
+        if self.values.dtype.kind == "S":
+            return np.array([as_number(text) for text in self.texts()])
+        values = np.array(self.values, dtype=np.float64)
+        for name in ("_FillValue", "missing_value"):
+            fill = self.attributes.get(name)
+            if fill is not None and np.size(fill) and not isinstance(fill, str | bytes):
+                if self.packing != (1.0, 0.0):
+                    fill = packed_fill(fill, self.values.dtype, *self.packing)
+                values[values == float(np.ravel(fill)[0])] = np.nan
+        factor, offset = self.packing
+        return values if (factor, offset) == (1.0, 0.0) else values * factor + offset
+
+
+_PACKING = (("scale_factor", 1.0), ("add_offset", 0.0))
+
+
+def as_number(text: str) -> float:
+    """Return a text as a number; NaN when it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+#: Given a file's variables, of which no value is read yet, and its attributes: the names of those to read.
+Choose = Callable[[Mapping[str, Stored], Mapping[str, Any]], Collection[str]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetcdfFile:
+    """Some variables of a file.
+
+    Attributes:
+        path: The file.
+        attributes: Of the file as a whole, and of its group ``Config``.
+        variables: Those read, by name; of a group ``Data/Average`` by their own names.
+        names: Of all variables of the file.
+        sources: The files that it was put together from; empty for one file.
+    """
+
+    path: Path
+    attributes: Mapping[str, Any]
+    variables: Mapping[str, Stored]
+    names: tuple[str, ...]
+    sources: tuple[Path, ...] = ()
+
+    def has(self, *names: str) -> bool:
+        """Return whether all these variables were read."""
+        return all(name in self.variables for name in names)
+
+    def array(self, name: str) -> Array:
+        """Return a variable, NaN where it has its fill value."""
+        return self.variables[name].unpacked()
+
+    def scalar(self, name: str) -> float:
+        """Return a number; NaN when the file has none."""
+        values = self.array(name).ravel() if self.has(name) else np.empty(0)
+        return float(values[0]) if values.size else float("nan")
+
+    @property
+    def dive_number(self) -> int | None:
+        """The dive that a basestation's file is of; None for files that are not of one dive."""
+        stated = self.attributes.get("dive_number", self.scalar("log_dive"))
+        known = isinstance(stated, int | float | np.number) and np.isfinite(stated)
+        return int(stated) if known else None
+
+
+def open_netcdf(path: Path, choose: Choose, rows: slice = slice(None)) -> NetcdfFile:
+    """Return the variables of a file that are chosen, loaded.
+
+    Args:
+        path: The file.
+        choose: Says which variables are read; texts of variable length are read as bytes.
+        rows: Of variables with several dimensions, those of the first that are read.
+
+    Raises:
+        LogError: The file cannot be read as NetCDF.
+    """
+    try:
+        with open_input(path) as file:
+            classic = file.read(3) == b"CDF"
+        return (_read_classic if classic else _read_hdf5)(path, choose, rows)
+    except _UNREADABLE as error:
+        raise LogError(f"{path}: cannot be read as NetCDF: {error}; is the file whole?") from error
+
+
+def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
+    if (heap := endless_heap(path)) is not None:
+        raise ValueError(f"the texts from byte {heap} on are damaged")
+    # neither through xarray nor through h5netcdf, which look up the dimensions of each of the thousand variables: ten times as long
+    with h5py.File(path, "r") as file, ExitStack() as stack:
+        group = file.get("Data/Average", file)
+        attributes = {
+            key: plain_attribute(value)
+            for part in (file.get("Config"), file)
+            if part is not None
+            for key, value in part.attrs.items()
+        }
+        held = {name: item for name in group if isinstance(item := group[name], h5py.Dataset)}
+        about = {name: Stored(item, item.attrs) for name, item in held.items()}
+        chosen = {name: held[name] for name in choose(about, attributes) if name in held}
+        # a part of a chunk is unpacked with all of it
+        claimed = sum(_ITEM * max(v.size, math.prod(v.chunks or ())) for v in chosen.values())
+        if why := exceeds_claim(path, claimed):
+            raise ValueError(why)
+        stack.enter_context(unpacking(claimed))
+        variables = {
+            name: Stored(
+                _stored(item, rows if item.ndim > 1 else ...),
+                {
+                    key: plain_attribute(value)
+                    for key, value in item.attrs.items()
+                    if key in _ATTRIBUTES or key.startswith("parameter")
+                },
+                _dims(group, name, item),
+            )
+            for name, item in chosen.items()
+            if (item.dtype.kind in "iufbS" or h5py.check_string_dtype(item.dtype))
+            and not is_dimension(item)
+        }
+    return NetcdfFile(path, attributes, variables, tuple(held))
+
+
+def _stored(item: h5py.Dataset, part: Any) -> NDArray[Any]:
+    """Return a variable's values, texts of variable length as bytes."""
+    return np.asarray(
+        item[part]
+        if item.dtype.kind != "O"
+        else np.char.encode(np.asarray(item.asstr(errors="replace")[part], str), "utf-8")
+    )
+
+
+def _dims(file: Any, name: str, item: Any) -> tuple[str, ...]:
+    """Return the names of a variable's dimensions; a variable that is a dimension's coordinate names none but its own."""
+    if "DIMENSION_LIST" in item.attrs:
+        return tuple(
+            file[refs[0]].name.rpartition("/")[2] if len(refs) else ""
+            for refs in item.attrs["DIMENSION_LIST"]
+        )
+    return (name,) if item.ndim == 1 else ("",) * item.ndim
+
+
+def _read_classic(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
+    # without a map of the file all values are read; the private mapping is the only one that tells attributes from methods
+    with netcdf_file(path, "r", mmap=path.stat().st_size > _MAPPED) as file:
+        attributes = {key: plain_attribute(value) for key, value in file._attributes.items()}
+        # no view of the values themselves, which would hold the map open
+        about = {
+            name: Stored(np.broadcast_to(_ZERO, v.shape), v._attributes)
+            for name, v in file.variables.items()
+        }
+        chosen = {*choose(about, attributes)}
+        variables = {
+            name: Stored(
+                np.array(v.data[rows if v.data.ndim > 1 else ...]),
+                dict(v._attributes),
+                tuple(v.dimensions),
+            )
+            for name, v in file.variables.items()
+            if name in chosen
+        }
+    return NetcdfFile(path, attributes, variables, tuple(about))
+
+
+#: Signature, version and three zeros, which damage elsewhere leaves.
+_BEGINS = b"GCOL\x01\x00\x00\x00"
+_SIZE = struct.Struct("<8xQ")
+#: Number, count of references, reserved bytes and size of an object, whose bytes follow.
+_OBJECT = struct.Struct("<HH4xQ")
+
+
+def endless_heap(path: Path) -> int | None:
+    """Return where a global heap begins that the HDF5 library would read for ever [bytes]; None without one.
+
+    Args:
+        path: A file that is not empty.
+    """
+    with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        at = data.find(_BEGINS)
+        while at >= 0:
+            if _is_endless(data, at):
+                return at
+            at = data.find(_BEGINS, at + 1)
+    return None
+
+
+def _is_endless(data: mmap.mmap, begin: int) -> bool:
+    """Return whether the objects of a heap lead to free space without a size, from which no step leads on."""
+    if begin + _SIZE.size > len(data):
+        return False
+    end = min(begin + _SIZE.unpack_from(data, begin)[0], len(data))
+    at = begin + _SIZE.size
+    while at + _OBJECT.size <= end:
+        number, _, size = _OBJECT.unpack_from(data, at)
+        if number == 0 and size == 0:
+            return True
+        # the size of free space includes its head, and objects begin at multiples of eight bytes
+        at += size if number == 0 else _OBJECT.size + (size + 7) // 8 * 8
+    return False

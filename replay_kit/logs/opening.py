@@ -1,0 +1,267 @@
+"""The logs that files and folders hold, opened by the table of formats.
+
+A file is of the first format whose magic bytes it begins with; else of the first that recognises more of its beginning.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+from replay_kit.config.run import LogConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.extensions import additions
+from replay_kit.core.inputs import open_input
+from replay_kit.core.paths import as_path
+from replay_kit.logs.formats import FORMATS, LogFormat
+from replay_kit.logs.reader import LogFile, unreadable
+
+_HEAD = 1 << 16
+_TEXT = re.compile(rb"[ -~]{3,40}")
+_BAG = "metadata.yaml"
+_PART = re.compile(r"^\s*-\s+[\"']?([^\s\"':]+\.(?:mcap|db3)(?:\.zstd)?)[\"']?\s*$", re.MULTILINE)
+#: Files that are recognised only to say what to do with them.
+_FOREIGN = (
+    (
+        b"#ROSBAG",
+        "a ROS 1 bag; convert it with the MCAP command line: mcap convert IN.bag OUT.mcap",
+    ),
+    (
+        b"s: ",
+        "a list of sensors of a Slocum's files; give the files, which find it in their folder or in cac beside them",
+    ),
+    (
+        b"SQLite format 3",
+        "an SQLite file, perhaps a ROS 2 bag; convert it with: ros2 bag convert, storage mcap",
+    ),
+)
+
+
+def open_log(
+    path: str | Path,
+    input: int = 0,
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
+) -> LogFile:
+    """Return the reader of a log, chosen by what the file holds.
+
+    Args:
+        path: The log, or a folder that holds one.
+        input: Position of the log among the run's inputs.
+        config: How logs are read; the defaults when None.
+        wanted: MAVLink message names, and schemas of DataFlash records, to decode; others are counted only. None decodes all. Without
+            effect on other formats.
+
+    Raises:
+        LogError: The file is missing, no file, empty, unreadable, or of none of the known formats; the folder holds several logs.
+    """
+    path = as_path(path, "log")
+    if not path.is_dir():
+        return _opened([path], _format_of(path), input, config, wanted)
+    logs = open_logs([path], config, wanted)
+    if len(logs) != 1:
+        raise LogError(
+            f"{path}: expected a folder with one log, it holds {len(logs)}; give the files in it"
+        )
+    logs[0].input = input
+    return logs[0]
+
+
+def open_logs(
+    paths: Sequence[Path],
+    config: LogConfig | None = None,
+    wanted: frozenset[str] | None = None,
+    several_missions: bool = False,
+) -> list[LogFile]:
+    """Return the readers of a mission's logs: a folder stands for the logs in it, and glider files of single profiles are one log.
+
+    Args:
+        paths: Files and folders: a ROS 2 bag, or a folder of glider files.
+        config: How logs are read.
+        wanted: As of ``open_log``.
+        several_missions: Whether a folder may hold the files of several missions.
+
+    Raises:
+        LogError: As of ``open_log``; or a folder holds no log, or glider files of several missions.
+    """
+    files = [file for path in paths for file in logs_in(Path(path))]
+    groups: dict[tuple[str, ...], list[Path]] = {}
+    formats: dict[tuple[str, ...], LogFormat] = {}
+    for place, file in enumerate(files):
+        form = _format_of(file)
+        names = None
+        if form.log_of is not None and len(files) > 1:
+            names = _function(form.log_of)(file)
+        key = (form.name, str(place)) if names is None else (form.name, "", *names)
+        groups.setdefault(key, []).append(file)
+        formats[key] = form
+    for key in [key for key in groups if key[1:] == ("",)]:
+        # a damaged file more of the log that there is
+        whole = next((other for other in groups if other[:2] == key[:2] and other != key), key)
+        if whole != key:
+            groups[whole] += groups.pop(key)
+    logs = [
+        _opened(group, formats[key], number, config, wanted)
+        for number, (key, group) in enumerate(groups.items())
+    ]
+    if len(logs) > 1 and not several_missions:
+        for folder in filter(Path.is_dir, map(Path, paths)):
+            require_one_mission(folder, logs)
+    return logs
+
+
+def logs_in(path: Path) -> list[Path]:
+    """Return the logs that a name stands for: the file itself; of a folder the parts of its ROS 2 bag, or the logs in it.
+
+    Raises:
+        LogError: The folder holds none.
+    """
+    if not path.is_dir():
+        return [path]
+    if (path / _BAG).is_file():
+        return _bag(path)
+    held = [file for file in path.iterdir() if file.is_file() and not file.name.startswith(".")]
+    logs = [file for file in held if any(form.named(file) for form in _all_formats())]
+    if not logs:
+        names = ", ".join(file.name for file in sorted(held)[:5]) or "no file"
+        raise LogError(
+            f"{path}: expected a ROS 2 bag (with {_BAG}) or logs, such as {_titles()}; the folder holds {names}; give the logs themselves"
+        )
+    return sorted(logs, key=in_folder)
+
+
+def in_folder(path: Path) -> tuple[bool, list[int], str]:
+    """Return what orders the files of a folder: files that come whole by the numbers in their names, then those that grow, by name."""
+    # SeaExplorers and Slocums number their files without leading zeros
+    grows = may_grow(path)
+    return grows, [] if grows else [*map(int, re.findall(r"\d+", path.name))], path.name
+
+
+def may_grow(path: Path) -> bool:
+    """Return whether a file has the name of a format that is written message by message."""
+    return any(form.grows and form.named(path) for form in _all_formats())
+
+
+def _bag(path: Path) -> list[Path]:
+    """Return the files of a bag in the order of its metadata, which lists them from its first message on."""
+    try:
+        listed = _PART.findall((path / _BAG).read_text(encoding="utf-8", errors="replace"))
+    except OSError as error:
+        raise LogError(
+            f"{path / _BAG}: cannot be read: {error.strerror}; check its permissions"
+        ) from error
+    files = [path / Path(name).name for name in dict.fromkeys(listed)] or sorted(
+        path.glob("*.mcap")
+    )
+    packed = [file.name for file in files if file.suffix == ".zstd"]
+    if packed:
+        raise LogError(
+            f"{path}: {', '.join(packed)}: a compressed file of a bag; unpack it with: zstd -d {packed[0]}"
+        )
+    missing = [file.name for file in files if not file.is_file()]
+    if missing or not files:
+        raise LogError(
+            f"{path}: expected the files of {_BAG}, missing: {', '.join(missing) or 'all'}; give those there are one by one"
+        )
+    return files
+
+
+def _all_formats() -> Iterator[LogFormat]:
+    yield from FORMATS
+    added = additions("logs", lambda value: isinstance(value, LogFormat), "a LogFormat")
+    yield from added.values()
+
+
+def _format_of(path: Path) -> LogFormat:
+    """Return the format of a file."""
+    try:
+        with open_input(path) as file:
+            head = file.read(_HEAD)
+    except FileNotFoundError as error:
+        raise LogError(f"{path}: file not found") from error
+    except OSError as error:
+        raise unreadable(path, error) from error
+    by_magic = (form for form in _all_formats() if form.magic and re.match(form.magic, head))
+    by_more = (
+        form
+        for form in _all_formats()
+        if form.recognises is not None and _function(form.recognises)(head)
+    )
+    by_name = (form for form in _all_formats() if form.damaged_by_name and form.named(path))
+    for found in (by_magic, by_more, by_name):
+        if (form := next(found, None)) is not None:
+            return form
+    if not head:
+        raise LogError(
+            f"{path}: expected a log, the file is empty (0 bytes); was the recording stopped before anything was written?"
+        )
+    foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
+    raise LogError(
+        f"{path}: expected {_titles()}; "
+        + (
+            f"this is {foreign}"
+            if foreign
+            else f"{_beginning(head)}; give a log of one of these formats"
+        )
+    )
+
+
+def _opened(
+    files: Sequence[Path],
+    form: LogFormat,
+    input: int,
+    config: LogConfig | None,
+    wanted: frozenset[str] | None,
+) -> LogFile:
+    log: LogFile = _function(form.reader)(files, input, config, wanted)
+    log.unchecked = form.unchecked
+    return log
+
+
+def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function of the table, imported where the table names it."""
+    if callable(named):
+        return named
+    module, name = named.split(":")
+    found: Callable[..., Any] = getattr(import_module(f"replay_kit.logs.{module}"), name)
+    return found
+
+
+def _titles() -> str:
+    *others, last = (form.title for form in _all_formats())
+    return f"{', '.join(others)} or {last}"
+
+
+def _beginning(head: bytes) -> str:
+    """Return the first bytes of a file in words: the first text in them, which often names the format, else the bytes."""
+    text = _TEXT.search(head[:64])
+    first = f"its first bytes are {head[:16].hex(' ')}"
+    return f"it begins with {text[0].decode('ascii')!r}" if text else first
+
+
+def require_one_mission(folder: Path, logs: Sequence[LogFile]) -> None:
+    """Raise LogError when the logs in a folder are of several missions; logs that do not state theirs belong to any."""
+    files: dict[str, list[Path]] = {}
+    for log in logs:
+        if log.mission:
+            files.setdefault(log.mission, []).extend(
+                path for path in log.files if path.parent == folder
+            )
+    held = {mission: paths for mission, paths in files.items() if paths}
+    if len(held) < 2:
+        return
+    each = ", ".join(f"{mission} ({pattern(paths)})" for mission, paths in held.items())
+    raise LogError(
+        f"{folder}: expected the logs of one mission, the folder holds {len(held)}: {each}; give the files of one of them, such as "
+        f"{folder / pattern(next(iter(held.values())))}"
+    )
+
+
+def pattern(paths: Sequence[Path]) -> str:
+    """Return the name of one file, or the pattern that the names of several match by their common beginning."""
+    letters = takewhile(
+        lambda column: len(set(column)) == 1, zip(*(path.name for path in paths), strict=False)
+    )
+    return paths[0].name if len(paths) == 1 else f"{''.join(column[0] for column in letters)}*"

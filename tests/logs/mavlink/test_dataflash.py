@@ -1,0 +1,202 @@
+"""DataFlash logs: as pymavlink's reader gives them, with UTC where GPS has it, and damage counted and stepped over."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink import DFReader
+
+from replay_kit.config.run import LogConfig
+from replay_kit.logs import open_log
+from replay_kit.logs.mavlink.dataflash import Format
+from replay_kit.workflows.convert import convert
+from tests.logs.log_samples import SHARED, broken, read_log
+from tests.logs.mavlink.dataflash_samples import (
+    dataflash,
+    declaration,
+    declarations,
+    form,
+    gps,
+    record,
+)
+from tests.places import needs
+
+SMALL = SHARED / "ardusub" / "small.BIN"
+real = needs(SMALL)
+
+
+def slow_twin(path):
+    log = DFReader.DFReader_binary(str(path), zero_time_base=False)
+    found = []
+    while (message := log.recv_msg()) is not None:
+        found.append(message)
+    log.close()
+    return found
+
+
+def assert_as_pymavlink(path):
+    ours, theirs = list(open_log(path).messages()), slow_twin(path)
+    assert len(ours) == len(theirs)
+    for mine, other in zip(ours, theirs, strict=True):
+        expected = {
+            name: list(value) if hasattr(value, "tolist") else value
+            for name, value in other.to_dict().items()
+        }
+        assert mine.schema == f"dataflash.{expected.pop('mavpackettype')}"
+        assert repr(mine.payload) == repr(expected)
+
+
+def test_as_pymavlink_reads_it(tmp_path):
+    mix = record(
+        form("MIX"),
+        b"abcd",
+        b"e" * 16,
+        -1,
+        255,
+        -2,
+        65535,
+        -3,
+        2**32 - 1,
+        -(2**63),
+        10**9,
+        1.5,
+        0.1,
+        -7,
+        8,
+        -9,
+        10,
+    )
+    piece = record(form("FILE"), b"param.txt", 128, 3, b"a\x00\xff")
+    mode = record(form("MODE"), 300_000_000, 19, 19, 1)
+    (tmp_path / "log").write_bytes(b"".join(dataflash(5)) + mix + piece + mode)
+    assert {"dataflash.MIX", "dataflash.FILE", "dataflash.MODE"} < {
+        m.schema for m in open_log(tmp_path / "log").messages()
+    }
+    assert_as_pymavlink(tmp_path / "log")
+
+
+@real
+def test_a_real_log_as_pymavlink_reads_it():
+    assert_as_pymavlink(SMALL)
+    reader = open_log(SMALL)
+    assert sum(1 for _ in reader.messages()) == sum(reader.report().read.values()) == 7510
+    assert reader.report().losses == ()
+    assert reader.report().notes[0].startswith("no GPS time")
+    assert reader.report().notes[1] == "239 stamps go backwards, by up to 0.333 ms"
+
+
+def test_times_are_utc_by_gps(tmp_path):
+    late = gps(266_500_000, 200_000_000)
+    no_fix = gps(267_500_000, 0, week=0, status=1)
+    parts = dataflash(20)
+    messages, report = read_log(
+        tmp_path, b"".join([*parts[:20], late, *parts[20:40], no_fix, *parts[40:]])
+    )
+    utc = int(np.datetime64("2024-02-07T11:19:42", "ns").astype(np.int64))
+    assert {m.time_ns - 1000 * m.payload["TimeUS"] for m in messages if "TimeUS" in m.payload} == {
+        utc - 265_000_000_000
+    }
+    # FMT has no stamp and goes with what follows it
+    assert messages[0].time_ns == next(m.time_ns for m in messages if "TimeUS" in m.payload)
+    assert "less 18 leap seconds" in report.notes[0]
+    assert "21 pairs, 1 outliers, residual 0.0 ms" in report.notes[0]
+
+
+def test_unwanted_records_are_counted_only(tmp_path):
+    messages, report = read_log(
+        tmp_path, b"".join(dataflash(5)), wanted=frozenset({"dataflash.POS"})
+    )
+    assert [m.schema for m in messages] == ["dataflash.POS"] * 5
+    assert report.read["dataflash/IMU"] == 5
+    assert np.diff([m.position for m in messages]).tolist() == [6] * 4
+
+
+def test_a_kind_declared_anew(tmp_path):
+    old, new = form("CTUN"), form("MSG")
+    other = type(old)(old.type, "CTUN", new.length, new.letters, new.columns)
+    data = (
+        declarations()
+        + record(old, 1000, -1.0, -2.0, 3)
+        + declaration(other)
+        + record(other, 2000, b"now text")
+    )
+    messages, _ = read_log(tmp_path, data)
+    assert [m.payload for m in messages if m.schema == "dataflash.CTUN"] == [
+        {"TimeUS": 1000, "Alt": -1.0, "BAlt": -2.0, "CRt": 0.03},
+        {"TimeUS": 2000, "Message": "now text"},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("letters", "columns"),
+    [("Qw", "TimeUS,X"), ("Qf", "TimeUS"), ("Qh", "TimeUS,X"), ("QI", "X,X")],
+)
+def test_a_kind_whose_declaration_is_not_understood_is_stepped_over(tmp_path, letters, columns):
+    odd = Format(200, "ODD", 3 + 12, letters, tuple(columns.split(",")))
+    parts = dataflash(3)
+    unknown = b"\xa3\x95\xc8" + bytes(12)
+    messages, report = read_log(
+        tmp_path, b"".join([parts[0], declaration(odd), *parts[1:4], unknown, *parts[4:], unknown])
+    )
+    assert len(messages) == len(read_log(tmp_path, b"".join(parts))[0]) + 1
+    assert report.losses == ()
+    assert report.read["dataflash/ODD"] == report.undecodable["dataflash/ODD"][0] == 2
+
+
+def test_bad_bytes_are_skipped_and_counted(tmp_path):
+    parts = dataflash(3)
+    noise = b"\xa3\x95\x85" + bytes(20) + b"\xa3\x95\xff"
+    unknown = b"\xa3\x95\xc8" + bytes(30)
+    whole = len(read_log(tmp_path, b"".join(parts))[0])
+    messages, report = read_log(
+        tmp_path, b"".join([*parts[:4], noise, *parts[4:9], unknown, *parts[9:], parts[1][:20]])
+    )
+    assert len(messages) == whole
+    assert [loss.bytes for loss in report.losses] == [len(noise), len(unknown), 20]
+    assert report.losses[0].offset == sum(map(len, parts[:4]))
+
+
+def test_an_impossible_stamp_takes_the_time_before(tmp_path):
+    wild = record(form("CTUN"), 2**63, -1.0, -1.0, 0)
+    messages, report = read_log(tmp_path, b"".join([*dataflash(2), wild]))
+    assert messages[-1].time_ns == messages[-2].time_ns
+    assert report.notes[1:] == (
+        "2 stamps go backwards, by up to 0.010 ms",
+        "1 records with an impossible stamp were given the time of the record before",
+    )
+
+
+def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path):
+    parts = dataflash(5)
+    sound = [m.time_ns for m in read_log(tmp_path, b"".join(parts))[0]]
+    parts[15] = parts[15][:8] + b"\x01" + parts[15][9:]
+    messages, report = read_log(tmp_path, b"".join(parts))
+    assert [m.time_ns for m in messages][-16:] == [sound[-15], *sound[-15:]]
+    assert report.notes[-1].startswith("1 outlier stamps were replaced")
+
+
+@broken
+@given(at=st.integers(0, 10_000), value=st.integers(1, 255))
+def test_any_damaged_byte_is_survived(tmp_path, at, value):
+    parts = dataflash(6)
+    start = len(parts[0])
+    data = bytearray(b"".join(parts))
+    sound, _ = read_log(tmp_path, bytes(data))
+    at = start + at % (len(data) - start)
+    data[at] ^= value
+    messages, _ = read_log(tmp_path, bytes(data))
+    ours, expected = [repr(m.payload) for m in messages], [repr(m.payload) for m in sound]
+    # nothing says which value is damaged, but what comes whole before it is the same, and what comes after the next record
+    n_before = len(sound) - 36 + int(np.count_nonzero(np.cumsum([len(p) for p in parts])[1:] <= at))
+    assert ours[:n_before] == expected[:n_before]
+    assert len(expected) - 2 <= len(ours) <= len(expected)
+    assert ours[len(ours) - len(expected) + n_before + 2 :] == expected[n_before + 2 :]
+
+
+def test_converted_to_mcap_it_says_the_same(tmp_path):
+    messages, _ = read_log(tmp_path, b"".join(dataflash(5)))
+    convert([tmp_path / "log"], tmp_path / "out.mcap", False, LogConfig())
+    again = list(open_log(tmp_path / "out.mcap").messages())
+    assert len(again) == len(messages)
+    positions = [m.payload for m in messages if m.schema == "dataflash.GPS"]
+    assert [dict(m.payload) for m in again if m.schema == "dataflash.GPS"] == positions

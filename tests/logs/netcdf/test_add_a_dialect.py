@@ -1,0 +1,63 @@
+"""A dialect that is added as the README says: a value in a list, and the reader serves its files."""
+
+import numpy as np
+import pytest
+
+from replay_kit.logs import open_log, open_logs
+from replay_kit.logs.netcdf import reader
+from replay_kit.logs.netcdf.dialects import Dialect
+from tests.logs.netcdf import glider_samples as made
+
+MINE = Dialect(
+    "mine",
+    "A glider of mine",
+    "when east north",
+    {
+        "time": "when",
+        "longitude": "east",
+        "latitude": "north",
+        "depth": "below",
+        "dac_east": "drift_east",
+        "dac_north": "drift_north",
+    },
+    log_of="mission",
+    pings=lambda file, notes: iter(
+        [(round(made.START) * 10**9, "/adcp", "test.Ping", {"rows": file.array("when").size})]
+    ),
+)
+
+
+def _write(path, dive):
+    track = made.samples()
+    rows = track["dive"] == dive
+    units = {
+        "when": made.EPOCH,
+        "east": {"units": "degrees_east"},
+        "north": {"units": "degrees_north"},
+        "below": {"units": "m"},
+    }
+    held = zip(units.items(), ("time", "longitude", "latitude", "depth"), strict=True)
+    variables: made.Variables = {
+        name: (("row",), track[key][rows], attributes) for (name, attributes), key in held
+    }
+    for name, value in zip(("drift_east", "drift_north"), made.mean(dive), strict=True):
+        variables[name] = (("row",), np.full(rows.sum(), value), {"units": "m s-1"})
+    return made.write(path, variables, {"deployment_name": "one"})
+
+
+def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(tmp_path, monkeypatch):
+    files = [_write(tmp_path / f"{dive}.nc", dive) for dive in (0, 1)]
+    unknown = {message.topic for message in open_log(files[0]).messages()}
+    monkeypatch.setattr(reader, "DIALECTS", (MINE, *reader.DIALECTS))
+    (log,) = open_logs(files)
+    messages = list(log.messages())
+    assert "/dac" not in unknown
+    assert log.report().format == "mine"
+    means = [message.payload for message in messages if message.topic == "/dac"]
+    assert [(mean["dac_eastward"], mean["dac_northward"]) for mean in means] == [
+        pytest.approx(made.mean(dive)) for dive in (0, 1)
+    ]
+    assert [message.payload for message in messages if message.topic == "/adcp"] == [
+        {"rows": 59},
+        {"rows": 59},
+    ]

@@ -1,0 +1,97 @@
+"""NetCDF files of no known dialect: rows that a mapping reads, or why a file is no log."""
+
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import LogError
+from replay_kit.core.observation import Observation
+from replay_kit.logs import open_log, open_logs
+from replay_kit.measurements import observations
+from tests.logs.netcdf import glider_samples as made
+
+
+def test_a_forecast_and_a_file_without_time_are_no_logs(tmp_path):
+    grid = np.zeros((2, 3, 3))
+    time: Any = (("time",), [made.START, made.START + 60.0], made.EPOCH)
+    field = (("time", "y", "x"), grid, {"standard_name": "eastward_sea_water_velocity"})
+    with pytest.raises(
+        LogError, match=r"currents on a grid: time, .*uo; a forecast is given with --ensemble"
+    ):
+        open_log(made.write(tmp_path / "f.nc", {"time": time, "uo": field}))
+    with pytest.raises(LogError, match=r"a variable of time .*; got variables lat"):
+        open_log(made.write(tmp_path / "n.nc", {"lat": (("n",), np.zeros(3), {})}))
+
+
+def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
+    """Three cells along a second dimension, time last: each row over the time is a message."""
+    track = made.samples(600.0)
+    n = track["time"].size
+    levels = np.array([10.0, 20.0, 30.0])
+    east, north = made.current(levels, 0)
+    path = made.write(
+        tmp_path / "lab.nc",
+        {
+            "when": (("obs",), track["time"], made.EPOCH),
+            "x": (("obs",), track["longitude"], {}),
+            "y": (("obs",), track["latitude"], {}),
+            "bins": (("bin",), levels, {}),
+            "ve": (("bin", "obs"), *_packed_rows(east, n)),
+            "vn": (("bin", "obs"), *_packed_rows(north, n)),
+        },
+    )
+    log = open_log(path)
+    assert log.report().notes[0] == (
+        "of no known glider dialect: each row over when is a message on netcdf/when, with x, y, ve, vn, and at each row bins"
+    )
+    messages = list(log.messages())
+    assert len(messages) == n == 10
+    entry = {
+        "topic": "netcdf/when",
+        "kind": "profile",
+        "reference": "earth",
+        "frame": "enu",
+        "east": "ve",
+        "north": "vn",
+        "depths": "bins",
+    }
+    config = MeasurementConfig.model_validate(
+        {"map": [entry | {"longitude": "x", "latitude": "y"}]}
+    )
+    profiles = [event for event in observations(messages, config) if isinstance(event, Observation)]
+    assert len(profiles) == 10
+    np.testing.assert_allclose(profiles[3].velocity, np.column_stack([east, north]), atol=5.1e-5)
+    np.testing.assert_allclose(profiles[3].depth, levels)
+    assert (profiles[3].longitude, profiles[3].latitude) == (
+        track["longitude"][3],
+        track["latitude"][3],
+    )
+    unknown = config.model_copy(
+        update={"map": (config.map[0].model_copy(update={"reference": "unknown"}),)}
+    )
+    assert not [
+        event for event in observations(messages, unknown) if isinstance(event, Observation)
+    ]
+
+
+def _packed_rows(values, n):
+    return made.packed(np.tile(values[:, None], (1, n)), 1e-4)
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
+def test_a_large_forecast_is_no_log_by_its_header(tmp_path, engine):
+    path = tmp_path / "forecast.nc"
+    field = np.zeros((4, 10, 300, 400), "f4")
+    dims = ("time", "depth", "y", "x")
+    xr.Dataset({"uo": (dims, field), "vo": (dims, field)}).to_netcdf(path, engine=engine)
+    tracemalloc.start()
+    for given in ([path], [path, path]):
+        with pytest.raises(LogError, match=r"currents on a grid: .*given with --ensemble, not as"):
+            open_logs(given)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < path.stat().st_size / 4
