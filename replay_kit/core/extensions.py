@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 #: report's ``Contents`` that returns a ``Section``. ``objectives``: ``Objective`` of missions; its name is that of ``--objective``.
 #: ``sensors``: function of a message's payload that returns a
 #: ``LinearMeasurement``, or in words why there is none; its name is that of the messages' schema.
-Kind = Literal[
-    "logs", "dialects", "sensors", "estimators", "checks", "sections", "objectives"
-]
+Kind = Literal["logs", "dialects", "sensors", "estimators", "checks", "sections", "objectives"]
 
 
 def names_of(kind: Kind) -> tuple[str, ...]:
