@@ -98,12 +98,13 @@ def _vectors(path: Any, begin: int, dialect: Dialect, notes: list[str]) -> Any:
     file = open_netcdf(path, lambda held, _: dialect.wanted(held), slice(begin, begin + _ROWS))
     chosen = dialect.chosen(file.variables)
     values = read_values(file, dialect, chosen, notes)
-    longitude, latitude = np.meshgrid(values["longitude"].ravel(), values["latitude"].ravel())
-    shape = (len(values["east"]), *longitude.shape)
+    places = [values[key].ravel() for key in ("longitude", "latitude")]
+    shape = (len(values["east"]), places[1].size, places[0].size)
     if values["east"].size != math.prod(shape):
         raise LogError(
             f"{path}: {chosen['east']}: expected {shape[1]} x {shape[2]} values, as lat and lon have, got {values['east'][0].size}"
         )
+    longitude, latitude = np.meshgrid(*places)
     east, north = (values[key].reshape(shape) for key in ("east", "north"))
     variance, length = _parameters(file, chosen.get("parameters", ""))
     errors = [

@@ -6,7 +6,7 @@ import io
 import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack
-from itertools import chain, islice
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,9 @@ from replay_kit.core.inputs import exceeds_claim, open_input
 from replay_kit.logs.formats import GZIP_MAGIC, is_seaexplorer
 from replay_kit.logs.netcdf.variables import Choose, NetcdfFile, Stored, as_number
 
-# Rows that are read at once; letters of a value and of a line.
+# Rows that are read at once; letters of a value, of a line and of a piece of a file.
 _ROWS, _LONGEST, _LONGEST_LINE = 50_000, 128, 1 << 14
+_PIECE = 1 << 18
 _HEAD = 1 << 12
 _UNREADABLE = (OSError, EOFError, ValueError, csv.Error, zlib.error)
 
@@ -89,16 +90,19 @@ def _lines(path: Path) -> Iterator[str]:
         compressed = raw.read(2) == GZIP_MAGIC
         raw.seek(0)
         packed = stack.enter_context(gzip.open(raw)) if compressed else raw
-        text, size = io.TextIOWrapper(packed, "utf-8-sig", "replace", newline=""), 0
-        while line := text.readline(_LONGEST_LINE):
-            size += len(line)
+        text, rest = io.TextIOWrapper(packed, "utf-8-sig", "replace", newline=""), ""
+        for number in count():
             # a text in memory takes up to four times the room that it has in a file
-            if why := exceeds_claim(path, 4 * size):
+            if why := exceeds_claim(path, 4 * number * _PIECE):
                 raise EOFError(why)
-            if len(line) == _LONGEST_LINE:
+            piece = text.read(_PIECE)
+            lines = (rest + piece).split("\n")
+            if max(map(len, lines)) >= _LONGEST_LINE:
                 raise ValueError(f"a line of {_LONGEST_LINE} letters or more")
-            if not line.startswith("#"):
-                yield line
+            rest = lines.pop() if piece else ""
+            yield from (line for line in lines if line and not line.startswith("#"))
+            if not piece:
+                return
 
 
 def _block(rows: list[list[str]], width: int) -> NDArray[np.bytes_]:
