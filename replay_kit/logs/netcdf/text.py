@@ -4,9 +4,10 @@ import csv
 import gzip
 import io
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from itertools import chain, count, islice
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +52,11 @@ def open_text(path: Path, choose: Choose) -> NetcdfFile:
         named = {name: Stored(np.empty(0), {}) for name, _ in headings if name}
         chosen = {*choose(named, {})}
         at = [k for k, (name, _) in enumerate(headings) if name in chosen]
+        # one or none has no getter of several
+        take = itemgetter(*at) if len(at) > 1 else lambda row: [row[k] for k in at]
         blocks, left_out = [np.empty((len(at), 0), "S1")], 0
         while some := list(islice(filter(None, table), _ROWS)):
-            rows = [[row[k] for k in at] for row in some if len(row) == len(headings)]
+            rows = [*map(take, [row for row in some if len(row) == len(headings)])]
             left_out += len(some) - len(rows)
             blocks.append(_block(rows, len(at)))
         cells = np.hstack(blocks)
@@ -100,17 +103,21 @@ def _lines(path: Path) -> Iterator[str]:
             if max(map(len, lines)) >= _LONGEST_LINE:
                 raise ValueError(f"a line of {_LONGEST_LINE} letters or more")
             rest = lines.pop() if piece else ""
-            yield from (line for line in lines if line and not line.startswith("#"))
+            yield from (line for line in lines if line and line[0] != "#")
             if not piece:
                 return
 
 
-def _block(rows: list[list[str]], width: int) -> NDArray[np.bytes_]:
+def _block(rows: Sequence[Sequence[str]], width: int) -> NDArray[np.bytes_]:
     """Return the columns of some rows of a table as texts, shape (width, n).
 
     Raises:
         ValueError: A cell is too long for a value.
     """
-    if max((len(cell) for row in rows for cell in row), default=0) > _LONGEST:
+    if max(map(len, chain.from_iterable(rows)), default=0) > _LONGEST:
         raise ValueError(f"a value of more than {_LONGEST} letters")
-    return np.char.encode(np.array(rows, str).reshape(-1, width).T, "utf-8")
+    try:
+        # quickly, where all is ASCII
+        return np.array(rows, "S").reshape(-1, width).T
+    except UnicodeEncodeError:
+        return np.char.encode(np.array(rows, str).reshape(-1, width).T, "utf-8")

@@ -4,7 +4,8 @@ Every function that assumes something says so in ``notes``, as a sentence for a 
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.quantities import decibars, metres, metres_per_second, seconds
-from replay_kit.logs.netcdf.variables import Stored
+from replay_kit.logs.netcdf.variables import Stored, as_number
 
 _SINCE = re.compile(
     r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*",
@@ -26,7 +27,8 @@ _SINCE = re.compile(
 _FIRST_NS, _LAST_NS = 31_536_000 * 10**9, 4_102_444_800 * 10**9
 # of any epoch; more is no time, and does not fit into 64 bits of nanoseconds
 _MOST_MS = 9e12
-_DATE = re.compile(r"^(\d{2})/(\d{2})/(\d{4}) (.*)")
+# letters of a time to the second without its zone
+_TO_SECONDS = 19
 _EPOCH_SECONDS = (3.5e8, 4.1e9)
 # rad; a mission whose headings all lie below a turn, or whose tilts all lie below a right angle, is in radians
 _TURN, _LEAST_ANGLES = 6.3, 20
@@ -171,12 +173,11 @@ def time_ns(
     if stored.values.dtype.kind == "M":
         dated = ~np.isnat(stored.values)
         return np.where(dated, stored.values.astype("M8[ns]").astype(np.int64), 0), dated
-    plain = stored.unpacked()
-    if stored.values.dtype.kind == "S" and not np.isfinite(plain).all():
+    texts = stored.texts()
+    if texts and not np.isfinite(as_number(next(filter(None, texts), ""))):
         notes.append(f"{name}: times are texts, taken as UTC")
-        plain = np.array([_seconds_of(text) for text in stored.texts()])
-        stored = Stored(plain, {"units": "seconds since 1970-01-01"}, stored.dims[:1])
-    units, match = stored.units, _SINCE.fullmatch(stored.units)
+        stored = Stored(_seconds_of(texts), {"units": "seconds since 1970-01-01"}, stored.dims[:1])
+    units, match, plain = stored.units, _SINCE.fullmatch(stored.units), stored.unpacked()
     # of whole numbers, nanoseconds since 1970 have more digits than a float holds
     whole = stored.values.dtype.kind in "iu" and stored.packing == (1.0, 0.0)
     finite = np.isfinite(plain)
@@ -202,14 +203,26 @@ def time_ns(
     return np.where(known, found, 0), known
 
 
-def _seconds_of(text: str) -> float:
-    """Return seconds since 1970 of a time, in UTC unless it states an offset; NaN for other texts.
+def _seconds_of(texts: Sequence[str]) -> Array:
+    """Return seconds since 1970 of times, in UTC unless they state an offset; NaN for other texts.
 
     Args:
-        text: In ISO 8601, or as a SeaExplorer writes it, day/month/year.
+        texts: In ISO 8601, or as a SeaExplorer writes them, day/month/year.
     """
+    iso = [
+        f"{text[6:10]}-{text[3:5]}-{text[:2]}T{text[11:]}" if text[2:3] == "/" else text
+        for text in texts
+    ]
+    plain = [text.removesuffix("Z") for text in iso]
+    if {*map(len, plain)} == {_TO_SECONDS}:
+        with suppress(ValueError):
+            return np.array(plain, "M8[s]").astype(np.float64)
+    return np.array([*map(_second_of, iso)])
+
+
+def _second_of(text: str) -> float:
     try:
-        time = datetime.fromisoformat(_DATE.sub(r"\3-\2-\1T\4", text))
+        time = datetime.fromisoformat(text)
     except ValueError:
         return float("nan")
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()

@@ -99,7 +99,11 @@ class Stored:
     def unpacked(self) -> Array:
         """Return the values, NaN where they are the fill value, with scale and offset applied."""
         if self.values.dtype.kind == "S":
-            return np.array([as_number(text) for text in self.texts()])
+            texts = self.values if self.values.dtype.itemsize > 1 else np.array(self.texts(), "S")
+            try:
+                return np.where(texts == b"", b"nan", texts).astype(np.float64)
+            except ValueError:
+                return np.array([as_number(text) for text in self.texts()])
         values = np.array(self.values, dtype=np.float64)
         for name in ("_FillValue", "missing_value"):
             fill = self.attributes.get(name)
