@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.dialects import QUANTITIES, Dialect, Names
+from replay_kit.logs.netcdf.dialects import QUANTITIES, Dialect, Names, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile
 
 #: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
@@ -34,14 +34,12 @@ class Columns:
         dac: Mean currents that have a dimension of their own.
         profile: Absolute currents: ``east`` and ``north``, shape (n, k) [m/s], at the samples of a file that has one for each
             profile, and ``depth``, shape (k,) [m]; empty for other files.
-        skipped: Topic, reason and number of values that were found and cannot be used.
     """
 
     samples: Table
     gps: Table
     dac: Table
     profile: Mapping[str, Array]
-    skipped: tuple[tuple[str, str, int], ...] = ()
 
 
 def read_values(
@@ -83,17 +81,18 @@ def read_values(
     return values
 
 
-def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Columns:
+def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
     """Return the columns of a glider's file.
 
     Args:
         file: The file.
         dialect: Its dialect.
-        notes: What was assumed is added here.
+        told: What was assumed, and cannot be used, is added here.
 
     Raises:
         LogError: The file holds no times, or a time has a unit that is not understood.
     """
+    notes = told.notes
     chosen = dialect.by_standard_names(file.variables, notes)
     if not {"time", "gps_time"} & set(chosen):
         names = " or ".join(dialect.names["time"].split())
@@ -114,13 +113,13 @@ def read_columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Column
     ]
     if (dive := file.dive_number) is not None:
         values["dive"] = np.array([float(dive)])
-    skipped = _without_bad(file, dialect, chosen, values, notes)
+    _without_bad(file, dialect, chosen, values, told)
     if not np.isfinite(values.get("depth", np.nan)).any():
         _with_depth(chosen, values, notes)
     for key in ("heading", "pitch", "roll"):
         if key in values and not dialect.raw:
             values[key] = units.attitude_degrees(chosen[key], values[key], key == "heading", notes)
-    return _grouped(values, skipped)
+    return _grouped(values)
 
 
 def _units_by_values(file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str]) -> Names:
@@ -183,10 +182,9 @@ def _without_bad(
     dialect: Dialect,
     chosen: Mapping[str, str],
     values: dict[str, NDArray[Any]],
-    notes: list[str],
-) -> tuple[tuple[str, str, int], ...]:
-    """Take away what flags call unusable, and return how many fixes and mean currents that are."""
-    skipped: list[tuple[str, str, int]] = []
+    told: Told,
+) -> None:
+    """Take away what flags call unusable, and count the fixes and mean currents among it."""
     for key, name in chosen.items():
         part = key.partition("_")[0] if key.endswith("_flag") else ""
         own = [
@@ -195,10 +193,10 @@ def _without_bad(
             if name + suffix in file.variables and name + suffix not in chosen.values()
         ]
         for flag in [name] if part else own:
-            bad = units.flagged_bad(flag, file.variables[flag], dialect.flag_meanings, notes)
+            bad = units.flagged_bad(flag, file.variables[flag], dialect.flag_meanings, told.notes)
             topic, what = ("/dac", "mean current") if part == "dac" else ("/vehicle/fix", "GPS fix")
             if part and bad.any():
-                skipped.append((topic, f"{what} flagged bad ({flag})", int(bad.sum())))
+                told.skipped[topic, f"{what} flagged bad ({flag})"] += int(bad.sum())
             for masked in [f"{part}_east", f"{part}_longitude"] if part else [key]:
                 if (
                     masked in values
@@ -208,7 +206,6 @@ def _without_bad(
                     values[masked] = np.where(
                         bad.reshape(values[masked].shape), np.nan, values[masked]
                     )
-    return tuple(skipped)
 
 
 def _with_sign(
@@ -237,9 +234,7 @@ def _with_depth(
     notes.append(f"depth: computed from {chosen['pressure']}")
 
 
-def _grouped(
-    values: Mapping[str, NDArray[Any]], skipped: tuple[tuple[str, str, int], ...]
-) -> Columns:
+def _grouped(values: Mapping[str, NDArray[Any]]) -> Columns:
     """Return quantities as tables: those as long as the samples' times, or single numbers, belong to the samples."""
     n = values["time"].size if "time" in values else 0
     samples = _sorted(
@@ -264,7 +259,7 @@ def _grouped(
         deepest = np.where(has, profile["depth"], -np.inf).max(axis=1)
         samples["deepest"] = np.where(has.any(axis=1), deepest, np.nan)
         samples["dive"] = np.arange(1.0, has.shape[0] + 1.0)
-    return Columns(samples, gps, dac, profile, skipped)
+    return Columns(samples, gps, dac, profile)
 
 
 def _same_length(
@@ -315,10 +310,9 @@ def joined(parts: Sequence[Columns]) -> Columns:
         raise LogError(
             "expected one file with absolute profiles in a log, got several; give them one by one"
         )
-    skipped = tuple(item for part in parts for item in part.skipped)
     samples = _sorted(_stacked([part.samples for part in parts]))
     gps, dac = _stacked([part.gps for part in parts]), _stacked([part.dac for part in parts])
-    return Columns(samples, gps, dac, profiles[0] if profiles else MappingProxyType({}), skipped)
+    return Columns(samples, gps, dac, profiles[0] if profiles else MappingProxyType({}))
 
 
 def _stacked(tables: Sequence[Table]) -> Table:

@@ -6,7 +6,6 @@ three become one form: a time within the dive, from which the fix before and the
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Fix
 from replay_kit.logs.netcdf.columns import Columns, Table
+from replay_kit.logs.netcdf.dialects import Told
 from replay_kit.logs.shared.payloads import Positions
 
 # m; less deep is at the surface
@@ -72,27 +72,22 @@ class _Candidate:
         return Fix(self.time(part), *place) if known else None
 
 
-class Found(NamedTuple):
-    """Mean currents in order of time; and topic, reason and number of those that cannot be used."""
-
-    means: tuple[DiveMean, ...]
-    skipped: tuple[tuple[str, int], ...]
-
-
 def mean_currents(
-    columns: Columns, fixes: Positions, ascent_share: float, notes: list[str]
-) -> Found:
-    """Return the mean currents of a mission.
+    columns: Columns, fixes: Positions, ascent_share: float, told: Told
+) -> tuple[DiveMean, ...]:
+    """Return the mean currents of a mission in order of time.
 
     Args:
         columns: The mission.
         fixes: Its fixes.
         ascent_share: As of ``Dialect``.
-        notes: What was assumed is added here.
+        told: What was assumed, and cannot be used, is added here.
     """
-    table = columns.samples if "dac_east" in columns.samples else columns.dac
+    table, notes = columns.dac, told.notes
+    if "dac_east" in columns.samples:
+        table = columns.samples
     if not {"dac_east", "dac_north"} <= set(table):
-        return Found((), ())
+        return ()
     east, north = table["dac_east"], table["dac_north"]
     finite = np.isfinite(east) & np.isfinite(north)
     zero = finite & (east == 0.0) & (north == 0.0)
@@ -118,12 +113,10 @@ def mean_currents(
             f"mean current: {replaced} earlier reports of the same dive replaced by the last one"
         )
     _note_ends(made.values(), fixes, notes)
-    return Found(
-        _numbered([made[key] for key in sorted(made)], columns.samples),
-        (("mean current without fixes before and after it, or samples of its dive", lost),)
-        if lost
-        else (),
-    )
+    told.skipped[
+        "/dac", "mean current without fixes before and after it, or samples of its dive"
+    ] += lost
+    return _numbered([made[key] for key in sorted(made)], columns.samples)
 
 
 def _numbered(means: Sequence[DiveMean], samples: Table) -> tuple[DiveMean, ...]:

@@ -4,10 +4,11 @@ A name is compared without regard to case. Of several names of a quantity the fi
 """
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
@@ -62,22 +63,25 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 _ALWAYS = re.compile(r"(rowsize|row_size|trajectory|mission_name).*")
 
 
-class Content(NamedTuple):
-    """What the files of a log hold.
+@dataclass(slots=True)
+class Told:
+    """What is found beside the messages of a log's files.
 
     Attributes:
-        entries: Begins a pass: the messages in any order, then further ones, of each in order of time.
+        notes: What was assumed.
         skipped: Topic and reason of what cannot be used, to its number.
         mission: Of which they are; empty when they state none.
     """
 
-    entries: Callable[[], Sequence[Iterator[Entry]]]
-    skipped: Mapping[tuple[str, str], int]
+    notes: list[str] = field(default_factory=list)
+    skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
     mission: str = ""
 
 
-#: Makes the content of the files of one log, in a dialect, and adds what it assumed to the notes.
-Read = Callable[[Sequence[NetcdfFile], "Dialect", LogConfig, list[str]], Content]
+#: Begins a pass: the messages of files in any order, then further ones, of each in order of time.
+Entries = Callable[[], Sequence[Iterable[Entry]]]
+#: Reads the files of one log, in a dialect.
+Read = Callable[[Sequence[NetcdfFile], "Dialect", LogConfig, Told], Entries]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,6 @@
 """What a glider's columns are: fixes, positions, mean currents, pings and other instruments, as messages."""
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from typing import Any
@@ -13,9 +12,9 @@ from replay_kit.core.message import NO_MEANS
 from replay_kit.core.observation import Fix
 from replay_kit.core.text import count_text
 from replay_kit.logs.netcdf.adcp import INVERTED
-from replay_kit.logs.netcdf.columns import Columns, joined, read_columns
+from replay_kit.logs.netcdf.columns import Table, joined, read_columns
 from replay_kit.logs.netcdf.currents import DiveMean, mean_currents
-from replay_kit.logs.netcdf.dialects import Content, Dialect
+from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.instruments import (
     PROFILES,
     absolute_profiles,
@@ -33,10 +32,8 @@ _ONE_DEPTH = 5.0
 _DAC = "replay_kit.DepthAveragedCurrent"
 
 
-def glider(
-    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, notes: list[str]
-) -> Content:
-    """Return the content of the files of a glider, which are read whole: a mission has some ten thousand samples.
+def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
+    """Return the messages of the files of a glider, which are read whole: a mission has some ten thousand samples.
 
     ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with the depth, once a minute. ``/adcp``: velocity
     relative to the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: as
@@ -47,12 +44,13 @@ def glider(
         files: Of one log, in order of time.
         dialect: Theirs.
         config: Without effect.
-        notes: What was assumed is added here.
+        told: What was assumed, and cannot be used, is added here.
 
     Raises:
         LogError: A variable has a unit that is not understood.
     """
     del config
+    notes = told.notes
     count = sum(len(file.sources) or 1 for file in files)
     if count > 1:
         notes.insert(0, f"{dialect.title}: {count} files are one log")
@@ -60,22 +58,15 @@ def glider(
         notes.append(
             f"{count_text(left_out, 'line')} with fewer or more columns than the heading, not used"
         )
-    mission = _one_mission(files, dialect, notes)
-    columns = joined([read_columns(file, dialect, notes) for file in files])
-    fixes, lost = fixes_of(columns, notes)
-    found = mean_currents(columns, fixes, dialect.ascent_share, notes)
-    pings = (
-        []
-        if dialect.pings is None
-        else [ping for file in files for ping in dialect.pings(file, notes)]
-    )
-    pings += absolute_profiles(columns, found.means, notes)
+    told.mission = _one_mission(files, dialect, notes)
+    columns = joined([read_columns(file, dialect, told) for file in files])
+    fixes = fixes_of(columns, told)
+    means = mean_currents(columns, fixes, dialect.ascent_share, told)
+    pings = [ping for file in files if dialect.pings for ping in dialect.pings(file, notes)]
+    pings += absolute_profiles(columns, means, notes)
     samples = columns.samples
-    if (
-        not (found.means or pings)
-        and fixes.time_ns.size > 1
-        and {"longitude", "depth"} <= set(samples)
-    ):
+    tracked = fixes.time_ns.size > 1 and {"longitude", "depth"} <= set(samples)
+    if tracked and not (means or pings):
         notes.append(
             f"{NO_MEANS}none is stated; if the dead-reckoned positions include no current, "
             "--measurements.dead-reckoning through_water computes them"
@@ -84,24 +75,16 @@ def glider(
         unknown = "whether headings are magnetic or true is not known"
         how = unknown if dialect.heading == "unknown" else f"headings are {dialect.heading}"
         notes.append(f"{how}; no declination was added to them")
-    skipped = Counter[tuple[str, str]]()
-    for topic, reason, number_of in columns.skipped:
-        skipped[topic, reason] += number_of
-    flagged = sum(number_of for topic, _, number_of in columns.skipped if topic == "/vehicle/fix")
-    skipped["/vehicle/fix", "GPS fix without time or position"] += max(lost - flagged, 0)
-    skipped += Counter({("/dac", reason): number_of for reason, number_of in found.skipped})
-
-    def entries() -> Sequence[Iterator[Entry]]:
-        # at one time a position comes before the velocities measured there
-        unordered = chain(
+    # at one time a position comes before the velocities measured there
+    return lambda: (
+        chain(
             fixes.entries(),
-            _positions(columns, found.means, fixes, dialect),
-            _dacs(found.means, pings, dialect.dac_kind),
+            _positions(samples, means, fixes, dialect),
+            _dacs(means, pings, dialect.dac_kind),
             pings,
-        )
-        return unordered, *instrument_entries(samples)
-
-    return Content(entries, skipped, mission)
+        ),
+        *instrument_entries(samples),
+    )
 
 
 def _dacs(means: Sequence[DiveMean], pings: Sequence[Entry], kind: str) -> Iterator[Entry]:
@@ -119,14 +102,13 @@ def _dacs(means: Sequence[DiveMean], pings: Sequence[Entry], kind: str) -> Itera
 
 
 def _positions(
-    columns: Columns, means: Sequence[DiveMean], fixes: Positions, dialect: Dialect
+    samples: Table, means: Sequence[DiveMean], fixes: Positions, dialect: Dialect
 ) -> Iterator[Entry]:
     """Yield the track, one position a minute; the first and the deepest sample are treated like the others."""
     for mean in means:
         if (middle := mean.middle) is not None:
             fix = location_fix(*middle, mean.max_depth, True, math.nan)
             yield middle.time_ns, "/vehicle/position", FIX, fix
-    samples = columns.samples
     if not {"longitude", "latitude"} <= set(samples):
         return
     # a basestation's positions are of its CTD, its attitude of its ADCP

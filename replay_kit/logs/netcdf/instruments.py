@@ -2,14 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
 from replay_kit.logs.netcdf.adcp import FROM_SURFACE, earth_ping
 from replay_kit.logs.netcdf.columns import Columns, Table
 from replay_kit.logs.netcdf.currents import DiveMean
+from replay_kit.logs.netcdf.dialects import Told
 from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import PING, Positions, number, stamp
 
@@ -17,59 +18,56 @@ from replay_kit.logs.shared.payloads import PING, Positions, number, stamp
 _FIX_STATE = 119
 
 
-def fixes_of(columns: Columns, notes: list[str]) -> tuple[Positions, int]:
-    """Return the fixes of a mission, and how many more lack a time or a position.
+def fixes_of(columns: Columns, told: Told) -> Positions:
+    """Return the fixes of a mission; those that lack a time or a position are counted.
 
     Those that have variables of their own; else those at either end of a stretch at the surface, by the flag of dead reckoning or by
     the vehicle's state, because between them the last position is repeated.
 
     Args:
         columns: The mission.
-        notes: What was assumed is added here.
+        told: What was assumed, and cannot be used, is added here.
     """
-    found = [
-        _table(columns.gps, "gps_"),
-        *(_table(columns.samples, part) for part in ("start_", "end_")),
-    ]
-    time_ns, longitude, latitude, error = (
-        np.concatenate([part[k] for part in found]) for k in range(4)
-    )
+    samples = columns.samples
+    parts = ((columns.gps, "gps_"), (samples, "start_"), (samples, "end_"))
+    found = [*map(np.concatenate, zip(*(_stated(*part) for part in parts), strict=True))]
+    whole = _whole(found)
     # files repeat the fix, or write none, at each sample of a dive: only a time without a place in a table of fixes is a loss
-    stated = columns.gps.get("gps_time", np.empty(0)).size not in (
-        0,
-        columns.samples.get("time", np.empty(0)).size,
-    )
-    whole = (time_ns > 0) & np.isfinite(longitude + latitude)
-    lost = int((~whole).sum()) if stated else 0
+    own = columns.gps.get("gps_time", np.empty(0)).size
+    lost = 0 if own in (0, samples.get("time", np.empty(0)).size) else int((~whole).sum())
+    flagged = sum(n for (topic, _), n in told.skipped.items() if topic == "/vehicle/fix")
+    told.skipped["/vehicle/fix", "GPS fix without time or position"] += max(lost - flagged, 0)
     if not whole.any():
-        time_ns, longitude, latitude, error = _by_state(columns.samples, notes)
-        whole = np.ones(time_ns.size, np.bool_)
-    _, first = np.unique(time_ns[whole], return_index=True)
-    if (repeated := int(whole.sum()) - first.size) and not {"start_time", "end_time"} & set(
-        columns.samples
-    ):
-        notes.append(f"{repeated} fixes at the time of another, excluded")
-    return Positions(
-        *(values[whole][first] for values in (time_ns, longitude, latitude, error))
-    ), lost
+        at_surface = _at_surface(samples, told.notes)
+        found = [*_stated({key: held[at_surface] for key, held in samples.items()}, "")]
+        whole = _whole(found)
+    _, first = np.unique(found[0][whole], return_index=True)
+    repeated = int(whole.sum()) - first.size
+    if repeated and not {"start_time", "end_time"} & set(samples):
+        told.notes.append(f"{repeated} fixes at the time of another, excluded")
+    return Positions(*(values[whole][first] for values in found))
 
 
-def _table(table: Table, part: str) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    if not {f"{part}time", f"{part}longitude", f"{part}latitude"} <= set(table):
-        return np.empty(0, np.int64), np.empty(0), np.empty(0), np.empty(0)
-    time_ns = table[f"{part}time"]
-    return (
-        time_ns,
-        table[f"{part}longitude"],
-        table[f"{part}latitude"],
-        table.get(f"{part}error", np.full(time_ns.size, np.nan)),
+def _whole(fixes: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+    return np.asarray((fixes[0] > 0) & np.isfinite(fixes[1] + fixes[2]))
+
+
+def _stated(table: Table, part: str) -> tuple[NDArray[Any], ...]:
+    """Return time, longitude, latitude and error of the fixes that a table states; none where it lacks any of the first three."""
+    time_ns = table.get(f"{part}time", np.empty(0, np.int64))
+    if not {f"{part}longitude", f"{part}latitude"} <= set(table):
+        time_ns = time_ns[:0]
+    columns = (
+        table.get(f"{part}{name}", np.full(time_ns.size, np.nan))[: time_ns.size]
+        for name in ("longitude", "latitude", "error")
     )
+    return time_ns, *columns
 
 
-def _by_state(samples: Table, notes: list[str]) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    if not {"longitude", "latitude"} <= set(samples):
-        measured = np.zeros(0, np.bool_)
-    elif "dead_reckoning" in samples:
+def _at_surface(samples: Table, notes: list[str]) -> NDArray[np.intp]:
+    """Return the samples at either end of each stretch that a flag or the state marks as measured."""
+    measured = np.zeros(samples.get("time", np.empty(0)).size, np.bool_)
+    if "dead_reckoning" in samples:
         measured = samples["dead_reckoning"] == 0.0
     elif "nav_state" in samples:
         measured = samples["nav_state"] == _FIX_STATE
@@ -77,27 +75,14 @@ def _by_state(samples: Table, notes: list[str]) -> tuple[NDArray[np.int64], Arra
             notes.append(
                 f"fixes: positions in the navigation state {_FIX_STATE}, because no flag marks dead reckoning"
             )
-    else:
-        measured = np.zeros(0, np.bool_)
-    rows = (
-        np.flatnonzero(measured & np.isfinite(samples["longitude"] + samples["latitude"]))
-        if measured.size
-        else np.empty(0, np.intp)
-    )
-    edges = (
-        rows[(np.diff(rows, prepend=-2) > 1) | (np.diff(rows, append=rows[-1:] + 2) > 1)]
-        if rows.size
-        else rows
-    )
+    unknown = np.full(measured.size, np.nan)
+    for name in ("longitude", "latitude"):
+        measured = measured & np.isfinite(samples.get(name, unknown))
+    held = np.r_[False, measured, False]
+    edges = np.flatnonzero(measured & ~(held[:-2] & held[2:]))
     if not edges.size:
         notes.append("no fixes: nothing marks measured positions; all are treated as dead-reckoned")
-        return np.empty(0, np.int64), np.empty(0), np.empty(0), np.empty(0)
-    return (
-        samples["time"][edges],
-        samples["longitude"][edges],
-        samples["latitude"][edges],
-        np.full(edges.size, np.nan),
-    )
+    return edges
 
 
 #: Topics with the schema of their messages and the quantities in them; a message is written where one of the second group is known.

@@ -16,7 +16,7 @@ from replay_kit.core.observation import Observation, usable
 from replay_kit.core.text import some_text
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import read_values
-from replay_kit.logs.netcdf.dialects import Content, Dialect
+from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.shared.payloads import PING, numbers, stamp
 
@@ -113,22 +113,15 @@ def _over_rows(
     return rows
 
 
-def _pings(
-    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, notes: list[str]
-) -> Content:
+def _pings(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
     """Return the profiles of a table, on ``/observations``."""
     del dialect
     try:
-        profiles, left_out = profiles_of(files[0], config.columns, notes)
+        found, left_out = profiles_of(files[0], config.columns, told.notes)
     except ConfigError as error:
         raise LogError(str(error)) from error
-    return Content(
-        lambda: [
-            iter(()),
-            ((one.time_ns, TOPIC, PING, ping_of(one, k)) for k, one in enumerate(profiles)),
-        ],
-        {(TOPIC, "row without a time or a place"): left_out},
-    )
+    told.skipped[TOPIC, "row without a time or a place"] += left_out
+    return lambda: [((one.time_ns, TOPIC, PING, ping_of(one, k)) for k, one in enumerate(found))]
 
 
 def ping_of(profile: Observation, ordinal: int) -> dict[str, Any]:

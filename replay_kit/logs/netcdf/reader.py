@@ -9,7 +9,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.extensions import additions
 from replay_kit.core.message import Loss, Message
 from replay_kit.logs.formats import FIRST_COLUMNS
-from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.dialects import Dialect, Told
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
 from replay_kit.logs.netcdf.pings import PINGS
@@ -78,10 +78,10 @@ class ColumnsReader(LogFile):
         paths = [path for file in files for path in file.sources or (file.path,)]
         super().__init__(paths, input, config)
         self.format = dialect.name
-        self._losses, self._told = losses, [*notes]
-        self._content = (dialect.read or glider)(files, dialect, self._config, self._told)
+        self._losses, self._told = losses, Told([*notes])
+        self._entries = (dialect.read or glider)(files, dialect, self._config, self._told)
         self._gliders = dialect.read is None
-        self.mission = self._content.mission
+        self.mission = self._told.mission
         self.statistics.notes = self._notes()
 
     def messages(self) -> Iterator[Message]:
@@ -90,9 +90,9 @@ class ColumnsReader(LogFile):
         self.statistics.notes = self._notes()
         for loss in self._losses:
             self.statistics.lose(loss.what, loss.offset, loss.bytes)
-        for (topic, reason), count in self._content.skipped.items():
+        for (topic, reason), count in self._told.skipped.items():
             self._skip(topic, reason, count)
-        yield from self._by_time(*self._content.entries())
+        yield from self._by_time(*self._entries())
         self.statistics.notes = self._notes()
 
     def is_gliders(self) -> bool:
@@ -101,7 +101,7 @@ class ColumnsReader(LogFile):
 
     def _notes(self) -> tuple[str, ...]:
         """Return each note once; those that several files give say how many."""
-        alike = gather(self._told).items()
+        alike = gather(self._told.notes).items()
         return tuple(
             by_variable(
                 note if len(found) == 1 else f"{note} (in {len(found)} files)"

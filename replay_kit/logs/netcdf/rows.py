@@ -11,7 +11,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.text import some_text
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.dialects import Content, Dialect
+from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import numbers
@@ -38,9 +38,9 @@ def on_a_grid(path: str | Path, names: Collection[str]) -> LogError:
 
 
 def rows_of(
-    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, notes: list[str]
-) -> Content:
-    """Return the content of a file whose variables are rows over one time; rows without a time are counted and left out.
+    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
+) -> Entries:
+    """Return the messages of a file whose variables are rows over one time; rows without a time are counted and left out.
 
     Raises:
         LogError: The file holds no time, or is a forecast.
@@ -61,17 +61,16 @@ def rows_of(
         raise LogError(
             f"{file.path}: {_EXPECTED}, got no variable along {name} alone: {', '.join(file.variables)}{_NOT_A_LOG}"
         )
-    notes.append(
+    told.notes.append(
         f"of no known glider dialect: each row over {name} is a message on {TOPIC}{name}, with {', '.join(rows)}"
         + (f", and at each row {', '.join(fixed)}" if fixed else "")
     )
-    notes += said
+    told.notes += said
     at = np.flatnonzero(known)
     at = at[np.argsort(time_ns[at], kind="stable")]
-    return Content(
-        lambda: [iter(()), _entries(f"{TOPIC}{name}", time_ns, rows, fixed, at)],
-        {(f"{TOPIC}{name}", "row without a time"): int((~known).sum())},
-    )
+    topic = f"{TOPIC}{name}"
+    told.skipped[topic, "row without a time"] += int((~known).sum())
+    return lambda: [(), _entries(topic, time_ns, rows, fixed, at)]
 
 
 def _entries(

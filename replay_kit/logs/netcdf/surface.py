@@ -2,7 +2,8 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import profile_sizes, read_values
-from replay_kit.logs.netcdf.dialects import Content, Dialect
+from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import number, numbers, stamp
@@ -55,14 +56,15 @@ def depth_of(frequency: float) -> float:
 
 
 def _totals(
-    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, notes: list[str]
-) -> Content:
+    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
+) -> Entries:
     """Return the vectors of each time, in SI units and degrees; those without an error are left out, as those that fail their flags.
 
     Raises:
         LogError: A file holds no time.
     """
     del config
+    notes = told.notes
     times: list[tuple[int, int, int]] = []
     for number_of, file in enumerate(files):
         time_ns, known = units.time_ns("time", file.variables["time"], file.path, notes)
@@ -72,6 +74,7 @@ def _totals(
     begun = len(notes)
 
     def entries() -> Iterator[Entry]:
+        del notes[begun:]
         opened: tuple[int, int] | None = None
         failed = 0
         for time_ns, number_of, k in times:
@@ -80,21 +83,19 @@ def _totals(
                 opened, said = (number_of, begin), list[str]()
                 vectors = _vectors(files[number_of].path, begin, dialect, said)
                 notes.extend(note for note in said if note not in notes)
-            held, fixed, lost = vectors(k - begin)
+            payload, lost = vectors(k - begin)
             failed += lost
-            yield time_ns, _TOTALS, RADAR, {"stamp": stamp(time_ns), **fixed, **held}
+            yield time_ns, _TOTALS, RADAR, {"stamp": stamp(time_ns), **payload}
         if failed:
             notes.append(f"{failed} vectors failed by their quality flags, not used")
 
-    def begin() -> Sequence[Iterator[Entry]]:
-        del notes[begun:]
-        return iter(()), entries()
-
-    return Content(begin, {})
+    return lambda: [(), entries()]
 
 
-def _vectors(path: Any, begin: int, dialect: Dialect, notes: list[str]) -> Any:
-    """Return a function of a time among some of a file that gives its vectors, what holds for all of them, and how many failed."""
+def _vectors(
+    path: Path, begin: int, dialect: Dialect, notes: list[str]
+) -> Callable[[int], tuple[dict[str, Any], int]]:
+    """Return a function of a time among some of a file that gives its vectors and how many failed."""
     file = open_netcdf(path, lambda held, _: dialect.wanted(held), slice(begin, begin + _ROWS))
     chosen = dialect.chosen(file.variables)
     values = read_values(file, dialect, chosen, notes)
@@ -121,7 +122,7 @@ def _vectors(path: Any, begin: int, dialect: Dialect, notes: list[str]) -> Any:
     )
     fixed = {"depth": depth, "averaged": _HOUR, "error_length": 1e3 * length}
 
-    def at(k: int) -> tuple[dict[str, Any], dict[str, float], int]:
+    def at(k: int) -> tuple[dict[str, Any], int]:
         columns = {
             "longitude": longitude,
             "latitude": latitude,
@@ -132,7 +133,7 @@ def _vectors(path: Any, begin: int, dialect: Dialect, notes: list[str]) -> Any:
             "north_error": errors[1][k],
         }
         held = {name: numbers(column[known[k]]) for name, column in columns.items()}
-        return held, fixed, int(failed[k].sum())
+        return fixed | held, int(failed[k].sum())
 
     return at
 
@@ -252,16 +253,16 @@ TOTALS = Dialect(
 
 
 def _drifters(
-    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, notes: list[str]
-) -> Content:
+    files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
+) -> Entries:
     """Return the fixes of the drifters, which say whether they have their drogues.
 
     Raises:
         LogError: Columns are of unlike lengths.
     """
     del config
-    columns = [_columns(file, dialect, notes) for file in files]
-    return Content(lambda: [iter(()), *map(_fixes, columns)], {})
+    columns = [_columns(file, dialect, told.notes) for file in files]
+    return lambda: [(), *map(_fixes, columns)]
 
 
 def _fixes(columns: Mapping[str, NDArray[Any]]) -> Iterator[Entry]:
