@@ -31,12 +31,10 @@ from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.fuzz import damage
 from tests.fuzz.mishap import Mishap, mishap
 from tests.logs.adcp import ad2cp_samples, raw_adcp_samples
-from tests.logs.log_samples import json_mcap, tlog
-from tests.logs.mavlink.dataflash_samples import dataflash
+from tests.logs.log_samples import json_mcap
 from tests.logs.mcap.test_broken_mcap import record_offsets
-from tests.logs.netcdf import glider_samples
 from tests.logs.slocum import slocum_samples
-from tests.logs.surface_samples import write_radials
+from tests.logs.sound import SOUND
 from tests.places import SAMPLES
 
 #: More seconds than this for a log of some kilobytes are a hang.
@@ -122,57 +120,26 @@ def subjects(folder: Path) -> list[Subject]:
         f"{name} without end": mcaps[name][: record_offsets(mcaps[name], Opcode.DATA_END)[0]]
         for name in ("mcap", "mcap zstd", "mcap unchunked")
     }
-    vessel = raw_adcp_samples.Survey(n=8, cells=6)
-    changed = raw_adcp_samples.Survey(n=8, cells=4, cell=2.0, system="earth")
-    pd0 = b"".join(raw_adcp_samples.ensemble(vessel if k < 4 else changed, k) for k in range(8))
-    flights = (
-        glider_samples.spray(folder / "spray"),
-        _classic(folder / "classic"),
-        glider_samples.seaexplorer(folder)[0],
-    )
-    sound = folder / "sound.BIN"
-    sound.write_bytes(b"".join(dataflash(12)))
-    found = [Subject(name, data, _mcap(data)) for name, data in mcaps.items()]
-    found += [
-        Subject(
-            "tlog",
-            data := b"".join(tlog(40)),
-            _telemetry(data),
-        ),
-        Subject("dataflash", sound.read_bytes(), _dataflash(sound)),
-        Subject("pd0", pd0, _covered(ensembles(pd0), ensembles, _pings_of)),
-        Subject(
-            "ad2cp",
-            data := ad2cp_samples.ad2cp(ad2cp_samples.Survey(), 6),
-            _covered(bursts(data), bursts, _pings_of, 1),
-        ),
-    ]
-    slocum = slocum_samples.file_bytes(slocum_samples.FLIGHT, slocum_samples.cycles_of(0)[0])
-    found += [
-        Subject("slocum", slocum, _uncovered),
-        Subject("slocum compressed", slocum_samples.compressed(slocum), _uncovered),
-    ]
-    radials = folder / "radials"
-    write_radials(radials, (0.1, 0.0))
-    pings = (
-        b"time,longitude,latitude,depth,u,v,error\n" + b"2018-11-16,152.1,-39.9,9,.1,.1,.05\n" * 9
-    )
-    found += [
-        Subject("radials", radials.read_bytes(), _uncovered),
-        Subject("table", pings, _uncovered),
-    ]
-    checks = (
-        ("netcdf 4", _apart(_uncovered)),
-        ("netcdf 3", _uncovered),
-        ("seaexplorer", _uncovered),
-    )
+    classic, dataflash = _classic(folder / "classic"), folder / "sound.BIN"
+    files = {name: make(folder) for name, make in SOUND.items() if name != "mcap"}
+    dataflash.write_bytes(files["dataflash"])
+    checks = {
+        "tlog": _telemetry,
+        "dataflash": lambda _: _dataflash(dataflash),
+        "pd0": lambda data: _covered(ensembles(data), ensembles, _pings_of),
+        "ad2cp": lambda data: _covered(bursts(data), bursts, _pings_of, 1),
+        "netcdf": lambda _: _apart(_uncovered),
+    }
+    packed = slocum_samples.compressed(files["slocum"])
     return [
-        *found,
-        *_inputs(folder),
+        *(Subject(name, data, _mcap(data)) for name, data in mcaps.items()),
         *(
-            Subject(name, path.read_bytes(), check)
-            for (name, check), path in zip(checks, flights, strict=True)
+            Subject(name, data, checks.get(name, lambda _: _uncovered)(data))
+            for name, data in files.items()
         ),
+        Subject("slocum compressed", packed, _uncovered),
+        Subject("netcdf 3", classic.read_bytes(), _uncovered),
+        *_inputs(folder),
     ]
 
 

@@ -83,9 +83,8 @@ def mean_currents(
         ascent_share: As of ``Dialect``.
         told: What was assumed, and cannot be used, is added here.
     """
-    table, notes = columns.dac, told.notes
-    if "dac_east" in columns.samples:
-        table = columns.samples
+    notes = told.notes
+    table = columns.samples if "dac_east" in columns.samples else columns.dac
     if not {"dac_east", "dac_north"} <= set(table):
         return ()
     east, north = table["dac_east"], table["dac_north"]

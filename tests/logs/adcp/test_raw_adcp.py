@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config.run import LogConfig, MeasurementConfig, RunConfig
+from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Flag
 from replay_kit.logs import open_log
@@ -20,7 +20,6 @@ from replay_kit.logs.adcp.profiles import raw_profiles
 from replay_kit.logs.adcp.reader import clock_offset_ns, declination_deg
 from replay_kit.logs.adcp.records import AD2CP_TEXT, scan
 from replay_kit.measurements import observations
-from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs
 from tests.logs.adcp import raw_adcp_samples as samples
 from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, write
@@ -132,15 +131,6 @@ def test_gps_sets_the_clock_right_over_midnight(tmp_path):
     pings, _ = adcp_messages(write(tmp_path, samples.pd0(Survey(gps=False))))
     assert pings[0].payload["clock_offset"] is None
     assert pings[0].time_ns == START_NS - samples.CLOCK_BEHIND // timedelta(seconds=1) * SECOND
-
-
-def test_what_is_converted_reads_as_the_file_itself(tmp_path):
-    path = write(tmp_path, samples.pd0(Survey()))
-    summary = convert([path], tmp_path / "survey.mcap", False, LogConfig())
-    assert summary.messages == {"/adcp": 30, "/vehicle/fix": 30}
-    ours, again = (list(observations(open_log(log).messages())) for log in (path, summary.out))
-    for one, other in zip(ours, again, strict=True):
-        np.testing.assert_array_equal(one.velocity, other.velocity)
 
 
 def test_an_ensemble_that_fails_its_checksum_is_lost_alone(tmp_path):

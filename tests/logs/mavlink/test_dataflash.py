@@ -6,10 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink import DFReader
 
-from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.dataflash import Format
-from replay_kit.workflows.convert import convert
 from tests.logs.log_samples import SHARED, broken, read_log
 from tests.logs.mavlink.dataflash_samples import (
     dataflash,
@@ -191,12 +189,3 @@ def test_any_damaged_byte_is_survived(tmp_path, at, value):
     assert ours[:n_before] == expected[:n_before]
     assert len(expected) - 2 <= len(ours) <= len(expected)
     assert ours[len(ours) - len(expected) + n_before + 2 :] == expected[n_before + 2 :]
-
-
-def test_converted_to_mcap_it_says_the_same(tmp_path):
-    messages, _ = read_log(tmp_path, b"".join(dataflash(5)))
-    convert([tmp_path / "log"], tmp_path / "out.mcap", False, LogConfig())
-    again = list(open_log(tmp_path / "out.mcap").messages())
-    assert len(again) == len(messages)
-    positions = [m.payload for m in messages if m.schema == "dataflash.GPS"]
-    assert [dict(m.payload) for m in again if m.schema == "dataflash.GPS"] == positions

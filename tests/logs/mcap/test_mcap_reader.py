@@ -30,14 +30,6 @@ def test_json_comes_back_in_file_order(tmp_path, compression, use_chunking):
     assert report.format == "mcap"
 
 
-def test_a_second_pass_reads_anew(tmp_path):
-    file = tmp_path / "log"
-    file.write_bytes(json_mcap([1, 2, 3]))
-    reader = open_log(file)
-    assert list(reader.messages()) == list(reader.messages())
-    assert reader.report().read == {"/a": 2, "/b": 1}
-
-
 def test_clocks(tmp_path):
     stamped = b'{"header": {"stamp": {"sec": 4, "nanosec": 5}}}'
     data = one_channel_mcap("json", None, [stamped, b"{}"])

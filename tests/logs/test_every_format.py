@@ -1,0 +1,107 @@
+"""What holds for the logs of every format: a row of the table, and a sound file of it."""
+
+import re
+from io import StringIO
+
+import orjson
+import pytest
+
+from replay_kit.config.run import LogConfig, RunConfig
+from replay_kit.core.errors import LogError
+from replay_kit.logs import FORMATS, open_log
+from replay_kit.show.text import SafeConsole
+from replay_kit.workflows.convert import convert, convert_json, print_converted
+from replay_kit.workflows.info.inspect import inspect_logs
+from replay_kit.workflows.info.listing import info_json, print_info
+from tests.logs.sound import SOUND
+from tests.places import ROOT
+
+#: How a reader says more exactly which format it is.
+NAMES = {
+    "netcdf": "spray",
+    "slocum": "slocum-binary",
+    "radials": "radar-radials",
+}
+each = pytest.mark.parametrize("form", FORMATS, ids=lambda form: form.name)
+
+
+@pytest.fixture
+def path(tmp_path, form):
+    made = tmp_path / "made"
+    made.mkdir()
+    (tmp_path / "log").write_bytes(SOUND[form.name](made))
+    return tmp_path / "log"
+
+
+def said(log):
+    """Return all messages, NaN as null."""
+    return [(*m[:3], orjson.dumps(m.payload), m.position) for m in log.messages()]
+
+
+@each
+def test_a_log_is_recognised_by_its_bytes_and_every_pass_says_the_same(path, form):
+    head = path.read_bytes()[: 1 << 16]
+    by_magic = [other.name for other in FORMATS if other.magic and re.match(other.magic, head)]
+    assert by_magic in ([], [form.name])
+    with open_log(path, 3) as log:
+        assert log.format == NAMES.get(form.name, form.name)
+        assert {message.input for message in log.messages()} == {3}
+        passes = [log.messages(), log.messages()]
+        assert len({repr(next(messages)) for messages in passes}) == 1
+        before = said(log)
+    # the end of the context has closed the passes that were not finished
+    assert all(handle.closed for handle in log._files)
+    assert said(log) == before
+    report = log.report()
+    assert [row[-1] for row in before] == sorted(row[-1] for row in before)
+    counted = sum(report.read.values()) - sum(n for n, _ in report.undecodable.values())
+    assert (len(before), report.losses) == (counted, ())
+
+
+@each
+def test_a_file_that_vanished_is_an_error_of_ours(path, form):
+    with open_log(path) as log:
+        path.unlink()
+        if form.grows and form.name not in ("pd0", "ad2cp"):
+            with pytest.raises(LogError, match="cannot be read: No such file"):
+                next(log.messages())
+    with pytest.raises(LogError, match="file not found"):
+        open_log(path)
+
+
+@each
+def test_what_is_converted_says_the_same(path, form, tmp_path):
+    log = open_log(path)
+    summary = convert([path], tmp_path / "out.mcap", False, LogConfig())
+    again = open_log(summary.out)
+    by_time = sorted(said(log), key=lambda row: row[0])
+    found = sorted(said(again), key=lambda row: row[0])
+    assert [row[:-1] for row in found] == [row[:-1] for row in by_time]
+
+
+@each
+def test_info_and_convert_say_what_no_checksum_covers(path, form, tmp_path):
+    log = open_log(path)
+    assert log.report().unchecked == {}
+    said(log)
+    read = log.report()
+    messages = sum(read.read.values())
+    assert dict(read.unchecked) == ({form.unchecked: messages} if form.unchecked else {})
+    line = f"Without a checksum, so that damage cannot be detected: {path}: {form.unchecked} ({messages})"
+    found = inspect_logs([path], RunConfig())[0]
+    summary = convert([path], tmp_path / "out.mcap", False, LogConfig())
+    for show, value in ((print_info, found), (print_converted, summary)):
+        text = StringIO()
+        show(value, SafeConsole(file=text, width=400))
+        assert (line in text.getvalue()) is bool(form.unchecked)
+    assert info_json(found)["unchecked"] == dict(read.unchecked)
+    told = [{"file": str(path), "what": w, "count": n} for w, n in read.unchecked.items()]
+    assert convert_json(summary)["unchecked"] == told
+
+
+def test_the_page_of_formats_is_the_table():
+    rows = [
+        f"| `{form.name}` | {form.title} | {'yes' if form.grows else ''} | {form.unchecked} |"
+        for form in FORMATS
+    ]
+    assert "\n".join(rows) in (ROOT / "replay_kit/logs/README.md").read_text()
