@@ -10,11 +10,9 @@ from replay_kit.logs import merge, open_log, open_logs
 from replay_kit.logs.netcdf import surface
 from tests.logs import surface_samples as made
 from tests.measurements.samples import Skipped, events_of
-from tests.places import DATA, needs
 
 CURRENT = (0.15, -0.25)
 NO_TIDE = MeasurementConfig(surface_tide_std=0.0, surface_spacing=10e3)
-REAL = DATA / "hfradar"
 
 
 def read(paths, config=NO_TIDE):
@@ -254,15 +252,3 @@ def test_a_table_whose_rows_are_cut_is_refused(tmp_path):
     path.write_text(path.read_text()[:-30])
     with pytest.raises(LogError, match="expected a table: names, perhaps units, rows as long"):
         read([path])
-
-
-@needs(REAL)
-def test_real_totals_and_radials_are_read():
-    (totals,), found, _, _ = read(sorted(REAL.glob("RU_MARA*.nc")))
-    assert len(totals.files) == len(found) == 12
-    assert all(len(each.value) <= 300 for each in found)
-    rms = np.sqrt(np.mean([np.mean(each.value**2) for each in found]))
-    assert 0.1 < rms < 0.5
-    (radials,), found, _, notes = read(sorted(REAL.glob("*.ruv")))
-    assert len(radials.files) == len({each.time_ns for each in found}) == 4
-    assert "SEAB: 1346 radials over land, not used" in notes
