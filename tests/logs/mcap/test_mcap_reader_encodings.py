@@ -6,9 +6,8 @@ import pytest
 from foxglove import messages as foxglove_messages
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.descriptor_pool import DescriptorPool
-from mcap_ros2.writer import Writer as Ros2Writer
+from mcap_ros2._dynamic import serialize_dynamic
 
-from replay_kit.logs import open_log
 from replay_kit.logs.decode.decoders import decode_json
 from tests.logs.log_samples import one_channel_mcap
 from tests.logs.log_samples import read_log as read
@@ -117,42 +116,14 @@ def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
     assert report.undecodable["/x"][0] == 1
 
 
-ROS_FIX = """std_msgs/Header header
-float64[3] covariance
-uint8[] raw
-string[] names
-geometry_msgs/Point[] track
-float32 depth
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: geometry_msgs/Point
-float64 x
-float64 y
-"""
-
-
 def test_ros2(tmp_path):
-    file = tmp_path / "ros2"
-    value = {
-        "header": {"stamp": {"sec": 12, "nanosec": 34}, "frame_id": "map"},
-        "covariance": [1.0, 2.0, 3.0],
-        "raw": b"\x01\x02",
-        "names": ["a", ""],
-        "track": [{"x": 1.0, "y": 2.0}, {"x": 3.0, "y": 4.0}],
-        "depth": -0.5,
-    }
-    with open(file, "wb") as out:
-        writer = Ros2Writer(out)
-        schema = writer.register_msgdef("test_msgs/msg/Fix", ROS_FIX)
-        for n in range(3):
-            writer.write_message("/fix", schema, value, log_time=n, publish_time=n)
-        writer.finish()
-    messages = list(open_log(file).messages())
-    assert [m.payload for m in messages] == [value] * 3
-    assert messages[0].schema == "test_msgs/msg/Fix"
+    text = f"p/B b\nstring[] names\n{'=' * 80}\nMSG: p/B\nfloat64[2] x\nuint8[] raw\n"
+    value = {"b": {"x": [1.0, -2.0], "raw": b"\1\2"}, "names": ["a", ""]}
+    data = serialize_dynamic("p/msg/A", text)["p/A"](value)
+    schema = "p/msg/A", "ros2msg", text.encode()
+    messages, report = read(tmp_path, one_channel_mcap("cdr", schema, [data, data[:-1]]))
+    assert [(m.schema, m.payload) for m in messages] == [("p/msg/A", value)]
+    assert report.undecodable["/x"][0] == 1
 
 
 ROS1 = b"""# a comment
