@@ -15,7 +15,6 @@ from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.logs.netcdf import glider_samples as made
-from tests.logs.netcdf.test_known_mission import DIALECTS
 from tests.logs.slocum import slocum_samples
 from tests.places import SAMPLES
 
@@ -294,7 +293,7 @@ def test_one_mission_gives_one_estimate_through_every_door(tmp_path):
         time=np.datetime64("2023-11-14T22:00", "ns")
     )
     slocum_samples.mission(tmp_path / "slocum")
-    og1 = DIALECTS["bodc"].written(tmp_path / "a.nc")
+    og1 = made.bodc(tmp_path / "a.nc")
     forecast.to_netcdf(tmp_path / "forecast.nc", engine="h5netcdf")
     means = [
         rk.Observation.mean(

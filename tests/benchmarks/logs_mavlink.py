@@ -13,7 +13,6 @@ from pymavlink import DFReader, mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs import open_log
-from replay_kit.logs.mavlink.dataflash import DataflashReader
 from replay_kit.workflows.replay.inputs.scan import MAVLINK_NAMES
 from tests.benchmarks.measure import Row, peak_mb, row, runner, seconds
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
@@ -115,7 +114,7 @@ def pymavlink_records(path: Path) -> list[str]:
 
 def dataflash_records(path: Path) -> list[str]:
     """All records of a DataFlash log by ours."""
-    return [f"{message.schema} {message.payload}" for message in DataflashReader(path).messages()]
+    return [f"{message.schema} {message.payload}" for message in open_log(path).messages()]
 
 
 def dataflash_row(path: Path, repeats: int) -> Row:

@@ -1,4 +1,4 @@
-"""Mean currents of dives, each once, with the fixes between which it is the mean.
+"""Fixes of a glider, and the mean currents of its dives, each once, with the fixes between which it is the mean.
 
 Files repeat a mean current at each sample of its dive, state it once for each profile, or report it at the surface after the dive. All
 three become one form: a time within the dive, from which the fix before and the fix after are found.
@@ -6,6 +6,7 @@ three become one form: a time within the dive, from which the fix before and the
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,75 @@ from replay_kit.logs.shared.payloads import Positions
 _SURFACE = 3.0
 # ns; fixes farther apart than this enclose more than one dive, or a hole in the log
 _LONGEST_NS = 48 * 3600 * 10**9
+# of a SeaExplorer: at the surface with a fix
+_FIX_STATE = 119
+
+
+def fixes_of(columns: Columns, told: Told) -> Positions:
+    """Return the fixes of a mission; those that lack a time or a position are counted.
+
+    Those that have variables of their own; else those at either end of a stretch at the surface, by the flag of dead reckoning or by
+    the vehicle's state, because between them the last position is repeated.
+
+    Args:
+        columns: The mission.
+        told: What was assumed, and cannot be used, is added here.
+    """
+    samples = columns.samples
+    parts = ((columns.gps, "gps_"), (samples, "start_"), (samples, "end_"))
+    found = [*map(np.concatenate, zip(*(_stated(*part) for part in parts), strict=True))]
+    whole = _whole(found)
+    # files repeat the fix, or write none, at each sample of a dive: only a time without a place in a table of fixes is a loss
+    own = columns.gps.get("gps_time", np.empty(0)).size
+    lost = 0 if own in (0, samples.get("time", np.empty(0)).size) else int((~whole).sum())
+    flagged = sum(n for (topic, _), n in told.skipped.items() if topic == "/vehicle/fix")
+    told.skipped["/vehicle/fix", "GPS fix without time or position"] += max(lost - flagged, 0)
+    if not whole.any():
+        marked = _marked(samples, told.notes)
+        found = [*_stated({key: held[marked] for key, held in samples.items()}, "")]
+        whole = _whole(found)
+    _, first = np.unique(found[0][whole], return_index=True)
+    repeated = int(whole.sum()) - first.size
+    if repeated and not {"start_time", "end_time"} & set(samples):
+        told.notes.append(f"{repeated} fixes at the time of another, excluded")
+    return Positions(*(values[whole][first] for values in found))
+
+
+def _whole(fixes: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+    return np.asarray((fixes[0] > 0) & np.isfinite(fixes[1] + fixes[2]))
+
+
+def _stated(table: Table, part: str) -> tuple[NDArray[Any], ...]:
+    """Return time, longitude, latitude and error of the fixes that a table states; none where it lacks any of the first three."""
+    time_ns = table.get(f"{part}time", np.empty(0, np.int64))
+    if not {f"{part}longitude", f"{part}latitude"} <= set(table):
+        time_ns = time_ns[:0]
+    columns = (
+        table.get(f"{part}{name}", np.full(time_ns.size, np.nan))[: time_ns.size]
+        for name in ("longitude", "latitude", "error")
+    )
+    return time_ns, *columns
+
+
+def _marked(samples: Table, notes: list[str]) -> NDArray[np.intp]:
+    """Return the samples at either end of each stretch that a flag or the state marks as measured."""
+    measured = np.zeros(samples.get("time", np.empty(0)).size, np.bool_)
+    if "dead_reckoning" in samples:
+        measured = samples["dead_reckoning"] == 0.0
+    elif "nav_state" in samples:
+        measured = samples["nav_state"] == _FIX_STATE
+        if measured.any():
+            notes.append(
+                f"fixes: positions in the navigation state {_FIX_STATE}, because no flag marks dead reckoning"
+            )
+    unknown = np.full(measured.size, np.nan)
+    for name in ("longitude", "latitude"):
+        measured = measured & np.isfinite(samples.get(name, unknown))
+    held = np.r_[False, measured, False]
+    edges = np.flatnonzero(measured & ~(held[:-2] & held[2:]))
+    if not edges.size:
+        notes.append("no fixes: nothing marks measured positions; all are treated as dead-reckoned")
+    return edges
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,25 +12,21 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
 from replay_kit.core.observation import Fix
 from replay_kit.core.text import count_text
-from replay_kit.logs.netcdf.adcp import INVERTED
-from replay_kit.logs.netcdf.columns import Table, joined, read_columns
-from replay_kit.logs.netcdf.currents import DiveMean, mean_currents
+from replay_kit.logs.netcdf.adcp import FROM_SURFACE, INVERTED, earth_ping
+from replay_kit.logs.netcdf.columns import Columns, Table, joined, read_columns
+from replay_kit.logs.netcdf.currents import DiveMean, fixes_of, mean_currents
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
-from replay_kit.logs.netcdf.instruments import (
-    PROFILES,
-    absolute_profiles,
-    fixes_of,
-    instrument_entries,
-)
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import FIX, Positions, location_fix, number, stamp
+from replay_kit.logs.shared.payloads import FIX, PING, Positions, location_fix, number, stamp
 
 _NS = 1_000_000_000
 _DECIMATED_NS = 60 * _NS
 # m; samples of one time that lie farther apart have no depth of their own
 _ONE_DEPTH = 5.0
 _DAC = "replay_kit.DepthAveragedCurrent"
+# topic of the absolute profiles
+_PROFILES = "/adcp/absolute"
 
 
 def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
@@ -37,7 +34,7 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
 
     ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with the depth, once a minute. ``/adcp``: velocity
     relative to the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: as
-    ``instrument_entries``. ``/adcp/inverted``, ``/adcp/absolute``: absolute profiles. ``/dac``: the mean current of each dive, at the
+    ``_INSTRUMENTS``. ``/adcp/inverted``, ``/adcp/absolute``: absolute profiles. ``/dac``: the mean current of each dive, at the
     fix after it.
 
     Args:
@@ -63,7 +60,7 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
     fixes = fixes_of(columns, told)
     means = mean_currents(columns, fixes, dialect.ascent_share, told)
     pings = [ping for file in files if dialect.pings for ping in dialect.pings(file, notes)]
-    pings += absolute_profiles(columns, means, notes)
+    pings += _absolute_profiles(columns, means, notes)
     samples = columns.samples
     tracked = fixes.time_ns.size > 1 and {"longitude", "depth"} <= set(samples)
     if tracked and not (means or pings):
@@ -83,7 +80,7 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
             _dacs(means, pings, dialect.dac_kind),
             pings,
         ),
-        *instrument_entries(samples),
+        *_instrument_entries(samples),
     )
 
 
@@ -91,8 +88,8 @@ def _dacs(means: Sequence[DiveMean], pings: Sequence[Entry], kind: str) -> Itera
     # an inversion weighs the mean current against the pings; profiles that were only shifted to it hold nothing else of it
     topics = {topic for _, topic, _, _ in pings}
     named = (
-        {"also_in": PROFILES}
-        if PROFILES in topics
+        {"also_in": _PROFILES}
+        if _PROFILES in topics
         else {"inverted_in": INVERTED}
         if INVERTED in topics
         else {}
@@ -167,6 +164,95 @@ def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
 
 def _end(end: Fix) -> dict[str, Any]:
     return {"time": stamp(end.time_ns), "lon": end.longitude, "lat": end.latitude}
+
+
+#: Topics with the schema of their messages and the quantities in them; a message is written where one of the second group is known.
+_INSTRUMENTS = MappingProxyType(
+    {
+        "/ctd": (
+            "replay_kit.Ctd",
+            ("depth", "pressure"),
+            ("temperature", "salinity", "conductivity"),
+        ),
+        "/vehicle/altimeter": ("replay_kit.Altimeter", ("depth",), ("altitude", "water_depth")),
+        "/vehicle/battery": ("replay_kit.Battery", (), ("voltage", "charge_used")),
+        "/vehicle/waypoint": (
+            "replay_kit.Waypoint",
+            (),
+            ("waypoint_longitude", "waypoint_latitude"),
+        ),
+    }
+)
+
+
+def _instrument_entries(samples: Table) -> list[Iterator[Entry]]:
+    """Return the messages of each instrument that a glider has, in order of time: SI units, degrees, degrees Celsius, V, A h; null unknown.
+
+    Args:
+        samples: Along the track.
+    """
+    return [
+        _entries(topic, samples)
+        for topic, (_, _, own) in _INSTRUMENTS.items()
+        if any(name in samples for name in own)
+    ]
+
+
+def _entries(topic: str, samples: Table) -> Iterator[Entry]:
+    """Yield an instrument's messages: each of the CTD, a waypoint when it changes, others once a minute."""
+    schema, beside, own = _INSTRUMENTS[topic]
+    held = [name for name in own if name in samples]
+    values = np.column_stack([samples[name] for name in held])
+    known = np.flatnonzero(np.isfinite(values).any(axis=1))
+    if topic == "/vehicle/waypoint":
+        known = known[
+            np.r_[True, (np.diff(values[known], axis=0) != 0.0).any(axis=1)][: known.size]
+        ]
+    elif topic != "/ctd":
+        minute = samples["time"][known] // _DECIMATED_NS
+        known = known[np.r_[True, np.diff(minute) > 0][: known.size]]
+    names = [*(name for name in beside if name in samples), *held]
+    for k in known.tolist():
+        time_ns = int(samples["time"][k])
+        payload = {name: number(float(samples[name][k])) for name in names}
+        yield time_ns, topic, schema, {"stamp": stamp(time_ns), **payload}
+
+
+def _absolute_profiles(
+    columns: Columns, means: Sequence[DiveMean], notes: list[str]
+) -> Iterator[Entry]:
+    """Yield the absolute profiles of a mission as pings at the middle of their dives, where the file states it.
+
+    They were referenced to the mean currents: ``computed_from`` and, in the mean currents, ``also_in`` keep them from counting twice.
+    """
+    profile, samples = columns.profile, columns.samples
+    if not profile:
+        return
+    depth = profile["depth"]
+    steps = np.diff(depth)
+    even = bool(steps.size and np.allclose(steps, steps[0]) and steps[0] > 0.0)
+    placed = {mean.middle.time_ns for mean in means if mean.middle is not None}
+    notes.append(
+        "absolute profiles: taken as east and north relative to the earth, each at the middle of its dive"
+    )
+    for k in range(len(profile["east"])):
+        velocity = np.column_stack([profile["east"][k], profile["north"][k]])
+        if not np.isfinite(velocity).all(axis=1).any():
+            continue
+        middle_ns = int(samples["dac_time"][k]) if "dac_time" in samples else 0
+        time_ns = middle_ns if middle_ns in placed else int(samples["time"][k])
+        payload = earth_ping(
+            time_ns,
+            k,
+            int(samples["dive"][k]),
+            velocity,
+            (float(steps[0]) if even else 1.0, float(depth[0])),
+        )
+        payload |= FROM_SURFACE | {
+            "computed_from": ["/dac"],
+            **({} if even else {"cell_distances": depth.tolist()}),
+        }
+        yield time_ns, _PROFILES, PING, payload
 
 
 #: Variables that name the mission, and attributes that do, with the dialects of which they do; of others ``id`` names the file

@@ -5,6 +5,7 @@ Rows of one time and place are a profile.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.observation import Observation, usable
+from replay_kit.core.quantities import measured_at
 from replay_kit.core.text import some_text
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import read_values
@@ -28,7 +30,7 @@ _PLACE = ("time", "longitude", "latitude")
 Asked = Mapping[Any, str | float]
 
 
-def chosen_of(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]:
+def _chosen(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]:
     """Return a table, with a column for each number that is asked for, and the column of each quantity.
 
     Raises:
@@ -53,6 +55,26 @@ def chosen_of(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str
     return replace(file, variables=held), chosen
 
 
+def profiles_in_memory(
+    name: str, variables: Mapping[str, Stored], asked: Asked, notes: list[str]
+) -> tuple[list[Observation], int]:
+    """Return the profiles of a table in memory, whose times are texts, dates or whole nanoseconds where they state no epoch.
+
+    Args:
+        name: What it is called in errors.
+        variables: Its columns.
+        asked: As of ``profiles_of``, as are the notes and the errors.
+        notes: What was assumed is added here.
+    """
+    table, chosen = _chosen(NetcdfFile(Path(name), {}, variables, ()), asked)
+    time = table.variables[chosen["time"]]
+    if " since " not in time.units:
+        time_ns = measured_at(time.values, f"{name}['{chosen['time']}']")
+        dated = {chosen["time"]: Stored(time_ns.astype("M8[ns]"), {}, time.dims)}
+        table = replace(table, variables={**table.variables, **dated})
+    return profiles_of(table, asked, notes)
+
+
 def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[Observation], int]:
     """Return the profiles of a table in order of time, and the number of rows without a time or a place, which are left out.
 
@@ -65,7 +87,7 @@ def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[
         ConfigError: A column is missing, or an error is none.
         LogError: The times have a unit that is not understood.
     """
-    file, chosen = chosen_of(file, asked)
+    file, chosen = _chosen(file, asked)
     rows = _over_rows(file, chosen, read_values(file, PINGS, chosen, notes))
     known = (rows["time"] > 0) & np.isfinite(rows["longitude"] + rows["latitude"])
     good = np.isfinite(rows["depth"] + rows["u"] + rows["v"])

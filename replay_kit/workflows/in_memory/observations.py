@@ -10,11 +10,10 @@ import numpy as np
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Fix, LinearMeasurement, Observation, PathMean
-from replay_kit.core.quantities import measured_at
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.logs.netcdf.pings import TOPIC, Asked, chosen_of, ping_of, profiles_of
+from replay_kit.logs.netcdf.pings import TOPIC, Asked, ping_of, profiles_in_memory
 from replay_kit.logs.netcdf.surface import RADAR
-from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
+from replay_kit.logs.netcdf.variables import Stored
 from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
 from replay_kit.workflows.in_memory.parts import dataset_of, is_table
 
@@ -66,13 +65,7 @@ def _of_table(value: Any, name: str, columns: Asked) -> list[Observation]:
     stored = {
         str(key): Stored(v.values, v.attrs, tuple(map(str, v.dims))) for key, v in held.items()
     }
-    table, chosen = chosen_of(NetcdfFile(Path(name), {}, stored, ()), columns)
-    time = table.variables[chosen["time"]]
-    if " since " not in time.units:
-        # integers are nanoseconds
-        time_ns = measured_at(time.values, f"{name}['{chosen['time']}']")
-        stored[chosen["time"]] = Stored(time_ns.astype("M8[ns]"), {}, time.dims)
-    found, left_out = profiles_of(NetcdfFile(Path(name), {}, stored, ()), columns, notes)
+    found, left_out = profiles_in_memory(name, stored, columns, notes)
     if left_out:
         notes.append(f"{left_out} rows without a time or a place left out")
     for note in notes:
