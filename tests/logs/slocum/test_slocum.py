@@ -18,6 +18,7 @@ from replay_kit.logs.slocum.header import SensorLists, read_header, read_sensors
 from tests.command import run_command
 from tests.fuzz.mishap import mishap
 from tests.logs.netcdf import glider_samples as made
+from tests.logs.said import read
 from tests.logs.slocum import slocum_samples as slocum
 from tests.places import DATA, needs
 from tests.reference.slocum import cycles as cycles_one_by_one
@@ -163,62 +164,112 @@ def test_a_compressed_file_is_the_file():
     assert cut.lost_at > 0
 
 
-PLACES = {
-    "header": 60,
-    "sensor list": 700,
-    "known bytes": -1,
-    "first cycle": -2,
-    "middle": -3,
-}
+def _cut(at):
+    """Cut the second segment's flight file: at a byte, or a share of the way after the known bytes."""
+
+    def edit(paths):
+        data = paths[2].read_bytes()
+        known = data.index(b"sa\x124")
+        end = at if isinstance(at, int) else known + int(at * (len(data) - known))
+        paths[2].write_bytes(data[:end])
+
+    return edit
 
 
-@pytest.mark.parametrize("part", PLACES)
-def test_a_file_cut_in_any_part_is_a_named_loss_of_a_mission_that_is_still_read(tmp_path, part):
-    paths = slocum.mission(tmp_path)
+def _after_known(paths):
     data = paths[2].read_bytes()
-    known = data.index(b"sa\x124")
-    size = {-1: known + 7, -2: known + 30, -3: len(data) // 2 + known // 2}.get(
-        PLACES[part], PLACES[part]
-    )
-    paths[2].write_bytes(data[:size])
-    log = open_log(tmp_path)
-    found = _topics(log)
-    (loss,) = log.report().losses
-    assert paths[2].name in loss.what
-    assert len(found["/dac"]) == 1
+    paths[2].write_bytes(data[: data.index(b"sa\x124") + 30])
 
 
-@pytest.mark.parametrize("fill", [b"", b"X\0\0", b"\0" * 7, b"\x1a" * 100])
-def test_a_file_that_ends_with_a_whole_cycle_is_whole(tmp_path, fill):
-    whole = _topics(open_log(slocum.mission(tmp_path / "whole")[0].parent))
-    for path in slocum.mission(tmp_path / "unmarked"):
-        path.write_bytes(path.read_bytes()[:-1] + fill)
-    found = _topics(log := open_log(tmp_path / "unmarked"))
-    assert log.report().losses == ()
-    assert [m.payload for m in found["/dac"]] == [m.payload for m in whole["/dac"]]
-    assert {topic: len(each) for topic, each in found.items()} == {
-        topic: len(each) for topic, each in whole.items()
-    }
-    # one byte less is a cycle cut
-    path.write_bytes(path.read_bytes()[: -1 - len(fill)])
-    _topics(log := open_log(tmp_path / "unmarked"))
-    (loss,) = log.report().losses
-    assert "expected a whole cycle" in loss.what
-
-
-def test_sensors_that_a_segment_lacks_are_said(tmp_path):
-    paths = slocum.mission(tmp_path)
+def _without_currents(paths):
     kept = [sensor for sensor in slocum.FLIGHT if "water_v" not in sensor[0]]
     cycles = [
         {name: value for name, value in cycle.items() if "water_v" not in name}
         for cycle in slocum.cycles_of(1)[0]
     ]
     paths[2].write_bytes(slocum.file_bytes(kept, cycles, segment="unit_1-2023-317-0-1"))
-    found = _topics(log := open_log(tmp_path))
-    assert len(found["/dac"]) == 1
-    (said,) = [note for note in log.report().notes if "not among the sensors" in note]
-    assert said.startswith("m_water_vx, m_water_vy, m_final_water_vx, m_final_water_vy: ")
-    assert said.endswith(f"1 of 2 files, such as {paths[2].name}; their dives have no mean current")
+
+
+def _flipped(paths):
+    data = bytearray(paths[0].read_bytes())
+    cycle = slocum.cycle_bytes(slocum.FLIGHT, slocum.cycles_of(0)[0][20])
+    data[data.index(cycle) + 1] ^= 0b1100_0000
+    paths[0].write_bytes(data)
+
+
+def _whole_beside(paths):
+    paths[0].with_suffix(".dbd").write_bytes(paths[0].read_bytes())
+
+
+def _empty_beside(paths):
+    (paths[0].parent / "unit_1-2023-317-0-2.sbd").write_bytes(b"")
+
+
+def _wrong_clock(paths):
+    flight = slocum.cycles_of(0)[0]
+    flight[10] = {**flight[10], "m_present_time": 10.0}
+    paths[0].write_bytes(slocum.file_bytes(slocum.FLIGHT, flight))
+
+
+def _only(suffix):
+    def edit(paths):
+        for path in paths:
+            if path.suffix != suffix:
+                path.unlink()
+
+    return edit
+
+
+_WHOLE, _LACKING = "expected a whole cycle", "segments without the file of the"
+_NO_CURRENTS = "m_water_vx, m_water_vy, m_final_water_vx, m_final_water_vy: not among the sensors of 1 of 2 files, such as "
+
+
+@pytest.mark.parametrize(
+    ("edit", "means", "lost", "note"),
+    [
+        pytest.param(_cut(60), 1, "", "", id="cut in the header"),
+        pytest.param(_cut(700), 1, "", "", id="cut in the sensor list"),
+        pytest.param(_cut(0.001), 1, "", "", id="cut in the known bytes"),
+        pytest.param(_after_known, 1, "", "", id="cut in the first cycle"),
+        pytest.param(_cut(0.5), 1, "", "", id="cut in the middle"),
+        pytest.param(_flipped, 2, _WHOLE, "", id="a state flipped"),
+        pytest.param(_empty_beside, 2, "header of a Slocum's file, got 0 lines", "", id="empty"),
+        pytest.param(_without_currents, 1, None, _NO_CURRENTS, id="sensors lacking"),
+        pytest.param(_whole_beside, 2, None, "1 files with fewer sensors", id="a subset"),
+        pytest.param(_wrong_clock, 2, None, "1 cycles without a time", id="a wrong clock"),
+        pytest.param(_only(".sbd"), 2, None, f"2 of 2 {_LACKING} science computer", id="flight"),
+        pytest.param(_only(".tbd"), 0, None, f"2 of 2 {_LACKING} flight computer", id="science"),
+    ],
+)
+def test_a_mission_of_which_a_file_was_changed_is_read_and_says_so(
+    tmp_path, edit, means, lost, note
+):
+    """What a damage costs is its own cycles, or the mean current of its dive, and one loss that names the file."""
+    edit(slocum.mission(tmp_path))
+    said = read(tmp_path)
+    assert len(said.of("/dac")) == means
+    assert said.noted(note)
+    assert min(message.time_ns for message in said.messages) > 10**18
+    losses = said.report.losses
+    assert len(losses) == (lost is not None)
+    assert all(lost in loss.what and "unit_1-2023-317-0-" in loss.what for loss in losses)
+    if edit is _flipped:
+        cycle = slocum.cycle_bytes(slocum.FLIGHT, slocum.cycles_of(0)[0][20])
+        assert losses[0].bytes == len(cycle)
+
+
+@pytest.mark.parametrize("fill", [b"", b"X\0\0", b"\0" * 7, b"\x1a" * 100])
+def test_a_file_that_ends_with_a_whole_cycle_is_whole(tmp_path, fill):
+    whole = read(slocum.mission(tmp_path / "whole")[0].parent)
+    for path in slocum.mission(tmp_path / "unmarked"):
+        path.write_bytes(path.read_bytes()[:-1] + fill)
+    said = read(tmp_path / "unmarked")
+    assert said.report.losses == ()
+    assert (said.of("/dac"), said.counts()) == (whole.of("/dac"), whole.counts())
+    # one byte less is a cycle cut
+    path.write_bytes(path.read_bytes()[: -1 - len(fill)])
+    (loss,) = read(tmp_path / "unmarked").report.losses
+    assert _WHOLE in loss.what
 
 
 def test_positions_before_the_first_fix_are_not_where_the_glider_is(tmp_path):
@@ -229,31 +280,14 @@ def test_positions_before_the_first_fix_are_not_where_the_glider_is(tmp_path):
         **{"m_depth": 0.0, "m_lat": slocum.minutes(40.3), "m_lon": slocum.minutes(-30.2)},
     }
     paths[0].write_bytes(slocum.file_bytes(slocum.FLIGHT, [flight[0], stale, *flight[1:]]))
-    found = _topics(open_log(tmp_path))
-    latitude = [m.payload["latitude"] for m in found["/vehicle/position"]]
-    assert max(latitude) < 40.03
+    assert max(fix["latitude"] for fix in read(tmp_path).of("/vehicle/position")) < 40.03
     done = run_command(tmp_path, f"info {paths[0].parent}")
     assert "Positions: -30.0000..-29.9790 E, 40.0000..40.0210 N" in done.stdout
 
 
-def test_a_flipped_state_loses_its_cycles_and_not_those_after(tmp_path):
-    paths = slocum.mission(tmp_path)
-    data = bytearray(paths[0].read_bytes())
-    cycle = slocum.cycle_bytes(slocum.FLIGHT, slocum.cycles_of(0)[0][20])
-    data[data.index(cycle) + 1] ^= 0b1100_0000
-    paths[0].write_bytes(data)
-    log = open_log(tmp_path)
-    found = _topics(log)
-    (loss,) = log.report().losses
-    assert "expected a whole cycle" in loss.what
-    assert len(found["/dac"]) == 2
-    assert loss.bytes == len(cycle)
-    assert log.report().unchecked
-
-
 def test_missing_caches_are_named_and_a_folder_of_caches_is_a_setting(tmp_path):
     paths = slocum.mission(tmp_path / "log", crc=True)
-    (tmp_path / "log" / "cac").rename(tmp_path / "lists")
+    lists = (tmp_path / "log" / "cac").rename(tmp_path / "lists")
     with pytest.raises(
         LogError,
         match=r"expected its list of sensors in abcd0001\.cac, there is none in .*log/cac; .* logs\.caches",
@@ -261,71 +295,25 @@ def test_missing_caches_are_named_and_a_folder_of_caches_is_a_setting(tmp_path):
         open_log(paths[0])
     with pytest.raises(LogError, match=r"abcd0001\.cac"):
         open_logs([tmp_path / "log"])
-    config = LogConfig(caches=str(tmp_path / "lists"))
-    (log,) = open_logs([tmp_path / "log"], config)
-    assert len(_topics(log)["/dac"]) == 2
-    (tmp_path / "lists" / "ABCD0002.CAC").unlink()
-    (log,) = open_logs([tmp_path / "log"], config)
-    assert len(_topics(log)["/dac"]) == 2
-    losses = log.report().losses
-    assert len(losses) == 2
-    assert all("abcd0002.cac" in loss.what for loss in losses)
+    config = LogConfig(caches=str(lists))
+    assert len(read(tmp_path / "log", config).of("/dac")) == 2
+    (lists / "ABCD0002.CAC").unlink()
+    said = read(tmp_path / "log", config)
+    assert len(said.of("/dac")) == 2
+    assert ["abcd0002.cac" in loss.what for loss in said.report.losses] == [True, True]
 
 
-def test_a_cache_of_another_mission_is_refused_with_what_it_lists(tmp_path):
-    paths = slocum.mission(tmp_path, crc=True)
-    (tmp_path / "cac" / "ABCD0001.CAC").write_bytes(slocum.sensor_list(slocum.SCIENCE))
+def test_files_that_do_not_belong_together_are_refused(tmp_path):
+    paths = slocum.mission(tmp_path / "a", crc=True)
+    (tmp_path / "a" / "cac" / "ABCD0001.CAC").write_bytes(slocum.sensor_list(slocum.SCIENCE))
     with pytest.raises(
         LogError, match=r"ABCD0001\.CAC: expected 18 sensors in 5 bytes .* got 4 in 5 lines"
     ):
         open_log(paths[0])
-
-
-def test_a_folder_of_two_gliders_is_refused(tmp_path):
-    slocum.mission(tmp_path)
-    slocum.mission(tmp_path, vehicle="unit_2")
+    for vehicle in ("unit_1", "unit_2"):
+        slocum.mission(tmp_path / "b", vehicle=vehicle)
     with pytest.raises(LogError, match=r"holds 2: unit_1 \(unit_1-2023-317-0-\*\), unit_2"):
-        open_logs([tmp_path])
-
-
-@pytest.mark.parametrize(("kept", "lacking"), [("sbd", "science"), ("tbd", "flight")])
-def test_the_files_of_one_computer_alone_are_read_and_the_lack_is_noted(tmp_path, kept, lacking):
-    for path in slocum.mission(tmp_path):
-        if path.suffix != f".{kept}":
-            path.unlink()
-    log = open_log(tmp_path)
-    found = _topics(log)
-    assert f"2 of 2 segments without the file of the {lacking} computer" in log.report().notes
-    assert ("/dac" in found, "/ctd" in found) == (kept == "sbd", kept == "tbd")
-
-
-def test_a_subset_of_a_file_that_is_there_whole_is_not_used(tmp_path):
-    paths = slocum.mission(tmp_path)
-    whole = paths[0].with_suffix(".dbd")
-    whole.write_bytes(paths[0].read_bytes())
-    log = open_log(tmp_path)
-    assert whole in log.files
-    assert paths[0] not in log.files
-    assert len(_topics(log)["/dac"]) == 2
-    assert any("1 files with fewer sensors" in note for note in log.report().notes)
-
-
-def test_an_empty_file_of_a_mission_is_a_loss(tmp_path):
-    slocum.mission(tmp_path)
-    (tmp_path / "unit_1-2023-317-0-2.sbd").write_bytes(b"")
-    log = open_log(tmp_path)
-    assert len(_topics(log)["/dac"]) == 2
-    assert "expected the header of a Slocum's file, got 0 lines" in log.report().losses[0].what
-
-
-def test_the_wrong_clock_of_a_cycle_is_excluded_and_counted(tmp_path):
-    flight = slocum.cycles_of(0)[0]
-    flight[10] = {**flight[10], "m_present_time": 10.0}
-    path = tmp_path / "a.sbd"
-    path.write_bytes(slocum.file_bytes(slocum.FLIGHT, flight))
-    log = open_log(path)
-    assert min(m.time_ns for m in log.messages()) > 10**18
-    assert any("1 cycles without a time" in note for note in log.report().notes)
+        open_logs([tmp_path / "b"])
 
 
 def test_a_list_of_more_sensors_than_there_are_is_refused_before_memory_is_taken():
