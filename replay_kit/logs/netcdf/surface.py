@@ -67,7 +67,8 @@ def _totals(
     notes = told.notes
     times: list[tuple[int, int, int]] = []
     for number_of, file in enumerate(files):
-        time_ns, known = units.time_ns("time", file.variables["time"], file.path, notes)
+        name = dialect.chosen(file.variables)["time"]
+        time_ns, known = units.time_ns(name, file.variables[name], file.path, notes)
         found = zip(time_ns.ravel().tolist(), known.ravel().tolist(), strict=True)
         times += [(at, number_of, k) for k, (at, is_known) in enumerate(found) if is_known]
     times.sort()

@@ -1,4 +1,6 @@
-"""A dialect that is added as the README says: a value in a list, and the reader serves its files."""
+"""A dialect that is added as the page says: a value in a list, and the reader serves its files."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,7 +8,10 @@ import pytest
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.netcdf import reader
 from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.surface import TOTALS
+from tests.logs import surface_samples
 from tests.logs.netcdf import glider_samples as made
+from tests.logs.said import read
 
 MINE = Dialect(
     "mine",
@@ -61,3 +66,20 @@ def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(tmp_p
         {"rows": 59},
         {"rows": 59},
     ]
+
+
+def test_totals_of_other_names_are_those_of_the_usual_ones(tmp_path, monkeypatch):
+    names = {"u": "ucomp", "v": "vcomp", "u_err": "ustd", "v_err": "vstd", "time": "HOUR"}
+    other = replace(
+        TOTALS,
+        name="mine",
+        signature=" ".join(names.values()).lower(),
+        names={key: names.get(name, name).lower() for key, name in TOTALS.names.items()},
+    )
+    monkeypatch.setattr(reader, "DIALECTS", (other, *reader.DIALECTS))
+    usual = surface_samples.totals((0.1, 0.2))
+    usual.to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    usual.rename(names).to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
+    one, same = (read(tmp_path / name) for name in ("a.nc", "b.nc"))
+    assert (one.report.format, same.report.format) == ("radar-totals", "mine")
+    assert one.messages == same.messages
