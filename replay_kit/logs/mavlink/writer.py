@@ -16,6 +16,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
+from replay_kit.logs.tables.frames import CONFIGURATION, PARTS
+from replay_kit.logs.tables.instruments import WORDS
 
 MAX_CELLS = 58
 _STAMP = struct.Struct(">Q")
@@ -23,43 +25,12 @@ _SYSTEM, _COMPONENT = 1, 1
 _BOOT_WRAPS = 2**32
 _UNKNOWN_U16 = 65535
 _FIX_3D = 3
-#: Fields of a ping that the frames hold as the position of their word.
-_CHOICES = {
-    "coordinate_system": ("beam", "instrument", "ship", "earth"),
-    "reference": ("earth", "platform"),
-    "orientation": ("down", "up"),
-}
 # the words that measurements take as true
 _TRUE = ("true", "1")
 _COMPONENTS = 3
-#: Fields of a ping that the frames or the log around them hold.
-_HELD = frozenset(
-    {
-        *(
-            "stamp",
-            "frame_id",
-            "ping",
-            "coordinate_system",
-            "reference",
-            "orientation",
-            "bin_mapped",
-            "n_cells",
-            "cell_size",
-        ),
-        *(
-            "bin0_distance",
-            "velocity",
-            "velocity_std",
-            "heading",
-            "pitch",
-            "roll",
-            "pressure",
-            "sound_speed",
-            "temperature",
-        ),
-        *("magnetic_declination", "declination_applied", "transducer_depth"),
-    }
-)
+#: Fields of a ping that the frames or the log around them hold, and those that it must state as numbers.
+_HELD = {*CONFIGURATION, "stamp", "frame_id", "ping", "velocity", "velocity_std"}
+_STATED = ("n_cells", "cell_size", "bin0_distance")
 
 
 class _UnfitError(Exception):
@@ -221,10 +192,9 @@ def _ping_frames(message: Message, boot_ms: int) -> Iterator[Any]:
     )
     std = payload.get("velocity_std")
     # a ping without the vertical component has no frame for it
-    arrays = {"ADCP_CFG": _configuration(payload, len(columns))} | dict(
-        zip(("ADCP_E", "ADCP_N", "ADCP_U"), columns, strict=False)
-    )
-    arrays["ADCP_STD"] = (
+    arrays = {PARTS[0]: [*_configuration(payload, len(columns))]}
+    arrays |= dict(zip(PARTS[1:-1], columns, strict=False))
+    arrays[PARTS[-1]] = (
         [_number(value) for value in std] if isinstance(std, list) else [_number(std)] * n_cells
     )
     array_id = int(payload.get("ping") or 0) % 65536
@@ -271,26 +241,14 @@ def _not_held(payload: Mapping[str, Any]) -> list[str]:
     )
 
 
-def _configuration(payload: Mapping[str, Any], n_components: int) -> list[float]:
-    return [
-        *(_stated(payload, key) for key in ("n_cells", "cell_size", "bin0_distance")),
-        *(_choice(payload, key, words) for key, words in _CHOICES.items()),
-        *(
-            _number(payload.get(key))
-            for key in (
-                "bin_mapped",
-                "heading",
-                "pitch",
-                "roll",
-                "pressure",
-                "sound_speed",
-                "temperature",
-            )
-        ),
-        *(_number(payload.get(key)) for key in ("magnetic_declination", "declination_applied")),
-        float(n_components),
-        _number(payload.get("transducer_depth")),
-    ]
+def _configuration(payload: Mapping[str, Any], n_components: int) -> Iterator[float]:
+    for name in CONFIGURATION:
+        if name in WORDS:
+            yield _choice(payload, name, WORDS[name])
+        elif name == "n_components":
+            yield float(n_components)
+        else:
+            yield _stated(payload, name) if name in _STATED else _number(payload.get(name))
 
 
 def _stated(payload: Mapping[str, Any], key: str) -> float:

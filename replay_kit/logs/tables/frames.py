@@ -20,12 +20,13 @@ from replay_kit.logs.tables.columns import (
     unused,
     whole_number,
 )
-from replay_kit.logs.tables.instruments import pings
+from replay_kit.logs.tables.instruments import WORDS, pings
 
 SCHEMA = "DEBUG_FLOAT_ARRAY"
 #: Names of a ping's frames.
 PARTS = ["ADCP_CFG", "ADCP_E", "ADCP_N", "ADCP_U", "ADCP_STD"]
-_CONFIGURATION = [
+#: Names of the values of the first.
+CONFIGURATION = [
     "n_cells",
     "cell_size",
     "bin0_distance",
@@ -44,7 +45,6 @@ _CONFIGURATION = [
     "n_components",
     "transducer_depth",
 ]
-_WORDS = ("coordinate_system", "reference", "orientation")
 # Frames of a ping follow one another at once; when this many pings stand open the oldest has lost a frame.
 _OPEN_PINGS = 8
 _INCOMPLETE = "part of an incomplete ping"
@@ -115,6 +115,6 @@ def declination_in(payload: Payload) -> float:
 
 def _configuration(data: Sequence[Any]) -> dict[str, Any]:
     """Return the named values of ``ADCP_CFG``; none where the frame is too short for one, or holds NaN."""
-    values = zip(_CONFIGURATION, chain(data, repeat(math.nan)), strict=False)
+    values = zip(CONFIGURATION, chain(data, repeat(math.nan)), strict=False)
     # NaN is no number that two pings could have in common
-    return {name: value if name in _WORDS or value == value else None for name, value in values}
+    return {name: value if name in WORDS or value == value else None for name, value in values}

@@ -49,7 +49,8 @@ from replay_kit.logs.tables.columns import (
 )
 
 SYSTEMS = ("beam", "instrument", "ship", "earth")
-_WORDS = {
+#: Fields that are one of some words, or its number.
+WORDS = {
     "coordinate_system": SYSTEMS,
     "reference": ("earth", "platform"),
     "orientation": ("down", "up"),
@@ -203,11 +204,11 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
         if config.reference is None:
             raise MeasurementError(_NO_REFERENCE)
         said = {**payload, "reference": config.reference}.get
-    words = {name: word(said(name), known) for name, known in _WORDS.items()}
+    words = {name: word(said(name), known) for name, known in WORDS.items()}
     for name, value in words.items():
-        if value not in _WORDS[name]:
+        if value not in WORDS[name]:
             raise MeasurementError(
-                f"ping: expected {name} to be one of {', '.join(_WORDS[name])}, got {value}; state it in the message"
+                f"ping: expected {name} to be one of {', '.join(WORDS[name])}, got {value}; state it in the message"
             )
     vectors = said("beam_unit_vectors")
     return {
