@@ -8,7 +8,7 @@ import xarray as xr
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, Source
-from replay_kit.forecast.grid import local_grid, true_to_local
+from replay_kit.forecast.grid import local_grid, turn_to_local, turned
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 
@@ -82,7 +82,10 @@ def ensemble(seed=0, **options) -> Ensemble:
     wet = np.ones(velocity.shape[2:], dtype=bool)
     grid = local_grid(longitude, latitude, ds["depth"].values, wet, None)
     return Ensemble(
-        grid, true_to_local(grid.projection, longitude, latitude, velocity), None, "synthetic"
+        grid,
+        turned(velocity, turn_to_local(grid.projection, longitude, latitude, "true")),
+        None,
+        "synthetic",
     )
 
 

@@ -1,4 +1,7 @@
-"""What frozen values are made of: arrays of float64, never written to after they are made, large ones on disk; and a value changed."""
+"""What frozen values are made of: arrays of float64, never written to after they are made, large ones on disk; and a value changed.
+
+Members of a forecast alone keep the precision of their file.
+"""
 
 import dataclasses
 import math
@@ -19,6 +22,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Times = NDArray[np.int64]
+#: In single or double precision.
+Values = NDArray[np.floating]
 
 #: Largest array that is kept in memory [bytes].
 IN_MEMORY = 1 << 30
@@ -29,15 +34,15 @@ def every(holds: Any) -> Mask:
     return np.asarray(reduce(and_, np.moveaxis(holds, -1, 0)))
 
 
-def large_array(shape: tuple[int, ...]) -> Array:
+def large_array(shape: tuple[int, ...], dtype: np.dtype[np.floating]) -> Values:
     """Return an array to be filled, in memory up to ``IN_MEMORY``, else in a temporary file that vanishes with it.
 
     Raises:
         ReplayKitError: The folder of temporary files has no room for it.
     """
-    size = 8 * math.prod(shape)
+    size = dtype.itemsize * math.prod(shape)
     if size <= IN_MEMORY:
-        return np.empty(shape)
+        return np.empty(shape, dtype)
     try:
         with tempfile.TemporaryFile(prefix="replay-kit-") as file:
             if hasattr(os, "posix_fallocate"):
@@ -51,17 +56,17 @@ def large_array(shape: tuple[int, ...]) -> Array:
             f"{tempfile.gettempdir()}: needs {size / 1e9:.1f} GB for an ensemble larger than memory: {error.strerror}; set TMPDIR to a "
             "folder with room, or choose less with --region and --levels"
         ) from error
-    return np.frombuffer(mapped).reshape(shape)
+    return np.frombuffer(mapped, dtype).reshape(shape)
 
 
-def one_by_one(array: Array) -> Iterator[Array]:
+def one_by_one(array: Values) -> Iterator[Values]:
     """Yield the parts of an array along its first axis; of one on disk, each is let go before the next."""
     for part in array:
         yield part
         release(array)
 
 
-def release(array: Array) -> None:
+def release(array: Values) -> None:
     """Let the memory go that holds parts of an array on disk; they are read again when needed. Of one in memory nothing changes."""
     base: object = array
     while isinstance(base, np.ndarray):

@@ -12,7 +12,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Values
 from replay_kit.core.geodesy import rotate_to_local, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.forecast.layout import Layout
@@ -86,7 +86,7 @@ _NAMES = {"grid": "the grid's axes", "true": "true east and north"}
 
 
 def check_axes(
-    window: Window, layout: Layout, velocity: Array, wet: NDArray[np.bool_], projection: Projection
+    window: Window, layout: Layout, velocity: Values, wet: NDArray[np.bool_], projection: Projection
 ) -> AxesCheck:
     """Return what physics says of the axes that velocities were read along.
 

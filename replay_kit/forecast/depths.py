@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.quantities import decibars, metres
 from replay_kit.core.text import some_text, span_text
@@ -222,7 +222,7 @@ def reach(depths: Array, surface: Array | float = 0.0) -> tuple[Array, Array]:
     return np.where(to_surface, -np.inf, depths[0] - moved), depths[-1] + last + moved
 
 
-def at_depths(values: Array, depths: Array, within: tuple[Array, Array], wanted: Array) -> Array:
+def at_depths(values: Values, depths: Values, within: tuple[Array, Array], wanted: Array) -> Values:
     """Return values at fixed depths, shape (..., L, J, I): linear between levels, constant beyond the first and last, NaN out of reach.
 
     Args:
@@ -248,10 +248,10 @@ def at_depths(values: Array, depths: Array, within: tuple[Array, Array], wanted:
             share == 0.0, low, np.where(share == 1.0, high, (1.0 - share) * low + share * high)
         )
         found.append(np.where((within[0] <= depth) & (depth <= within[1]), mixed, np.nan))
-    return np.stack(found, axis=-3)
+    return np.stack(found, axis=-3).astype(values.dtype, copy=False)
 
 
-def to_levels(values: Array, levels: Array, within: tuple[float, float], wanted: Array) -> Array:
+def to_levels(values: Values, levels: Array, within: tuple[float, float], wanted: Array) -> Values:
     """Return fields at other depths, shape (..., L, J, I), as ``at_depths`` does.
 
     Args:

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import IN_MEMORY, Array, release
+from replay_kit.core.arrays import IN_MEMORY, Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
@@ -19,8 +19,8 @@ from replay_kit.forecast.grid import (
     bilinear,
     centre_longitude,
     find_cells,
-    grid_to_local,
-    true_to_local,
+    turn_to_local,
+    turned,
 )
 from replay_kit.forecast.layout import Layout, U, V
 from replay_kit.forecast.members import no_water
@@ -28,8 +28,8 @@ from replay_kit.forecast.selection import Selected
 from replay_kit.forecast.variables import chunk_bytes, unpacked
 from replay_kit.forecast.window import Window, block_of, window_size
 
-# Members read, and turned, at once [bytes].
-_GROUP, _TURNED = 1 << 28, 1 << 24
+# Members read at once [bytes].
+_GROUP = 1 << 28
 # What is read without having been looked at [bytes], and per byte of the files: land alone takes less room than that.
 _UNSEEN, _USUAL = 1 << 22, 12
 # Values in water per byte of the files; and bytes that are looked at together, unless a chunk has more, up to the most of one.
@@ -118,60 +118,6 @@ def in_groups(field: Selected, layout: Layout, config: ForecastConfig) -> list[S
     ]
 
 
-def in_local_frame(window: Window, projection: Projection) -> Array:
-    """Return a window's velocities along the axes of a local frame."""
-    if window.axes == "true":
-        return true_to_local(projection, window.longitude, window.latitude, window.velocity)
-    east, north = to_local(
-        projection, unwrap_longitude(window.longitude, projection.longitude), window.latitude
-    )
-    return grid_to_local(east, north, window.velocity)
-
-
-class MemberStore:
-    """Members that come one after the other: some are turned at a time, since the turn of many costs little more than that of one."""
-
-    def __init__(self, velocity: Array, window: Window, projection: Projection) -> None:
-        """Start an array of members.
-
-        Args:
-            velocity: shape (E, 2, Z, J, I) [m/s], to be filled in order.
-            window: Grid and axes of members that are still to be turned; it needs none of its own.
-            projection: The local frame.
-        """
-        self._velocity, self._window, self._projection = velocity, window, projection
-        self._filled, self._waiting = 0, list[tuple[int, Array]]()
-
-    def add(self, values: Array, turned: bool) -> None:
-        """Add members, shape (n, 2, Z, J, I), along the window's axes, or turned to those of the local frame."""
-        if turned:
-            self._velocity[self._filled : self._filled + len(values)] = values
-        else:
-            step = max(1, _TURNED * len(values) // max(1, values.nbytes))
-            for at in range(0, len(values), step):
-                self._waiting.append((self._filled + at, values[at : at + step]))
-                if sum(each.nbytes for _, each in self._waiting) >= _TURNED // 2:
-                    self._turn()
-        self._filled += len(values)
-
-    def finished(self) -> Array:
-        """Return all members in the local frame."""
-        self._turn()
-        return self._velocity
-
-    def _turn(self) -> None:
-        if self._waiting:
-            together = replace(
-                self._window, velocity=np.concatenate([values for _, values in self._waiting])
-            )
-            done, local = 0, in_local_frame(together, self._projection)
-            for start, values in self._waiting:
-                self._velocity[start : start + len(values)] = local[done : done + len(values)]
-                done += len(values)
-            self._waiting.clear()
-            release(self._velocity)
-
-
 def region_around(window: Window) -> tuple[float, float, float, float]:
     """Return the region that other grids are read in: the window and two of its cells around it."""
     middle = centre_longitude(window.longitude)
@@ -203,8 +149,10 @@ def is_alike(one: Window, other: Window) -> bool:
     )
 
 
-def on_grid_of(other: Window, values: Array, window: Window, projection: Projection) -> Array:
+def on_grid_of(other: Window, window: Window, projection: Projection) -> Values:
     """Return another window's velocities, in the local frame, on the grid and levels of the first."""
+    turn = turn_to_local(projection, other.longitude, other.latitude, other.axes)
+    values = turned(other.velocity, turn)
     (east, north), (at_east, at_north) = (
         to_local(projection, unwrap_longitude(part.longitude, projection.longitude), part.latitude)
         for part in (other, window)

@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Values
 from replay_kit.core.geodesy import (
-    rotate_to_geographic,
-    rotate_to_local,
+    grid_bearing_of_true_north,
     to_geographic,
     to_local,
     unwrap_longitude,
 )
 from replay_kit.core.grid import Ensemble, Grid, Projection
+from replay_kit.forecast.names import Axes
 
 
 def centre_longitude(longitude: Array) -> float:
@@ -76,6 +76,11 @@ def columns_round(longitude: Array) -> int | None:
     return None
 
 
+def projection_of(longitude: Array, latitude: Array) -> Projection:
+    """Return the local frame about the middle of places [degrees]."""
+    return Projection(centre_longitude(longitude), 0.5 * float(latitude.min() + latitude.max()))
+
+
 def local_grid(
     longitude: Array,
     latitude: Array,
@@ -92,9 +97,8 @@ def local_grid(
         wet: shape (Z, J, I).
         place_at: (longitude, latitude) to move the grid's centre to, keeping distances; None leaves it.
     """
-    middle = centre_longitude(longitude)
-    projection = Projection(middle, 0.5 * float(latitude.min() + latitude.max()))
-    longitude = unwrap_longitude(longitude, middle)
+    projection = projection_of(longitude, latitude)
+    longitude = unwrap_longitude(longitude, projection.longitude)
     east, north = to_local(projection, longitude, latitude)
     if place_at is not None:
         projection = Projection(*place_at)
@@ -103,41 +107,44 @@ def local_grid(
     return Grid(projection, longitude, latitude, east, north, levels, wet)
 
 
-def true_to_local(
-    projection: Projection, longitude: Array, latitude: Array, velocity: Array
-) -> Array:
-    """Return velocities, shape (..., 2, Z, J, I), turned from true east and north to the local axes."""
-    east, north = rotate_to_local(
-        projection, longitude, latitude, velocity[..., 0, :, :, :], velocity[..., 1, :, :, :]
-    )
-    return np.stack([east, north], axis=-4)
+def turn_to_local(
+    projection: Projection, longitude: Array, latitude: Array, axes: Axes
+) -> NDArray[np.complex128]:
+    """Return the turn from true east, or from a grid's first axis, to the first local axis as a unit number, shape (J, I).
+
+    A grid's first axis is that of growing i; the second stands at a right angle to it, anticlockwise: true for the orthogonal curvilinear
+    grids of ocean models.
+    """
+    if axes == "true":
+        clockwise = grid_bearing_of_true_north(projection, longitude, latitude)
+        return np.asarray(np.cos(clockwise) - 1j * np.sin(clockwise))
+    east, north = to_local(projection, unwrap_longitude(longitude, projection.longitude), latitude)
+    along = np.gradient(east, axis=1) + 1j * np.gradient(north, axis=1)
+    return np.asarray(along / np.abs(along))
+
+
+def turned(velocity: Values, turn: NDArray[np.complex128], out: Values | None = None) -> Values:
+    """Return velocities, shape (E, 2, Z, J, I), turned, in an array that is given, which may be their own."""
+    out = np.empty_like(velocity) if out is None else out
+    cos, sin = np.ascontiguousarray(turn.real), np.ascontiguousarray(turn.imag)
+    for member, found in zip(velocity, out, strict=True):
+        found[0], found[1] = member[0] * cos - member[1] * sin, member[0] * sin + member[1] * cos
+    return out
 
 
 def in_frame(ensemble: Ensemble, projection: Projection) -> Ensemble:
     """Return an ensemble in another local frame: its places and velocities are the same, along the other's axes."""
     grid = ensemble.grid
     east, north = to_local(projection, grid.longitude, grid.latitude)
-    turned = rotate_to_geographic(
-        grid.projection, grid.longitude, grid.latitude, *np.moveaxis(ensemble.velocity, 1, 0)
+    own, other = (
+        turn_to_local(frame, grid.longitude, grid.latitude, "true")
+        for frame in (grid.projection, projection)
     )
-    velocity = np.stack(rotate_to_local(projection, grid.longitude, grid.latitude, *turned), axis=1)
     return replace(
         ensemble,
         grid=replace(grid, projection=projection, east=east, north=north),
-        velocity=velocity,
+        velocity=turned(ensemble.velocity, other * own.conj()),
     )
-
-
-def grid_to_local(east: Array, north: Array, velocity: Array) -> Array:
-    """Return velocities, shape (..., 2, Z, J, I), turned from the grid's own axes to the local axes.
-
-    The first component is taken along growing i, the second at a right angle to it, anticlockwise: true for the orthogonal
-    curvilinear grids of ocean models.
-    """
-    along = np.gradient(east, axis=1) + 1j * np.gradient(north, axis=1)
-    along /= np.abs(along)
-    turned = (velocity[..., 0, :, :, :] + 1j * velocity[..., 1, :, :, :]) * along
-    return np.stack([turned.real, turned.imag], axis=-4)
 
 
 def find_cells(
@@ -186,7 +193,7 @@ def _mapped(values: Array, j: Array, i: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def bilinear(values: Array, j: Array, i: Array, inside: NDArray[np.bool_]) -> Array:
+def bilinear(values: Values, j: Array, i: Array, inside: NDArray[np.bool_]) -> Array:
     """Return fields at fractional indices, shape (..., *points); NaN outside, and where less than half of the cell's weight is water.
 
     Args:

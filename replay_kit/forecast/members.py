@@ -1,6 +1,5 @@
 """What a member is: the value of ``--members``, the labels of files, and members seen together: their common water, copies, odd speeds."""
 
-import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, one_by_one
+from replay_kit.core.arrays import Values, one_by_one
 from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.core.grid import Ensemble, component_rms
+from replay_kit.core.grid import Ensemble, component_rms, square_sums
 from replay_kit.core.text import count_text
 
 Kind = Literal["dim", "files", "suffix", "lags", "times", "models"]
@@ -122,8 +121,8 @@ _ODD_SPEEDS = (0.004, 1.5)
 
 
 def common_water(
-    velocity: Array, labels: tuple[str, ...], source: str
-) -> tuple[Array, NDArray[np.bool_], tuple[str, ...]]:
+    velocity: Values, labels: tuple[str, ...], source: str
+) -> tuple[Values, NDArray[np.bool_], tuple[str, ...]]:
     """Return velocities where all members have one, NaN being written elsewhere, where that is, and what was lost by it.
 
     Raises:
@@ -167,21 +166,15 @@ def no_water(source: str) -> ForecastError:
     )
 
 
-def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tuple[str, ...]:
+def unusual_members(velocity: Values, labels: tuple[str, ...], source: str) -> tuple[str, ...]:
     """Return warnings of members that are the same, of speeds that no current has, and of anomalies without a state.
 
     Raises:
         ForecastError: All members are the same.
     """
-    notes = []
-    seen: dict[bytes, str] = {}
-    same = []
-    for label, member in zip(labels, one_by_one(velocity), strict=True):
-        key = hashlib.blake2b(member.tobytes()).digest()
-        if key in seen:
-            same.append(f"'{label}' and '{seen[key]}'")
-        seen.setdefault(key, label)
-    if len(labels) > 1 and len(seen) == 1:
+    notes, found = [], copies(velocity)
+    same = [f"'{labels[k]}' and '{labels[of]}'" for k, of in found.items()]
+    if len(labels) > 1 and len(found) == len(labels) - 1:
         raise ForecastError(
             f"{source}: all {len(labels)} members are identical; give members that differ"
         )
@@ -206,14 +199,27 @@ def unusual_members(velocity: Array, labels: tuple[str, ...], source: str) -> tu
     return tuple(notes)
 
 
+def copies(velocity: Values) -> dict[int, int]:
+    """Return the members, shape (E, ...), that are the same as an earlier one, with the first of those."""
+    found, first = dict[int, int](), dict[float, list[int]]()
+    for k, square in enumerate(square_sums(velocity)[0].tolist()):
+        alike = first.setdefault(square, [])
+        of = next((j for j in alike if np.array_equal(velocity[j], velocity[k], True)), None)
+        if of is None:
+            alike.append(k)
+        else:
+            found[k] = of
+    return found
+
+
 def without_copies(series: Sequence[Ensemble]) -> tuple[Ensemble, ...]:
     """Return a forecast at its times with members once that are the same at all of them; at least two stay."""
     first = series[0]
-    digests = [b""] * first.n_members
-    for part in series:
-        for member, values in enumerate(one_by_one(part.velocity)):
-            digests[member] += hashlib.blake2b(values.tobytes()).digest()
-    left = [k for k, digest in enumerate(digests) if digests.index(digest) == k]
+    found = [copies(first.velocity)]
+    # those of one time alone are none
+    found += [copies(part.velocity) for part in series[1:] if found[0]]
+    of = [tuple(each.get(k, k) for each in found) for k in range(first.n_members)]
+    left = [k for k, each in enumerate(of) if of.index(each) == k]
     if len(left) < 2:
         return tuple(series)
     if len(left) == first.n_members:

@@ -18,7 +18,7 @@ from scipy.sparse import csr_matrix
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import DEGREE
 from replay_kit.forecast.depths import at_depths
@@ -253,7 +253,7 @@ class _OnGrid(BackendArray):
         points = (self._weights @ flat.T).T.reshape(*values.shape[:-1], *self._dry.shape)
         return np.where(self._dry, np.nan, points).astype(self.dtype)[..., rows, columns]
 
-    def _values(self, key: tuple[int | slice, ...]) -> Array:
+    def _values(self, key: tuple[int | slice, ...]) -> Values:
         """Return values with the nodes last."""
         names = [name for name in self._variable.dims if name != self._dim]
         at = dict(zip(names, key, strict=True))
@@ -272,7 +272,7 @@ class _OnGrid(BackendArray):
         return np.moveaxis(found, 0, before) if np.ndim(levels) else found[0]
 
 
-def _at_depths(values: Array, depth: Array, levels: Array) -> Array:
+def _at_depths(values: Values, depth: Values, levels: Array) -> Values:
     """Return values of layers (last axis) at fixed depths, the levels first; NaN below the deepest layer."""
     if np.nanmean(depth[..., 0]) > np.nanmean(depth[..., -1]):
         values, depth = values[..., ::-1], depth[..., ::-1]

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import large_array
+from replay_kit.core.arrays import large_array, release
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.grid import Ensemble
+from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.inputs import held, unpacking
 from replay_kit.core.paths import Paths
 from replay_kit.core.progress import announce
@@ -19,16 +20,14 @@ from replay_kit.forecast.axes import AxesCheck, check_axes
 from replay_kit.forecast.blocks import Block, Collection, open_collection
 from replay_kit.forecast.files import size_text
 from replay_kit.forecast.gather import (
-    MemberStore,
     check_content,
     in_groups,
-    in_local_frame,
     is_alike,
     moved_notes,
     on_grid_of,
     region_around,
 )
-from replay_kit.forecast.grid import local_grid
+from replay_kit.forecast.grid import local_grid, projection_of, turn_to_local, turned
 from replay_kit.forecast.layout import Layout, U, lay_out
 from replay_kit.forecast.members import (
     MADE,
@@ -41,7 +40,7 @@ from replay_kit.forecast.members import (
 from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
 from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.selection import Selection, select
-from replay_kit.forecast.window import read_window, window_size
+from replay_kit.forecast.window import Window, read_window, window_size
 
 # Bytes of coordinates in memory per byte of a file.
 _COORDINATES = 4
@@ -56,12 +55,18 @@ class Reading:
         layout: Arrangement of the first file.
         check: Of the axes.
         part: The first file.
+        window: The part of it that was read, without velocities.
+        projection: The local frame that velocities lie along.
+        turn: From the file's axes to the local ones, shape (J, I).
     """
 
     ensemble: Ensemble
     layout: Layout
     check: AxesCheck
     part: Part
+    window: Window
+    projection: Projection
+    turn: NDArray[np.complex128]
 
 
 def read_ensemble(
@@ -94,8 +99,17 @@ def read_members(
     near_ns: int | None,
     place_at: tuple[float, float] | None,
     times: int = 1,
+    first: Reading | None = None,
 ) -> Reading:
-    """Return the chosen part of an opened ensemble, and how it was understood; see ``read_ensemble``, for one of so many times.
+    """Return the chosen part of an opened ensemble, and how it was understood; see ``read_ensemble``.
+
+    Args:
+        found: The files.
+        config: As in ``read_ensemble``.
+        near_ns: As in ``read_ensemble``.
+        place_at: As in ``read_ensemble``.
+        times: How many times are read, of which this is one.
+        first: The first of them, whose grid and axes others share.
 
     Raises:
         ForecastError: As in ``read_ensemble``.
@@ -108,7 +122,7 @@ def read_members(
         raise ForecastError(
             f"{found.source}: an ensemble needs at least 2 members, got {count}{ways(found)}"
         )
-    reading = read_selection(selection, config, place_at, found.source, found.notes, times)
+    reading = read_selection(selection, config, place_at, found.source, found.notes, times, first)
     made_from = found.rule.kind if found.rule.kind in MADE else ""
     return replace(reading, ensemble=replace(reading.ensemble, made_from=made_from))
 
@@ -198,8 +212,9 @@ def read_selection(
     source: str,
     earlier: tuple[str, ...],
     times: int = 1,
+    before: Reading | None = None,
 ) -> Reading:
-    """Return the fields of a selection, one of so many that are read, as members on the grid of the first.
+    """Return the fields of a selection as members on the grid of the first; ``times`` and ``before`` as in ``read_members``.
 
     Raises:
         ForecastError: As in ``read_ensemble``.
@@ -211,16 +226,22 @@ def read_selection(
     fields = [part for field in selection.fields for part in in_groups(field, layout, config)]
     first = fields[0]
     window, notes = read_window(first, layout, config), [*selection.notes, *large]
-    projection = local_grid(
-        window.longitude, window.latitude, window.levels, np.ones(0, bool), None
-    ).projection
+    if before is None or not is_alike(window, before.window):
+        before = None
+        projection = projection_of(window.longitude, window.latitude)
+        turn = turn_to_local(projection, window.longitude, window.latitude, window.axes)
+    else:
+        projection, turn = before.projection, before.turn
     count = sum(1 if field.extra else len(field.labels) for field in fields)
-    own, moved = window.velocity, 0
-    # the members are in memory once, as they are turned
+    own, moved, far = window.velocity, 0, np.zeros(window.levels.size, dtype=bool)
+    # what is made of members is computed in double precision
+    dtype = own.dtype if selection.change is None else np.dtype(np.float64)
+    alone = len(own) == count and own.dtype == dtype
+    velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
+    turned(own, turn, velocity[: len(own)])
+    filled = len(own)
+    # the members are in memory once
     window = replace(window, velocity=own[:0])
-    members = MemberStore(large_array((count, *own.shape[1:])), window, projection)
-    far = np.zeros(window.levels.size, dtype=bool)
-    members.add(own, turned=False)
     del own
     around = config.model_copy(update={"region": region_around(window)})
     for field in fields[1:]:
@@ -232,24 +253,32 @@ def read_selection(
         other = read_window(field, last, config if last is layout else around)
         values, alike = other.velocity, is_alike(other, window)
         if not alike:
-            values, moved = (
-                on_grid_of(other, in_local_frame(other, projection), window, projection),
-                moved + values.shape[0],
-            )
+            values, moved = on_grid_of(other, window, projection), moved + len(values)
             far |= (window.levels < other.within[0]) | (window.levels > other.within[1])
-        members.add(values.mean(axis=0, keepdims=True) if field.extra else values, turned=not alike)
+        if field.extra:
+            values = values.mean(axis=0, keepdims=True, dtype=np.float64)
+        here = velocity[filled : filled + len(values)]
+        filled += len(values)
+        if alike:
+            turned(values, turn, here)
+        else:
+            here[:] = values
+        release(velocity)
         notes += [note for note in other.notes if last is not layout or note not in window.notes]
     notes += moved_notes(moved, window.levels[far])
-    velocity = members.finished()
     if selection.change is not None:
         velocity, changed = selection.change(velocity)
         notes += changed
     labels = tuple(label for field in fields if not field.extra for label in field.labels)
     velocity, wet, holes = common_water(velocity, labels, source)
-    check = check_axes(window, layout, velocity, wet, projection)
+    check = before.check if before else check_axes(window, layout, velocity, wet, projection)
     # axes that were stated need no check
     doubts = check.notes if config.axes == "auto" else ()
-    grid = local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
+    grid = (
+        replace(before.ensemble.grid, levels=window.levels, wet=wet)
+        if before
+        else local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
+    )
     in_order = (
         *notes,
         *_placed(place_at),
@@ -262,7 +291,7 @@ def read_selection(
     notes = list(dict.fromkeys(in_order))
     error_std = check.residual_std if doubts else 0.0
     ensemble = Ensemble(grid, velocity, selection.time_ns, source, tuple(notes), labels, error_std)
-    return Reading(ensemble, layout, check, first.part)
+    return Reading(ensemble, layout, check, first.part, window, projection, turn)
 
 
 def _size(selection: Selection, layout: Layout, config: ForecastConfig) -> float:

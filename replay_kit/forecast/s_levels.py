@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, span_text
 from replay_kit.forecast.depths import Levels, at_depths, depths_text, reach, reach_of
@@ -106,13 +106,13 @@ def find_s_coordinate(ds: xr.Dataset, dim: str, where: str) -> SCoordinate | Non
 
 
 def from_s_levels(
-    velocity: Array,
+    velocity: Values,
     coordinate: SCoordinate,
     h: Array,
     sea_level: Array | None,
     wanted: Sequence[float] | None,
     where: str,
-) -> tuple[Array, Levels]:
+) -> tuple[Values, Levels]:
     """Return velocities at fixed depths, shape (E, 2, L, J, I), and those depths.
 
     Args:
@@ -167,8 +167,8 @@ def from_s_levels(
 
 
 def _at_depths(
-    velocity: Array, coordinate: SCoordinate, h: Array, surface: Array, levels: Array
-) -> tuple[Array, NDArray[np.bool_]]:
+    velocity: Values, coordinate: SCoordinate, h: Array, surface: Array, levels: Array
+) -> tuple[Values, NDArray[np.bool_]]:
     """Return velocities at fixed depths, and where in the water no level is near, shape (L, J, I)."""
     # s says which level is the upper one, as the depths of columns on land may be none
     down = slice(None, None, -1) if coordinate.s[0] < coordinate.s[-1] else slice(None)

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
 from replay_kit.forecast.blocks import Block, Collection
@@ -22,7 +22,7 @@ from replay_kit.forecast.times import choose_time, wanted_time
 _YEAR = np.timedelta64(365, "D") + np.timedelta64(6, "h")
 _LEAST_TIMES = 5
 #: A change of velocities, shape (E, 2, Z, J, I), and what it did.
-Change = Callable[[Array], tuple[Array, tuple[str, ...]]]
+Change = Callable[[Values], tuple[Values, tuple[str, ...]]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,13 +289,13 @@ def _of_season(
     )
 
 
-def _about_forecast(velocity: Array) -> tuple[Array, tuple[str, ...]]:
+def _about_forecast(velocity: Values) -> tuple[Values, tuple[str, ...]]:
     """Return the fields' anomalies about their mean, added to the forecast, the last field."""
     fields, forecast = velocity[:-1], velocity[-1]
     return forecast + (fields - fields.mean(axis=0)), ()
 
 
-def _about_background(velocity: Array) -> tuple[Array, tuple[str, ...]]:
+def _about_background(velocity: Values) -> tuple[Values, tuple[str, ...]]:
     """Return anomalies added to the background, the last field; states as they are."""
     members, background = velocity[:-1], velocity[-1]
     wet = np.isfinite(velocity).all(axis=0)
@@ -330,7 +330,7 @@ def _without_bias(counts: list[list[int]]) -> Change:
         counts: For each model the numbers of times in its files; none for one whose mean is that over the region, level by level.
     """
 
-    def change(velocity: Array) -> tuple[Array, tuple[str, ...]]:
+    def change(velocity: Values) -> tuple[Values, tuple[str, ...]]:
         members = velocity[: len(counts)]
         averages = iter(velocity[len(counts) :])
         if all(counts):

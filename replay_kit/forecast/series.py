@@ -45,12 +45,11 @@ def read_series(
         chosen = dated_choices(found, config)
         if len(chosen) < 2:
             return without_copies((read_members(found, config, near_ns, place_at).ensemble,))
-        series = [
-            read_members(
-                found, config.model_copy(update=choice), None, place_at, len(chosen)
-            ).ensemble
-            for choice in chosen
-        ]
+        series, reading = list[Ensemble](), None
+        for choice in chosen:
+            at = config.model_copy(update=choice)
+            reading = read_members(found, at, None, place_at, len(chosen), reading)
+            series.append(reading.ensemble)
         where = found.source
     series = list(without_copies(series))
     times = [int(part.time_ns or 0) for part in series]

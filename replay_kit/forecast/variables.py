@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.inputs import unpacking
 from replay_kit.forecast.grid import Block
@@ -47,13 +47,13 @@ class Source:
         at_u, at_v = ((None, face[1]), (face[0], None)) if face else (AT_CENTRES, AT_CENTRES)
         return (layout.u_dims, at_u), (layout.v_dims, at_v)
 
-    def component(self, name: str, depth: str | None, order: NDArray[np.int64]) -> Array:
-        """Return the component ``U`` or ``V`` where it lies, shape (E, Z, J, I), on the levels in some positions."""
+    def component(self, name: str, depth: str | None, order: NDArray[np.int64]) -> Values:
+        """Return the component ``U`` or ``V`` where it lies, shape (E, Z, J, I), on some levels, in the file's precision."""
         levels = None if depth is None else (depth, order)
-        values = self.read(name, *self.places[name == V], levels)
+        values = self._stored(name, *self.places[name == V], levels)
         if (turn := self.ds[name].attrs.get("replay_kit_turn")) is not None:
             angle = self.read(DIRECTION, *self.places[name == V], levels)
-            values *= np.cos(np.deg2rad(angle + turn))
+            values = values * np.cos(np.deg2rad(angle + turn))
         return values
 
     def first_of(self, names: Iterable[str], dims: tuple[str, str]) -> str | None:
@@ -85,7 +85,7 @@ class Source:
         faces: Faces,
         levels: tuple[str, NDArray[np.int64]] | None,
     ) -> Array:
-        """Return a variable's part: shape (E, Z, J, I); E or Z is 1 where it has no such dimension.
+        """Return a variable's part, shape (E, Z, J, I); E or Z is 1 where it has no such dimension.
 
         Args:
             name: Of the variable.
@@ -93,6 +93,15 @@ class Source:
             faces: Position of the face before centre 0 along each; None where it lies at the centres.
             levels: Dimension and positions of the levels.
         """
+        return self._stored(name, dims, faces, levels).astype(np.float64)
+
+    def _stored(
+        self,
+        name: str,
+        dims: tuple[str, str],
+        faces: Faces,
+        levels: tuple[str, NDArray[np.int64]] | None,
+    ) -> Values:
         part = self._on(name, dims)
         if levels is not None and levels[0] not in part.dims:
             # masks may have the levels under another name
@@ -145,12 +154,16 @@ def chunk_bytes(part: xr.DataArray) -> int:
     return 8 * math.prod(part.encoding.get("chunksizes") or part.encoding.get("chunks") or ())
 
 
-def unpacked(part: xr.DataArray) -> Array:
-    """Return the values of a part of a variable; the decoder may take no more memory than these and its chunks need."""
+def unpacked(part: xr.DataArray) -> Values:
+    """Return the values of a part of a variable, single where its digits are no more, which may be written to.
+
+    The decoder may take no more memory than these and its chunks need.
+    """
     # several threads decode a Zarr store
     threads = 0 if "chunksizes" in part.encoding else min(32, (os.cpu_count() or 1) + 4)
     with unpacking(8 * part.size + 4 * chunk_bytes(part), threads):
-        return np.asarray(part.values, dtype=np.float64)
+        single = part.dtype.kind == "f" and part.dtype.itemsize <= 4
+        return np.require(part.values, np.float32 if single else np.float64, "W")
 
 
 def _with_faces(part: slice, first: int | None) -> slice:
@@ -166,8 +179,8 @@ def _as_slice(order: NDArray[np.int64]) -> slice | NDArray[np.int64]:
 
 
 def to_centres(
-    faces: Array, valid: NDArray[np.bool_], axis: int
-) -> tuple[Array, NDArray[np.bool_]]:
+    faces: Values, valid: NDArray[np.bool_], axis: int
+) -> tuple[Values, NDArray[np.bool_]]:
     """Return the mean of a component at the two faces of each cell, weighted by which of them are water, and whether any is.
 
     Args:
@@ -179,15 +192,15 @@ def to_centres(
         np.take(np.where(valid, faces, 0.0), _range(faces, axis, k), axis) for k in (0, 1)
     )
     wet = [np.take(valid, _range(faces, axis, k), axis) for k in (0, 1)]
-    weight = wet[0].astype(np.float64) + wet[1]
+    weight = wet[0].astype(faces.dtype) + wet[1]
     return (first + last) / np.maximum(weight, 1.0), weight > 0.0
 
 
-def _range(faces: Array, axis: int, first: int) -> NDArray[np.intp]:
+def _range(faces: Values, axis: int, first: int) -> NDArray[np.intp]:
     return np.arange(first, faces.shape[axis] - 1 + first)
 
 
-def never_changing(values: Array, constants: Iterable[float]) -> NDArray[np.bool_]:
+def never_changing(values: Values, constants: Iterable[float]) -> NDArray[np.bool_]:
     """Return where all members have the same one of some constants, shape (Z, J, I).
 
     Zeros count from the sea bed up, in columns that are dry there: a level that is at rest everywhere is no land.
@@ -202,6 +215,8 @@ def never_changing(values: Array, constants: Iterable[float]) -> NDArray[np.bool
         for member in values:
             # unpacked in single or double precision; one step of the packing is far more
             same &= np.abs(member - constant) <= 1e-6 * abs(constant)
+            if not same.any():
+                break
         if constant == 0.0:
             below = np.logical_and.accumulate(same[::-1], axis=0)[::-1]
             at_rest = same.all(axis=(1, 2), keepdims=True)
@@ -238,7 +253,7 @@ def mask_at_centres(
 
 def constant_land(
     source: Source,
-    components: Sequence[Array],
+    components: Sequence[Values],
     depths: Sequence[str | None],
     order: NDArray[np.int64],
     masked: bool,
@@ -271,6 +286,6 @@ def constant_land(
     ]
 
 
-def _moves(components: Sequence[Array]) -> bool:
+def _moves(components: Sequence[Values]) -> bool:
     """Return whether any value is neither missing nor 0."""
     return any(np.nan_to_num(member).any() for values in components for member in values)

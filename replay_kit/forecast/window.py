@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.inputs import exceeds_claim
 from replay_kit.core.quantities import metres, metres_per_second
@@ -43,7 +43,7 @@ class Window:
         latitude: shape (J, I) [degrees].
         levels: shape (Z,) [m].
         within: The least and the greatest depth that the levels of the file do for [m].
-        velocity: shape (E, 2, Z, J, I) [m/s], NaN on land.
+        velocity: shape (E, 2, Z, J, I) [m/s], NaN on land, in the file's precision.
         axes: Along which axes the components lie.
         sea_level: Height of the surface of the first member [m], shape (J, I); None where the file has none.
         notes: What was chosen or assumed.
@@ -53,7 +53,7 @@ class Window:
     latitude: Array
     levels: Array
     within: tuple[float, float]
-    velocity: Array
+    velocity: Values
     axes: Axes
     sea_level: Array | None
     notes: tuple[str, ...]
@@ -185,7 +185,7 @@ def _at_centres(
     depths: tuple[str | None, ...],
     order: NDArray[np.int64],
     masked: bool,
-) -> tuple[Array, tuple[str, ...]]:
+) -> tuple[Values, tuple[str, ...]]:
     """Return both components at cell centres [m/s], shape (E, 2, Z, J, I), NaN on land, and what was taken for land."""
     layout, face = source.layout, source.layout.first_face
     raw, odd = [], 0
@@ -201,10 +201,11 @@ def _at_centres(
     )
     if face is None:
         dry = constant[0] & constant[1]
-        velocity = np.stack(raw, axis=1)
-        velocity[:, :, dry] = np.nan
-        columns = int(dry.all(axis=0).sum())
         exactly = "exactly zero" if np.all(raw[0][:, dry] == 0.0) else "one constant value"
+        velocity = np.stack(raw, axis=1)
+        if dry.any():
+            velocity[:, :, dry] = np.nan
+        columns = int(dry.all(axis=0).sum())
         notes += (
             [
                 f"treated as land: {count_text(columns, 'column')} whose current is {exactly} in every member"
@@ -228,7 +229,7 @@ def _at_centres(
     return np.stack([np.where(wet, u, np.nan), np.where(wet, v, np.nan)], axis=1), tuple(notes)
 
 
-def _speeds(values: Array, source: Source, component: str, name: str | None) -> tuple[Array, int]:
+def _speeds(values: Values, source: Source, component: str, name: str | None) -> tuple[Values, int]:
     """Return velocities in m/s, NaN where they cannot be any, and how many of these the file does not declare."""
     unit = str(source.ds[component].attrs.get("units", "")).strip()
     scale = metres_per_second(unit) if unit else 1.0
@@ -236,12 +237,15 @@ def _speeds(values: Array, source: Source, component: str, name: str | None) -> 
         raise ForecastError(
             f"{source.where}: {name} is in '{unit}'; expected m s-1 or cm s-1: convert it, and set its attribute units"
         )
-    values, odd = values * scale, 0
+    if scale != 1.0:
+        values *= scale
+    odd = 0
     for member in values:
         with np.errstate(invalid="ignore"):
             beyond = np.abs(member) > _NO_SPEED
-        member[beyond] = np.nan
-        odd += int(beyond.sum())
+        if count := np.count_nonzero(beyond):
+            member[beyond] = np.nan
+            odd += int(count)
     return values, odd
 
 

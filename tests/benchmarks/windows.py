@@ -26,7 +26,7 @@ from replay_kit.core.region import Region, around
 from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.filter import WindowedEstimator
-from replay_kit.forecast.grid import in_frame, local_grid, true_to_local
+from replay_kit.forecast.grid import in_frame, local_grid, turn_to_local, turned
 from replay_kit.studies.twins.field import build_field
 from tests import synthetic
 from tests.benchmarks.measure import Row, peak_mb, row
@@ -76,7 +76,10 @@ class Sea:
         values = self.velocity[members][..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         grid = local_grid(longitude, latitude, LEVELS, np.ones(values.shape[2:], dtype=bool), None)
         found = Ensemble(
-            grid, true_to_local(grid.projection, longitude, latitude, values), None, "windows"
+            grid,
+            turned(values, turn_to_local(grid.projection, longitude, latitude, "true")),
+            None,
+            "windows",
         )
         return found if frame is None else in_frame(found, frame)
 

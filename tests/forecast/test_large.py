@@ -79,7 +79,7 @@ def test_a_full_disk_is_told_before_anything_is_read(nothing_fits, monkeypatch):
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(ReplayKitError, match=r"needs 0\.0 GB.*No space left.*TMPDIR"):
-        arrays.large_array((10, 100))
+        arrays.large_array((10, 100), np.dtype(np.float32))
 
 
 @pytest.mark.parametrize("zlib", [False, True])

@@ -63,7 +63,10 @@ def _rows(ensemble: Ensemble) -> Iterator[tuple[int, int]]:
 def surface_speed(ensemble: Ensemble) -> float:
     """Return the root mean square of a component of all members at the nodes of the first level [m/s]."""
     top = ensemble.grid.wet[0]
-    squares = [np.mean(member[:, 0, top] ** 2) for member in one_by_one(ensemble.velocity)]
+    squares = [
+        np.mean(np.square(member[:, 0, top], dtype=np.float64))
+        for member in one_by_one(ensemble.velocity)
+    ]
     return float(np.sqrt(np.mean(squares)))
 
 
@@ -94,8 +97,7 @@ def mean_squares(ensemble: Ensemble, about_mean: bool = True) -> Array:
         ensemble: The members, one at a time in memory.
         about_mean: Whether those of their anomalies.
     """
-    grid, total = ensemble.grid, np.zeros(3)
-    mean: Array | float = 0.0
+    grid, total, mean = ensemble.grid, np.zeros(3), np.zeros(ensemble.grid.wet.shape)
     for member in one_by_one(ensemble.velocity) if about_mean else ():
         mean = mean + member / ensemble.n_members
     for member in one_by_one(ensemble.velocity):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.core.arrays import IN_MEMORY, Array, Mask, every, one_by_one
+from replay_kit.core.arrays import IN_MEMORY, Array, Mask, Values, every, one_by_one
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
 from replay_kit.core.observation import Reason
@@ -72,7 +72,7 @@ class EnsembleSpeeds(NamedTuple):
     mean_square: Array
 
 
-def ensemble_speeds(levels: Array, velocity: Array) -> EnsembleSpeeds:
+def ensemble_speeds(levels: Array, velocity: Values) -> EnsembleSpeeds:
     """Return the speeds of an ensemble, shape (E, 2, Z, J, I) [m/s], NaN where dry; a dry level has those of the first one."""
     sums, count = np.zeros(levels.size), np.zeros(levels.size, dtype=np.int64)
     for member in one_by_one(velocity):
@@ -84,7 +84,7 @@ def ensemble_speeds(levels: Array, velocity: Array) -> EnsembleSpeeds:
     return EnsembleSpeeds(levels, np.where(count > 0, mean, mean[0]))
 
 
-def odd_ensemble_speeds(velocity: Array) -> str:
+def odd_ensemble_speeds(velocity: Values) -> str:
     """Return how the speeds of an ensemble, shape (E, 2, ...) [m/s], cannot be those of currents; empty when they can."""
     # of an ensemble larger than memory some members tell as much
     squared = np.square(velocity[:: max(1, velocity.nbytes // IN_MEMORY)]).sum(axis=1)

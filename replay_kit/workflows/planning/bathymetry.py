@@ -141,11 +141,10 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
 
 def _values(array: xr.DataArray) -> Array:
     """Return the values of a part of a file."""
-    from replay_kit.forecast.variables import (
-        unpacked,
-    )  # xarray loads slowly: without a file it is not needed
+    # xarray loads slowly: without a file it is not needed
+    from replay_kit.forecast.variables import unpacked
 
-    return unpacked(array)
+    return unpacked(array).astype(np.float64)
 
 
 def _check_claim(path: Path, *arrays: xr.DataArray) -> None:

@@ -17,7 +17,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.plan import Place, Plan
 from replay_kit.estimator import ReducedBasisEstimator, embed_member
 from replay_kit.forecast import read_truth
-from replay_kit.forecast.grid import local_grid, true_to_local
+from replay_kit.forecast.grid import local_grid, turn_to_local, turned
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.make import Twin, make_twin
@@ -328,7 +328,10 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
         longitude, latitude, part["depth"].values, np.ones(velocity.shape[2:], bool), None
     )
     truth = Ensemble(
-        grid, true_to_local(grid.projection, longitude, latitude, velocity), None, "part"
+        grid,
+        turned(velocity, turn_to_local(grid.projection, longitude, latitude, "true")),
+        None,
+        "part",
     )
     score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
     # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
