@@ -15,13 +15,14 @@ from replay_kit.core.paths import Paths
 from replay_kit.core.region import DEGREE, Region, around
 from replay_kit.core.text import some_text
 from replay_kit.forecast.axes import AxesCheck
-from replay_kit.forecast.blocks import Collection, open_collection
+from replay_kit.forecast.collection import Collection, open_collection
+from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import find_sources, opened_file
 from replay_kit.forecast.grid import region_block
 from replay_kit.forecast.members import MemberRule, parse_rule
 from replay_kit.forecast.names import find_current, suffixes
 from replay_kit.forecast.reader import layout_of, read_members, read_selection, ways
-from replay_kit.forecast.selection import Selected, Selection, select
+from replay_kit.forecast.selection import Selection, select
 from replay_kit.forecast.series import dated_choices
 
 
@@ -77,7 +78,8 @@ def describe_ensemble(
         else:
             reading = read_members(found, config, near_ns, None)
             use = f"an ensemble of {reading.ensemble.n_members} members"
-        current = reading.part.current
+        current = reading.field.current
+        assert current is not None
         names = str(current.u), str(current.v)
         rule = _rule(found)
         return Description(
@@ -114,7 +116,7 @@ def _rule(found: Collection) -> str:
     if rule is None:
         return ""
     if rule.kind == "dim":
-        return f"dim:{found.blocks[0].member}"
+        return f"dim:{found.members[0][0].member}"
     more = rule.name or (f"{rule.days:g}d" if rule.kind == "times" else "")
     return f"{rule.kind}:{more}" if more else rule.kind
 
@@ -201,16 +203,14 @@ class Extent:
         Raises:
             ForecastError: As in ``read_ensemble``.
         """
-        fields, left = list[Selected](), _FIELDS
+        fields, left = list[Field](), _FIELDS
         for field in self.selection.fields:
             if field.extra or not left:
                 continue
-            taken = (
-                field
-                if field.member is None
-                else replace(field, ds=field.ds.isel({field.member: slice(left)}))
+            at = dict(field.at or {}) | (
+                {} if field.member is None else {field.member: slice(left)}
             )
-            fields.append(replace(taken, labels=field.labels[:left]))
+            fields.append(replace(field, at=at, labels=field.labels[:left]))
             left -= len(fields[-1].labels)
         some = replace(self.selection, fields=tuple(fields), change=None)
         settings = self.config.model_copy(update={"region": region, "levels": (0.0,)})
@@ -243,7 +243,5 @@ def open_extent(
             yield None
             return
         selection = select(found, config, near_ns)
-        first = selection.fields[0]
-        yield Extent(
-            found.source, *layout_of(first.part, first.ds, config).places, found, selection, config
-        )
+        places = layout_of(selection.fields[0], config).places
+        yield Extent(found.source, *places, found, selection, config)

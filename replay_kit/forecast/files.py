@@ -208,7 +208,7 @@ def opened_file(path: Path) -> Iterator[xr.Dataset]:
 def with_dates(ds: xr.Dataset) -> xr.Dataset:
     """Return a dataset with dates for its times, where they have any."""
     dates = {
-        name: dated for name in ds.variables if (dated := _dated(ds.variables[name])) is not None
+        name: found for name in ds.variables if (found := dated(ds.variables[name])) is not None
     }
     return ds.assign(dates) if dates else ds
 
@@ -290,7 +290,7 @@ def undated(variable: xr.Variable | xr.DataArray) -> str:
     return f"unit '{unit}'" + (f", calendar {calendar}" if calendar else "")
 
 
-def _dated(variable: xr.Variable) -> xr.Variable | None:
+def dated(variable: xr.Variable) -> xr.Variable | None:
     """Return times as dates; None for what is no time with an epoch."""
     if (
         " since " not in str(variable.attrs.get("units", ""))

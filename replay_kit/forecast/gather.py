@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
-from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import IN_MEMORY, Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.geodesy import to_local, unwrap_longitude
@@ -14,8 +13,8 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import claim_text, held
 from replay_kit.core.text import count_text
 from replay_kit.forecast.depths import depths_text, to_levels
+from replay_kit.forecast.field import Field
 from replay_kit.forecast.grid import (
-    Block,
     bilinear,
     centre_longitude,
     find_cells,
@@ -24,9 +23,8 @@ from replay_kit.forecast.grid import (
 )
 from replay_kit.forecast.layout import Layout, U, V
 from replay_kit.forecast.members import no_water
-from replay_kit.forecast.selection import Selected
 from replay_kit.forecast.variables import chunk_bytes, unpacked
-from replay_kit.forecast.window import Window, block_of, window_size
+from replay_kit.forecast.window import Window, window_size
 
 # Members read at once [bytes].
 _GROUP = 1 << 28
@@ -36,37 +34,34 @@ _UNSEEN, _USUAL = 1 << 22, 12
 _IN_WATER, _PART, _CHUNK = 32, 1 << 23, 1 << 26
 
 
-def check_content(
-    fields: Sequence[Selected], layout: Layout, config: ForecastConfig, size: float, times: int
-) -> None:
+def check_content(fields: Sequence[Field], layout: Layout, size: float, times: int) -> None:
     """Raise ForecastError where members are more than their files can tell: bytes that repeat take a thousandth of their room.
 
     Args:
         fields: The members at one time.
-        layout: Of the first file.
-        config: Region.
+        layout: The part of the first file.
         size: What their currents take in memory [bytes].
         times: How many such are read, in all.
     """
-    parts = {field.part.paths: field.part.ds[U].size for field in fields}
+    parts = {field.paths: field.load()[0][U].size for field in fields}
     paths = {path for part in parts for path in part}
     # what is on a server has limits of its own
     if not all(path.exists() for path in paths):
         return
-    where, claimed = str(fields[0].part.paths[0]), size * times
+    claimed = size * times
     stored = sum(held(path, claimed) for path in paths)
     why = claim_text(int(claimed), stored)
     # of the files' bytes those of these fields
     own = int(stored * min(1.0, size / (16 * sum(parts.values()))))
     if not why and size > _UNSEEN + _USUAL * own:
-        why = _why_repeated(fields, layout, block_of(layout, config, where), own)
+        why = _why_repeated(fields, layout, own)
     if why:
         raise ForecastError(
-            f"{where}: its currents cannot be read: {why}; choose less with --region and --levels, or mend the file"
+            f"{fields[0].where}: its currents cannot be read: {why}; choose less with --region and --levels, or mend the file"
         )
 
 
-def _why_repeated(fields: Sequence[Selected], layout: Layout, block: Block, stored: int) -> str:
+def _why_repeated(fields: Sequence[Field], layout: Layout, stored: int) -> str:
     """Return why members cannot be told by so many bytes; empty where most of them is land, which takes no room."""
     water = 0
     for field in fields:
@@ -74,8 +69,8 @@ def _why_repeated(fields: Sequence[Selected], layout: Layout, block: Block, stor
             whole = field.ds[name]
             if (chunk := chunk_bytes(whole)) > _CHUNK:
                 return f"{chunk / 1e6:.0f} MB of them are packed as one, which take {stored / 1e6:.3f} MB in all"
-            for columns in block[1]:
-                cut = whole.isel({dims[0]: block[0], dims[1]: columns})
+            for columns in layout.columns:
+                cut = whole.isel({dims[0]: layout.rows, dims[1]: columns})
                 for part in _parts(cut, max(_PART, chunk)):
                     values = unpacked(part)
                     new = np.isfinite(values[..., 1:]) & (values[..., 1:] != values[..., :-1])
@@ -83,7 +78,7 @@ def _why_repeated(fields: Sequence[Selected], layout: Layout, block: Block, stor
             if water > _UNSEEN + _IN_WATER * stored:
                 return f"more than {water / 1e6:.0f} MB of values in water in {stored / 1e6:.3f} MB of a file: they repeat"
     if not water:
-        raise no_water(str(fields[0].part.paths[0]))
+        raise no_water(fields[0].where)
     return ""
 
 
@@ -98,22 +93,17 @@ def _parts(values: xr.DataArray, most: int) -> Iterator[xr.DataArray]:
         yield from _parts(values.isel({dim: slice(start, start + step)}), most)
 
 
-def in_groups(field: Selected, layout: Layout, config: ForecastConfig) -> list[Selected]:
+def in_groups(field: Field, layout: Layout) -> list[Field]:
     """Return members of one file in groups that are read one after the other; in one where they fit into memory.
 
     What is land by its constant value is found in each group by itself, as in each of several files.
     """
-    size = (
-        0
-        if field.member is None or field.extra
-        else window_size(field.ds, layout, config, str(field.part.paths[0]))
-    )
-    if size <= IN_MEMORY:
+    if field.member is None or field.extra or (size := window_size(field, layout)) <= IN_MEMORY:
         return [field]
     step = max(1, _GROUP * len(field.labels) // size)
     parts = [slice(start, start + step) for start in range(0, len(field.labels), step)]
     return [
-        replace(field, ds=field.ds.isel({field.member: part}), labels=field.labels[part])
+        replace(field, at={**(field.at or {}), field.member: part}, labels=field.labels[part])
         for part in parts
     ]
 

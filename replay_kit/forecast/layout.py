@@ -1,7 +1,7 @@
 """Where a file's velocities lie: dimensions, cell centres, staggering, and along which axes."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pyproj
@@ -9,9 +9,10 @@ import xarray as xr
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.region import Region
 from replay_kit.core.text import count_text
 from replay_kit.forecast.files import size_text
-from replay_kit.forecast.grid import columns_round
+from replay_kit.forecast.grid import columns_round, region_block
 from replay_kit.forecast.names import (
     ANGLES,
     Axes,
@@ -32,6 +33,10 @@ DIRECTION = "replay_kit_direction"
 STAGGERED = "replay_kit_staggered"
 
 
+Faces = tuple[int | None, int | None]
+AT_CENTRES: Faces = (None, None)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
     """The horizontal arrangement of a file.
@@ -44,8 +49,8 @@ class Layout:
         v_dims: Of the second.
         centre_dims: Of what is at cell centres, such as masks.
         first_face: Position of the face before centre 0 along y (of v) and x (of u); None where both components lie at the centres.
-        rows: Centres along y that have both faces.
-        columns: Centres along x that have both faces, each once.
+        rows: Centres along y that are used; all have both faces.
+        columns: Centres along x that are used, each once, in their order in space; two parts across the seam of a grid round the globe.
         period: Number of columns that go round the globe; None for a grid that does not.
         axes: Along which axes the components lie.
         why: What says it.
@@ -60,7 +65,7 @@ class Layout:
     centre_dims: tuple[str, str]
     first_face: tuple[int, int] | None
     rows: slice
-    columns: slice
+    columns: tuple[slice, ...]
     period: int | None
     axes: Axes
     why: str
@@ -69,8 +74,49 @@ class Layout:
     @property
     def places(self) -> tuple[Array, Array]:
         """Longitude and latitude of the centres that are used, each once [degrees], shapes as of the file's."""
-        x, y = self.longitude[..., self.columns], self.latitude[self.rows]
-        return (x[self.rows], y[:, self.columns]) if self.longitude.ndim == 2 else (x, y)
+        flat = self.longitude.ndim == 1
+        x, y = (
+            np.concatenate([axis[..., part] for part in self.columns], axis=-1)
+            for axis in (self.longitude, self.longitude if flat else self.latitude)
+        )
+        return (x, self.latitude[self.rows]) if flat else (x[self.rows], y[self.rows])
+
+    @property
+    def points(self) -> tuple[Array, Array]:
+        """Longitude and latitude of all centres that are used [degrees], shape (J, I)."""
+        x, y = self.places
+        if x.ndim == 1:
+            x, y = np.meshgrid(x, y)
+        return x, y
+
+    @property
+    def faces(self) -> tuple[Faces, Faces]:
+        """Of the two components: the first faces along their dimensions; None where they lie at the centres."""
+        if self.first_face is None:
+            return AT_CENTRES, AT_CENTRES
+        return (None, self.first_face[1]), (self.first_face[0], None)
+
+    def within(self, region: Region | None, where: str) -> "Layout":
+        """Return the part of the smallest block that holds all points inside a region; all of it without one.
+
+        Raises:
+            ForecastError: No point lies inside.
+        """
+        if region is None:
+            return self
+        x, y = self.places
+        block = region_block(x, y, region)
+        if block is None:
+            raise ForecastError(
+                f"{where}: no grid point inside the region {region} (west, south, east, north); the file covers "
+                f"{x.min():.3f}..{x.max():.3f} E, {y.min():.3f}..{y.max():.3f} N"
+            )
+        rows, columns = block
+        return replace(
+            self,
+            rows=_moved(rows, self.rows.start),
+            columns=tuple(_moved(part, self.columns[0].start) for part in columns),
+        )
 
     @property
     def name(self) -> str:
@@ -132,14 +178,19 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
     _check_places(x, y, (x_name, y_name), where, 16 * math.prod(ds[U].shape))
     ny, nx = y.shape[0], x.shape[-1]
     period = columns_round(x)
-    rows, columns = slice(0, ny), slice(0, period or nx)
+    rows, columns = slice(0, ny), (slice(0, period or nx),)
     if face is not None:
         b, a = face
         rows = slice(max(0, -b), min(ny, ds.sizes[v_dims[0]] - b - 1, ds.sizes[u_dims[0]]))
         if period is None:
-            columns = slice(max(0, -a), min(nx, ds.sizes[u_dims[1]] - a - 1, ds.sizes[v_dims[1]]))
+            last = min(nx, ds.sizes[u_dims[1]] - a - 1, ds.sizes[v_dims[1]])
+            columns = (slice(max(0, -a), last),)
     axes, why = _axes(ds, current, face is not None)
     return Layout(kind, x, y, u_dims, v_dims, centre, face, rows, columns, period, axes, why, notes)
+
+
+def _moved(part: slice, by: int) -> slice:
+    return slice(part.start + by, part.stop + by)
 
 
 def _check_places(x: Array, y: Array, names: tuple[str, str], where: str, size: int) -> None:

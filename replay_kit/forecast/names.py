@@ -308,7 +308,7 @@ def find_dimension(
     """Return the dimension that has one of the standard names on its coordinate, else one of the short names, else None."""
     found = [str(dim) for dim in dims]
     for dim in found:
-        if dim in ds.variables and ds[dim].attrs.get("standard_name") in standard_names:
+        if dim in ds.variables and ds.variables[dim].attrs.get("standard_name") in standard_names:
             return dim
     lowered = {dim.lower(): dim for dim in found}
     return next((lowered[name] for name in names if name in lowered), None)
@@ -317,7 +317,12 @@ def find_dimension(
 def find_member(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:
     """Return the ensemble dimension, or None."""
     axis = next(
-        (str(dim) for dim in dims if dim in ds.variables and ds[dim].attrs.get("axis") == "E"), None
+        (
+            str(dim)
+            for dim in dims
+            if dim in ds.variables and ds.variables[dim].attrs.get("axis") == "E"
+        ),
+        None,
     )
     return axis or find_dimension(ds, dims, ("realization",), MEMBER_NAMES)
 

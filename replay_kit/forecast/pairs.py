@@ -1,8 +1,8 @@
 """Files that hold one component, both, or only the grid, joined to datasets with both components and the grid."""
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 import xarray as xr
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, some_text
+from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import natural
 from replay_kit.forecast.layout import DIRECTION, STAGGERED, U, V
 from replay_kit.forecast.names import MESH, Current, find_time
@@ -17,44 +18,17 @@ from replay_kit.forecast.names import MESH, Current, find_time
 _TIMES_OF_GRIDS = ("time", "time_counter", "time_steps", "ocean_time")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """One file, or one file of u and one of v, with what grid files add.
-
-    Attributes:
-        ds: With the components ``U`` and ``V``.
-        current: Their names in the file.
-        paths: The files.
-    """
-
-    ds: xr.Dataset
-    current: Current
-    paths: tuple[Path, ...]
-
-    @property
-    def times(self) -> np.ndarray:
-        """Times of the fields [ns, UTC] as dates; empty where the file has no dated dimension of times."""
-        dim = find_time(self.ds, self.ds[U].dims)
-        dated = dim is not None and dim in self.ds.coords and self.ds[dim].dtype.kind == "M"
-        return self.ds[dim].values.astype("M8[ns]") if dated else np.zeros(0, "M8[ns]")
-
-    @property
-    def names(self) -> str:
-        """Names of the files without their folders."""
-        return " + ".join(path.name for path in self.paths)
-
-
 _AXES = ("lon", "lat", "longitude", "latitude", "nav_lon", "nav_lat")
 
 
-def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
-    """Return a part with each of its longitudes and latitudes once, and what was repeated.
+def _without_repeats(ds: xr.Dataset, where: str) -> tuple[xr.Dataset, tuple[str, ...]]:
+    """Return a dataset with each of its longitudes and latitudes once, and what was repeated.
 
     Raises:
         ForecastError: A repeated coordinate has other values the second time, or coordinates are not monotonic.
     """
-    notes, where = [note for note in (part.ds.attrs.get(MESH),) if note], str(part.paths[0])
-    for axis in _axes(part):
+    notes = [note for note in (ds.attrs.get(MESH),) if note]
+    for axis in _axes(ds):
         if axis.ndim != 1 or axis.size < 2:
             continue
         name, (dim,), values = axis.name, axis.dims, axis.values.astype(np.float64)
@@ -66,10 +40,10 @@ def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
                 f"{where}: {name} is not monotonic: it turns at its value {turns[0] + 1}, {values[turns[0]]:g}; put {dim} in order"
             )
         if again.size not in (0, steps.size):
-            part = _once(part, dim, again, f"{name} repeats {values[again[0]]:g}")
+            ds = _once(ds, dim, again, f"{where}: {name} repeats {values[again[0]]:g}")
             listed = some_text([f"{value:g}" for value in values[again]])
             notes.append(f"{name} repeats {count_text(again.size, 'value')} ({listed}): read once")
-    curved = [axis for axis in _axes(part) if axis.ndim == 2]
+    curved = [axis for axis in _axes(ds) if axis.ndim == 2]
     for dim in curved[0].dims if len(curved) == 2 else ():
         same = [
             (axis.diff(dim) == 0.0).values.all(axis=1 - axis.dims.index(dim))
@@ -77,57 +51,39 @@ def without_repeats(part: Part) -> tuple[Part, tuple[str, ...]]:
             if dim in axis.dims
         ]
         again = np.flatnonzero(np.all(same, axis=0)) + 1
-        if again.size not in (0, part.ds.sizes[dim] - 1):
-            part = _once(part, dim, again, f"{dim} repeats the places of its position {again[0]}")
+        if again.size not in (0, ds.sizes[dim] - 1):
+            ds = _once(
+                ds, dim, again, f"{where}: {dim} repeats the places of its position {again[0]}"
+            )
             listed = count_text(again.size, "position")
             notes.append(f"{dim} repeats the places of {listed}: read once")
-    return part, tuple(notes)
+    return ds, tuple(notes)
 
 
-def _axes(part: Part) -> list[xr.DataArray]:
-    """Return the longitudes and latitudes of a part."""
+def _axes(ds: xr.Dataset) -> list[xr.DataArray]:
+    """Return the longitudes and latitudes of a dataset."""
     return [
-        part.ds[name]
-        for name, axis in part.ds.variables.items()
+        ds[name]
+        for name, axis in ds.variables.items()
         if (str(name).lower() in _AXES or axis.attrs.get("standard_name") in _AXES)
         and axis.dtype.kind in "fiu"
     ]
 
 
-def _once(part: Part, dim: Hashable, again: NDArray[np.intp], repeats: str) -> Part:
-    """Return a part without positions of a dimension that repeat those before them; ``repeats`` says what, for errors."""
-    for held in (part.ds[U], part.ds[V]):
+def _once(ds: xr.Dataset, dim: Hashable, again: NDArray[np.intp], repeats: str) -> xr.Dataset:
+    """Return a dataset without positions of a dimension that repeat those before them; ``repeats`` says what, for errors."""
+    for held in (ds[U], ds[V]):
         if dim not in held.dims or not np.array_equal(
             held.isel({dim: again}), held.isel({dim: again - 1}), equal_nan=True
         ):
             raise ForecastError(
-                f"{part.paths[0]}: {repeats} with other values of {held.attrs['replay_kit_name']}; leave one out"
+                f"{repeats} with other values of {held.attrs['replay_kit_name']}; leave one out"
             )
-    kept = np.delete(np.arange(part.ds.sizes[dim]), again)
-    return replace(part, ds=part.ds.isel({dim: kept}))
+    return ds.isel({dim: np.delete(np.arange(ds.sizes[dim]), again)})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OpenedFile:
-    """An opened file: ``label`` is the member that it belongs to, ``argument`` the position of the option that named it."""
-
-    path: Path
-    ds: xr.Dataset
-    current: Current | None
-    argument: int
-    label: str = ""
-
-    @property
-    def dims(self) -> tuple[Hashable, ...]:
-        """Dimensions of the component, or of the first of both, that the file holds."""
-        assert self.current is not None, "asked of files with a current"
-        return self.ds[self.current.u or self.current.v].dims
-
-
-def pair_files(
-    files: Sequence[OpenedFile], grids: Sequence[OpenedFile]
-) -> tuple[tuple[Part, ...], tuple[str, ...]]:
-    """Return files of both components, or of u and v each, as parts in order of time, and what was not used."""
+def pair_files(files: Sequence[Field], grids: Sequence[Field]) -> tuple[Field, ...]:
+    """Return files of both components, or of u and v each, in order of time, each joined with the grid when it is opened."""
     both = [file for file in files if file.current and file.current.u and file.current.v]
     us = [file for file in files if file.current and file.current.u and not file.current.v]
     vs = [file for file in files if file.current and file.current.v and not file.current.u]
@@ -136,58 +92,61 @@ def pair_files(
         assert more[0].current is not None
         as_member = f" as member {more[0].label}" if more[0].label else ""
         raise ForecastError(
-            f"{more[0].path}: holds {more[0].current.u or more[0].current.v} and no {missing}; {count_text(len(us), 'file')} of u and "
+            f"{more[0].where}: holds {more[0].current.u or more[0].current.v} and no {missing}; {count_text(len(us), 'file')} of u and "
             f"{len(vs)} of v belong together{as_member}: give a file of {missing} for each file of {name}"
         )
-    in_order = [sorted(group, key=lambda file: natural(file.path)) for group in (us, vs)]
+    in_order = [sorted(group, key=lambda file: natural(file.paths[0])) for group in (us, vs)]
     pairs = [(file, file) for file in both] + list(zip(*in_order, strict=True))
-    found = [_joined(u, v, grids) for u, v in pairs]
-    notes = tuple(note for _, one in found for note in one)
-    parts = [part for part, _ in found]
-    if all(part.times.size for part in parts):
-        parts.sort(key=lambda part: int(part.times.min().astype(np.int64)))
-    return tuple(parts), notes
+    fields = [_pair(u, v, grids) for u, v in pairs]
+    if all(field.times.size for field in fields):
+        fields.sort(key=lambda field: int(field.times.min().astype(np.int64)))
+    return tuple(fields)
+
+
+def _pair(u: Field, v: Field, grids: Sequence[Field]) -> Field:
+    """Return the field of a file of u and one of v, which may be the same."""
+    assert u.current is not None
+    assert v.current is not None
+    current = replace(u.current, v=v.current.v, axes=u.current.axes or v.current.axes)
+    paths = u.paths if u is v else (*u.paths, *v.paths)
+    load = cache(partial(_joined, u, v, current, grids))
+    return replace(u, paths=paths, current=current, load=load)
 
 
 def _joined(
-    u: OpenedFile, v: OpenedFile, grids: Sequence[OpenedFile]
-) -> tuple[Part, tuple[str, ...]]:
-    """Return one part of the files of its two components and of the grid, and which grid files do not fit."""
-    assert u.current is not None
-    assert v.current is not None
-    assert u.current.u is not None
-    assert v.current.v is not None
-    current = replace(u.current, v=v.current.v, axes=u.current.axes or v.current.axes)
-    ds = u.ds
-    second = v.ds[v.current.v].variable
+    u: Field, v: Field, current: Current, grids: Sequence[Field]
+) -> tuple[xr.Dataset, tuple[str, ...]]:
+    """Return one dataset of the files of two components and of the grid, and what was assumed, or does not fit."""
+    first = ds = u.load()[0]
+    second = v.load()[0][current.v].variable
     if v is not u:
-        second, ds = _with_second(ds, v, second, str(u.path))
+        second, ds = _with_second(ds, v, second, u.where)
     ds = ds.assign(
-        {U: _marked(u.ds[u.current.u].variable, current.u), V: _marked(second, current.v)}
+        {U: _marked(first[current.u].variable, current.u), V: _marked(second, current.v)}
     )
     if current.direction is not None:
-        ds = ds.assign({DIRECTION: u.ds[current.direction].variable})
+        ds = ds.assign({DIRECTION: first[current.direction].variable})
         for name, turn in ((U, current.turn - 90.0), (V, current.turn)):
             ds[name].attrs["replay_kit_turn"] = turn
-    notes = list(_assumptions(u))
+    notes = list(_assumptions(first, current))
     for grid in grids:
         ds, fits = _with_grid(ds, grid.ds)
         if not fits:
             sizes = some_text([f"{dim} = {size}" for dim, size in grid.ds.sizes.items()])
             notes.append(
-                f"{grid.path.name} holds no current, and its sizes ({sizes}) are not those of the velocities: it was not used"
+                f"{grid.names} holds no current, and its sizes ({sizes}) are not those of the velocities: it was not used"
             )
-    return Part(ds, current, (u.path,) if u is v else (u.path, v.path)), tuple(notes)
+    ds, repeated = _without_repeats(ds, u.where)
+    return ds, (*notes, *repeated)
 
 
-def _assumptions(u: OpenedFile) -> tuple[str, ...]:
+def _assumptions(ds: xr.Dataset, current: Current) -> tuple[str, ...]:
     """Return what was assumed of a file's calendar and of coordinates that it names and lacks."""
-    assert u.current is not None
-    variable = u.ds[u.current.u]
-    time = find_time(u.ds, variable.dims)
+    variable = ds[current.u]
+    time = find_time(ds, variable.dims)
     calendar = (
-        u.ds[time].attrs.get("calendar", "")
-        if time is not None and u.ds[time].dtype.kind == "M"
+        ds[time].attrs.get("calendar", "")
+        if time is not None and ds[time].dtype.kind == "M"
         else ""
     )
     notes = (
@@ -195,13 +154,13 @@ def _assumptions(u: OpenedFile) -> tuple[str, ...]:
         if calendar
         else []
     )
-    if u.current.direction is not None:
-        notes.append(f"components computed of {u.current.why}")
+    if current.direction is not None:
+        notes.append(f"components computed of {current.why}")
     named = str(variable.encoding.get("coordinates", variable.attrs.get("coordinates", ""))).split()
     lacking = [
         name
         for name in named
-        if name not in u.ds.variables and ("lon" in name.lower() or "lat" in name.lower())
+        if name not in ds.variables and ("lon" in name.lower() or "lat" in name.lower())
     ]
     if lacking:
         names = ", ".join(lacking)
@@ -224,34 +183,35 @@ def _marked(variable: xr.Variable, name: str | None) -> xr.Variable:
 
 
 def _with_second(
-    ds: xr.Dataset, v: OpenedFile, second: xr.Variable, where: str
+    ds: xr.Dataset, file: Field, second: xr.Variable, where: str
 ) -> tuple[xr.Variable, xr.Dataset]:
     """Return v's variable on dimensions that do not conflict with those of u's file, and that file with v's own coordinates."""
+    other = file.ds
     renamed = {
         dim: f"{dim}_of_v"
         for dim in second.dims
-        if dim in ds.sizes and ds.sizes[dim] != v.ds.sizes[dim]
+        if dim in ds.sizes and ds.sizes[dim] != other.sizes[dim]
     }
     for dim in second.dims:
         name = str(dim)
-        times = name in v.ds.coords and v.ds[name].dtype.kind == "M"
+        times = name in other.coords and other[name].dtype.kind == "M"
         if (
             times
             and name in ds.coords
-            and (dim in renamed or not np.array_equal(ds[name].values, v.ds[name].values))
+            and (dim in renamed or not np.array_equal(ds[name].values, other[name].values))
         ):
             raise ForecastError(
-                f"{v.path}: its times ({v.ds.sizes[name]} from {v.ds[name].values[0]}) are not those of {where} ({ds.sizes[name]} from "
-                f"{ds[name].values[0]}); give files of u and v with the same times"
+                f"{file.where}: its times ({other.sizes[name]} from {other[name].values[0]}) are not those of {where} "
+                f"({ds.sizes[name]} from {ds[name].values[0]}); give files of u and v with the same times"
             )
-        if dim not in ds.variables and name in v.ds.coords and dim not in renamed:
-            ds = ds.assign_coords({name: v.ds[name].variable})
+        if dim not in ds.variables and name in other.coords and dim not in renamed:
+            ds = ds.assign_coords({name: other[name].variable})
     for name in ("nav_lon", "nav_lat"):
-        if name in ds.variables and name in v.ds.variables and ds[name].shape == v.ds[name].shape:
-            apart = not np.array_equal(ds[name].values, v.ds[name].values, equal_nan=True)
+        if name in ds.variables and name in other.variables and ds[name].shape == other[name].shape:
+            apart = not np.array_equal(ds[name].values, other[name].values, equal_nan=True)
             ds = ds.assign_attrs({STAGGERED: True}) if apart else ds
-    own = v.ds.drop_vars([dim for dim in renamed if dim in v.ds.variables]).rename_dims(renamed)
-    return own.variables[v.current.v if v.current else None], ds
+    own = other.drop_vars([dim for dim in renamed if dim in other.variables]).rename_dims(renamed)
+    return own.variables[file.current.v if file.current else None], ds
 
 
 def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:

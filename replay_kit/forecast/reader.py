@@ -17,7 +17,8 @@ from replay_kit.core.inputs import held, unpacking
 from replay_kit.core.paths import Paths
 from replay_kit.core.progress import announce
 from replay_kit.forecast.axes import AxesCheck, check_axes
-from replay_kit.forecast.blocks import Block, Collection, open_collection
+from replay_kit.forecast.collection import Collection, open_collection
+from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import size_text
 from replay_kit.forecast.gather import (
     check_content,
@@ -38,7 +39,6 @@ from replay_kit.forecast.members import (
     without_copies,
 )
 from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
-from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.selection import Selection, select
 from replay_kit.forecast.window import Window, read_window, window_size
 
@@ -54,7 +54,7 @@ class Reading:
         ensemble: The members.
         layout: Arrangement of the first file.
         check: Of the axes.
-        part: The first file.
+        field: The first file.
         window: The part of it that was read, without velocities.
         projection: The local frame that velocities lie along.
         turn: From the file's axes to the local ones, shape (J, I).
@@ -63,7 +63,7 @@ class Reading:
     ensemble: Ensemble
     layout: Layout
     check: AxesCheck
-    part: Part
+    field: Field
     window: Window
     projection: Projection
     turn: NDArray[np.complex128]
@@ -147,62 +147,61 @@ def read_truth(
     """
     name, _, label = spec.partition("#")
     with open_collection(Path(name), None) as found:
-        block = found.blocks[0]
-        if block.member is None and label:
+        field = found.members[0][0]
+        if field.member is None and label:
             raise ForecastError(
                 f"{name}: member '{label}' asked for, but the file has no member dimension; leave out '#{label}'"
             )
-        if block.member is not None and not label and block.count > 1:
+        if field.member is not None and not label and field.count > 1:
             raise ForecastError(
-                f"{name}: {block.count} members; name the one that is the truth as '{name}#MEMBER'"
+                f"{name}: {field.count} members; name the one that is the truth as '{name}#MEMBER'"
             )
-        if block.member is not None and label:
-            block = _one_member(block, label, name)
-        one = replace(found, blocks=(block,), rule=found.rule or MemberRule("dim"), background=None)
+        members = tuple(_one_member(field, label) if label else field for field in found.members[0])
+        one = replace(
+            found, members=(members,), rule=found.rule or MemberRule("dim"), background=()
+        )
         return read_selection(
             select(one, config, near_ns), config, place_at, spec, found.notes
         ).ensemble
 
 
 def _nothing_says(found: Collection) -> ForecastError:
-    part = found.blocks[0].parts[0]
-    sizes = sizes_text(part.ds[U])
+    field = found.members[0][0]
+    sizes = sizes_text(field.ds[U])
     return ForecastError(
-        f"{part.paths[0]}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes}{ways(found)}"
+        f"{field.where}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes}{ways(found)}"
     )
 
 
 def ways(found: Collection) -> str:
     """Return the values of --members that could make members of the files."""
-    parts = [part for block in found.blocks for part in block.parts]
-    times = sum(part.times.size for part in parts)
-    ways = [f"--members files: {len(parts)} files, each a member"] if len(parts) > 1 else []
+    fields = [field for member in found.members for field in member]
+    times = sum(field.times.size for field in fields)
+    ways = [f"--members files: {len(fields)} files, each a member"] if len(fields) > 1 else []
     if times > 1:
         ways.append(f"--members times:15d: the {times} fields of other times, about the forecast")
-    if times > 1 and len(parts) > 1:
+    if times > 1 and len(fields) > 1:
         ways.append("--members lags: forecasts of several starts, valid at one time")
-    ways += ["--members models: files of several products"] if len(parts) > 1 else []
+    ways += ["--members models: files of several products"] if len(fields) > 1 else []
     if ways:
         return f"; these can make members: {'; '.join(ways)}"
     return "; give several files, of other times, starts or members, with --ensemble"
 
 
-def _one_member(block: Block, label: str, where: str) -> Block:
-    """Return a block of one of its members."""
-    ds, dim = block.parts[0].ds, block.member
+def _one_member(field: Field, label: str) -> Field:
+    """Return the field of one of its members."""
+    (ds, notes), dim = field.load(), field.member
     labels = (
         [str(value) for value in ds[dim].values]
         if dim in ds.coords
-        else [str(i) for i in range(block.count)]
+        else [str(i) for i in range(field.count)]
     )
     if label not in labels:
         raise ForecastError(
-            f"{where}: no member '{label}'; the file has {labels[0]} to {labels[-1]} ({len(labels)} members)"
+            f"{field.where}: no member '{label}'; the file has {labels[0]} to {labels[-1]} ({len(labels)} members)"
         )
-    chosen = {dim: [labels.index(label)]}
-    return replace(
-        block, parts=tuple(replace(part, ds=part.ds.isel(chosen)) for part in block.parts)
-    )
+    one = ds.isel({dim: [labels.index(label)]})
+    return replace(field, load=lambda: (one, notes))
 
 
 def read_selection(
@@ -219,11 +218,12 @@ def read_selection(
     Raises:
         ForecastError: As in ``read_ensemble``.
     """
-    layout = layout_of(selection.fields[0].part, selection.fields[0].ds, config)
+    field, where = selection.fields[0], selection.fields[0].where
+    layout = layout_of(field, config).within(config.region, where)
     size = _size(selection, layout, config)
-    check_content(selection.fields, layout, config, size, times)
+    check_content(selection.fields, layout, size, times)
     large = _large(size)
-    fields = [part for field in selection.fields for part in in_groups(field, layout, config)]
+    fields = [part for field in selection.fields for part in in_groups(field, layout)]
     first = fields[0]
     window, notes = read_window(first, layout, config), [*selection.notes, *large]
     if before is None or not is_alike(window, before.window):
@@ -243,14 +243,12 @@ def read_selection(
     # the members are in memory once
     window = replace(window, velocity=own[:0])
     del own
-    around = config.model_copy(update={"region": region_around(window)})
+    around = region_around(window)
     for field in fields[1:]:
-        last = (
-            layout
-            if _same_grid(field.part, first.part)
-            else layout_of(field.part, field.ds, config)
-        )
-        other = read_window(field, last, config if last is layout else around)
+        last = layout
+        if not _same_grid(field, first):
+            last = layout_of(field, config).within(around, field.where)
+        other = read_window(field, last, config)
         values, alike = other.velocity, is_alike(other, window)
         if not alike:
             values, moved = on_grid_of(other, window, projection), moved + len(values)
@@ -287,19 +285,18 @@ def read_selection(
         *unusual_members(velocity, labels, source),
         *doubts,
         *earlier,
+        *(note for field in fields for note in field.load()[1]),
     )
     notes = list(dict.fromkeys(in_order))
     error_std = check.residual_std if doubts else 0.0
     ensemble = Ensemble(grid, velocity, selection.time_ns, source, tuple(notes), labels, error_std)
-    return Reading(ensemble, layout, check, first.part, window, projection, turn)
+    return Reading(ensemble, layout, check, first, window, projection, turn)
 
 
 def _size(selection: Selection, layout: Layout, config: ForecastConfig) -> float:
     """Return what the currents of a selection take in memory [bytes], as if all its files were like the first."""
     first, count = selection.fields[0], sum(len(field.labels) for field in selection.fields)
-    size = (
-        window_size(first.ds, layout, config, str(first.part.paths[0])) * count / len(first.labels)
-    )
+    size = window_size(first, layout) * count / len(first.labels)
     if config.levels is not None and (depth := find_depth(first.ds, first.ds[U].dims)) is not None:
         size *= min(1.0, len(config.levels) / first.ds.sizes[depth])
     return size
@@ -313,47 +310,48 @@ def _large(size: float) -> tuple[str, ...]:
     return (f"the forecast is large{said}",)
 
 
-def layout_of(part: Part, ds: xr.Dataset, config: ForecastConfig) -> Layout:
+def layout_of(field: Field, config: ForecastConfig) -> Layout:
     """Return the horizontal arrangement of a file, with the axes of its velocities as the configuration states them."""
-    with _coordinates_of(part):
-        layout = lay_out(ds, part.current, str(part.paths[0]))
+    assert field.current is not None
+    with _coordinates_of(field):
+        layout = lay_out(field.ds, field.current, field.where)
     if config.axes == "auto":
         return layout
     return replace(layout, axes=config.axes, why=f"--axes {config.axes}")
 
 
-def _coordinates_of(part: Part) -> AbstractContextManager[None]:
+def _coordinates_of(field: Field) -> AbstractContextManager[None]:
     """Return the limit of what the coordinates of a file may take, by its bytes: they are a part of them."""
     # what is on a server has limits of its own
-    if not all(path.exists() for path in part.paths):
+    if not all(path.exists() for path in field.paths):
         return nullcontext()
-    return unpacking(_COORDINATES * sum(held(path, inf) for path in part.paths))
+    return unpacking(_COORDINATES * sum(held(path, inf) for path in field.paths))
 
 
-def _same_grid(one: Part, other: Part) -> bool:
+def _same_grid(one: Field, other: Field) -> bool:
     """Return whether two files have the same horizontal grid, by its size and the ends of its coordinates."""
-    if one.ds is other.ds or one.paths == other.paths:
+    if one.paths == other.paths:
         return True
     with _coordinates_of(other):
-        return _same_coordinates(one, other)
+        return one.current == other.current and _same_coordinates(one.ds, other.ds)
 
 
-def _same_coordinates(one: Part, other: Part) -> bool:
-    for name, variable in other.ds.variables.items():
+def _same_coordinates(one: xr.Dataset, other: xr.Dataset) -> bool:
+    for name, variable in other.variables.items():
         if any(
             mark in str(name).lower()
             for mark in ("lon", "lat", "glam", "gphi", "xc", "yc", "xh", "yh", "xu_", "yu_", "geo")
         ):
-            if name not in one.ds.variables or one.ds[name].shape != variable.shape:
+            if name not in one.variables or one[name].shape != variable.shape:
                 return False
             ends = [
                 np.asarray(v.isel(dict.fromkeys(v.dims, k)).values)
-                for v in (one.ds[name].variable, variable)
+                for v in (one[name].variable, variable)
                 for k in (0, -1)
             ]
             if not (np.array_equal(ends[0], ends[2]) and np.array_equal(ends[1], ends[3])):
                 return False
-    return one.current == other.current
+    return True
 
 
 def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:

@@ -1,59 +1,25 @@
 """Which fields of an ensemble's files become members, at which time, and what is made of them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
-from replay_kit.forecast.blocks import Block, Collection
-from replay_kit.forecast.layout import U
+from replay_kit.forecast.collection import Collection
+from replay_kit.forecast.field import Field
 from replay_kit.forecast.members import WARNING, kind_of
-from replay_kit.forecast.names import find_lead, find_time
-from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.times import choose_time, wanted_time
 
 _YEAR = np.timedelta64(365, "D") + np.timedelta64(6, "h")
 _LEAST_TIMES = 5
 #: A change of velocities, shape (E, 2, Z, J, I), and what it did.
 Change = Callable[[Values], tuple[Values, tuple[str, ...]]]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Selected:
-    """Members to be read from one file.
-
-    Attributes:
-        part: The file.
-        ds: Its dataset at the time chosen.
-        member: Dimension of the members; None for one.
-        labels: Where each comes from.
-        extra: Whether the fields, or the mean of several, only serve to make the members, and are none themselves.
-    """
-
-    part: Part
-    ds: xr.Dataset
-    member: str | None
-    labels: tuple[str, ...]
-    extra: bool = False
-
-    @property
-    def last_time(self) -> xr.Dataset | None:
-        """The first member of the file at the last of its leads or times, from which one was chosen; None where it has but one."""
-        whole = self.part.ds
-        chosen = {
-            dim: -1 for dim in whole[U].dims if dim not in self.ds[U].dims and whole.sizes[dim] > 1
-        }
-        if not chosen:
-            return None
-        last = whole.isel(chosen)
-        return last if self.member is None else last.isel({self.member: [0]})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +33,7 @@ class Selection:
         notes: What was chosen.
     """
 
-    fields: tuple[Selected, ...]
+    fields: tuple[Field, ...]
     time_ns: int | None
     change: Change | None
     notes: tuple[str, ...]
@@ -90,49 +56,43 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
     if found.rule is not None and kind == "times":
         return _of_season(found, found.rule.days, config, near_ns)
     fields, times, notes = [], [], list[str]()
-    for block in found.blocks:
-        field, time_ns, more = _at_time(block, config, near_ns)
+    for member in found.members:
+        field, time_ns, more = _at_time(member, config, near_ns)
         fields.append(field)
         times.append(time_ns)
         notes += more
     notes += _unequal_times(fields, times)
     change: Change | None = None
     if kind == "models":
-        means = [_fields_of_all_times(block) for block in found.blocks]
+        means = [_fields_of_all_times(member) for member in found.members]
         fields += [field for own in means for field in own]
         change = _without_bias([[len(field.labels) for field in own] for own in means])
-    elif found.background is not None:
-        fields.append(_at_time(found.background, config, near_ns)[0])
-        fields[-1] = Selected(fields[-1].part, fields[-1].ds, None, ("background",), extra=True)
+    elif found.background:
+        about = _at_time(found.background, config, near_ns)[0]
+        fields.append(replace(about, labels=("background",), extra=True))
         change = _about_background
     return Selection(tuple(fields), times[0], change, tuple(dict.fromkeys(notes)))
 
 
 def _at_time(
-    block: Block, config: ForecastConfig, near_ns: int | None
-) -> tuple[Selected, int | None, tuple[str, ...]]:
-    """Return the members of a block at the time chosen."""
-    part = block.parts[0]
-    if len(block.parts) > 1:
+    member: Sequence[Field], config: ForecastConfig, near_ns: int | None
+) -> tuple[Field, int | None, tuple[str, ...]]:
+    """Return the field at the time chosen of those of a member, or of members that are read together."""
+    field = member[0]
+    if len(member) > 1:
         wanted = wanted_time(config, near_ns)
-        if wanted is not None and all(part.times.size for part in block.parts):
-            part = min(
-                block.parts,
-                key=lambda part: int(np.abs(part.times.astype(np.int64) - wanted).min()),
+        if wanted is not None and all(field.times.size for field in member):
+            field = min(
+                member,
+                key=lambda field: int(np.abs(field.times.astype(np.int64) - wanted).min()),
             )
-    where = str(part.paths[0])
-    dims = [dim for dim in part.ds[U].dims if dim != block.member]
-    ds, time_ns, notes = choose_time(part.ds, dims, config, near_ns, where)
-    if len(block.parts) > 1:
-        notes = (f"{part.names}, one of {len(block.parts)} files of other times, was used", *notes)
-    return (
-        Selected(part, ds, block.member, _labels(part, block.member, block.label)),
-        time_ns,
-        notes,
-    )
+    at, time_ns, notes = choose_time(field, config, near_ns)
+    if len(member) > 1:
+        notes = (f"{field.names}, one of {len(member)} files of other times, was used", *notes)
+    return replace(field, at=at, labels=_labels(field)), time_ns, notes
 
 
-def _unequal_times(fields: Sequence[Selected], times: Sequence[int | None]) -> list[str]:
+def _unequal_times(fields: Sequence[Field], times: Sequence[int | None]) -> list[str]:
     """Return warnings of members of different times, and of members without a date among others that have one."""
     notes, dated = [], [time for time in times if time is not None]
     if len(set(dated)) > 1:
@@ -141,9 +101,7 @@ def _unequal_times(fields: Sequence[Selected], times: Sequence[int | None]) -> l
             f"{WARNING}members are of different times, {first} to {last}: choose one that all have with forecast.time"
         )
     if 0 < len(dated) < len(times):
-        without = [
-            field.part.names for field, time in zip(fields, times, strict=True) if time is None
-        ]
+        without = [field.names for field, time in zip(fields, times, strict=True) if time is None]
         notes.append(
             f"{WARNING}{count_text(len(without), 'member')} of {len(times)} without a date that can be aligned with the others, such as "
             f"{without[0]}: check the attributes units and calendar of its times"
@@ -151,17 +109,16 @@ def _unequal_times(fields: Sequence[Selected], times: Sequence[int | None]) -> l
     return notes
 
 
-def _labels(part: Part, member: str | None, label: str) -> tuple[str, ...]:
+def _labels(field: Field) -> tuple[str, ...]:
     """Return where each member of a file comes from."""
+    names, label, member, ds = field.names, field.label, field.member, field.ds
     if member is None:
-        return (
-            f"{part.names} {label}".strip() if label and label not in part.names else part.names,
-        )
-    if member not in part.ds.coords:
-        return tuple(f"{part.names} {member}[{k}]" for k in range(part.ds.sizes[member]))
-    values = part.ds[member].values
+        return (f"{names} {label}".strip() if label and label not in names else names,)
+    if member not in ds.coords:
+        return tuple(f"{names} {member}[{k}]" for k in range(ds.sizes[member]))
+    values = ds[member].values
     return tuple(
-        f"{part.names} {member} {_date(value) if values.dtype.kind == 'M' else value}"
+        f"{names} {member} {_date(value) if values.dtype.kind == 'M' else value}"
         for value in values
     )
 
@@ -170,43 +127,40 @@ def _date(time: np.datetime64) -> str:
     return f"{np.datetime_as_string(time.astype('M8[ns]'), unit='m')}Z"
 
 
-def _all_times(found: Collection, need: str) -> list[tuple[Block, Part, NDArray[np.datetime64]]]:
-    """Return all files with their times.
+def _all_times(found: Collection, need: str) -> tuple[Field, ...]:
+    """Return the fields of all files.
 
     Raises:
-        ForecastError: One has none.
+        ForecastError: One has no times.
     """
-    parts = [(block, part, part.times) for block in found.blocks for part in block.parts]
-    for _, part, times in parts:
-        if not times.size:
+    fields = tuple(field for member in found.members for field in member)
+    for field in fields:
+        if not field.times.size:
             raise ForecastError(
-                f"{part.paths[0]}: {need} needs dated fields; the file has no dimension of times with an epoch"
+                f"{field.where}: {need} needs dated fields; the file has no dimension of times with an epoch"
             )
-        if find_lead(part.ds, part.ds[U].dims) is not None:
+        if field.lead is not None:
             raise ForecastError(
-                f"{part.paths[0]}: {need} takes files of dated times, and this one has a dimension of leads"
+                f"{field.where}: {need} takes files of dated times, and this one has a dimension of leads"
             )
-    return parts
+    return fields
 
 
-def _one_time(part: Part, time: np.datetime64, label: str, extra: bool = False) -> Selected:
-    dim = find_time(part.ds, part.ds[U].dims)
-    ds = part.ds.isel({dim: int(np.flatnonzero(part.times == time)[0])})
-    return Selected(part, ds, None, (label,), extra)
+def _one_time(field: Field, time: np.datetime64, label: str, extra: bool = False) -> Field:
+    at = {str(field.time): int(np.flatnonzero(field.times == time)[0])}
+    return replace(field, at=at, member=None, labels=(label,), extra=extra)
 
 
 def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> Selection:
     """Return forecasts of several reference times, all valid at one time that all have."""
-    parts = _all_times(found, "--members lags")
-    by_block = [
-        np.concatenate([times for owner, _, times in parts if owner is block])
-        for block in found.blocks
-    ]
-    common = reduce(np.intersect1d, by_block)
+    _all_times(found, "--members lags")
+    by_run = [np.concatenate([field.times for field in run]) for run in found.members]
+    labels = [run[0].label for run in found.members]
+    common = reduce(np.intersect1d, by_run)
     if not common.size:
         spans = "; ".join(
-            f"{block.label}: {_date(times.min())} to {_date(times.max())}"
-            for block, times in zip(found.blocks, by_block, strict=True)
+            f"{label}: {_date(times.min())} to {_date(times.max())}"
+            for label, times in zip(labels, by_run, strict=True)
         )
         raise ForecastError(
             f"{found.source}: --members lags needs a time that all forecasts hold; they hold {spans}"
@@ -219,15 +173,11 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
         if wanted is None
         else common[np.argmin(np.abs(common.astype(np.int64) - wanted))]
     )
-    chosen = [
-        next(part for owner, part, times in parts if owner is block and time in times)
-        for block in found.blocks
-    ]
+    chosen = [next(field for field in run if time in field.times) for run in found.members]
     fields = tuple(
-        _one_time(part, time, f"{part.names} started {block.label}")
-        for block, part in zip(found.blocks, chosen, strict=True)
+        _one_time(field, time, f"{field.names} started {field.label}") for field in chosen
     )
-    note = f"members: {len(fields)} forecasts started {found.blocks[0].label} to {found.blocks[-1].label}, all valid {_date(time)}"
+    note = f"members: {len(fields)} forecasts started {labels[0]} to {labels[-1]}, all valid {_date(time)}"
     return Selection(
         fields,
         int(time.astype("M8[ns]").astype(np.int64)),
@@ -238,7 +188,7 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
 
 def _time_of_lead(found: Collection, lead: float, common: NDArray[np.datetime64]) -> int:
     """Return the time [ns, UTC] for which a lead of the newest run is valid, which all runs must hold."""
-    run = found.blocks[-1].parts[0].ds
+    run = found.members[-1][0].ds
     if "lead" not in run.coords:
         raise ForecastError(
             f"{found.source}: a lead was given, but these runs state times alone; choose one with forecast.time"
@@ -256,25 +206,25 @@ def _of_season(
     found: Collection, days: float, config: ForecastConfig, near_ns: int | None
 ) -> Selection:
     """Return fields of the forecast's season of any year, to be used as anomalies about the forecast."""
-    parts = _all_times(found, f"--members times:{days:g}d")
-    known = np.concatenate([times for _, _, times in parts])
+    files = _all_times(found, f"--members times:{days:g}d")
+    known = np.concatenate([file.times for file in files])
     wanted = wanted_time(config, near_ns)
     forecast = (
         known.max() if wanted is None else known[np.argmin(np.abs(known.astype(np.int64) - wanted))]
     )
     fields, own = [], None
-    for _, part, times in parts:
-        for time in times:
+    for file in files:
+        for time in file.times:
             if time == forecast:
-                own = own or _one_time(part, time, f"{part.names} {_date(time)}", extra=True)
+                own = own or _one_time(file, time, f"{file.names} {_date(time)}", extra=True)
                 continue
             apart = abs((time - forecast) / _YEAR)
             if abs(apart - round(apart)) * (_YEAR / np.timedelta64(1, "D")) <= days:
                 fields.append(
                     _one_time(
-                        part,
+                        file,
                         time,
-                        f"{part.names} {_date(time)}, as an anomaly about {_date(forecast)}",
+                        f"{file.names} {_date(time)}, as an anomaly about {_date(forecast)}",
                     )
                 )
     if len(fields) < 2:
@@ -306,20 +256,17 @@ def _about_background(velocity: Values) -> tuple[Values, tuple[str, ...]]:
     return members, ("the members are states; the background was not used",)
 
 
-def _fields_of_all_times(block: Block) -> list[Selected]:
+def _fields_of_all_times(model: Sequence[Field]) -> list[Field]:
     """Return all times of a model, file by file, for its mean; none where they are too few."""
-    fields = []
-    for part in block.parts:
-        dim = find_time(part.ds, part.ds[U].dims)
-        fields.append(
-            Selected(
-                part,
-                part.ds,
-                dim,
-                (block.label,) * (1 if dim is None else part.ds.sizes[dim]),
-                extra=True,
-            )
+    fields = [
+        replace(
+            field,
+            member=field.time,
+            labels=(field.label,) * (1 if field.time is None else field.like.sizes[field.time]),
+            extra=True,
         )
+        for field in model
+    ]
     return fields if sum(len(field.labels) for field in fields) >= _LEAST_TIMES else []
 
 

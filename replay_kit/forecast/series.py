@@ -11,7 +11,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.inputs import exceeds_claim
 from replay_kit.core.paths import Paths
-from replay_kit.forecast.blocks import Collection, open_collection
+from replay_kit.forecast.collection import Collection, open_collection
 from replay_kit.forecast.layout import U
 from replay_kit.forecast.members import MADE, kind_of, parse_rule, without_copies
 from replay_kit.forecast.names import find_lead, find_time
@@ -84,8 +84,8 @@ def read_series(
 
 def dated_choices(found: Collection, config: ForecastConfig) -> list[dict[str, object]]:
     """Return the settings that choose each dated time in turn, in order; none where the members are of several times themselves."""
-    block = found.blocks[0]
-    ds, dims = block.parts[0].ds, [dim for dim in block.parts[0].ds[U].dims if dim != block.member]
+    fields = found.members[0]
+    ds, dims = fields[0].ds, [dim for dim in fields[0].ds[U].dims if dim != fields[0].member]
     lead, time = find_lead(ds, dims), find_time(ds, dims)
     # members are of several times themselves, or nothing says what they are
     if kind_of(found.rule) in ("", *MADE) or (lead is not None and time is not None):
@@ -95,13 +95,12 @@ def dated_choices(found: Collection, config: ForecastConfig) -> list[dict[str, o
             {"lead": value}
             for value, time_ns in sorted(dated_leads(ds, lead, config), key=lambda pair: pair[1])
         ]
-    if time is None or not all(part.times.size for part in block.parts):
+    if time is None or not all(field.times.size for field in fields):
         return []
-    times = np.unique(np.concatenate([part.times for part in block.parts]))
-    if any(
-        not np.array_equal(times, np.unique(np.concatenate([part.times for part in other.parts])))
-        for other in found.blocks[1:]
-    ):
+    times, *others = (
+        np.unique(np.concatenate([field.times for field in member])) for member in found.members
+    )
+    if any(not np.array_equal(times, other) for other in others):
         return []
     return [{"time": str(value)} for value in times]
 
@@ -121,7 +120,8 @@ def read_changing_truth(
     """
     name = spec.partition("#")[0]
     with open_collection(Path(name), None) as found:
-        ds = found.blocks[0].parts[0].ds
+        field = found.members[0][0]
+        ds = field.ds
         lead, time = find_lead(ds, ds[U].dims), find_time(ds, ds[U].dims)
         if lead is not None:
             steps = [{"lead": float(value)} for value in ds[lead].values]
@@ -134,7 +134,7 @@ def read_changing_truth(
             raise ForecastError(
                 f"{name}: a truth that changes needs leads or times; the file has neither as a dimension"
             )
-        if why := exceeds_claim(Path(name), 16 * ds[U].size // found.blocks[0].count):
+        if why := exceeds_claim(Path(name), 16 * ds[U].size // field.count):
             raise ForecastError(f"{name}: cannot be read: {why}; mend the file")
     if config.lead is not None or (lead is None and config.time is not None):
         raise ForecastError(

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.quantities import parse_time, seconds
+from replay_kit.forecast.field import PRODUCT, Field
 from replay_kit.forecast.files import undated
+from replay_kit.forecast.layout import U
 from replay_kit.forecast.members import MemberRule
 from replay_kit.forecast.names import find_dimension, find_lead, find_time
-from replay_kit.forecast.pairs import OpenedFile
 
 _STARTS = ("forecast_reference_time", "reference_time", "init_time", "run")
 _DAY_NS = 86_400 * 10**9
@@ -25,27 +26,25 @@ def wanted_time(config: ForecastConfig, near_ns: int | None) -> int | None:
 
 
 def choose_time(
-    ds: xr.Dataset,
-    dims: Sequence[Hashable],
-    config: ForecastConfig,
-    near_ns: int | None,
-    where: str,
-) -> tuple[xr.Dataset, int | None, tuple[str, ...]]:
-    """Return the dataset at one time, that time [ns, UTC] if known, and what a user should know of the choice.
+    field: Field, config: ForecastConfig, near_ns: int | None
+) -> tuple[dict[str, int], int | None, tuple[str, ...]]:
+    """Return the positions of one lead and time, its time [ns, UTC] if known, and what a user should know of the choice.
 
     Args:
-        ds: With any of a lead and a time dimension.
-        dims: Of its velocities, without that of the members.
+        field: Of any leads and times.
         config: ``lead``, ``time`` and ``reference_time`` decide where they are given.
         near_ns: Else the time nearest to this is taken [ns, UTC]; without it, or where leads have no date, the last lead, the first time.
-        where: The file, for messages.
 
     Raises:
         ForecastError: An option is given that the file has no use for.
     """
+    ds, where = field.ds, field.where
+    dims = [dim for dim in ds[U].dims if dim != field.member]
     lead, time = find_lead(ds, dims), find_time(ds, dims)
-    is_undated = time is not None and (time not in ds.coords or ds[time].dtype.kind != "M")
-    if lead is None and not is_undated and (config.lead, config.reference_time) != (None, None):
+    has_dates = time is not None and time in ds.coords and ds[time].dtype.kind == "M"
+    since_first = time is not None and not has_dates
+    asked = config.reference_time, None if since_first else config.lead
+    if lead is None and asked != (None, None):
         raise ForecastError(
             f"{where}: a lead or reference time was given, but the file has no lead dimension; remove the option"
         )
@@ -53,52 +52,46 @@ def choose_time(
         raise ForecastError(
             f"{where}: a time was chosen, but the file has no time dimension; remove the option"
         )
-    if time is not None and is_undated:
-        since, unit = _since_first(ds, time)
-        ways = f"--lead takes another by its {unit} since the first, 0 to {since[-1]:g}"
-        if config.time is not None:
-            raise ForecastError(
-                f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); {ways}"
-            )
-        position, taken = 0, "the first"
-        if lead is None and config.lead is not None:
-            position = int(np.argmin(np.abs(since - config.lead)))
-            taken = f"that of {since[position]:g} {unit} since the first"
-        note = f"{time} has no dates ({undated(ds[time])})" + (
-            f": {taken} of {since.size} was taken; {ways}" if since.size > 1 else ""
-        )
-        inner, time_ns, more = choose_time(
-            ds.isel({time: position}),
-            [dim for dim in dims if dim != time],
-            config if lead is not None else config.model_copy(update={"lead": None}),
-            near_ns,
-            where,
-        )
-        return inner, time_ns, (note, *more)
-    if time is not None:
+    at, notes = dict[str, int](), list[str]()
+    time_ns: int | None = None
+    if time is not None and since_first:
+        at[time], note = _undated(ds, time, config, where, alone=lead is None)
+        notes.append(note)
+        ds, config = ds.isel(at), config.model_copy(update={"time": None})
+    elif time is not None:
         times = ds[time].values.astype("datetime64[ns]").astype(np.int64)
         wanted = wanted_time(config, near_ns)
-        position = 0 if wanted is None else int(np.argmin(np.abs(times - wanted)))
-        ds, time_ns = ds.isel({time: position}), int(times[position])
-        if lead is None:
-            return (
-                ds,
-                time_ns,
-                _notes(time_ns, near_ns, f"of {times.size} times" if times.size > 1 else ""),
-            )
-        reference: int | None = time_ns
-    else:
-        reference = _reference(ds, config)
+        at[time] = 0 if wanted is None else int(np.argmin(np.abs(times - wanted)))
+        time_ns = int(times[at[time]])
     if lead is None:
-        time_ns_or_none = scalar_time(ds, "time")
-        return ds, time_ns_or_none, _notes(time_ns_or_none, near_ns, "")
-    position, valid_ns = _choose_lead(ds[lead], config, reference, near_ns)
-    chosen = f"{float(ds[lead].values[position]):g} {ds[lead].attrs.get('units', '')}".strip()
-    return (
-        ds.isel({lead: position}),
-        valid_ns,
-        (f"lead {chosen} of {ds.sizes[lead]} leads", *_notes(valid_ns, near_ns, "")),
-    )
+        among = f"of {times.size} times" if has_dates and times.size > 1 else ""
+        time_ns = time_ns if has_dates else scalar_time(ds, "time")
+        return at, time_ns, (*notes, *_notes(time_ns, near_ns, among))
+    reference = time_ns if has_dates else _reference(ds, config)
+    at[lead], valid_ns = _choose_lead(ds[lead], config, reference, near_ns)
+    chosen = f"{float(ds[lead].values[at[lead]]):g} {ds[lead].attrs.get('units', '')}".strip()
+    notes.append(f"lead {chosen} of {ds.sizes[lead]} leads")
+    return at, valid_ns, (*notes, *_notes(valid_ns, near_ns, ""))
+
+
+def _undated(
+    ds: xr.Dataset, time: str, config: ForecastConfig, where: str, alone: bool
+) -> tuple[int, str]:
+    """Return the position of one of the times without dates, ``alone`` where there are no leads, and what is said of it."""
+    since, unit = _since_first(ds, time)
+    ways = f"--lead takes another by its {unit} since the first, 0 to {since[-1]:g}"
+    if config.time is not None:
+        raise ForecastError(
+            f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); {ways}"
+        )
+    position, taken = 0, "the first"
+    if alone and config.lead is not None:
+        position = int(np.argmin(np.abs(since - config.lead)))
+        taken = f"that of {since[position]:g} {unit} since the first"
+    note = f"{time} has no dates ({undated(ds[time])})"
+    if since.size > 1:
+        note += f": {taken} of {since.size} was taken; {ways}"
+    return position, note
 
 
 def _since_first(ds: xr.Dataset, time: str) -> tuple[NDArray[np.float64], str]:
@@ -218,25 +211,23 @@ def _periods_ns(lead: xr.DataArray) -> NDArray[np.int64] | None:
 
 # Of one run, files that follow one another share one time at most.
 _LEAST_COMMON = 2
-# Attributes of a file that differ between products.
-_PRODUCT = ("title", "source", "institution", "product", "challenger")
 
 
-def start_of(file: OpenedFile) -> str:
+def start_of(file: Field) -> str:
     """Return when a forecast was started: stated, or its first time.
 
     Raises:
         ForecastError: It has no date.
     """
-    times = _dates(file)
+    times = file.times
     if (stated := _stated_start(file)) is None and not times.size:
         raise ForecastError(
-            f"{file.path}: --members lags needs dated forecasts; expected a dimension of times with an epoch"
+            f"{file.where}: --members lags needs dated forecasts; expected a dimension of times with an epoch"
         )
     return stated or _minute(times.min())
 
 
-def rule_of(holders: Sequence[OpenedFile]) -> tuple[MemberRule | None, tuple[str, ...]]:
+def rule_of(holders: Sequence[Field]) -> tuple[MemberRule | None, tuple[str, ...]]:
     """Return what a member is of files with currents, and a note on it; None where they may be of one run, or of several products.
 
     Files of one grid that hold the same times are members. So are forecasts of several starts that hold a time in common.
@@ -244,17 +235,17 @@ def rule_of(holders: Sequence[OpenedFile]) -> tuple[MemberRule | None, tuple[str
     files = [file for file in holders if file.current and file.current.u]
     if len(files) < 2 or len({_form(file) for file in files}) > 1:
         return None, ()
-    times = [_times(file) for file in files]
+    times = [file.stated_times for file in files]
     if all(each.size and np.array_equal(each, times[0]) for each in times):
         note = f"members: the {len(files)} files, as all hold the same times (--members files)"
         return MemberRule("files"), (note,)
-    if not all(_dates(file).size for file in files):
+    if not all(file.times.size for file in files):
         return None, ()
     stated = all(_stated_start(file) is not None for file in files)
     runs: dict[str, NDArray[np.datetime64]] = {}
     for file in files:
         start = start_of(file)
-        runs[start] = np.union1d(runs.get(start, _dates(file)), _dates(file))
+        runs[start] = np.union1d(runs.get(start, file.times), file.times)
     common = reduce(np.intersect1d, runs.values())
     if len(runs) < 2 or common.size < (1 if stated else _LEAST_COMMON):
         return None, ()
@@ -264,38 +255,28 @@ def rule_of(holders: Sequence[OpenedFile]) -> tuple[MemberRule | None, tuple[str
     return MemberRule("lags"), (note,)
 
 
-def _form(file: OpenedFile) -> tuple[object, ...]:
+def _form(file: Field) -> tuple[object, ...]:
     """Return what files of one product share: attributes, the name of the component, and its dimensions but for that of times."""
     assert file.current is not None
-    sizes = file.ds[file.current.u or file.current.v].sizes
-    time = find_time(file.ds, file.dims)
-    product = tuple(str(file.ds.attrs.get(name, "")) for name in _PRODUCT)
-    return *product, file.current.u, tuple(item for item in sizes.items() if item[0] != time)
-
-
-def _times(file: OpenedFile) -> NDArray[np.generic]:
-    """Return the times of a file, numbers where they have no date; none of a file without a dimension of them."""
-    time = find_time(file.ds, file.dims)
-    known = time is not None and time in file.ds.coords
-    return file.ds[time].values if known else np.zeros(0)
-
-
-def _dates(file: OpenedFile) -> NDArray[np.datetime64]:
-    times = _times(file)
-    return times.astype("M8[ns]") if times.dtype.kind == "M" else np.zeros(0, "M8[ns]")
+    sizes = file.like[file.current.u or file.current.v].sizes
+    product = tuple(str(file.like.attrs.get(name, "")) for name in PRODUCT)
+    return *product, file.current.u, tuple(item for item in sizes.items() if item[0] != file.time)
 
 
 def _minute(time: np.datetime64) -> str:
     return str(np.datetime_as_string(time, unit="m"))
 
 
-def _stated_start(file: OpenedFile) -> str | None:
+def _stated_start(file: Field) -> str | None:
     """Return the start that a file states: its reference time, its bulletin's date, or the hours since the analysis (HYCOM's tau)."""
+    stated = scalar_time(file.like, "forecast_reference_time") is not None
+    if not stated and "bulletin_date" not in file.like.attrs and "tau" not in file.like.variables:
+        return None
     if (reference := scalar_time(file.ds, "forecast_reference_time")) is not None:
         return _minute(np.datetime64(reference, "ns"))
     if "bulletin_date" in file.ds.attrs:
         return str(file.ds.attrs["bulletin_date"])
-    times = _dates(file)
+    times = file.times
     if not times.size or "tau" not in file.ds.variables:
         return None
     since = file.ds["tau"]

@@ -18,7 +18,7 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError, ReplayKitError
 from replay_kit.core.paths import Address
 from replay_kit.core.progress import announce
-from replay_kit.forecast.blocks import Collection
+from replay_kit.forecast.collection import Collection
 from replay_kit.forecast.members import kind_of
 from replay_kit.forecast.names import SEA_LEVEL, find_depth
 from replay_kit.forecast.remote.kept import RECORD
@@ -131,22 +131,20 @@ def plan_cuts(found: Collection, wanted: Wanted, config: ForecastConfig) -> tupl
     Raises:
         ForecastError: The forecast is of another place or time.
     """
-    blocks = (*found.blocks, *([] if found.background is None else [found.background]))
-    parts = [part for block in blocks for part in block.parts]
-    kind, alone = kind_of(found.rule), len({part.paths for part in parts}) == 1
+    fields = [field for member in (*found.members, found.background) for field in member]
+    kind, alone = kind_of(found.rule), len({field.paths for field in fields}) == 1
     taken: dict[Address, dict[str, tuple[slice, ...]]] = {}
     currents: dict[Address, list[str]] = {}
-    for part in parts:
-        of_part = parts_of(part, wanted, config, kind, alone)
-        for path in part.paths:
+    for field in fields:
+        of_field, names = parts_of(field, wanted, config, kind, alone), field.current
+        assert names is not None
+        for path in field.paths:
             if isinstance(path, Address):
-                taken.setdefault(path, {}).update(of_part)
-                currents.setdefault(path, []).extend(
-                    name for name in (part.current.u, part.current.v) if name
-                )
+                taken.setdefault(path, {}).update(of_field)
+                currents.setdefault(path, []).extend(filter(None, (names.u, names.v)))
     for grid in found.grids:
         if isinstance(grid, Address):
-            taken[grid] = parts_of(parts[0], wanted, config, kind, alone)
+            taken[grid] = parts_of(fields[0], wanted, config, kind, alone)
     cuts = []
     for address, of_dims in taken.items():
         ds = served(address).ds

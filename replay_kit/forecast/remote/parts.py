@@ -13,12 +13,12 @@ from replay_kit.core.quantities import parse_time
 from replay_kit.core.region import Region
 from replay_kit.core.text import time_text
 from replay_kit.forecast.depths import choose_levels
+from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.grid import region_block
 from replay_kit.forecast.layout import Layout, U, V, lay_out
 from replay_kit.forecast.members import MADE
 from replay_kit.forecast.names import find_depth, find_lead, find_time
-from replay_kit.forecast.pairs import Part
 from replay_kit.forecast.remote.servers import open_address
 from replay_kit.forecast.s_levels import find_s_coordinate
 from replay_kit.forecast.times import dated_leads, valid_times
@@ -49,12 +49,12 @@ class Wanted:
 
 
 def parts_of(
-    part: Part, wanted: Wanted, config: ForecastConfig, kind: str, alone: bool
+    field: Field, wanted: Wanted, config: ForecastConfig, kind: str, alone: bool
 ) -> dict[str, tuple[slice, ...]]:
     """Return which indices of each dimension of a file, or of a pair of files, are needed.
 
     Args:
-        part: Opened; nothing but its coordinates is received.
+        field: Of the file; nothing but its coordinates is received.
         wanted: What is needed.
         config: Levels, lead and time, where they are chosen.
         kind: Of the rule of the members.
@@ -63,12 +63,13 @@ def parts_of(
     Raises:
         ForecastError: The forecast is of another place or time.
     """
-    where, ds = str(part.paths[0]), part.ds
-    # as the server has it, where a part is one of its runs
-    whole = with_dates(open_address(part.paths[0])) if isinstance(part.paths[0], Address) else ds
-    current = part.current.u if whole is not ds else U
+    (first, *_), where, ds = field.paths, field.where, field.ds
+    assert field.current is not None
+    # as the server has it, where a field is one of its runs
+    whole = with_dates(open_address(first)) if isinstance(first, Address) else ds
+    current = field.current.u if whole is not ds else U
     taken = _of_times(whole, whole[current].dims, wanted, config, kind, where)
-    layout = lay_out(ds, part.current, where)
+    layout = lay_out(ds, field.current, where)
     for dims in (layout.centre_dims, layout.u_dims, layout.v_dims):
         taken |= {dim: (slice(0, ds.sizes[dim]),) for dim in dims}
     if wanted.region is not None:
@@ -113,7 +114,10 @@ def _of_region(
     for axis, (first, last) in enumerate(ends):
         centre = layout.centre_dims[axis]
         dims, size = {centre, layout.u_dims[axis], layout.v_dims[axis]}, ds.sizes[centre]
-        offset, period = (layout.rows, layout.columns)[axis].start, layout.period if axis else None
+        offset, period = (
+            (layout.rows, layout.columns[0])[axis].start,
+            layout.period if axis else None,
+        )
         low, high = first + offset - margin, last + offset + margin
         seam = last <= first
         if period is not None and all(ds.sizes[dim] == size for dim in dims):

@@ -14,7 +14,7 @@ from replay_kit.core.paths import Paths
 from replay_kit.core.region import Region, bounds_of
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.forecast import read_ensemble, read_series
-from replay_kit.forecast.blocks import Collection
+from replay_kit.forecast.collection import Collection
 from replay_kit.forecast.grid import in_frame
 from replay_kit.forecast.members import WARNING
 from replay_kit.workflows.replay.inputs.region import FoundRegion

@@ -24,7 +24,7 @@ from replay_kit.core.region import (
 )
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.placing import moved_into
-from replay_kit.forecast.blocks import Collection
+from replay_kit.forecast.collection import Collection
 from replay_kit.forecast.describe import Extent, open_extent
 
 #: Name of the metadata record of a result that holds it.

@@ -1,0 +1,278 @@
+"""Files of an ensemble to its members: which files hold u and v, which hold the grid, which belong together."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from replay_kit.core.errors import ForecastError
+from replay_kit.core.paths import Paths
+from replay_kit.core.text import some_text
+from replay_kit.forecast.field import Field, Files, field_of
+from replay_kit.forecast.files import find_sources, natural
+from replay_kit.forecast.layout import U, V
+from replay_kit.forecast.members import (
+    WARNING,
+    MemberRule,
+    is_background,
+    kind_of,
+    label_files,
+    usual_labels,
+)
+from replay_kit.forecast.names import (
+    MEMBER_NAMES,
+    Axes,
+    Current,
+    find_current,
+    find_member,
+    find_time,
+    no_current,
+    sizes_text,
+    suffixes,
+    without_partner,
+)
+from replay_kit.forecast.pairs import pair_files
+from replay_kit.forecast.times import rule_of, runs_of, start_of
+
+#: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
+_FOREIGN = (
+    OSError,
+    # of decoders in C
+    SystemError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    RuntimeError,
+    ArithmeticError,
+    MemoryError,
+)
+
+
+Notes = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Collection:
+    """An ensemble's files, opened and put in order.
+
+    Attributes:
+        rule: What a member is; None where nothing says it, and there is one field.
+        members: Of each, or of those that are read together, the fields at several times, in order of time.
+        background: The state that anomaly members are about; none for members that are states, or without one.
+        grids: Files without velocities.
+        source: The files' names, for messages.
+        notes: What was left out or assumed.
+    """
+
+    rule: MemberRule | None
+    members: tuple[tuple[Field, ...], ...]
+    background: tuple[Field, ...]
+    grids: tuple[Path, ...]
+    source: str
+    notes: Notes
+
+
+@contextmanager
+def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Iterator[Collection]:
+    """Give an ensemble's files in order, as they may be given; each is opened when it is used.
+
+    Args:
+        given: Files, stores, folders, patterns.
+        rule: What a member is; None finds out.
+
+    Raises:
+        ForecastError: Files are missing, unreadable, hold no current, or do not belong together.
+    """
+    if isinstance(given, Collection):
+        yield given
+        return
+    sources = find_sources(given)
+    try:
+        with ExitStack() as stack:
+            files = Files(stack)
+            looked = [
+                files.field(path, number)
+                for number, argument in enumerate(sources.arguments)
+                for path in argument
+            ]
+            fields, rule = _identified(looked, rule)
+            of_suffix = looked if kind_of(rule) == "suffix" else ()
+            alone = [
+                f"{file.names}: {name}" for file in of_suffix for name in without_partner(file.ds)
+            ]
+            notes = sources.notes
+            if alone:
+                excluded = f"members with only one component were excluded: {some_text(alone)}"
+                notes += (f"{WARNING}{excluded}; add the other",)
+            yield _collected(fields, rule, notes)
+    # values of unexpected kinds and damaged data blocks are found where they are used
+    except _FOREIGN as error:
+        names, words = ", ".join(map(str, sources.files[:3])), " ".join(str(error).split())[:200]
+        raise ForecastError(
+            f"{names}: cannot be used as a forecast: {type(error).__name__}: {words}; is it whole?"
+        ) from error
+
+
+def _identified(
+    files: Sequence[Field], rule: MemberRule | None
+) -> tuple[list[Field], MemberRule | None]:
+    """Return the files with the names of their components; one for each suffix where suffixes are the members."""
+    found: list[Field] = []
+    if rule is None and all(len(suffixes(file.like)) > 1 for file in files) and files:
+        rule = MemberRule("suffix")
+    currents = dict[int, Current | None]()
+    for file in files:
+        pairs = suffixes(file.ds) if kind_of(rule) == "suffix" else {}
+        for label, (u, v) in pairs.items():
+            current = Current(u, v, _axes_of(file.ds, u), f"suffix {label}")
+            found.append(replace(file, current=current, label=label))
+        if not pairs and kind_of(rule) == "suffix":
+            found.append(file)
+        elif not pairs:
+            form = id(file.like)
+            if form not in currents:
+                currents[form] = find_current(file.like, file.where)
+            one = replace(file, current=currents[form], load=_checked(file, currents[form]))
+            found += _runs(one) if kind_of(rule) == "lags" else [one]
+    return found, rule
+
+
+def _checked(file: Field, current: Current | None) -> Callable[[], tuple[xr.Dataset, Notes]]:
+    """Return what opens a file, and refuses one whose components are others than those of its form."""
+
+    def load() -> tuple[xr.Dataset, Notes]:
+        ds, notes = file.load()
+        if ds is not file.like and find_current(ds, file.where) != current:
+            raise ForecastError(
+                f"{file.where}: its variables have the names and sizes of those in other files, but other standard names; give it alone"
+            )
+        return ds, notes
+
+    return load
+
+
+def _runs(file: Field) -> list[Field]:
+    """Return the runs of a file with a dimension of starts and one of leads; else itself."""
+    if file.current is None or file.lead is None:
+        return [file]
+    runs = runs_of(file.ds, file.dims)
+    return [
+        replace(field_of(file.paths[0], run, file.argument), current=file.current) for run in runs
+    ]
+
+
+def _axes_of(ds: xr.Dataset, name: str) -> Axes | None:
+    one = ds[[name]].rename({name: name.partition("_")[0]})
+    current = find_current(one, name)
+    return None if current is None else current.axes
+
+
+def _collected(files: Sequence[Field], rule: MemberRule | None, notes: Notes) -> Collection:
+    grids = [file for file in files if file.current is None]
+    holders = [file for file in files if file.current is not None]
+    if not holders:
+        if kind_of(rule) == "suffix":
+            raise ForecastError(
+                f"{files[0].where}: --members suffix, but no variables differ by a suffix alone, as uo_glor and uo_oras do"
+            )
+        raise no_current(files[0].ds, ", ".join(file.where for file in files))
+    states = [file for file in holders if is_background(file.paths[0])]
+    if rule is None and find_member(holders[0].like, holders[0].dims) is not None:
+        rule = MemberRule("dim")
+    others = [file.paths[0] for file in holders if file not in states]
+    if rule is None and usual_labels(others) is not None:
+        rule = MemberRule("files")
+    if rule is None:
+        rule, more = rule_of(holders)
+        notes += more
+    background = states if kind_of(rule) == "files" else []
+    holders = _labelled([file for file in holders if file not in background], rule)
+    members: list[tuple[Field, ...]] = []
+    for label in dict.fromkeys(file.label for file in holders):
+        fields = pair_files([file for file in holders if file.label == label], grids)
+        members += _members(fields, rule)
+    about = pair_files([replace(file, label="background") for file in background], grids)
+    source = (
+        holders[0].where
+        if len({file.paths for file in files}) == 1
+        else f"{len(files)} files ({holders[0].names} ...)"
+    )
+    return Collection(
+        rule, tuple(members), about, tuple(file.paths[0] for file in grids), source, notes
+    )
+
+
+def _labelled(holders: list[Field], rule: MemberRule | None) -> list[Field]:
+    """Return the files with the members that they belong to."""
+    kind = kind_of(rule)
+    if rule is not None and kind == "files":
+        labels = label_files([file.paths[0] for file in holders], rule.name)
+        whole = any(
+            file.current is not None and file.current.u and file.current.v for file in holders
+        )
+        if len(set(labels.values())) == len(holders) and not whole:
+            # a file of u and one of v to each member, whose names say no member: paired in their order
+            us, vs = (
+                sorted(
+                    (
+                        file.paths[0]
+                        for file in holders
+                        if file.current and bool(file.current.u) is first
+                    ),
+                    key=natural,
+                )
+                for first in (True, False)
+            )
+            labels |= {v: u.name for u, v in zip(us, vs, strict=False)} | {u: u.name for u in us}
+        return sorted(
+            (replace(file, label=labels[file.paths[0]]) for file in holders),
+            key=lambda file: natural(Path(file.label)),
+        )
+    if kind == "lags":
+        return sorted(
+            (replace(file, label=start_of(file)) for file in holders), key=lambda file: file.label
+        )
+    if kind == "models":
+        several = len({file.argument for file in holders}) > 1
+        return [
+            replace(file, label=f"model {file.argument}" if several else file.names)
+            for file in holders
+        ]
+    return holders
+
+
+def _members(fields: tuple[Field, ...], rule: MemberRule | None) -> list[tuple[Field, ...]]:
+    """Return the members of files that belong together: those of one dimension are read together, files of several times are the same."""
+    if rule is None or rule.kind != "dim":
+        return [fields]
+    found = []
+    for field in fields:
+        ds, _ = field.load()
+        dims, current = ds[U].dims, field.current
+        assert current is not None
+        member = rule.name or find_member(ds, dims)
+        if member is None or member not in dims:
+            raise ForecastError(
+                f"{field.where}: no member dimension{' ' + rule.name if rule.name else ''}; expected one of "
+                f"{', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(ds[U])}"
+            )
+        if (of_v := f"{member}_of_v") in ds[V].dims:
+            sizes = f"{ds.sizes[member]} of {current.u} and {ds.sizes[of_v]} of {current.v} along {member}"
+            raise ForecastError(
+                f"{field.paths[-1]}: its members are not those of {field.where}: {sizes}; give files with the same members"
+            )
+        if member not in ds[V].dims:
+            raise ForecastError(
+                f"{field.paths[-1]}: {current.v} has no dimension {member}, which {current.u} has; mend the file"
+            )
+        found.append(replace(field, member=str(member), label=field.names))
+    over_time = {tuple(field.times.astype(np.int64)) for field in fields}
+    if rule.name and find_time(fields[0].like, (rule.name,)) == rule.name:
+        return [(field,) for field in found]
+    if len(fields) > 1 and len(over_time) == len(fields):
+        return [tuple(replace(field, label=found[0].label) for field in found)]
+    return [(field,) for field in found]

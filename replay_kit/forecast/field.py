@@ -1,0 +1,184 @@
+"""The current in a forecast's files, which are opened when they are used."""
+
+from collections.abc import Callable, Hashable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cache, cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from replay_kit.core.inputs import plain_attribute, why_no_input
+from replay_kit.core.paths import Address
+from replay_kit.forecast.files import dated, opened_file
+from replay_kit.forecast.names import Current, find_lead, find_time
+
+#: Attributes of a file that differ between products.
+PRODUCT = ("title", "source", "institution", "product", "challenger")
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """The current of a member, or of members along a dimension, in one file, or in one of u and one of v.
+
+    Attributes:
+        paths: The files.
+        like: Their dimensions, names and attributes: their own dataset, or that of another file of their form.
+        look: Returns a coordinate of theirs by its name.
+        load: Returns their dataset, of both components as ``U`` and ``V`` where they are joined, and what was assumed.
+        argument: Position of the option that named them.
+        current: Names of the components; None of a file without any.
+        label: The member, or what all have in common.
+        member: Dimension of the members; None for one member.
+        at: Positions along dimensions: of the time that was chosen, and of the members that are read together.
+        labels: Where each member comes from.
+        extra: Whether the fields, or the mean of several, only serve to make the members, and are none themselves.
+    """
+
+    paths: tuple[Path, ...]
+    like: xr.Dataset
+    look: Callable[[str], xr.Variable]
+    load: Callable[[], tuple[xr.Dataset, tuple[str, ...]]]
+    argument: int = 0
+    current: Current | None = None
+    label: str = ""
+    member: str | None = None
+    at: Mapping[str, int | slice] | None = None
+    labels: tuple[str, ...] = ()
+    extra: bool = False
+
+    @cached_property
+    def ds(self) -> xr.Dataset:
+        """The dataset at the positions that were chosen."""
+        whole = self.load()[0]
+        return whole if self.at is None else whole.isel(self.at)
+
+    @property
+    def last_time(self) -> xr.Dataset | None:
+        """The first member at the last of the leads or times, from which one was chosen; None where there is but one."""
+        whole, at = self.load()[0], self.at or {}
+        last = {dim: -1 for dim in at if dim != self.member and whole.sizes[dim] > 1}
+        if not last:
+            return None
+        return whole.isel(last if self.member is None else {**last, self.member: [0]})
+
+    @property
+    def dims(self) -> tuple[Hashable, ...]:
+        """Dimensions of the component, or of the first of both."""
+        assert self.current is not None, "asked of files with a current"
+        return self.like.variables[self.current.u or self.current.v].dims
+
+    @cached_property
+    def time(self) -> str | None:
+        """Dimension of the times; None without one."""
+        return find_time(self.like, self.dims)
+
+    @property
+    def lead(self) -> str | None:
+        """Dimension of the leads; None without one."""
+        return find_lead(self.like, self.dims)
+
+    @property
+    def count(self) -> int:
+        """Number of members."""
+        return 1 if self.member is None else self.like.sizes[self.member]
+
+    @cached_property
+    def stated_times(self) -> NDArray[Any]:
+        """Times as the files state them, numbers where they have no date; none without a dimension of them."""
+        known = self.time is not None and self.time in self.like.coords
+        return self.look(str(self.time)).values if known else np.zeros(0)
+
+    @cached_property
+    def times(self) -> NDArray[np.datetime64]:
+        """Times [ns, UTC]; none without dates."""
+        times = self.stated_times
+        return times.astype("M8[ns]") if times.dtype.kind == "M" else np.zeros(0, "M8[ns]")
+
+    @property
+    def where(self) -> str:
+        """The file, or the first, for messages."""
+        return str(self.paths[0])
+
+    @property
+    def names(self) -> str:
+        """Names of the files without their folders."""
+        return " + ".join(path.name for path in self.paths)
+
+
+def field_of(path: Path, ds: xr.Dataset, argument: int) -> Field:
+    """Return the field of a dataset."""
+    return Field((path,), ds, lambda name: ds[name].variable, lambda: (ds, ()), argument)
+
+
+class Files:
+    """Files, opened when they are first used, and closed together.
+
+    A NetCDF-4 file of the form of one that is open (groups; names, sizes and types of all variables; the product) is not opened before its
+    values are used. Of a year of daily files that is nearly every one.
+    """
+
+    def __init__(self, stack: ExitStack) -> None:
+        self._stack, self._forms = stack, dict[Any, xr.Dataset]()
+
+    def field(self, path: Path, argument: int) -> Field:
+        """Return the field of a file, without the names of its components.
+
+        Raises:
+            ForecastError: It is missing or unreadable.
+        """
+        form = _form(path)
+        like = None if form is None else self._forms.get(form)
+        if like is None:
+            ds = self._opened(path)
+            # those of packed times are not looked at without decoding
+            packed = any("scale_factor" in axis.encoding for axis in ds.coords.values())
+            if form is not None and not packed:
+                self._forms[form] = ds
+            return field_of(path, ds, argument)
+        load = cache(partial(self._opened, path))
+        look = cache(partial(_looked, path))
+        return Field((path,), like, look, lambda: (load(), ()), argument)
+
+    def _opened(self, path: Path) -> xr.Dataset:
+        return self._stack.enter_context(opened_file(path))
+
+
+def _form(path: Path) -> Any:
+    """Return what files of one form share; None of other files than NetCDF-4."""
+    # of a pipe nothing may ever come
+    if isinstance(path, Address) or why_no_input(path):
+        return None
+    try:
+        with h5py.File(path, "r") as file:
+            # of the library's own layer, as its objects take longer to make than to be asked
+            about = [
+                str(file.attrs[name]) if h5py.h5a.exists(file.id, name.encode()) else ""
+                for name in PRODUCT
+            ]
+            items = [(name, h5py.h5o.open(file.id, name)) for name in file.id]
+            sizes = [
+                (name, item.shape, item.dtype.str) if isinstance(item, h5py.h5d.DatasetID) else name
+                for name, item in items
+            ]
+            return *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
+    except (OSError, RuntimeError, TypeError, ValueError, LookupError):
+        return None
+
+
+def _looked(path: Path, name: str) -> xr.Variable:
+    """Return a coordinate of a NetCDF-4 file, with dates where it has any."""
+    with h5py.File(path, "r") as file:
+        item = file[name]
+        about = {
+            key: plain_attribute(item.attrs[key])
+            for key in ("units", "calendar")
+            if h5py.h5a.exists(item.id, key.encode())
+        }
+        variable = xr.Variable((name,), item[...], about)
+    found = dated(variable)
+    return variable if found is None else found
