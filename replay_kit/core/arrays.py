@@ -1,7 +1,4 @@
-"""What frozen values are made of: arrays of float64, never written to after they are made, large ones on disk; and a value changed.
-
-Members of a forecast alone keep the precision of their file.
-"""
+"""What frozen values are made of: arrays of float64, never written to after they are made, large ones on disk; and a value changed."""
 
 import dataclasses
 import math
@@ -22,7 +19,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Times = NDArray[np.int64]
-#: In single or double precision.
+#: Members of a forecast, in their file's precision.
 Values = NDArray[np.floating]
 
 #: Largest array that is kept in memory [bytes].

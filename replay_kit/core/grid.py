@@ -68,8 +68,8 @@ class Ensemble:
 
     Attributes:
         grid: Where the members are given.
-        velocity: shape (E, 2, Z, J, I) [m/s], along the local frame's axes; NaN where dry. Single precision where the file has no more
-            digits; on disk where it is larger than memory.
+        velocity: shape (E, 2, Z, J, I) [m/s], along the local frame's axes; NaN where dry; in the
+            file's precision; on disk where it is larger than memory.
         time_ns: Time of the forecast [ns, UTC]; None when the file gives none.
         source: Path of the file, with ``#member`` when one was chosen.
         notes: What a user should know of how the file was read.
@@ -119,17 +119,11 @@ class Ensemble:
 
 def component_rms(velocity: Values) -> float:
     """Return the root mean square of a component [m/s], member by member; ``velocity`` of shape (E, ...), NaN where dry."""
-    squares, count = square_sums(velocity)
-    return float(np.sqrt(squares.sum() / count)) if count else float("nan")
-
-
-def square_sums(velocity: Values) -> tuple[Array, int]:
-    """Return the sums of the squares of each member's components [m^2/s^2], shape (E,), and how many values of all are not NaN."""
-    squares, count = np.zeros(len(velocity)), 0
-    for k, member in enumerate(one_by_one(velocity)):
+    square, count = 0.0, 0
+    for member in one_by_one(velocity):
         wet = member[np.isfinite(member)]
-        squares[k], count = wet @ wet, count + wet.size
-    return squares, count
+        square, count = square + float(wet @ wet), count + wet.size
+    return float(np.sqrt(square / count)) if count else float("nan")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
 from replay_kit.core.arrays import Array, Values
-from replay_kit.core.geodesy import rotate_to_local, to_local, unwrap_longitude
+from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
+from replay_kit.forecast.grid import turn_to_local
 from replay_kit.forecast.layout import Layout
 from replay_kit.forecast.names import Axes
 from replay_kit.forecast.window import Window
@@ -40,10 +41,10 @@ class AxesCheck:
         axes: As read.
         why: What says so.
         angle: Largest angle between the grid and true axes [degrees].
-        residual: Share of the variance that no divergence-free flow carries: as read, and under the other reading; None if not tested.
-        phase: Angle from the geostrophic current to the current [degrees]: as read, and under the other reading; None if not tested.
+        residual: Share of the variance that no divergence-free flow carries, read and turned; None if not tested.
+        phase: Angle from the geostrophic current to the current [degrees], as read and turned; None if not tested.
         contradicted: Whether the other reading fits clearly better.
-        residual_std: Root mean square of a component that no divergence-free flow carries, as read [m/s]; 0 if not tested.
+        residual_std: RMS of a component that no divergence-free flow carries, as read [m/s]; 0 if not tested.
     """
 
     axes: Axes
@@ -97,16 +98,19 @@ def check_axes(
         wet: shape (Z, J, I).
         projection: The local frame.
     """
-    east, north = to_local(
-        projection, unwrap_longitude(window.longitude, projection.longitude), window.latitude
+    true, grid = (
+        turn_to_local(projection, window.longitude, window.latitude, axes)
+        for axes in ("true", "grid")
     )
-    turn = grid_angle(window.longitude, window.latitude, east, north, projection)
+    turn = grid * true.conj()
     angle = float(np.degrees(np.abs(np.angle(turn))).max())
     found = AxesCheck(layout.axes, layout.why, angle)
     if angle < _LEAST_ANGLE:
         return found
     # from the reading made to the other one
     other = np.conj(turn) if layout.axes == "grid" else turn
+    longitude = unwrap_longitude(window.longitude, projection.longitude)
+    east, north = to_local(projection, longitude, window.latitude)
     level = _level(window.levels, wet)
     cut = tuple(
         slice((n - min(n, _MOST_NODES)) // 2, (n + min(n, _MOST_NODES)) // 2) for n in east.shape
@@ -130,18 +134,6 @@ def check_axes(
     return AxesCheck(
         layout.axes, layout.why, angle, (read, turned), phase, bool(by_phase or by_share), std
     )
-
-
-def grid_angle(
-    longitude: Array, latitude: Array, east: Array, north: Array, projection: Projection
-) -> _Complex:
-    """Return the turn from true east to the grid's first axis as a unit number, shape (J, I)."""
-    along = np.gradient(east, axis=1) + 1j * np.gradient(north, axis=1)
-    true_e, true_n = rotate_to_local(
-        projection, longitude, latitude, np.ones_like(east), np.zeros_like(east)
-    )
-    turn = along / np.abs(along) * np.conj(true_e + 1j * true_n)
-    return np.asarray(turn / np.abs(turn))
 
 
 def _level(levels: Array, wet: NDArray[np.bool_]) -> int:

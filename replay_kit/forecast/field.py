@@ -27,16 +27,16 @@ class Field:
 
     Attributes:
         paths: The files.
-        like: Their dimensions, names and attributes: their own dataset, or that of another file of their form.
-        look: Returns a coordinate of theirs by its name.
-        load: Returns their dataset, of both components as ``U`` and ``V`` where they are joined, and what was assumed.
-        argument: Position of the option that named them.
-        current: Names of the components; None of a file without any.
-        label: The member, or what all have in common.
-        member: Dimension of the members; None for one member.
-        at: Positions along dimensions: of the time that was chosen, and of the members that are read together.
-        labels: Where each member comes from.
-        extra: Whether the fields, or the mean of several, only serve to make the members, and are none themselves.
+        like: A dataset of their form.
+        look: Returns a coordinate.
+        load: Returns the dataset, with ``U`` and ``V`` where joined, and what was assumed.
+        argument: Position of the option.
+        current: Its components, if any.
+        label: Of the members.
+        member: Their dimension; None for one.
+        at: Positions of the time, and of members read together.
+        labels: Origins of the members.
+        extra: Whether it only serves to make members.
     """
 
     paths: tuple[Path, ...]

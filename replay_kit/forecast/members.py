@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Values, one_by_one
 from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.core.grid import Ensemble, component_rms, square_sums
+from replay_kit.core.grid import Ensemble, component_rms
 from replay_kit.core.text import count_text
 
 Kind = Literal["dim", "files", "suffix", "lags", "times", "models"]
@@ -202,8 +202,8 @@ def unusual_members(velocity: Values, labels: tuple[str, ...], source: str) -> t
 def copies(velocity: Values) -> dict[int, int]:
     """Return the members, shape (E, ...), that are the same as an earlier one, with the first of those."""
     found, first = dict[int, int](), dict[float, list[int]]()
-    for k, square in enumerate(square_sums(velocity)[0].tolist()):
-        alike = first.setdefault(square, [])
+    for k, member in enumerate(one_by_one(velocity)):
+        alike = first.setdefault(component_rms(member[None]), [])
         of = next((j for j in alike if np.array_equal(velocity[j], velocity[k], True)), None)
         if of is None:
             alike.append(k)

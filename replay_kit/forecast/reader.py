@@ -1,5 +1,6 @@
 """Ensemble and truth files (CF and native NetCDF, Zarr) to ``Ensemble`` values."""
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from math import inf
@@ -10,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import large_array, release
+from replay_kit.core.arrays import Values, large_array, release
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.inputs import held, unpacking
@@ -39,7 +40,7 @@ from replay_kit.forecast.members import (
     without_copies,
 )
 from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
-from replay_kit.forecast.selection import Selection, select
+from replay_kit.forecast.selection import Change, Selection, select
 from replay_kit.forecast.window import Window, read_window, window_size
 
 # Bytes of coordinates in memory per byte of a file.
@@ -81,8 +82,7 @@ def read_ensemble(
     Args:
         path: NetCDF files, Zarr stores, folders or patterns.
         config: What a member is, region, levels, lead, time and axes.
-        near_ns: The log's middle time [ns, UTC]: among several times or dated leads the nearest is taken unless the
-            configuration names one.
+        near_ns: The log's middle time [ns, UTC], to which the nearest time is taken unless one is chosen.
         place_at: (longitude, latitude) to move the ensemble's centre to.
 
     Raises:
@@ -225,28 +225,75 @@ def read_selection(
     large = _large(size)
     fields = [part for field in selection.fields for part in in_groups(field, layout)]
     first = fields[0]
-    window, notes = read_window(first, layout, config), [*selection.notes, *large]
+    window = read_window(first, layout, config)
     if before is None or not is_alike(window, before.window):
         before = None
         projection = projection_of(window.longitude, window.latitude)
         turn = turn_to_local(projection, window.longitude, window.latitude, window.axes)
     else:
         projection, turn = before.projection, before.turn
-    count = sum(1 if field.extra else len(field.labels) for field in fields)
-    own, moved, far = window.velocity, 0, np.zeros(window.levels.size, dtype=bool)
+    velocity, more = _together(fields, layout, window, turn, projection, config, selection.change)
+    # the members are in memory once
+    window = replace(window, velocity=velocity[:0])
+    labels = tuple(label for field in fields if not field.extra for label in field.labels)
+    velocity, wet, holes = common_water(velocity, labels, source)
+    check = before.check if before else check_axes(window, layout, velocity, wet, projection)
+    # axes that were stated need no check
+    doubts = check.notes if config.axes == "auto" else ()
+    grid = (
+        replace(before.ensemble.grid, levels=window.levels, wet=wet)
+        if before
+        else local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
+    )
+    in_order = (
+        *selection.notes,
+        *large,
+        *more,
+        *_placed(place_at),
+        *window.notes,
+        *holes,
+        *unusual_members(velocity, labels, source),
+        *doubts,
+        *earlier,
+        *(note for field in fields for note in field.load()[1]),
+    )
+    notes = tuple(dict.fromkeys(in_order))
+    error_std = check.residual_std if doubts else 0.0
+    ensemble = Ensemble(grid, velocity, selection.time_ns, source, notes, labels, error_std)
+    return Reading(ensemble, layout, check, first, window, projection, turn)
+
+
+def _together(
+    fields: Sequence[Field],
+    layout: Layout,
+    window: Window,
+    turn: NDArray[np.complex128],
+    projection: Projection,
+    config: ForecastConfig,
+    change: Change | None,
+) -> tuple[Values, list[str]]:
+    """Return the members of fields in the local frame on the grid of the first, and what was done to them.
+
+    Args:
+        fields: In order.
+        layout: The part of the first file.
+        window: What was read there, whose velocities are turned in their place where there are no others.
+        turn: From the first file's axes to the local ones, shape (J, I).
+        projection: The local frame.
+        config: Levels and axes.
+        change: What makes members of the fields.
+    """
+    own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
     # what is made of members is computed in double precision
-    dtype = own.dtype if selection.change is None else np.dtype(np.float64)
+    dtype = own.dtype if change is None else np.dtype(np.float64)
     alone = len(own) == count and own.dtype == dtype
     velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
     turned(own, turn, velocity[: len(own)])
-    filled = len(own)
-    # the members are in memory once
-    window = replace(window, velocity=own[:0])
-    del own
-    around = region_around(window)
+    filled, around, notes = len(own), region_around(window), list[str]()
+    moved, far = 0, np.zeros(window.levels.size, dtype=bool)
     for field in fields[1:]:
         last = layout
-        if not _same_grid(field, first):
+        if not _same_grid(field, fields[0]):
             last = layout_of(field, config).within(around, field.where)
         other = read_window(field, last, config)
         values, alike = other.velocity, is_alike(other, window)
@@ -264,33 +311,10 @@ def read_selection(
         release(velocity)
         notes += [note for note in other.notes if last is not layout or note not in window.notes]
     notes += moved_notes(moved, window.levels[far])
-    if selection.change is not None:
-        velocity, changed = selection.change(velocity)
+    if change is not None:
+        velocity, changed = change(velocity)
         notes += changed
-    labels = tuple(label for field in fields if not field.extra for label in field.labels)
-    velocity, wet, holes = common_water(velocity, labels, source)
-    check = before.check if before else check_axes(window, layout, velocity, wet, projection)
-    # axes that were stated need no check
-    doubts = check.notes if config.axes == "auto" else ()
-    grid = (
-        replace(before.ensemble.grid, levels=window.levels, wet=wet)
-        if before
-        else local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
-    )
-    in_order = (
-        *notes,
-        *_placed(place_at),
-        *window.notes,
-        *holes,
-        *unusual_members(velocity, labels, source),
-        *doubts,
-        *earlier,
-        *(note for field in fields for note in field.load()[1]),
-    )
-    notes = list(dict.fromkeys(in_order))
-    error_std = check.residual_std if doubts else 0.0
-    ensemble = Ensemble(grid, velocity, selection.time_ns, source, tuple(notes), labels, error_std)
-    return Reading(ensemble, layout, check, first, window, projection, turn)
+    return velocity, notes
 
 
 def _size(selection: Selection, layout: Layout, config: ForecastConfig) -> float:

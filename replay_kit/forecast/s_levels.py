@@ -120,11 +120,11 @@ def from_s_levels(
         coordinate: Of the levels.
         h: Depth of the sea bed [m], shape (J, I), of no meaning on land.
         sea_level: Height of the surface [m], shape (E or 1, J, I); None for a surface at rest.
-        wanted: The depths [m]; None for those of the levels in the deepest column at rest.
+        wanted: The depths [m]; None for those of the deepest column.
         where: The file, for messages.
 
     Raises:
-        ForecastError: No column has a current, none of those a sea bed, or no level is near the first depth.
+        ForecastError: No column has a current and a sea bed, or no level is near the first depth.
     """
     # what stands for the depth of land differs: NaN, 0, the least depth of the water, a fill value
     water = np.isfinite(velocity).any(axis=(0, 1, 2))

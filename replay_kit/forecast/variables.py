@@ -33,7 +33,7 @@ def component(field: Field, ds: xr.Dataset, layout: Layout, name: str, levels: _
     values = _stored(field, ds, layout, name, dims, faces, levels)
     if (turn := ds[name].attrs.get("replay_kit_turn")) is not None:
         angle = _stored(field, ds, layout, DIRECTION, dims, faces, levels).astype(np.float64)
-        values = values * np.cos(np.deg2rad(angle + turn))
+        values *= np.cos(np.deg2rad(angle + turn))
     return values
 
 

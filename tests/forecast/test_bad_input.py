@@ -288,22 +288,3 @@ def test_a_missing_value_that_is_stated_unpacked_is_missing(tmp_path):
     assert not read.grid.wet[:, 1, 2].any()
     assert read.grid.wet.sum() == whole.grid.wet.sum() - whole.grid.levels.size
     assert np.nanmax(np.abs(read.velocity)) < 2.0
-
-
-@pytest.mark.parametrize("comes_from", [True, False])
-def test_speed_and_direction_are_read_as_components(tmp_path, comes_from):
-    ds = synthetic.dataset()
-    whole = read_with(save(ds, tmp_path / "whole.nc"))
-    angle = np.rad2deg(np.arctan2(ds.uo, ds.vo)) + (180.0 if comes_from else 0.0)
-    towards = f"sea_water_velocity_{'from' if comes_from else 'to'}_direction"
-    polar = xr.Dataset(
-        {
-            "spd": np.hypot(ds.uo, ds.vo).assign_attrs(
-                standard_name="sea_water_speed", units="m s-1"
-            ),
-            "dir": (angle % 360.0).assign_attrs(standard_name=towards, units="degree"),
-        }
-    )
-    read = read_with(save(polar, tmp_path / "e.nc"))
-    np.testing.assert_allclose(read.velocity, whole.velocity, atol=1e-9)
-    assert "components computed of spd and dir" in read.notes

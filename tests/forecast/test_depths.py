@@ -1,6 +1,5 @@
 """Depth axes in every unit that has a meaning, and those that hold no depth."""
 
-import gsw
 import numpy as np
 import pytest
 import xarray as xr
@@ -19,17 +18,6 @@ from tests.forecast.test_reader import PLAIN
 def with_depths(values, **attrs) -> xr.Dataset:
     """The synthetic ensemble with another depth axis."""
     return synthetic.dataset().assign_coords(depth=("depth", values, attrs))
-
-
-@pytest.mark.parametrize(
-    ("unit", "metres"), [(" m ", 1.0), ("Kilometre", 1000.0), ("feet", 0.3048)]
-)
-def test_lengths_become_metres_without_a_word(tmp_path, unit, metres):
-    read = read_with(
-        save(with_depths(synthetic.LEVELS / metres, positive="down", units=unit), tmp_path / "e.nc")
-    )
-    assert_allclose(read.grid.levels, synthetic.LEVELS, rtol=1e-15)
-    assert read.notes == ()
 
 
 def test_levels_are_chosen_in_metres_and_heights_of_another_unit_turned(tmp_path):
@@ -57,34 +45,6 @@ def test_a_file_without_a_level_near_the_surface_is_warned_of(tmp_path, levels, 
     read = read_with(save(with_depths(np.array(levels), units="m"), tmp_path / "e.nc"))
     warning = f"WARNING: the file has no level near the water above {least} m: the current of the first level is taken there"
     assert read.notes == (() if least is None else (warning.replace(".0 m", " m"),))
-
-
-@pytest.mark.parametrize(
-    ("unit", "sign", "positive"), [("dbar", 1.0, "down"), ("decibars", -1.0, "up")]
-)
-def test_pressures_become_depths_and_the_ensemble_says_so(tmp_path, unit, sign, positive):
-    pressure = np.array([5.0, 60.0, 150.0, 2000.0])
-    read = read_with(
-        save(with_depths(sign * pressure, positive=positive, units=unit), tmp_path / "e.nc")
-    )
-    # the middle of the synthetic grid is at 39.8 S
-    assert_allclose(read.grid.levels, -gsw.z_from_p(pressure, -39.8), rtol=1e-12)
-    assert 1970.0 < read.grid.levels[-1] < 1980.0
-    assert read.notes == (
-        f"coordinate depth is in {unit}: converted to metres with TEOS-10 at latitude -39.80",
-    )
-
-
-@pytest.mark.parametrize("attrs", [{}, {"units": ""}])
-def test_an_axis_without_a_unit_is_in_metres_and_the_ensemble_says_so(tmp_path, attrs):
-    path = save(with_depths(synthetic.LEVELS, **attrs), tmp_path / "e.nc")
-    for read in (
-        read_with(path),
-        read_series(path, PLAIN)[0],
-        read_truth(f"{path}#2", PLAIN),
-    ):
-        assert_array_equal(read.grid.levels, synthetic.LEVELS)
-        assert read.notes == ("coordinate depth states no unit, metres assumed",)
 
 
 @pytest.mark.parametrize("unit", ["fathoms", "M", "Pa", "degrees_north"])

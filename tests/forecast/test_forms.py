@@ -18,75 +18,6 @@ from tests.forecast.forms import (
 )
 
 
-def test_cmems_packed_in_16_bits_with_fill(tmp_path):
-    longitude, latitude = forms.lonlat()
-    u, v = forms.regular(longitude, latitude)
-    u[:, :, :2, :3] = v[:, :, :2, :3] = np.nan
-    packed = {
-        "dtype": "int16",
-        "scale_factor": forms.PACKING,
-        "add_offset": 0.0,
-        "_FillValue": -32767,
-    }
-    read = read_with(
-        save(forms.standard(u, v, longitude, latitude), tmp_path / "e.nc", uo=packed, vo=packed)
-    )
-    assert_comes_back(read, 0.51 * forms.PACKING)
-    assert_array_equal(read.grid.wet, np.isfinite(u[0]))
-
-
-def test_cmems_by_elevation(tmp_path):
-    ds = forms.known().rename(depth="elevation").isel(elevation=slice(None, None, -1))
-    ds = ds.assign_coords(
-        elevation=(
-            "elevation",
-            -LEVELS[::-1],
-            {"units": "m", "positive": "up", "standard_name": "elevation"},
-        )
-    )
-    read = read_with(save(ds, tmp_path / "e.nc"))
-    assert_array_equal(read.grid.levels, LEVELS)
-    assert_comes_back(read, 1e-12)
-
-
-@pytest.mark.parametrize("west", [359.65, 179.75, 10.0])
-def test_hycom_over_any_meridian(tmp_path, west):
-    longitude, latitude = forms.lonlat(west)
-    u, v = forms.regular((longitude + 180.0) % 360.0 - 180.0, latitude)
-    ds = forms.standard(u, v, longitude, latitude, ("water_u", "water_v")).rename(
-        latitude="lat", longitude="lon"
-    )
-    packed = {
-        "dtype": "int16",
-        "scale_factor": 0.001,
-        "add_offset": 0.0,
-        "_FillValue": -30000,
-        "missing_value": -30000,
-    }
-    read = read_with(save(ds, tmp_path / "e.nc", water_u=packed, water_v=packed))
-    assert_comes_back(read, 0.00051)
-    assert np.all(np.diff(read.grid.longitude, axis=1) > 0.0)
-
-
-def test_mom_at_longitudes_from_280_west_with_noleap_times(tmp_path):
-    longitude, latitude = forms.lonlat(-280.0 + 40.0)
-    u, v = forms.regular((longitude + 180.0) % 360.0 - 180.0, latitude)
-    attrs = {"standard_name": "sea_water_x_velocity"}, {"standard_name": "sea_water_y_velocity"}
-    ds = forms.standard(u, v, longitude, latitude, ("u", "v"), attrs).rename(
-        depth="st_ocean", latitude="yu_ocean", longitude="xu_ocean", member="time"
-    )
-    ds["time"] = (
-        "time",
-        np.array([18250.5, 18251.5, 18252.5]),
-        {"units": "days since 1900-01-01", "calendar": "NOLEAP"},
-    )
-    read = read_with(save(ds, tmp_path / "e.nc"), members="dim:time")
-    # at the ends of a row the axis is known half a cell away: 0.05 degrees sin(40 degrees) is 0.56 mrad
-    assert_comes_back(read, 3e-4)
-    assert read.members[0] == "e.nc time 1950-01-01T12:00Z"
-    assert noted(read, "calendar NOLEAP")
-
-
 def test_grep_members_by_suffix_without_their_mean(tmp_path):
     longitude, latitude = forms.lonlat()
     u, v = forms.regular(longitude, latitude)
@@ -319,23 +250,6 @@ def test_anomalies_are_added_to_the_background_and_states_are_not(tmp_path):
         assert_comes_back(read, 1e-12)
         assert noted(read, "added to the background" if folder == "anomalies" else "was not used")
     (tmp_path / "anomalies" / "bg_uv.nc").unlink()
-
-
-def test_pop_in_centimetres_with_undeclared_fill(tmp_path):
-    longitude, latitude = forms.lonlat()
-    u, v = (100.0 * part for part in forms.regular(longitude, latitude))
-    u[:, :, 0, 0] = v[:, :, 0, 0] = 1e30
-    attrs = ({"units": "centimeter/s"},) * 2
-    ds = forms.standard(u, v, longitude, latitude, ("UVEL", "VVEL"), attrs).rename(
-        latitude="y", longitude="x"
-    )
-    x, y = np.meshgrid(longitude, latitude)
-    ds = ds.drop_vars(["x", "y"]).assign(ULON=(("y", "x"), x), ULAT=(("y", "x"), y))
-    read = read_with(save(ds, tmp_path / "e.nc"))
-    assert_comes_back(read, 3e-4)
-    assert not read.grid.wet[:, 0, 0].any()
-    assert read.grid.wet.sum() == u[0].size - 4
-    assert noted(read, "treated as missing: 24 values beyond 1000 m/s")
 
 
 def test_pop_levels_between_interfaces(tmp_path):
