@@ -43,7 +43,7 @@ class AxesCheck:
         angle: Largest angle between the grid and true axes [degrees].
         residual: Share of the variance that no divergence-free flow carries, read and turned; None if not tested.
         phase: Angle from the geostrophic current to the current [degrees], as read and turned; None if not tested.
-        contradicted: Whether the other reading fits clearly better.
+        contradicted: Whether the other reading fits better.
         residual_std: RMS of a component that no divergence-free flow carries, as read [m/s]; 0 if not tested.
     """
 

@@ -26,10 +26,10 @@ from replay_kit.forecast.names import (
     MEMBER_NAMES,
     Axes,
     Current,
+    NoCurrentError,
     find_current,
     find_member,
     find_time,
-    no_current,
     sizes_text,
     suffixes,
     without_partner,
@@ -126,18 +126,20 @@ def _identified(
         rule = MemberRule("suffix")
     currents = dict[int, Current | None]()
     for file in files:
-        pairs = suffixes(file.ds) if kind_of(rule) == "suffix" else {}
-        for label, (u, v) in pairs.items():
-            current = Current(u, v, _axes_of(file.ds, u), f"suffix {label}")
-            found.append(replace(file, current=current, label=label))
-        if not pairs and kind_of(rule) == "suffix":
-            found.append(file)
-        elif not pairs:
-            form = id(file.like)
-            if form not in currents:
-                currents[form] = find_current(file.like, file.where)
-            one = replace(file, current=currents[form], load=_checked(file, currents[form]))
-            found += _runs(one) if kind_of(rule) == "lags" else [one]
+        if kind_of(rule) == "suffix":
+            whole = file.load()[0]
+            found += [
+                replace(
+                    file, current=Current(u, v, _axes_of(whole, u), f"suffix {label}"), label=label
+                )
+                for label, (u, v) in suffixes(whole).items()
+            ] or [file]
+            continue
+        form = id(file.like)
+        if form not in currents:
+            currents[form] = find_current(file.like, file.where)
+        one = replace(file, current=currents[form], load=_checked(file, currents[form]))
+        found += _runs(one) if kind_of(rule) == "lags" else [one]
     return found, rule
 
 
@@ -179,7 +181,8 @@ def _collected(files: Sequence[Field], rule: MemberRule | None, notes: Notes) ->
             raise ForecastError(
                 f"{files[0].where}: --members suffix, but no variables differ by a suffix alone, as uo_glor and uo_oras do"
             )
-        raise no_current(files[0].ds, ", ".join(file.where for file in files))
+        datasets = [file.like for file in files]
+        raise NoCurrentError(datasets, ", ".join(file.where for file in files))
     states = [file for file in holders if is_background(file.paths[0])]
     if rule is None and find_member(holders[0].like, holders[0].dims) is not None:
         rule = MemberRule("dim")

@@ -13,14 +13,13 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
 from replay_kit.core.region import DEGREE, Region, around
-from replay_kit.core.text import some_text
 from replay_kit.forecast.axes import AxesCheck
 from replay_kit.forecast.collection import Collection, open_collection
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.files import find_sources, opened_file
+from replay_kit.forecast.files import find_sources
 from replay_kit.forecast.grid import region_block
 from replay_kit.forecast.members import MemberRule, parse_rule
-from replay_kit.forecast.names import find_current, suffixes
+from replay_kit.forecast.names import NoCurrentError
 from replay_kit.forecast.reader import layout_of, read_members, read_selection, ways
 from replay_kit.forecast.selection import Selection, select
 from replay_kit.forecast.series import dated_choices
@@ -65,44 +64,36 @@ def describe_ensemble(
         ForecastError: The files cannot be read, or do not belong together; files without a current are no error.
     """
     files = find_sources(path).files
-    if (variables := _without_current(files)) is not None:
-        use = f"no current: a file of the grid or of other variables ({some_text(variables)}); give it beside files with velocities"
+    try:
+        with open_collection(path, parse_rule(config.members)) as found:
+            return _described(found, files, config, near_ns)
+    except NoCurrentError as error:
+        use = f"no current: a file of the grid or of other variables ({error.variables}); give it beside files with velocities"
         return Description(_named(files), files, "", None, ("", ""), "", None, use)
-    with open_collection(path, parse_rule(config.members)) as found:
-        if found.rule is None:
-            one = replace(found, rule=MemberRule("dim"))
-            reading = read_selection(
-                select(one, config, near_ns), config, None, found.source, found.notes
-            )
-            use = f"one field, which --truth takes; no ensemble{ways(found)}"
-        else:
-            reading = read_members(found, config, near_ns, None)
-            use = f"an ensemble of {reading.ensemble.n_members} members"
-        current = reading.field.current
-        assert current is not None
-        names = str(current.u), str(current.v)
-        rule = _rule(found)
-        return Description(
-            _named(files),
-            found.grids,
-            rule,
-            reading.ensemble,
-            names,
-            reading.layout.name,
-            reading.check,
-            use,
-        )
 
 
-def _without_current(files: Sequence[Path]) -> list[str] | None:
-    """Return the variables of files of which none holds a current; None where one does."""
-    variables: set[str] = set()
-    for path in files:
-        with opened_file(path) as ds:
-            if suffixes(ds) or find_current(ds, str(path)) is not None:
-                return None
-            variables |= {str(name) for name in ds.data_vars}
-    return sorted(variables)
+def _described(
+    found: Collection, files: Sequence[Path], config: ForecastConfig, near_ns: int | None
+) -> Description:
+    if found.rule is None:
+        one = select(replace(found, rule=MemberRule("dim")), config, near_ns)
+        reading = read_selection(one, config, None, found.source, found.notes)
+        use = f"one field, which --truth takes; no ensemble{ways(found)}"
+    else:
+        reading = read_members(found, config, near_ns, None)
+        use = f"an ensemble of {reading.ensemble.n_members} members"
+    current = reading.field.current
+    assert current is not None
+    return Description(
+        _named(files),
+        found.grids,
+        _rule(found),
+        reading.ensemble,
+        (str(current.u), str(current.v)),
+        reading.layout.name,
+        reading.check,
+        use,
+    )
 
 
 def _named(files: Sequence[Path]) -> str:

@@ -23,18 +23,18 @@ PRODUCT = ("title", "source", "institution", "product", "challenger")
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """The current of a member, or of members along a dimension, in one file, or in one of u and one of v.
+    """The current of a member, or of members along a dimension, in a file, or in two.
 
     Attributes:
         paths: The files.
         like: A dataset of their form.
         look: Returns a coordinate.
         load: Returns the dataset, with ``U`` and ``V`` where joined, and what was assumed.
-        argument: Position of the option.
+        argument: Of the option.
         current: Its components, if any.
         label: Of the members.
         member: Their dimension; None for one.
-        at: Positions of the time, and of members read together.
+        at: Positions of the time and of members read.
         labels: Origins of the members.
         extra: Whether it only serves to make members.
     """

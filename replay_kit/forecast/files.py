@@ -141,7 +141,7 @@ _LARGE = 2e9
 _CIVIL = ("standard", "gregorian", "proleptic_gregorian", "")
 
 
-def open_file(path: Path) -> xr.Dataset:
+def _open_file(path: Path) -> xr.Dataset:
     """Return a forecast's file, opened; nothing but small coordinates is read.
 
     Times of every calendar become dates of the same name (31 January stays 31 January); times without an epoch, or with dates that no
@@ -192,11 +192,11 @@ def open_file(path: Path) -> xr.Dataset:
 
 @contextmanager
 def opened_file(path: Path) -> Iterator[xr.Dataset]:
-    """Give what ``open_file`` returns; it is closed at the end.
+    """Give a file, opened; it is closed at the end; errors as of ``_open_file``.
 
     Values of NetCDF-3 that something still refers to then stay mapped until nothing does, which is harmless.
     """
-    ds = open_file(path)
+    ds = _open_file(path)
     try:
         yield ds
     finally:

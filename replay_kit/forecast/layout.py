@@ -42,19 +42,19 @@ class Layout:
     """The horizontal arrangement of a file.
 
     Attributes:
-        kind: The kind of grid, with the names of its masks.
-        longitude: At cell centres [degrees], shape (J, I), or (I,) where separable.
+        kind: With the names of masks.
+        longitude: [degrees], shape (J, I) or (I,).
         latitude: shape (J, I) or (J,).
-        u_dims: Dimensions (y, x) of the first component.
+        u_dims: (y, x) of the first component.
         v_dims: Of the second.
-        centre_dims: Of what is at cell centres, such as masks.
-        first_face: Position of the face before centre 0 along y (of v) and x (of u); None where both components lie at the centres.
-        rows: Centres along y that are used; all have both faces.
-        columns: Centres along x that are used, each once, in their order in space; two parts across the seam of a grid round the globe.
-        period: Number of columns that go round the globe; None for a grid that does not.
-        axes: Along which axes the components lie.
-        why: What says it.
-        notes: What was assumed.
+        centre_dims: Of masks.
+        first_face: Before centre 0 along y (of v) and x (of u), if any.
+        rows: Centres used.
+        columns: In order in space; two parts across a seam.
+        period: Columns round the globe, if they are.
+        axes: Of the components.
+        why: What says so.
+        notes: On it.
     """
 
     kind: Coordinates
@@ -108,7 +108,7 @@ class Layout:
         block = region_block(x, y, region)
         if block is None:
             raise ForecastError(
-                f"{where}: no grid point inside the region {region} (west, south, east, north); the file covers "
+                f"{where}: no grid point inside the region {region} (west, south, east, north); the forecast covers "
                 f"{x.min():.3f}..{x.max():.3f} E, {y.min():.3f}..{y.max():.3f} N"
             )
         rows, columns = block

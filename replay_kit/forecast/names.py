@@ -1,6 +1,6 @@
 """The tables: which variable, dimension or coordinate is which, by CF standard names first, then by the names that producers use."""
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -247,14 +247,17 @@ def sizes_text(held: xr.Dataset | xr.DataArray) -> str:
     return ", ".join(f"{dim} = {size}" for dim, size in held.sizes.items())
 
 
-def no_current(ds: xr.Dataset, where: str) -> ForecastError:
-    """Return the error for a file without velocities: what was expected, and what is there."""
-    unstructured = " (an unstructured grid, which is not read)" if "nele" in ds.dims else ""
-    return ForecastError(
-        f"{where}: no current found{unstructured}; expected variables with standard names eastward_/northward_sea_water_velocity or "
-        f"sea_water_x_/y_velocity, or named {', '.join(f'{u}/{v}' for u, v, _ in _VELOCITY_SHORT_NAMES)}; got "
-        f"{some_text(sorted(map(str, ds.data_vars))) or 'no variable'}"
-    )
+class NoCurrentError(ForecastError):
+    """No file holds a current: what was expected, and which variables there are."""
+
+    def __init__(self, datasets: Sequence[xr.Dataset], where: str) -> None:
+        names = {str(name) for ds in datasets for name in ds.data_vars}
+        self.variables = some_text(sorted(names))
+        usual = ", ".join(f"{u}/{v}" for u, v, _ in _VELOCITY_SHORT_NAMES)
+        super().__init__(
+            f"{where}: no current found; expected variables with standard names eastward_/northward_sea_water_velocity or "
+            f"sea_water_x_/y_velocity, or named {usual}; got {self.variables or 'no variable'}"
+        )
 
 
 def find_coordinates(

@@ -145,24 +145,35 @@ def read_truth(
     Raises:
         ForecastError: As in ``read_ensemble``, or the member is not there, or is needed and not named.
     """
+    with open_collection(Path(spec.partition("#")[0]), None) as found:
+        return truth_in(found, spec, config, near_ns, place_at)
+
+
+def truth_in(
+    found: Collection,
+    spec: str,
+    config: ForecastConfig,
+    near_ns: int | None = None,
+    place_at: tuple[float, float] | None = None,
+) -> Ensemble:
+    """Return a truth of an opened file; see ``read_truth``."""
     name, _, label = spec.partition("#")
-    with open_collection(Path(name), None) as found:
-        field = found.members[0][0]
-        if field.member is None and label:
-            raise ForecastError(
-                f"{name}: member '{label}' asked for, but the file has no member dimension; leave out '#{label}'"
-            )
-        if field.member is not None and not label and field.count > 1:
-            raise ForecastError(
-                f"{name}: {field.count} members; name the one that is the truth as '{name}#MEMBER'"
-            )
-        members = tuple(_one_member(field, label) if label else field for field in found.members[0])
-        one = replace(
-            found, members=(members,), rule=found.rule or MemberRule("dim"), background=()
+    field, *_ = fields = found.members[0]
+    if field.member is None and label:
+        raise ForecastError(
+            f"{name}: member '{label}' asked for, but the file has no member dimension; leave out '#{label}'"
         )
-        return read_selection(
-            select(one, config, near_ns), config, place_at, spec, found.notes
-        ).ensemble
+    if field.member is not None and not label and field.count > 1:
+        raise ForecastError(
+            f"{name}: {field.count} members; name the one that is the truth as '{name}#MEMBER'"
+        )
+    if label:
+        fields = tuple(_one_member(field, label) for field in fields)
+    rule = found.rule or MemberRule("dim")
+    one = replace(found, members=(fields,), rule=rule, background=())
+    return read_selection(
+        select(one, config, near_ns), config, place_at, spec, found.notes
+    ).ensemble
 
 
 def _nothing_says(found: Collection) -> ForecastError:

@@ -116,7 +116,7 @@ def from_s_levels(
     """Return velocities at fixed depths, shape (E, 2, L, J, I), and those depths.
 
     Args:
-        velocity: On the coordinate's levels, in their order, shape (E, 2, Z, J, I); NaN on land.
+        velocity: On the coordinate's levels, shape (E, 2, Z, J, I); NaN on land.
         coordinate: Of the levels.
         h: Depth of the sea bed [m], shape (J, I), of no meaning on land.
         sea_level: Height of the surface [m], shape (E or 1, J, I); None for a surface at rest.

@@ -15,7 +15,7 @@ from replay_kit.forecast.collection import Collection, open_collection
 from replay_kit.forecast.layout import U
 from replay_kit.forecast.members import MADE, kind_of, parse_rule, without_copies
 from replay_kit.forecast.names import find_lead, find_time
-from replay_kit.forecast.reader import read_ensemble, read_members, read_truth
+from replay_kit.forecast.reader import read_ensemble, read_members, truth_in
 from replay_kit.forecast.times import dated_leads
 
 _DAY_NS = 86_400 * 10**9
@@ -121,33 +121,26 @@ def read_changing_truth(
     name = spec.partition("#")[0]
     with open_collection(Path(name), None) as found:
         field = found.members[0][0]
-        ds = field.ds
-        lead, time = find_lead(ds, ds[U].dims), find_time(ds, ds[U].dims)
-        if lead is not None:
-            steps = [{"lead": float(value)} for value in ds[lead].values]
-        elif time is not None:
-            steps = [
-                {"time": np.datetime_as_string(value.astype("datetime64[ns]"))}
-                for value in ds[time].values
-            ]
-        else:
+        lead, along = field.lead, field.lead or field.time
+        if along is None:
             raise ForecastError(
                 f"{name}: a truth that changes needs leads or times; the file has neither as a dimension"
             )
-        if why := exceeds_claim(Path(name), 16 * ds[U].size // field.count):
+        values = field.ds[along].values
+        if why := exceeds_claim(Path(name), 16 * field.ds[U].size // field.count):
             raise ForecastError(f"{name}: cannot be read: {why}; mend the file")
-    if config.lead is not None or (lead is None and config.time is not None):
-        raise ForecastError(
-            f"{name}: a truth that changes goes through all leads and times; choose none of them"
-        )
-    if len(steps) < 2:
-        raise ForecastError(
-            f"{name}: a truth that changes needs at least two leads or times, got one"
-        )
-    first = read_truth(spec, config.model_copy(update=steps[0]))
-    if first.time_ns is None:
-        config = config.model_copy(update={"reference_time": reference_time})
-    truths = tuple(read_truth(spec, config.model_copy(update=step)) for step in steps)
+        if config.lead is not None or (lead is None and config.time is not None):
+            raise ForecastError(
+                f"{name}: a truth that changes goes through all leads and times; choose none of them"
+            )
+        if len(values) < 2:
+            raise ForecastError(
+                f"{name}: a truth that changes needs at least two leads or times, got one"
+            )
+        steps = [{"lead": float(value)} if lead else {"time": str(value)} for value in values]
+        if truth_in(found, spec, config.model_copy(update=steps[0])).time_ns is None:
+            config = config.model_copy(update={"reference_time": reference_time})
+        truths = tuple(truth_in(found, spec, config.model_copy(update=step)) for step in steps)
     if truths[0].time_ns is None:
         raise ForecastError(
             f"{name}: its leads have no unit of time; give the lead's attribute units, such as days"

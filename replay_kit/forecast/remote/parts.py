@@ -15,7 +15,6 @@ from replay_kit.core.text import time_text
 from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import with_dates
-from replay_kit.forecast.grid import region_block
 from replay_kit.forecast.layout import Layout, U, V, lay_out
 from replay_kit.forecast.members import MADE
 from replay_kit.forecast.names import find_depth, find_lead, find_time
@@ -99,18 +98,10 @@ def _of_region(
     layout: Layout, ds: Any, region: Region, alone: bool, where: str
 ) -> dict[str, tuple[slice, ...]]:
     """Return the rows and columns that hold a region and a margin, of each of the staggered dimensions."""
-    x, y = layout.places
-    block = region_block(x, y, region)
-    if block is None:
-        raise ForecastError(
-            f"{where}: no grid point inside the region {region} (west, south, east, north); the forecast covers "
-            f"{x.min():.3f}..{x.max():.3f} E, "
-            f"{y.min():.3f}..{y.max():.3f} N; nothing of its currents was received"
-        )
-    rows, columns = block
+    cut = layout.within(region, where)
     margin = 0 if alone and layout.first_face is None else _MARGIN
     taken: dict[str, tuple[slice, ...]] = {}
-    ends = (rows.start, rows.stop), (columns[0].start, columns[-1].stop)
+    ends = (cut.rows.start, cut.rows.stop), (cut.columns[0].start, cut.columns[-1].stop)
     for axis, (first, last) in enumerate(ends):
         centre = layout.centre_dims[axis]
         dims, size = {centre, layout.u_dims[axis], layout.v_dims[axis]}, ds.sizes[centre]
