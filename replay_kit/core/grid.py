@@ -70,12 +70,12 @@ class Ensemble:
         grid: Where the members are given.
         velocity: shape (E, 2, Z, J, I) [m/s], along the local frame's axes; NaN where dry; in the
             file's precision; on disk where it is larger than memory.
-        time_ns: Time of the forecast [ns, UTC]; None when the file gives none.
+        time_ns: Time [ns, UTC]; None when the file gives none.
         source: Path of the file, with ``#member`` when one was chosen.
-        notes: What a user should know of how the file was read.
-        members: Where each member comes from; empty for what was not read from files.
-        representation_error_std: What the files' own doubtful labels add to the error of each component [m/s].
-        made_from: ``lags``, ``times`` or ``models`` where the members are no ensemble of a producer's: their spread is not their error.
+        notes: What a user should know of how it was read.
+        members: Where each comes from; empty for what was not read.
+        representation_error_std: What doubtful labels add to the error of each component [m/s].
+        made_from: ``lags``, ``times`` or ``models`` where the members' spread is not their error.
     """
 
     grid: Grid

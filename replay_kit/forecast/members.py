@@ -172,7 +172,8 @@ def unusual_members(velocity: Values, labels: tuple[str, ...], source: str) -> t
     Raises:
         ForecastError: All members are the same.
     """
-    notes, found = [], copies(velocity)
+    speeds = member_speeds(velocity)
+    notes, found, rms = [], copies(velocity, speeds), float(np.sqrt(np.mean(np.square(speeds))))
     same = [f"'{labels[k]}' and '{labels[of]}'" for k, of in found.items()]
     if len(labels) > 1 and len(found) == len(labels) - 1:
         raise ForecastError(
@@ -180,7 +181,6 @@ def unusual_members(velocity: Values, labels: tuple[str, ...], source: str) -> t
         )
     if same:
         notes.append(f"{_DUPLICATES} are counted once: {len(same)}, such as {same[0]}; remove them")
-    rms = component_rms(velocity)
     if rms == 0.0:
         notes.append(
             f"{WARNING}the current is 0 everywhere; choose a time after the start of the run with forecast.time, or --lead without dates"
@@ -199,11 +199,16 @@ def unusual_members(velocity: Values, labels: tuple[str, ...], source: str) -> t
     return tuple(notes)
 
 
-def copies(velocity: Values) -> dict[int, int]:
-    """Return the members, shape (E, ...), that are the same as an earlier one, with the first of those."""
+def member_speeds(velocity: Values) -> list[float]:
+    """Return the root mean square of a component of each member [m/s]."""
+    return [component_rms(member[None]) for member in one_by_one(velocity)]
+
+
+def copies(velocity: Values, speeds: Sequence[float]) -> dict[int, int]:
+    """Return the members, shape (E, ...), that are the same as an earlier one, with the first of those; those of other speeds are not."""
     found, first = dict[int, int](), dict[float, list[int]]()
-    for k, member in enumerate(one_by_one(velocity)):
-        alike = first.setdefault(component_rms(member[None]), [])
+    for k, speed in enumerate(speeds):
+        alike = first.setdefault(speed, [])
         of = next((j for j in alike if np.array_equal(velocity[j], velocity[k], True)), None)
         if of is None:
             alike.append(k)
@@ -214,10 +219,12 @@ def copies(velocity: Values) -> dict[int, int]:
 
 def without_copies(series: Sequence[Ensemble]) -> tuple[Ensemble, ...]:
     """Return a forecast at its times with members once that are the same at all of them; at least two stay."""
-    first = series[0]
-    found = [copies(first.velocity)]
-    # those of one time alone are none
-    found += [copies(part.velocity) for part in series[1:] if found[0]]
+    first, found = series[0], list[dict[int, int]]()
+    for part in series:
+        found.append(copies(part.velocity, member_speeds(part.velocity)))
+        # those of one time alone are none
+        if not found[0]:
+            break
     of = [tuple(each.get(k, k) for each in found) for k in range(first.n_members)]
     left = [k for k, each in enumerate(of) if of.index(each) == k]
     if len(left) < 2:

@@ -64,8 +64,7 @@ def surface_speed(ensemble: Ensemble) -> float:
     """Return the root mean square of a component of all members at the nodes of the first level [m/s]."""
     top = ensemble.grid.wet[0]
     squares = [
-        np.mean(np.square(member[:, 0, top], dtype=np.float64))
-        for member in one_by_one(ensemble.velocity)
+        np.mean(member[:, 0, top] ** 2, dtype=float) for member in one_by_one(ensemble.velocity)
     ]
     return float(np.sqrt(np.mean(squares)))
 

@@ -144,7 +144,7 @@ def _values(array: xr.DataArray) -> Array:
     # xarray loads slowly: without a file it is not needed
     from replay_kit.forecast.variables import unpacked
 
-    return unpacked(array).astype(np.float64)
+    return unpacked(array).astype(float)
 
 
 def _check_claim(path: Path, *arrays: xr.DataArray) -> None:
