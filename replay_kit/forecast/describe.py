@@ -17,10 +17,11 @@ from replay_kit.forecast.axes import AxesCheck
 from replay_kit.forecast.collection import Collection, open_collection
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import find_sources
+from replay_kit.forecast.gather import layout_of
 from replay_kit.forecast.grid import region_block
 from replay_kit.forecast.members import MemberRule, parse_rule
 from replay_kit.forecast.names import NoCurrentError
-from replay_kit.forecast.reader import layout_of, read_members, read_selection, ways
+from replay_kit.forecast.reader import read_members, read_selection, ways
 from replay_kit.forecast.selection import Selection, select
 from replay_kit.forecast.series import dated_choices
 

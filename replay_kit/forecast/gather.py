@@ -1,16 +1,19 @@
 """Members brought together on the first one's grid, as one array, which lies on disk where it is larger than memory."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from replay_kit.core.arrays import IN_MEMORY, Array, Values
-from replay_kit.core.errors import ForecastError
+from replay_kit.config.run import ForecastConfig
+from replay_kit.core.arrays import IN_MEMORY, Array, Values, large_array, release
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.inputs import claim_text, held
+from replay_kit.core.inputs import held, unpacking
 from replay_kit.core.text import count_text
 from replay_kit.forecast.depths import depths_text, to_levels
 from replay_kit.forecast.field import Field
@@ -21,76 +24,14 @@ from replay_kit.forecast.grid import (
     turn_to_local,
     turned,
 )
-from replay_kit.forecast.layout import Layout, U, V
-from replay_kit.forecast.members import no_water
-from replay_kit.forecast.variables import chunk_bytes, unpacked
-from replay_kit.forecast.window import Window, window_size
+from replay_kit.forecast.layout import Layout, lay_out
+from replay_kit.forecast.selection import Change
+from replay_kit.forecast.window import Window, read_window, window_size
 
 # Members read at once [bytes].
 _GROUP = 1 << 28
-# What is read without having been looked at [bytes], and per byte of the files: land alone takes less room than that.
-_UNSEEN, _USUAL = 1 << 22, 12
-# Values in water per byte of the files; and bytes that are looked at together, unless a chunk has more, up to the most of one.
-_IN_WATER, _PART, _CHUNK = 32, 1 << 23, 1 << 26
-
-
-def check_content(fields: Sequence[Field], layout: Layout, size: float, times: int) -> None:
-    """Raise ForecastError where members are more than their files can tell: bytes that repeat take a thousandth of their room.
-
-    Args:
-        fields: The members at one time.
-        layout: The part of the first file.
-        size: What their currents take in memory [bytes].
-        times: How many such are read, in all.
-    """
-    parts = {field.paths: field.load()[0][U].size for field in fields}
-    paths = {path for part in parts for path in part}
-    # what is on a server has limits of its own
-    if not all(path.exists() for path in paths):
-        return
-    claimed = size * times
-    stored = sum(held(path, claimed) for path in paths)
-    why = claim_text(int(claimed), stored)
-    # of the files' bytes those of these fields
-    own = int(stored * min(1.0, size / (16 * sum(parts.values()))))
-    if not why and size > _UNSEEN + _USUAL * own:
-        why = _why_repeated(fields, layout, own)
-    if why:
-        raise ForecastError(
-            f"{fields[0].where}: its currents cannot be read: {why}; choose less with --region and --levels, or mend the file"
-        )
-
-
-def _why_repeated(fields: Sequence[Field], layout: Layout, stored: int) -> str:
-    """Return why members cannot be told by so many bytes; empty where most of them is land, which takes no room."""
-    water = 0
-    for field in fields:
-        for name, dims in ((U, layout.u_dims), (V, layout.v_dims)):
-            whole = field.ds[name]
-            if (chunk := chunk_bytes(whole)) > _CHUNK:
-                return f"{chunk / 1e6:.0f} MB of them are packed as one, which take {stored / 1e6:.3f} MB in all"
-            for columns in layout.columns:
-                cut = whole.isel({dims[0]: layout.rows, dims[1]: columns})
-                for part in _parts(cut, max(_PART, chunk)):
-                    values = unpacked(part)
-                    new = np.isfinite(values[..., 1:]) & (values[..., 1:] != values[..., :-1])
-                    water += 8 * int(np.count_nonzero(new))
-            if water > _UNSEEN + _IN_WATER * stored:
-                return f"more than {water / 1e6:.0f} MB of values in water in {stored / 1e6:.3f} MB of a file: they repeat"
-    if not water:
-        raise no_water(fields[0].where)
-    return ""
-
-
-def _parts(values: xr.DataArray, most: int) -> Iterator[xr.DataArray]:
-    """Yield a variable in parts of no more than so many bytes in memory, along its first dimensions."""
-    dim = next((dim for dim in values.dims if values.sizes[dim] > 1), None)
-    if 8 * values.size <= most or dim is None:
-        yield values
-        return
-    step = max(1, most * values.sizes[dim] // (8 * values.size))
-    for start in range(0, values.sizes[dim], step):
-        yield from _parts(values.isel({dim: slice(start, start + step)}), most)
+# Bytes of coordinates in memory per byte of a file.
+_COORDINATES = 4
 
 
 def in_groups(field: Field, layout: Layout) -> list[Field]:
@@ -106,6 +47,104 @@ def in_groups(field: Field, layout: Layout) -> list[Field]:
         replace(field, at={**(field.at or {}), field.member: part}, labels=field.labels[part])
         for part in parts
     ]
+
+
+def together(
+    fields: Sequence[Field],
+    layout: Layout,
+    window: Window,
+    turn: NDArray[np.complex128],
+    projection: Projection,
+    config: ForecastConfig,
+    change: Change | None,
+) -> tuple[Values, list[str]]:
+    """Return the members of fields in the local frame on the grid of the first, and what was done to them.
+
+    Args:
+        fields: In order.
+        layout: The part of the first file.
+        window: What was read there, whose velocities are turned in their place where there are no others.
+        turn: From the first file's axes to the local ones, shape (J, I).
+        projection: The local frame.
+        config: Levels and axes.
+        change: What makes members of the fields.
+    """
+    own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
+    # what is made of members is computed in double precision
+    dtype = own.dtype if change is None else np.dtype(np.float64)
+    alone = len(own) == count and own.dtype == dtype
+    velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
+    turned(own, turn, velocity[: len(own)])
+    filled, around, notes = len(own), region_around(window), list[str]()
+    moved, far = 0, np.zeros(window.levels.size, dtype=bool)
+    for field in fields[1:]:
+        last = layout
+        if not _same_grid(field, fields[0]):
+            last = layout_of(field, config).within(around, field.where)
+        other = read_window(field, last, config)
+        values, alike = other.velocity, is_alike(other, window)
+        if not alike:
+            values, moved = on_grid_of(other, window, projection), moved + len(values)
+            far |= (window.levels < other.within[0]) | (window.levels > other.within[1])
+        if field.extra:
+            values = values.mean(axis=0, keepdims=True, dtype=np.float64)
+        here = velocity[filled : filled + len(values)]
+        filled += len(values)
+        if alike:
+            turned(values, turn, here)
+        else:
+            here[:] = values
+        release(velocity)
+        notes += [note for note in other.notes if last is not layout or note not in window.notes]
+    notes += moved_notes(moved, window.levels[far])
+    if change is not None:
+        velocity, changed = change(velocity)
+        notes += changed
+    return velocity, notes
+
+
+def layout_of(field: Field, config: ForecastConfig) -> Layout:
+    """Return the horizontal arrangement of a file, with the axes of its velocities as the configuration states them."""
+    assert field.current is not None
+    with _coordinates_of(field):
+        layout = lay_out(field.ds, field.current, field.where)
+    if config.axes == "auto":
+        return layout
+    return replace(layout, axes=config.axes, why=f"--axes {config.axes}")
+
+
+def _coordinates_of(field: Field) -> AbstractContextManager[None]:
+    """Return the limit of what the coordinates of a file may take, by its bytes: they are a part of them."""
+    # what is on a server has limits of its own
+    if not all(path.exists() for path in field.paths):
+        return nullcontext()
+    return unpacking(_COORDINATES * sum(held(path, inf) for path in field.paths))
+
+
+def _same_grid(one: Field, other: Field) -> bool:
+    """Return whether two files have the same horizontal grid, by its size and the ends of its coordinates."""
+    if one.paths == other.paths:
+        return True
+    with _coordinates_of(other):
+        return one.current == other.current and _same_coordinates(one.ds, other.ds)
+
+
+def _same_coordinates(one: xr.Dataset, other: xr.Dataset) -> bool:
+    for name, variable in other.variables.items():
+        if any(
+            mark in str(name).lower()
+            for mark in ("lon", "lat", "glam", "gphi", "xc", "yc", "xh", "yh", "xu_", "yu_", "geo")
+        ):
+            if name not in one.variables or one[name].shape != variable.shape:
+                return False
+            ends = [
+                np.asarray(v.isel(dict.fromkeys(v.dims, k)).values)
+                for v in (one[name].variable, variable)
+                for k in (0, -1)
+            ]
+            if not (np.array_equal(ends[0], ends[2]) and np.array_equal(ends[1], ends[3])):
+                return False
+    return True
 
 
 def region_around(window: Window) -> tuple[float, float, float, float]:

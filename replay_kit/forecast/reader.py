@@ -1,36 +1,23 @@
 """Ensemble and truth files (CF and native NetCDF, Zarr) to ``Ensemble`` values."""
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
-from math import inf
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import Values, large_array, release
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble, Projection
-from replay_kit.core.inputs import held, unpacking
 from replay_kit.core.paths import Paths
 from replay_kit.core.progress import announce
 from replay_kit.forecast.axes import AxesCheck, check_axes
 from replay_kit.forecast.collection import Collection, open_collection
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import size_text
-from replay_kit.forecast.gather import (
-    check_content,
-    in_groups,
-    is_alike,
-    moved_notes,
-    on_grid_of,
-    region_around,
-)
-from replay_kit.forecast.grid import local_grid, projection_of, turn_to_local, turned
-from replay_kit.forecast.layout import Layout, U, lay_out
+from replay_kit.forecast.gather import in_groups, is_alike, layout_of, together
+from replay_kit.forecast.grid import local_grid, projection_of, turn_to_local
+from replay_kit.forecast.layout import Layout, U
 from replay_kit.forecast.members import (
     MADE,
     MemberRule,
@@ -40,11 +27,9 @@ from replay_kit.forecast.members import (
     without_copies,
 )
 from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
-from replay_kit.forecast.selection import Change, Selection, select
+from replay_kit.forecast.selection import Selection, select
+from replay_kit.forecast.variables import check_content
 from replay_kit.forecast.window import Window, read_window, window_size
-
-# Bytes of coordinates in memory per byte of a file.
-_COORDINATES = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,7 +228,7 @@ def read_selection(
         turn = turn_to_local(projection, window.longitude, window.latitude, window.axes)
     else:
         projection, turn = before.projection, before.turn
-    velocity, more = _together(fields, layout, window, turn, projection, config, selection.change)
+    velocity, more = together(fields, layout, window, turn, projection, config, selection.change)
     # the members are in memory once
     window = replace(window, velocity=velocity[:0])
     labels = tuple(label for field in fields if not field.extra for label in field.labels)
@@ -274,60 +259,6 @@ def read_selection(
     return Reading(ensemble, layout, check, first, window, projection, turn)
 
 
-def _together(
-    fields: Sequence[Field],
-    layout: Layout,
-    window: Window,
-    turn: NDArray[np.complex128],
-    projection: Projection,
-    config: ForecastConfig,
-    change: Change | None,
-) -> tuple[Values, list[str]]:
-    """Return the members of fields in the local frame on the grid of the first, and what was done to them.
-
-    Args:
-        fields: In order.
-        layout: The part of the first file.
-        window: What was read there, whose velocities are turned in their place where there are no others.
-        turn: From the first file's axes to the local ones, shape (J, I).
-        projection: The local frame.
-        config: Levels and axes.
-        change: What makes members of the fields.
-    """
-    own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
-    # what is made of members is computed in double precision
-    dtype = own.dtype if change is None else np.dtype(np.float64)
-    alone = len(own) == count and own.dtype == dtype
-    velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
-    turned(own, turn, velocity[: len(own)])
-    filled, around, notes = len(own), region_around(window), list[str]()
-    moved, far = 0, np.zeros(window.levels.size, dtype=bool)
-    for field in fields[1:]:
-        last = layout
-        if not _same_grid(field, fields[0]):
-            last = layout_of(field, config).within(around, field.where)
-        other = read_window(field, last, config)
-        values, alike = other.velocity, is_alike(other, window)
-        if not alike:
-            values, moved = on_grid_of(other, window, projection), moved + len(values)
-            far |= (window.levels < other.within[0]) | (window.levels > other.within[1])
-        if field.extra:
-            values = values.mean(axis=0, keepdims=True, dtype=np.float64)
-        here = velocity[filled : filled + len(values)]
-        filled += len(values)
-        if alike:
-            turned(values, turn, here)
-        else:
-            here[:] = values
-        release(velocity)
-        notes += [note for note in other.notes if last is not layout or note not in window.notes]
-    notes += moved_notes(moved, window.levels[far])
-    if change is not None:
-        velocity, changed = change(velocity)
-        notes += changed
-    return velocity, notes
-
-
 def _size(selection: Selection, layout: Layout, config: ForecastConfig) -> float:
     """Return what the currents of a selection take in memory [bytes], as if all its files were like the first."""
     first, count = selection.fields[0], sum(len(field.labels) for field in selection.fields)
@@ -343,50 +274,6 @@ def _large(size: float) -> tuple[str, ...]:
         return ()
     announce(f"reading the forecast{said}")
     return (f"the forecast is large{said}",)
-
-
-def layout_of(field: Field, config: ForecastConfig) -> Layout:
-    """Return the horizontal arrangement of a file, with the axes of its velocities as the configuration states them."""
-    assert field.current is not None
-    with _coordinates_of(field):
-        layout = lay_out(field.ds, field.current, field.where)
-    if config.axes == "auto":
-        return layout
-    return replace(layout, axes=config.axes, why=f"--axes {config.axes}")
-
-
-def _coordinates_of(field: Field) -> AbstractContextManager[None]:
-    """Return the limit of what the coordinates of a file may take, by its bytes: they are a part of them."""
-    # what is on a server has limits of its own
-    if not all(path.exists() for path in field.paths):
-        return nullcontext()
-    return unpacking(_COORDINATES * sum(held(path, inf) for path in field.paths))
-
-
-def _same_grid(one: Field, other: Field) -> bool:
-    """Return whether two files have the same horizontal grid, by its size and the ends of its coordinates."""
-    if one.paths == other.paths:
-        return True
-    with _coordinates_of(other):
-        return one.current == other.current and _same_coordinates(one.ds, other.ds)
-
-
-def _same_coordinates(one: xr.Dataset, other: xr.Dataset) -> bool:
-    for name, variable in other.variables.items():
-        if any(
-            mark in str(name).lower()
-            for mark in ("lon", "lat", "glam", "gphi", "xc", "yc", "xh", "yh", "xu_", "yu_", "geo")
-        ):
-            if name not in one.variables or one[name].shape != variable.shape:
-                return False
-            ends = [
-                np.asarray(v.isel(dict.fromkeys(v.dims, k)).values)
-                for v in (one[name].variable, variable)
-                for k in (0, -1)
-            ]
-            if not (np.array_equal(ends[0], ends[2]) and np.array_equal(ends[1], ends[3])):
-                return False
-    return True
 
 
 def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:

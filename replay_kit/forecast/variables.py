@@ -1,8 +1,8 @@
-"""Variables of a file in the part of it that is used, with their dimensions in one order, and which of their values are land."""
+"""Variables of a file in the part of it that is used, their dimensions in one order; which values are land, and which none."""
 
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import xarray as xr
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.inputs import unpacking
+from replay_kit.core.inputs import claim_text, held, unpacking
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.layout import AT_CENTRES, DIRECTION, Faces, Layout, U, V
+from replay_kit.forecast.members import no_water
 from replay_kit.forecast.names import LEVEL_COUNTS, sizes_text
 
 # Dimension and positions of levels.
@@ -257,3 +258,68 @@ def constant_land(
 def _moves(components: Sequence[Values]) -> bool:
     """Return whether any value is neither missing nor 0."""
     return any(np.nan_to_num(member).any() for values in components for member in values)
+
+
+# What is read without having been looked at [bytes], and per byte of the files: land alone takes less room than that.
+_UNSEEN, _USUAL = 1 << 22, 12
+# Values in water per byte of the files; and bytes that are looked at together, unless a chunk has more, up to the most of one.
+_IN_WATER, _PART, _CHUNK = 32, 1 << 23, 1 << 26
+
+
+def check_content(fields: Sequence[Field], layout: Layout, size: float, times: int) -> None:
+    """Raise ForecastError where members are more than their files can tell: bytes that repeat take a thousandth of their room.
+
+    Args:
+        fields: The members at one time.
+        layout: The part of the first file.
+        size: What their currents take in memory [bytes].
+        times: How many such are read, in all.
+    """
+    parts = {field.paths: field.load()[0][U].size for field in fields}
+    paths = {path for part in parts for path in part}
+    # what is on a server has limits of its own
+    if not all(path.exists() for path in paths):
+        return
+    claimed = size * times
+    stored = sum(held(path, claimed) for path in paths)
+    why = claim_text(int(claimed), stored)
+    # of the files' bytes those of these fields
+    own = int(stored * min(1.0, size / (16 * sum(parts.values()))))
+    if not why and size > _UNSEEN + _USUAL * own:
+        why = _why_repeated(fields, layout, own)
+    if why:
+        raise ForecastError(
+            f"{fields[0].where}: its currents cannot be read: {why}; choose less with --region and --levels, or mend the file"
+        )
+
+
+def _why_repeated(fields: Sequence[Field], layout: Layout, stored: int) -> str:
+    """Return why members cannot be told by so many bytes; empty where most of them is land, which takes no room."""
+    water = 0
+    for field in fields:
+        for name, dims in ((U, layout.u_dims), (V, layout.v_dims)):
+            whole = field.ds[name]
+            if (chunk := chunk_bytes(whole)) > _CHUNK:
+                return f"{chunk / 1e6:.0f} MB of them are packed as one, which take {stored / 1e6:.3f} MB in all"
+            for columns in layout.columns:
+                cut = whole.isel({dims[0]: layout.rows, dims[1]: columns})
+                for part in _parts(cut, max(_PART, chunk)):
+                    values = unpacked(part)
+                    new = np.isfinite(values[..., 1:]) & (values[..., 1:] != values[..., :-1])
+                    water += 8 * int(np.count_nonzero(new))
+            if water > _UNSEEN + _IN_WATER * stored:
+                return f"more than {water / 1e6:.0f} MB of values in water in {stored / 1e6:.3f} MB of a file: they repeat"
+    if not water:
+        raise no_water(fields[0].where)
+    return ""
+
+
+def _parts(values: xr.DataArray, most: int) -> Iterator[xr.DataArray]:
+    """Yield a variable in parts of no more than so many bytes in memory, along its first dimensions."""
+    dim = next((dim for dim in values.dims if values.sizes[dim] > 1), None)
+    if 8 * values.size <= most or dim is None:
+        yield values
+        return
+    step = max(1, most * values.sizes[dim] // (8 * values.size))
+    for start in range(0, values.sizes[dim], step):
+        yield from _parts(values.isel({dim: slice(start, start + step)}), most)
