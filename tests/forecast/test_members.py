@@ -5,7 +5,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.forecast import ensemble_files, read_ensemble, read_series
+from replay_kit.core.errors import ForecastError
+from replay_kit.forecast import ensemble_files, field, files, read_ensemble, read_series
+from replay_kit.forecast.describe import describe_ensemble
 from tests import synthetic
 from tests.forecast import forms
 from tests.forecast.forms import (
@@ -91,6 +93,40 @@ def test_files_of_several_members_each_add_up(tmp_path):
     save(ds.isel(member=slice(0, 5)), tmp_path / "first.nc")
     save(ds.isel(member=slice(5, 8)), tmp_path / "second.nc")
     assert_array_equal(read_with(tmp_path).velocity, synthetic.ensemble().velocity)
+
+
+def test_daily_files_are_opened_when_they_are_used(tmp_path, monkeypatch):
+    opened, one = [], forms.known().isel(member=0, drop=True)
+
+    def noting(path):
+        opened.append(path.name)
+        return files.opened_file(path)
+
+    monkeypatch.setattr(field, "opened_file", noting)
+    for k in range(4):
+        ds = (one * (1.0 + k)).assign_coords(time=START + k * DAY).expand_dims("time")
+        for part, own in zip(ds.values(), forms._CMEMS, strict=True):
+            part.attrs = {"units": "m s-1", **own}
+        ds.to_netcdf(tmp_path / f"day{k}.nc", engine="h5netcdf")
+    last = ForecastConfig(time="2020-01-03T06:00Z")
+    found = describe_ensemble(tmp_path, last).ensemble
+    assert opened == ["day0.nc", "day2.nc"]
+    assert_allclose(
+        found.velocity, 3.0 * describe_ensemble(tmp_path, ForecastConfig()).ensemble.velocity
+    )
+    # of the same form, which says nothing of standard names
+    ds["uo"].attrs["standard_name"], ds["vo"].attrs["standard_name"] = (
+        "sea_water_x_velocity",
+        "sea_water_y_velocity",
+    )
+    ds.assign_coords(time=("time", [START + 2 * DAY])).to_netcdf(
+        tmp_path / "day2.nc", engine="h5netcdf"
+    )
+    with pytest.raises(
+        ForecastError,
+        match=r"day2\.nc: its variables have the names and sizes of those in other files, but",
+    ):
+        describe_ensemble(tmp_path, last)
 
 
 def lagged(folder, runs=3, days=6):
