@@ -77,16 +77,21 @@ def write_ocean(folder: Path, n_members: int, shape=(6, 7)) -> None:
 def ensemble(seed=0, **options) -> Ensemble:
     """``dataset`` as the value that the forecast reader makes of it."""
     ds = dataset(seed, **options)
-    longitude, latitude = np.meshgrid(ds["lon"].values, ds["lat"].values)
-    velocity = np.stack([ds["uo"].values, ds["vo"].values], axis=1)
-    wet = np.ones(velocity.shape[2:], dtype=bool)
-    grid = local_grid(longitude, latitude, ds["depth"].values, wet, None)
-    return Ensemble(
-        grid,
-        turned(velocity, turn_to_local(grid.projection, longitude, latitude, "true")),
-        None,
-        "synthetic",
-    )
+    return as_read(ds)
+
+
+def as_read(ds) -> Ensemble:
+    """A file of members as the value that the forecast reader makes of it."""
+    axes, velocity = (ds["lon"].values, ds["lat"].values), [ds["uo"].values, ds["vo"].values]
+    return in_local_frame(axes, ds["depth"].values, np.stack(velocity, axis=1))
+
+
+def in_local_frame(axes, levels, velocity) -> Ensemble:
+    """Members in water everywhere of true components, shape (E, 2, Z, J, I) [m/s], at longitudes and latitudes."""
+    longitude, latitude = np.meshgrid(*axes)
+    grid = local_grid(longitude, latitude, levels, np.ones(velocity.shape[2:], bool), None)
+    turn = turn_to_local(grid.projection, longitude, latitude, "true")
+    return Ensemble(grid, turned(velocity, turn), None, "synthetic")
 
 
 def profile(grid, east, north, depth, velocity, std=0.05, time_ns=0, dive=0) -> Observation:

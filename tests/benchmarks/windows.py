@@ -26,7 +26,7 @@ from replay_kit.core.region import Region, around
 from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.filter import WindowedEstimator
-from replay_kit.forecast.grid import in_frame, local_grid, turn_to_local, turned
+from replay_kit.forecast.grid import in_frame
 from replay_kit.studies.twins.field import build_field
 from tests import synthetic
 from tests.benchmarks.measure import Row, peak_mb, row
@@ -72,14 +72,9 @@ class Sea:
         west, south, east, north = (-180.0, -90.0, 180.0, 90.0) if region is None else region
         rows = np.flatnonzero((self.latitude >= south) & (self.latitude <= north))
         columns = np.flatnonzero((self.longitude >= west) & (self.longitude <= east))
-        longitude, latitude = np.meshgrid(self.longitude[columns], self.latitude[rows])
         values = self.velocity[members][..., rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        grid = local_grid(longitude, latitude, LEVELS, np.ones(values.shape[2:], dtype=bool), None)
-        found = Ensemble(
-            grid,
-            turned(values, turn_to_local(grid.projection, longitude, latitude, "true")),
-            None,
-            "windows",
+        found = synthetic.in_local_frame(
+            (self.longitude[columns], self.latitude[rows]), LEVELS, values
         )
         return found if frame is None else in_frame(found, frame)
 

@@ -122,7 +122,7 @@ def test_parts_taken_one_by_one_are_those_of_the_array_and_what_is_written_stays
     monkeypatch, in_memory
 ):
     monkeypatch.setattr(arrays, "IN_MEMORY", in_memory)
-    array = arrays.large_array((3, 600, 2), np.dtype(np.float64))
+    array = arrays.large_array((3, 600, 2), np.dtype(float))
     array[:] = whole = np.arange(array.size).reshape(array.shape)
     for part, expected in zip(arrays.one_by_one(array), whole, strict=True):
         assert np.array_equal(part, expected)

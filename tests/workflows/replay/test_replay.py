@@ -12,12 +12,10 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
 from replay_kit.core.flow.file import load
-from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place, Plan
 from replay_kit.estimator import ReducedBasisEstimator, embed_member
 from replay_kit.forecast import read_truth
-from replay_kit.forecast.grid import local_grid, turn_to_local, turned
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.make import Twin, make_twin
@@ -322,17 +320,7 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
     ensemble = synthetic.ensemble(shape=(9, 16), south=70.0, step=1.0)
     flow = embed_member(ensemble, 0, EstimatorConfig(nugget=1e-9))
     part = synthetic.dataset(shape=(9, 16), south=70.0, step=1.0).isel(lon=slice(0, 5), member=[0])
-    longitude, latitude = np.meshgrid(part["lon"].values, part["lat"].values)
-    velocity = np.stack([part["uo"].values, part["vo"].values], axis=1)
-    grid = local_grid(
-        longitude, latitude, part["depth"].values, np.ones(velocity.shape[2:], bool), None
-    )
-    truth = Ensemble(
-        grid,
-        turned(velocity, turn_to_local(grid.projection, longitude, latitude, "true")),
-        None,
-        "part",
-    )
+    truth = synthetic.as_read(part)
     score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
     # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
     assert score["rmse"] < 6e-3
