@@ -58,14 +58,19 @@ def _chip(contents: Contents) -> str:
 
 
 def _why(contents: Contents) -> str:
-    """Return what else asks for care, and what the plan says of itself; nothing where all is to be trusted."""
+    """Return what else asks for care, what the plan says of itself and the next step; nothing where all is to be trusted."""
     verdict, plan = contents.outcome.verdict, contents.last_plan
     texts = [*verdict.reasons[1:]]
     if plan is not None and plan.row["status"] != "reached":
         why = str(plan.row["message"]).partition(". ")[0]
         texts.append(f"the plan failed: {why}" if plan.row["status"] == "failed" else why)
     said = "; ".join(texts)
-    return f'<p class="below">{escape(said[:1].upper() + said[1:])}.</p>' if texts else ""
+    first = f'<p class="below">{escape(said[:1].upper() + said[1:])}.</p>' if texts else ""
+    if verdict.word == "trust":
+        return first
+    from replay_kit.show.report.sections.answer import next_steps
+
+    return f'{first}<p class="below">Next step: {next_steps(contents)[0]}</p>'
 
 
 def _steer(plan: LastPlan) -> str:
