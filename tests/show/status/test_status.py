@@ -327,6 +327,13 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
     assert said[2] == steer
 
 
+def test_the_first_line_counts_the_flights_that_arrive_and_that_must():
+    made = plan(END_NS)
+    made.statistics.add(name="arrive", value="0.85")
+    said = str(lines(status_of(held(plans=[made])))[0])
+    assert said == "TRUST      9 of 10 simulated flights arrive (9 required)"
+
+
 def test_a_line_holds_as_many_reasons_as_fit_and_says_how_many_are_left():
     assert fitting(["one", "two"], 20) == "one; two"
     assert fitting(["a long reason", "another reason"], 26) == "a long reason; 1 more: -v"
