@@ -330,7 +330,8 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
 def test_the_first_line_counts_the_flights_that_arrive_and_that_must():
     made = plan(END_NS)
     made.statistics.add(name="arrive", value="0.85")
-    said = str(lines(status_of(held(plans=[made])))[0])
+    used = Outcome(observations={**Outcome().observations, "used": 9})
+    said = str(lines(status_of(held(plans=[made], outcome=used)))[0])
     assert said == "TRUST      9 of 10 simulated flights arrive (9 required)"
 
 
