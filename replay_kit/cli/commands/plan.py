@@ -133,10 +133,6 @@ def plan(
     if config.plan.bathymetry is None:
         asked["bathymetry"] = config.planner.bathymetry_path
     request = config.plan.model_copy(update=asked)
-    from replay_kit.workflows.planning.request import checked, completed
-
-    check_inputs(flows)
-    request = completed(request)
     files = [*flows, request.no_go, request.bathymetry]
     written = [outputs.out, outputs.waypoints, *streams]
     if request.glider:
@@ -147,7 +143,10 @@ def plan(
         written.append(outputs.json_file)
     check_paths([*files, settings.file], written, outputs.overwrite)
 
-    request = checked(request)
+    # what takes long to load, after what is quickly refused
+    from replay_kit.workflows.planning.request import checked, completed
+
+    request = checked(completed(request))
     check_inputs(files)
     config = config.model_copy(update={"plan": request})
     if request.glider:

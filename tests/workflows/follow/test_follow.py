@@ -158,7 +158,7 @@ def test_what_does_not_belong_is_told_and_left_out(ocean, dives, tmp_path):
     sea.follow(arrive)
     words = "\n".join(sea.told)
     assert "notes.txt not used: it is no log that can be read" in words
-    assert "copy.mcap not used: it has identical to dive001.mcap" in words
+    assert "copy.mcap not used: it is identical to dive001.mcap" in words
     assert "empty.mcap not used: it is no log that can be read" in words
     for path in sea.inbox.iterdir():
         if not path.name.startswith("dive"):
