@@ -1,6 +1,6 @@
 """The flight model's error, inferred from dives' mean currents.
 
-It may err in proportion to the way through the water. An error is believed only where the dives are e^2 times as likely with one as
+Its speed may have a relative error. An error is believed only where the dives are e^2 times as likely with one as
 without, whichever single dive is left out: a mean current that is wrong, by a bad fix or a wrong entry, is explained by such an error as
 well as by anything, and would be taken from all others. The way itself is what the mean current leaves of the displacement, so an error of
 one dive's mean current is in its way too, with the other sign: dives flown one way would show a flight model that errs by all of it. So the
