@@ -77,15 +77,19 @@ class Reason(IntFlag):
     INCONSISTENT = 16777216
 
 
+_MISSING_LAST = (*(one for one in Reason if one is not Reason.MISSING), Reason.MISSING)
+
+
 def reasons_of(reasons: NDArray[np.int32], flags: NDArray[np.int8]) -> list[tuple[str, int]]:
     """Return the names of the reasons for which bins are not used, each with its number of bins.
 
     A bin counts once, for its first reason; as missing only where there is no other.
     """
     left, found = reasons[~usable(flags)], list[tuple[str, int]]()
-    for reason in sorted(Reason, key=lambda one: one is Reason.MISSING):
-        if count := int(np.count_nonzero(here := (left & reason.value) != 0)):
-            found.append((str(reason.name).lower(), count))
+    named = int(np.bitwise_or.reduce(left, initial=0))
+    for reason in _MISSING_LAST:
+        if named & reason.value and (count := np.count_nonzero(here := left & reason.value != 0)):
+            found.append((str(reason.name).lower(), int(count)))
             left = left[~here]
     return found
 
