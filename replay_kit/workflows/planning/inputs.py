@@ -1,8 +1,8 @@
 """What a plan is made on: the estimates, the areas to keep out of, the bottom to stay above."""
 
 import json
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +23,10 @@ from replay_kit.core.region import bounds_of, inside
 if TYPE_CHECKING:
     from planners.hazards.areas import NoGo
     from planners.hazards.bottom import Bathymetry
+    from replay_kit.results.reader import ResultReader
     from replay_kit.show.status.held import Held
     from replay_kit.workflows.planning.currents import KnownCurrent
+    from replay_kit.workflows.sound import Sound
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,11 +104,19 @@ class FlowFile:
     notes: tuple[str, ...]
     exit_code: int = 0
 
+    @property
+    def flown(self) -> AsFlown | None:
+        """How the vehicle flew; None where the file does not say it."""
+        if self.held is not None:
+            return AsFlown.in_metadata(self.held.metadata)
+        saved = self.flow.about.get(AS_FLOWN)
+        return AsFlown.in_metadata({AS_FLOWN: json.loads(saved)} if saved else {})
+
 
 def read_known(
     files: Sequence[tuple[Path, FlowFile]], flow_step: float
 ) -> "tuple[KnownCurrent, AsFlown | None]":
-    """Return what some files, one at least, know of the current, and how the vehicle flew by the last of them, None where it does not say.
+    """Return what some files, one at least, know of the current, and how the vehicle flew by the last of them that says it, None without.
 
     The time of the vehicle's last fix is known where there is one file, a result.
 
@@ -120,13 +130,10 @@ def read_known(
     from replay_kit.workflows.planning.currents import known_current
 
     known = known_current([(path, file.flow) for path, file in files], flow_step)
-    _, last = files[-1]
-    if last.held is None:
-        saved = last.flow.about.get(AS_FLOWN)
-        return known, AsFlown.in_metadata({AS_FLOWN: json.loads(saved)} if saved else {})
-    if len(files) == 1 and last.held.fixes:
-        known = replace(known, last_fix_ns=last.held.fixes[-1].time_ns)
-    return known, AsFlown.in_metadata(last.held.metadata)
+    each = [file for _, file in files]
+    if len(each) == 1 and each[0].held is not None and each[0].held.fixes:
+        known = replace(known, last_fix_ns=each[0].held.fixes[-1].time_ns)
+    return known, next(filter(None, (file.flown for file in reversed(each))), None)
 
 
 def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
@@ -140,12 +147,9 @@ def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
         ReplayKitError: The reader's error, when there is no such file or it holds no estimate.
     """
     if _is_result(path):
-        from replay_kit.results.reader import ResultReader
         from replay_kit.show.status.held import read_held
-        from replay_kit.workflows.sound import sound_result
 
-        with sound_result(path) as sound:
-            reader = ResultReader(sound.path, opened=sound.file)
+        with _opened(path) as (sound, reader):
             flow, held = reader.estimate(), read_held(reader)
             if not _holds(flow, places):
                 flows = reversed(reader.estimates())
@@ -158,13 +162,20 @@ def held_of(path: Path) -> "Held | None":
     """Return what a result holds of its end, its last fix and its goal among it; None for an estimate alone, or of several vehicles."""
     if not _is_result(path):
         return None
-    from replay_kit.results.reader import ResultReader
     from replay_kit.show.status.held import read_held
+
+    with _opened(path) as (_, reader):
+        return None if reader.vehicles else read_held(reader)
+
+
+@contextmanager
+def _opened(path: Path) -> "Iterator[tuple[Sound, ResultReader]]":
+    """Yield a result whose checksums fit, and its reader."""
+    from replay_kit.results.reader import ResultReader
     from replay_kit.workflows.sound import sound_result
 
     with sound_result(path) as sound:
-        reader = ResultReader(sound.path, opened=sound.file)
-        return None if reader.vehicles else read_held(reader)
+        yield sound, ResultReader(sound.path, opened=sound.file)
 
 
 def _holds(flow: FlowEstimate, places: Sequence[Place]) -> bool:
