@@ -143,8 +143,6 @@ def dive_current(held: Held) -> DiveCurrent | None:
         return DiveCurrent(time_ns, number, None, None, None, rms, expected)
     row, at = int(means[-1]), held.fixes[-1] if held.fixes else None
     bin_of = int(dive["bins"][:row].sum())
-    if not dive["bins"][row]:
-        off = [np.full(bin_of + 1, np.nan)] * 2
 
     def current(name: str) -> Current | None:
         east, north, error = (
@@ -168,7 +166,7 @@ def dive_current(held: Held) -> DiveCurrent | None:
         predicted,
         less.speed,
         expected,
-        not bool(dive["accepted"][row]),
+        known and not bool(dive["accepted"][row]),
     )
 
 
