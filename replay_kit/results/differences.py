@@ -121,7 +121,11 @@ def read_recorded(path: Path) -> Recorded:
     Raises:
         LogError: It cannot be read, or was made neither by a replay nor by a plan.
     """
-    reader = ResultReader(path)
+    return _recorded(ResultReader(path))
+
+
+def _recorded(reader: ResultReader) -> Recorded:
+    """Return ``read_recorded`` of an opened result."""
     metadata, config = reader.metadata, reader.text(CONFIG_NAME)
     # a replay has an ensemble, a plan made on its own estimates
     inputs = metadata.get("replay_kit.inputs", {})
@@ -129,7 +133,7 @@ def read_recorded(path: Path) -> Recorded:
     if not config or not known:
         lacking = "replay_kit.inputs: ensemble or flow0" if config else CONFIG_NAME
         raise LogError(
-            f"{path}: expected a whole result of replay-kit replay or plan, but it has no {lacking}; give the file of --out"
+            f"{reader.path}: expected a whole result of replay-kit replay or plan, but it has no {lacking}; give the file of --out"
         )
     return Recorded(metadata, config)
 
@@ -145,22 +149,20 @@ def difference(one: Path, other: Path) -> Difference:
         LogError: One cannot be read, or their versions, vehicles, regions or periods cannot be compared.
     """
     files = ResultFile(one), ResultFile(other)
-    records = read_recorded(one), read_recorded(other)
-    versions, vehicles = (
-        [of(pair) for pair in zip(files, records, strict=True)]
-        for of in (
-            lambda pair: pair[1].metadata["contract"]["version"],
-            lambda pair: [each.name for each in pair[0].reader.vehicles] or [""],
-        )
-    )
+    records = _recorded(files[0].reader), _recorded(files[1].reader)
+    versions = [each.metadata["contract"]["version"] for each in records]
+    vehicles = [[of.name for of in each.reader.vehicles] or [""] for each in files]
     for what, (a, b) in (("contract version", versions), ("vehicles", vehicles)):
         if a != b:
             raise LogError(f"{one} and {other}: expected one {what}, got {a} and {b}")
     tables, findings = list[TableDifference](), list[str]()
     for name in vehicles[0]:
-        a, b = (ResultFile(each, vehicle=name) for each in (one, other))
-        tables += _tables(name, a, b)
-        findings += [f"{name}: {text}" if name else text for text in _findings(a, b)]
+        first, second = (
+            ResultFile(each.path, vehicle=name, opened=each.reader.file) if name else each
+            for each in files
+        )
+        tables += _tables(name, first, second)
+        findings += [f"{name}: {text}" if name else text for text in _findings(first, second)]
     levels = [level for pair in _estimates(*files) for level in _levels(*pair)]
     return Difference(
         tuple(_made(*records)),

@@ -10,11 +10,11 @@ from replay_kit.results.losses import lost_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.sentences import (
     comparison_sentences,
+    estimate_sentences,
     flown_sentences,
     trust_sentences,
     truth_sentences,
 )
-from replay_kit.show.sentences import estimate_sentences as used_sentences
 from replay_kit.show.status.lines import detail_lines, lines, title
 from replay_kit.show.status.status import Status
 from replay_kit.show.text import folded, not_used_lines, print_lines, print_table
@@ -90,7 +90,7 @@ def _print_tables(outcome: Outcome, console: Console) -> None:
         print_table(console, "Messages", columns, folded(rows, whole=True))
     why = {row["topic"]: {one["reason"]: one["count"] for one in row["reasons"]} for row in topics}
     print_lines(console, not_used_lines(why))
-    print_lines(console, map(str, used_sentences(outcome)))
+    print_lines(console, map(str, estimate_sentences(outcome)))
     if outcome.by_dive:
         cells = map(_dive_cells, outcome.by_dive)
         print_table(console, "RMS innovation by dive [cm/s]", _DIVE_COLUMNS, cells)

@@ -216,11 +216,12 @@ def _together(config: "RunConfig", outputs: Outputs) -> int:
 
     console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
     unsafe = {name: unsafe_reason(one, config.plan) for name, one in made.planned.items()}
+    withheld = {} if outputs.write_unsafe else {k: why for k, why in unsafe.items() if why}
     each = {name: mission_json(one) for name, one in made.planned.items()}
     try:
         write_json(outputs.json_file, together_json(made, each))
         for name, one in made.planned.items():
-            if unsafe[name] is not None and not outputs.write_unsafe:
+            if name in withheld:
                 continue
             plan = config.plan.model_copy(update={"of_glider": name})
             _write_mission(one, outputs.of(name), config.model_copy(update={"plan": plan}))
@@ -229,9 +230,9 @@ def _together(config: "RunConfig", outputs: Outputs) -> int:
         for name, one in made.planned.items():
             console.print(f"\n{name}", style="bold")
             print_mission(one, console, config.plan.battery)
-            if unsafe[name] is not None and not outputs.write_unsafe:
+            if name in withheld:
                 console.print(
-                    f"{unsafe[name]}; no file of {name} is written without --write-unsafe"
+                    f"{withheld[name]}; no file of {name} is written without --write-unsafe"
                 )
     lost = max(one.on.exit_code for one in made.planned.values())
     return _UNSAFE if any(unsafe.values()) else lost

@@ -167,20 +167,28 @@ def nis_interval(count: int) -> tuple[float, float]:
     return max(low, 0.0) ** 3, high**3
 
 
-def errors_text(outcome: "Outcome") -> str:
-    """Return whether the stated errors hold, by the interval that the number of observations allows; empty without any.
+def errors_hold(outcome: "Outcome") -> bool | None:
+    """Return whether the stated errors hold, by the interval that the number of observations allows; None without any.
 
     Bins of a profile err together, so that an observation counts as its two components.
     """
     nis, count = outcome.nis_per_dof, 2 * outcome.observations["used"]
     if nis is None or not count:
-        return ""
+        return None
     low, high = nis_interval(count)
-    share = abs(math.sqrt(nis) - 1.0)
-    if low <= nis <= high or share < 0.05:
+    return low <= nis <= high or abs(math.sqrt(nis) - 1.0) < 0.05
+
+
+def errors_text(outcome: "Outcome") -> str:
+    """Return whether the stated errors hold, in a few words; empty without observations."""
+    nis, hold = outcome.nis_per_dof, errors_hold(outcome)
+    if nis is None or hold is None:
+        return ""
+    if hold:
         return "errors as stated"
     if nis > 4.0:
         return f"errors {math.sqrt(nis):.1f} times as large as stated"
+    share = abs(math.sqrt(nis) - 1.0)
     return f"errors {100.0 * share:.0f} % {'larger' if nis > 1.0 else 'smaller'} than stated"
 
 
@@ -188,4 +196,4 @@ def doubtful_errors(outcome: "Outcome") -> bool:
     """Return whether the stated errors are so far off that the estimate is used with care."""
     nis = outcome.nis_per_dof
     off = nis is not None and not LEAST_NIS <= nis <= MOST_NIS
-    return off and errors_text(outcome) not in ("", "errors as stated")
+    return off and errors_hold(outcome) is False

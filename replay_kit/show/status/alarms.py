@@ -131,7 +131,7 @@ def _outside(held: Held, now_ns: int) -> Iterator[Alarm]:
     if planned is not None and (shown == "plan" or last is None):
         inside, size = planned.inside_ellipse, planned.ellipse_major
         far, toward, of = planned.distance, planned.direction_deg, "the plan"
-    elif last is not None and last.get("actual_ns", last.get("time_ns")) is not None:
+    elif last is not None:
         inside, size = last["inside_90"], last["ellipse_90"]["major_m"]
         far, toward, of = last["distance_m"], last["direction_deg"], "the prediction"
         since = int(last["time_ns"])

@@ -6,12 +6,20 @@ Each number is one of the status's figures.
 import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import datetime
 from typing import Any, NamedTuple
 
 from replay_kit.core.geodesy import heading_deg
+from replay_kit.core.quantities import parse_time
 from replay_kit.core.text import printable
-from replay_kit.show.numbers import Sentence, Shown, fixed, hours_text, minutes_text, sentence
+from replay_kit.show.numbers import (
+    Sentence,
+    Shown,
+    clock_text,
+    fixed,
+    hours_text,
+    minutes_text,
+    sentence,
+)
 from replay_kit.show.status.status import Status
 
 #: Columns of a screen, and of its labels.
@@ -162,8 +170,7 @@ def _arrival(values: Values) -> Iterator[Line]:
         )
     elif values.get("arrival_median"):
         half, most = values["arrival_median"], values["arrival_90_percent"]
-        same = 5 * (bool(most) and most[:10] == half[:10])
-        ninety = f", 90 % by {_clock(most)[-same:]}" if most else ", fewer than 90 % in time"
+        ninety = f", 90 % by {_clock(most, half)}" if most else ", fewer than 90 % in time"
         yield Line("Arrive", [f"50 % by {_clock(half)} UTC{ninety} (", *flown, ")"])
     else:
         fewer = "fewer than 50 % in time; " if "reached" in values else ""
@@ -183,8 +190,7 @@ def _surfacing(values: Values) -> Iterator[Line]:
     parts = [late, _clock(one["time"]), " UTC ", *_within("next", one), f" {_BASIS[one['basis']]}"]
     yield Line("Next", parts)
     if other is not None:
-        same = 5 * (other["time"][:10] == one["time"][:10])
-        parts = [_clock(other["time"])[-same:], " ", *_within("other", other)]
+        parts = [_clock(other["time"], one["time"]), " ", *_within("other", other)]
         yield Line("  or", [*parts, f" {_BASIS[other['basis']]}"])
 
 
@@ -373,10 +379,10 @@ def _ages(values: Values) -> Iterator[str]:
     yield f"{values['since']} to {values['last']}; {ends}"
 
 
-def _clock(text: str) -> str:
-    """Return a time of the figures as day and minute, such as ``18 Nov 19:16``."""
-    time = datetime.fromisoformat(text.rstrip("Z").replace(" ", "T"))
-    return f"{time.day} {time:%b %H:%M}"
+def _clock(text: str, beside: str = "") -> str:
+    """Return a time of the figures as ``clock_text`` does, without the day where that beside it has it."""
+    clock = clock_text(parse_time(text))
+    return clock.rpartition(" ")[2] if text[:10] == beside[:10] else clock
 
 
 def detail_lines(status: Status) -> Iterator[str]:

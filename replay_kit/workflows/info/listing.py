@@ -4,7 +4,6 @@ import math
 import shlex
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -66,18 +65,20 @@ def info_json(info: LogInfo) -> dict[str, Any]:
     }
 
 
-def _span(topics: Iterable[TopicInfo]) -> str:
-    """Return the time span of a log's topics in words; empty when no message has a time."""
+def _ends(topics: Iterable[TopicInfo]) -> tuple[int, int] | None:
+    """Return the first and the last time of topics [ns, UTC]; None when no message has a time."""
     spans = [
         (topic.first_ns, topic.last_ns)
         for topic in topics
         if topic.first_ns is not None and topic.last_ns is not None
     ]
-    return (
-        f", {iso(min(first for first, _ in spans))} to {iso(max(last for _, last in spans))}"
-        if spans
-        else ""
-    )
+    return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
+
+
+def _span(topics: Iterable[TopicInfo]) -> str:
+    """Return the time span of topics in words; empty when no message has a time."""
+    ends = _ends(topics)
+    return "" if ends is None else ", {} to {}".format(*map(iso, ends))
 
 
 def _content_lines(log: LogInfo) -> Iterator[str]:
@@ -129,20 +130,13 @@ def _heading(logs: Sequence[LogInfo]) -> str:
 
 def _rows(logs: Sequence[LogInfo]) -> Iterator[tuple[str, ...]]:
     """Yield a row for each log; numbers of one of which only the index was read are empty."""
-    ends = [
-        [topic_time for topic in log.topics.values() if (topic_time := time(topic)) is not None]
-        for time in (attrgetter("first_ns"), attrgetter("last_ns"))
-        for log in logs
-    ]
-    firsts, lasts = ends[: len(logs)], ends[len(logs) :]
-    times = short_times(
-        [min(each, default=None) for each in firsts] + [max(each, default=None) for each in lasts]
-    )
-    for k, log in enumerate(logs):
+    spans = [_ends(log.topics.values()) or (None, None) for log in logs]
+    times = short_times([end for span in spans for end in span])
+    for log, first, last in zip(logs, times[::2], times[1::2], strict=True):
         content = log.content
         counts = content.profiles, content.mean_currents, content.positions, log.dives
         numbers = map(str, counts) if log.sampled is None else [""] * len(counts)
-        yield Path(log.report.path).name, times[k], times[len(logs) + k], *numbers
+        yield Path(log.report.path).name, first, last, *numbers
 
 
 def _summary_lines(logs: Sequence[LogInfo]) -> Iterator[str]:

@@ -138,8 +138,8 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
             own = (
                 flow_at(setup.estimator, run.current, run.last_ns) if run.is_pooled else planned_on
             )
-            dated = replace(run.dated(own), span_ns=span_ns) if run.is_pooled else run.dated(own)
-            held[window] = replace(dated, about=about)
+            dated = replace(run.dated(own), about=about)
+            held[window] = replace(dated, span_ns=span_ns) if run.is_pooled else dated
         flows.append(held[window])
     _, *others = held.values()
     numbers = dict(zip(map(id, others), left_windows(run, iter(others)), strict=True))

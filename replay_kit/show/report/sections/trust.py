@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from replay_kit.core.errors import severity_word
 from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.outcome.verdict import errors_hold
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.trust import trust_figures
 from replay_kit.show.numbers import Sentence, Shown, sentence
@@ -74,8 +75,7 @@ def _errors_hold(outcome: Outcome) -> Light:
     nis = outcome.nis_per_dof
     if nis is None:
         return Light("errors not tested", "none", Sentence(["No measurement tested them."]), ())
-    said, shown = outcome.errors_text, f"{nis:.2f}"
-    hold = said == "errors as stated"
+    said, shown, hold = outcome.errors_text, f"{nis:.2f}", errors_hold(outcome)
     before, after = f"{said[:1].upper()}{said[1:]} (NIS/dof ", ", 1 expected)."
     return Light(
         "errors hold" if hold else "errors do not hold",
