@@ -105,12 +105,8 @@ def _of_region(
     for axis, (first, last) in enumerate(ends):
         centre = layout.centre_dims[axis]
         dims, size = {centre, layout.u_dims[axis], layout.v_dims[axis]}, ds.sizes[centre]
-        offset, period = (
-            (layout.rows, layout.columns[0])[axis].start,
-            layout.period if axis else None,
-        )
-        low, high = first + offset - margin, last + offset + margin
-        seam = last <= first
+        period, seam = layout.period if axis else None, last <= first
+        low, high = first - margin, last + margin
         if period is not None and all(ds.sizes[dim] == size for dim in dims):
             parts = _round(low, high + period * seam, period)
             taken |= dict.fromkeys(dims, parts)

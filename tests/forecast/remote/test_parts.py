@@ -1,4 +1,4 @@
-"""Pieces of a part: properties."""
+"""Which part of a forecast is received, and its pieces: properties."""
 
 from types import SimpleNamespace
 
@@ -7,8 +7,12 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from replay_kit.config.run import ForecastConfig
+from replay_kit.forecast.collection import open_collection
 from replay_kit.forecast.remote import cut as module
 from replay_kit.forecast.remote.cut import Cut
+from replay_kit.forecast.remote.parts import Wanted, parts_of
+from tests.forecast import forms
 
 
 @settings(max_examples=40, deadline=None)
@@ -44,3 +48,23 @@ def test_pieces_hold_each_value_once_and_divide_no_chunk(axes, size):
     # the slow twin: the whole at once
     np.testing.assert_array_equal(found, values[tuple(parts[dim][0] for dim in dims)])
     assert len(chunks_seen) == len(set(chunks_seen))
+
+
+def test_a_box_of_a_staggered_grid_has_two_cells_around_it(tmp_path):
+    ds, _ = forms.roms(forms.rotated(), (14, 16), 0)
+    x, y = ds["lon_rho"].values, ds["lat_rho"].values
+    with open_collection(forms.save(ds, tmp_path / "e.nc"), None) as found:
+        ((field,),) = found.members
+        for j, i in ((7, 8), (4, 5), (2, 3), (11, 13)):
+            box = x[j, i] - 0.06, y[j, i] - 0.05, x[j, i] + 0.06, y[j, i] + 0.05
+            taken = parts_of(field, Wanted(box), ForecastConfig(), "", True)
+            # the centres of the first row and column have faces on one side alone
+            rows, columns = np.nonzero(
+                ((box[0] <= x) & (x <= box[2]) & (box[1] <= y) & (y <= box[3]))[1:, 1:]
+            )
+            for inside, dim, of_faces in ((rows + 1, "eta", "eta_v"), (columns + 1, "xi", "xi_u")):
+                first, stop = max(0, inside.min() - 2), inside.max() + 3
+                stop = min(stop, ds.sizes[f"{dim}_rho"])
+                assert taken[f"{dim}_rho"] == (slice(first, stop),)
+                # a face fewer than centres
+                assert taken[of_faces] == (slice(first, stop - 1),)
