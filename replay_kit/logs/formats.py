@@ -9,8 +9,8 @@ from pathlib import Path
 from replay_kit.logs.reader import LogFile
 
 GZIP_MAGIC = b"\x1f\x8b"
-#: Names that the first column of a SeaExplorer's file has.
-FIRST_COLUMNS = frozenset(("timestamp", "pld_realtimeclock"))
+# names that the first column of a SeaExplorer's file has.
+_FIRST_COLUMNS = frozenset(("timestamp", "pld_realtimeclock"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ def is_seaexplorer(head: bytes) -> bool:
         except zlib.error:
             return False
     return head.lstrip(b"\xef\xbb\xbf").split(b";", 1)[0].strip().lower() in {
-        name.encode() for name in FIRST_COLUMNS
+        name.encode() for name in _FIRST_COLUMNS
     }
 
 

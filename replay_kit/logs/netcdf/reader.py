@@ -8,14 +8,13 @@ from typing import Any
 from replay_kit.config.run import LogConfig
 from replay_kit.core.extensions import additions
 from replay_kit.core.message import Loss, Message
-from replay_kit.logs.formats import FIRST_COLUMNS
 from replay_kit.logs.netcdf.dialects import Dialect, Told
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
 from replay_kit.logs.netcdf.pings import PINGS
 from replay_kit.logs.netcdf.rows import ROWS, on_a_grid
 from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
-from replay_kit.logs.netcdf.text import in_text, open_text
+from replay_kit.logs.netcdf.text import form_of, open_text
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
@@ -37,7 +36,7 @@ def dialect_of(
     Args:
         held: The variables.
         attributes: Of the file.
-        text: Whether it is a table with commas, in which no glider's dialect is tried.
+        text: Whether it is a table in text that is no SeaExplorer's, in which no glider's dialect is tried.
     """
     added = additions("dialects", lambda value: isinstance(value, Dialect), "a Dialect").values()
     return next(
@@ -140,7 +139,7 @@ def log_of(path: Path) -> tuple[str, ...] | None:
     Raises:
         LogError: The file cannot be read, or is a forecast.
     """
-    if in_text(path):
+    if form_of(path) != "netcdf":
         return "seaexplorer", *missions_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
     file, dialect = _opened(path, LogConfig(), whole=False)
     if dialect.log_of == "file":
@@ -150,23 +149,27 @@ def log_of(path: Path) -> tuple[str, ...] | None:
 
 def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFile, Dialect]:
     """Return the variables of a file that its dialect reads, or those alone that name its mission, and the dialect."""
-    text = in_text(path)
+    form = form_of(path)
     found: list[Dialect] = []
 
     def choose(held: Mapping[str, Stored], attributes: Mapping[str, Any]) -> list[str]:
-        dialect = dialect_of(held, attributes, text and not FIRST_COLUMNS & {*map(str.lower, held)})
-        flat = {name: stored for name, stored in held.items() if stored.values.ndim < 3}
+        dialect = dialect_of(held, attributes, form == "table")
         if dialect is None:
+            flat = {name: stored for name, stored in held.items() if stored.values.ndim < 3}
             if path.stat().st_size >= _LARGE and any(
                 name.lower() in _USUAL for name in held.keys() - flat.keys()
             ):
                 raise on_a_grid(path, held)
-            asked = text or config.columns or len(PINGS.chosen(flat)) == len(PINGS.names)
+            asked = (
+                form != "netcdf" or config.columns or len(PINGS.chosen(flat)) == len(PINGS.names)
+            )
             dialect, held = (PINGS, flat) if asked else (ROWS, held)
         found.append(dialect)
         if dialect.by_times:
             return [dialect.chosen(held)["time"]]
         return dialect.wanted(held) if whole else [*filter(_NAMES.fullmatch, held)]
 
-    file = (open_text if text else open_netcdf)(path, choose)
+    file = (
+        open_netcdf(path, choose) if form == "netcdf" else open_text(path, choose, form == "table")
+    )
     return file, found[0]

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from itertools import chain, count, islice
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,23 +26,28 @@ _HEAD = 1 << 12
 _UNREADABLE = (OSError, EOFError, ValueError, csv.Error, zlib.error)
 
 
-def in_text(path: Path) -> bool:
-    """Return whether a file is a table in text."""
+def form_of(path: Path) -> Literal["netcdf", "seaexplorer", "table"]:
+    """Return of which form a file of columns is: NetCDF, a SeaExplorer's in text, or another table in text."""
     with open(path, "rb") as file:
-        return not file.read(4).startswith((b"CDF", b"\x89HDF"))
+        head = file.read(_HEAD)
+    if head.startswith((b"CDF", b"\x89HDF")):
+        return "netcdf"
+    return "seaexplorer" if is_seaexplorer(head) else "table"
 
 
-def open_text(path: Path, choose: Choose) -> NetcdfFile:
+def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
     """Return the columns of a table that are chosen, as texts: names, perhaps with units in brackets or in the next row, then a row each.
 
-    A SeaExplorer's file may be cut anywhere: lines that have not as many columns as its heading are counted and left out.
+    Args:
+        path: The file.
+        choose: Says which columns are read.
+        exact: Whether all rows must be as long as the heading. A SeaExplorer's file may be cut anywhere: lines that have not as many
+            columns are counted and left out.
 
     Raises:
         LogError: It cannot be read, or its rows are of unlike lengths.
     """
     try:
-        with open(path, "rb") as file:
-            exact = not is_seaexplorer(file.read(_HEAD))
         lines = _lines(path)
         first = next(lines, "")
         delimiter = max(",;\t", key=first.count)

@@ -1,4 +1,4 @@
-"""NetCDF files of no known dialect: rows that a mapping reads, or why a file is no log."""
+"""Files of no known dialect: rows that a mapping reads, tables of pings, or why a file is no log."""
 
 import tracemalloc
 from typing import Any
@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config.run import MeasurementConfig
+from replay_kit.config.run import LogConfig, MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Observation
 from replay_kit.logs import open_log, open_logs
 from replay_kit.measurements import observations
 from tests.logs.netcdf import glider_samples as made
+from tests.logs.said import read
+from tests.logs.sound import PINGS
 
 
 def test_a_forecast_and_a_file_without_time_are_no_logs(tmp_path):
@@ -80,6 +82,15 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
 
 def _packed_rows(values, n):
     return made.packed(np.tile(values[:, None], (1, n)), 1e-4)
+
+
+def test_a_table_is_no_seaexplorers_file_by_the_name_of_its_times(tmp_path):
+    table, named = tmp_path / "a.csv", tmp_path / "b.csv"
+    table.write_bytes(PINGS)
+    named.write_bytes(PINGS.replace(b"time,longitude,latitude", b"timestamp,lon,lat"))
+    said = read(named, LogConfig(columns={"time": "timestamp"}))
+    assert said.report.format == "table"
+    assert said.messages == read(table).messages
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
