@@ -141,7 +141,10 @@ def expected(next_ns):
         "log_score_gain": None,
         "radius_ratio": None,
     }
-    each = [{"dive": 7, "earlier_dives": 6, "inside_90": True, "radius_90_m": 400.0}]
+    each = [
+        {"dive": 7, "earlier_dives": 6, "inside_90": True, "radius_90_m": 400.0}
+        | {"time_ns": START_NS, "ellipse_90": ellipse, "distance_m": 200.0, "direction_deg": 90.0}
+    ]
     coming = {"time_ns": next_ns, "expected": [5.2, 62.1], "ellipse_90": ellipse}
     return {"predicted_surfacings": {**of_one, "later": None, "each": each, "next": coming}}
 
