@@ -138,9 +138,12 @@ def read_changing_truth(
                 f"{name}: a truth that changes needs at least two leads or times, got one"
             )
         steps = [{"lead": float(value)} if lead else {"time": str(value)} for value in values]
-        if truth_in(found, spec, config.model_copy(update=steps[0])).time_ns is None:
+        first = truth_in(found, spec, config.model_copy(update=steps[0]))
+        if first.time_ns is None:
             config = config.model_copy(update={"reference_time": reference_time})
-        truths = tuple(truth_in(found, spec, config.model_copy(update=step)) for step in steps)
+            first = truth_in(found, spec, config.model_copy(update=steps[0]))
+        others = (truth_in(found, spec, config.model_copy(update=step)) for step in steps[1:])
+        truths = (first, *others)
     if truths[0].time_ns is None:
         raise ForecastError(
             f"{name}: its leads have no unit of time; give the lead's attribute units, such as days"
