@@ -36,14 +36,15 @@ def dialect_of(
     Args:
         held: The variables.
         attributes: Of the file.
-        text: Whether it is a table in text that is no SeaExplorer's, in which no glider's dialect is tried.
+        text: Whether it is a table in text that is no SeaExplorer's: no glider's dialect is tried, nor one whose files are read in parts.
     """
     added = additions("dialects", lambda value: isinstance(value, Dialect), "a Dialect").values()
     return next(
         (
             dialect
             for dialect in (*DIALECTS, *added)
-            if (dialect.read is not None or not text) and dialect.recognises(held, attributes)
+            if (not text or (dialect.read is not None and not dialect.by_times))
+            and dialect.recognises(held, attributes)
         ),
         None,
     )

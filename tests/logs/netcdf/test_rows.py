@@ -84,11 +84,19 @@ def _packed_rows(values, n):
     return made.packed(np.tile(values[:, None], (1, n)), 1e-4)
 
 
-def test_a_table_is_no_seaexplorers_file_by_the_name_of_its_times(tmp_path):
+@pytest.mark.parametrize(
+    ("names", "columns"),
+    [
+        # as a SeaExplorer's, and as totals of HF radars
+        (b"timestamp,lon,lat,depth,u,v,error", {"time": "timestamp"}),
+        (b"time,lon,lat,v_err,u,v,u_err", {"depth": 9.0, "error": "u_err"}),
+    ],
+)
+def test_a_table_is_one_of_pings_whatever_its_columns_are_called(tmp_path, names, columns):
     table, named = tmp_path / "a.csv", tmp_path / "b.csv"
     table.write_bytes(PINGS)
-    named.write_bytes(PINGS.replace(b"time,longitude,latitude", b"timestamp,lon,lat"))
-    said = read(named, LogConfig(columns={"time": "timestamp"}))
+    named.write_bytes(names + PINGS[PINGS.index(b"\n") :])
+    said = read(named, LogConfig(columns=columns))
     assert said.report.format == "table"
     assert said.messages == read(table).messages
 
