@@ -14,7 +14,7 @@ from replay_kit.core.text import count_text
 from replay_kit.forecast.collection import Collection
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.members import WARNING, kind_of
-from replay_kit.forecast.times import choose_time, wanted_time
+from replay_kit.forecast.times import choose_time, date_text, nearest_time, wanted_time
 
 _YEAR = np.timedelta64(365, "D") + np.timedelta64(6, "h")
 _LEAST_TIMES = 5
@@ -96,7 +96,7 @@ def _unequal_times(fields: Sequence[Field], times: Sequence[int | None]) -> list
     """Return warnings of members of different times, and of members without a date among others that have one."""
     notes, dated = [], [time for time in times if time is not None]
     if len(set(dated)) > 1:
-        first, last = (_date(np.datetime64(time, "ns")) for time in (min(dated), max(dated)))
+        first, last = (date_text(np.datetime64(time, "ns")) for time in (min(dated), max(dated)))
         notes.append(
             f"{WARNING}members are of different times, {first} to {last}: choose one that all have with forecast.time"
         )
@@ -118,13 +118,9 @@ def _labels(field: Field) -> tuple[str, ...]:
         return tuple(f"{names} {member}[{k}]" for k in range(ds.sizes[member]))
     values = ds[member].values
     return tuple(
-        f"{names} {member} {_date(value) if values.dtype.kind == 'M' else value}"
+        f"{names} {member} {date_text(value) if values.dtype.kind == 'M' else value}"
         for value in values
     )
-
-
-def _date(time: np.datetime64) -> str:
-    return f"{np.datetime_as_string(time.astype('M8[ns]'), unit='m')}Z"
 
 
 def _all_times(found: Collection, need: str) -> tuple[Field, ...]:
@@ -159,7 +155,7 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
     common = reduce(np.intersect1d, by_run)
     if not common.size:
         spans = "; ".join(
-            f"{label}: {_date(times.min())} to {_date(times.max())}"
+            f"{label}: {date_text(times.min())} to {date_text(times.max())}"
             for label, times in zip(labels, by_run, strict=True)
         )
         raise ForecastError(
@@ -168,16 +164,12 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
     wanted = wanted_time(config, near_ns)
     if config.lead is not None:
         wanted = _time_of_lead(found, config.lead, common)
-    time = (
-        common[-1]
-        if wanted is None
-        else common[np.argmin(np.abs(common.astype(np.int64) - wanted))]
-    )
+    time = nearest_time(common, wanted)
     chosen = [next(field for field in run if time in field.times) for run in found.members]
     fields = tuple(
         _one_time(field, time, f"{field.names} started {field.label}") for field in chosen
     )
-    note = f"members: {len(fields)} forecasts started {labels[0]} to {labels[-1]}, all valid {_date(time)}"
+    note = f"members: {len(fields)} forecasts started {labels[0]} to {labels[-1]}, all valid {date_text(time)}"
     return Selection(
         fields,
         int(time.astype("M8[ns]").astype(np.int64)),
@@ -196,8 +188,8 @@ def _time_of_lead(found: Collection, lead: float, common: NDArray[np.datetime64]
     time = run["time"].values[np.argmin(np.abs(run["lead"].values.astype(float) - lead))]
     if time not in common:
         raise ForecastError(
-            f"{found.source}: lead {lead:g} of the newest run is valid {_date(time)}; expected {_date(common[0])} to {_date(common[-1])}, "
-            "which all runs hold: choose another lead, or leave runs out"
+            f"{found.source}: lead {lead:g} of the newest run is valid {date_text(time)}; expected {date_text(common[0])} to "
+            f"{date_text(common[-1])}, which all runs hold: choose another lead, or leave runs out"
         )
     return int(time.astype("M8[ns]").astype(np.int64))
 
@@ -208,15 +200,12 @@ def _of_season(
     """Return fields of the forecast's season of any year, to be used as anomalies about the forecast."""
     files = _all_times(found, f"--members times:{days:g}d")
     known = np.concatenate([file.times for file in files])
-    wanted = wanted_time(config, near_ns)
-    forecast = (
-        known.max() if wanted is None else known[np.argmin(np.abs(known.astype(np.int64) - wanted))]
-    )
+    forecast = nearest_time(known, wanted_time(config, near_ns))
     fields, own = [], None
     for file in files:
         for time in file.times:
             if time == forecast:
-                own = own or _one_time(file, time, f"{file.names} {_date(time)}", extra=True)
+                own = own or _one_time(file, time, f"{file.names} {date_text(time)}", extra=True)
                 continue
             apart = abs((time - forecast) / _YEAR)
             if abs(apart - round(apart)) * (_YEAR / np.timedelta64(1, "D")) <= days:
@@ -224,16 +213,16 @@ def _of_season(
                     _one_time(
                         file,
                         time,
-                        f"{file.names} {_date(time)}, as an anomaly about {_date(forecast)}",
+                        f"{file.names} {date_text(time)}, as an anomaly about {date_text(forecast)}",
                     )
                 )
     if len(fields) < 2:
         raise ForecastError(
-            f"{found.source}: {count_text(len(fields), 'field')} within {days:g} days of the season of {_date(forecast)}; at least 2 are "
-            "needed: widen the window, or give more files"
+            f"{found.source}: {count_text(len(fields), 'field')} within {days:g} days of the season of {date_text(forecast)}; at "
+            "least 2 are needed: widen the window, or give more files"
         )
     assert own is not None
-    note = f"members: the forecast of {_date(forecast)} plus the anomalies of {len(fields)} fields within {days:g} days of its season"
+    note = f"members: the forecast of {date_text(forecast)} plus the anomalies of {len(fields)} fields within {days:g} days of its season"
     return Selection(
         (*fields, own), int(forecast.astype("M8[ns]").astype(np.int64)), _about_forecast, (note,)
     )

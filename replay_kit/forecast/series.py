@@ -16,7 +16,7 @@ from replay_kit.forecast.layout import U
 from replay_kit.forecast.members import MADE, kind_of, parse_rule, without_copies
 from replay_kit.forecast.names import find_lead, find_time
 from replay_kit.forecast.reader import read_ensemble, read_members, truth_in
-from replay_kit.forecast.times import dated_leads
+from replay_kit.forecast.times import date_text, dated_leads
 
 _DAY_NS = 86_400 * 10**9
 
@@ -65,12 +65,9 @@ def read_series(
     notes = tuple(
         note for note in series[0].notes if not note.startswith(("lead ", "the forecast is of "))
     )
-    first, last = (
-        np.datetime_as_string(np.datetime64(part.time_ns, "ns"), unit="m")
-        for part in (series[0], series[-1])
-    )
+    first, last = (date_text(np.datetime64(part.time_ns, "ns")) for part in (series[0], series[-1]))
     notes = (
-        f"the forecast at {len(series)} times, {first}Z to {last}Z, linear between them",
+        f"the forecast at {len(series)} times, {first} to {last}, linear between them",
         *notes,
     )
     outside = 0 if near_ns is None else max(times[0] - near_ns, near_ns - times[-1])

@@ -20,9 +20,21 @@ _STARTS = ("forecast_reference_time", "reference_time", "init_time", "run")
 _DAY_NS = 86_400 * 10**9
 
 
+def date_text(time: np.datetime64) -> str:
+    """Return a time to the minute, such as ``2020-01-03T12:00Z``."""
+    return f"{_minute(time)}Z"
+
+
 def wanted_time(config: ForecastConfig, near_ns: int | None) -> int | None:
     """Return the time that is chosen, or that of the log [ns, UTC]; None without either."""
     return parse_time(config.time) if config.time else near_ns
+
+
+def nearest_time(times: NDArray[np.datetime64], wanted: int | None) -> np.datetime64:
+    """Return the time nearest to one that is wanted [ns, UTC]; the last without one."""
+    at = np.argmax(times) if wanted is None else np.argmin(np.abs(times.astype(np.int64) - wanted))
+    found: np.datetime64 = times[at]
+    return found
 
 
 def choose_time(
@@ -182,7 +194,7 @@ def _notes(time_ns: int | None, near_ns: int | None, among: str) -> tuple[str, .
     """Return the time taken, when it was a choice or lies more than a day from the log."""
     if time_ns is None:
         return ()
-    note = f"the forecast is of {np.datetime_as_string(np.datetime64(time_ns, 'ns'), unit='m')}Z"
+    note = f"the forecast is of {date_text(np.datetime64(time_ns, 'ns'))}"
     days = 0.0 if near_ns is None else (near_ns - time_ns) / _DAY_NS
     if abs(days) > 1.0:
         return (
