@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.dialects import QUANTITIES, Dialect, Names, Told
+from replay_kit.logs.netcdf.dialects import QUANTITIES, SIZES, Dialect, Names, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile
 
 #: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
@@ -20,8 +20,8 @@ Table = Mapping[str, NDArray[Any]]
 _KEYS = ("time", "gps_time", "start_time", "end_time", "dac_time", *QUANTITIES)
 _DAC, _GPS = ([key for key in _KEYS if key.startswith(part)] for part in ("dac_", "gps_"))
 _SAMPLES = [key for key in _KEYS if not key.startswith(("gps_", "profile_"))]
-# what tells the samples of each profile where no attribute does; degrees north, where no position does
-_SIZES, _LATITUDE = ("rowsize", "row_size"), 45.0
+# degrees north, where no position tells it
+_LATITUDE = 45.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,7 +156,7 @@ def _spread_by_profile(
 def profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Return how many samples each profile of a ragged array has, and its dimension; no dimension for other files."""
     for name, stored in file.variables.items():
-        if stored.text("sample_dimension") or name.lower() in _SIZES:
+        if stored.text("sample_dimension") or name.lower() in SIZES:
             sizes = np.nan_to_num(stored.unpacked()).astype(np.int64).ravel()
             return np.maximum(sizes, 0), stored.dims
     return np.empty(0, np.int64), ()

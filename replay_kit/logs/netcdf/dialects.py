@@ -59,8 +59,9 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     }
 )
 
-# how many samples each profile of a ragged array has; which mission a file is of
-_ALWAYS = re.compile(r"(rowsize|row_size|trajectory|mission_name).*")
+#: Variables that say how many samples each profile of a ragged array has, where no attribute does; and of which mission a file is.
+SIZES, MISSIONS = ("rowsize", "row_size"), ("trajectory", "mission_name")
+_ALWAYS = re.compile(f"({'|'.join((*SIZES, *MISSIONS))}).*")
 
 
 @dataclass(slots=True)
@@ -202,11 +203,10 @@ class Dialect:
             and stored.values.ndim < 2
             and self._may_be_mean(name, stored)
         }
-        directed = {to: name for name, stored in free.items() if (to := _direction(stored))}
-        stated = [to for stored in free.values() if (to := _direction(stored))]
-        sizes = {held[name].values.size for name in directed.values()}
-        if sorted(stated) == ["east", "north"] and len(sizes) == 1:
-            return found | {f"dac_{to}": name for to, name in directed.items()}
+        directed = [(to, name) for name, stored in free.items() if (to := _direction(stored))]
+        sizes = {held[name].values.size for _, name in directed}
+        if sorted(to for to, _ in directed) == ["east", "north"] and len(sizes) == 1:
+            return found | {f"dac_{to}": name for to, name in directed}
         if free:
             notes.append(
                 f"{NO_MEANS}{', '.join(free)} may be them, by their unit, but no standard name says which is east and which north; "

@@ -15,7 +15,7 @@ from replay_kit.core.text import count_text
 from replay_kit.logs.netcdf.adcp import FROM_SURFACE, INVERTED, earth_ping
 from replay_kit.logs.netcdf.columns import Columns, Table, joined, read_columns
 from replay_kit.logs.netcdf.currents import DiveMean, fixes_of, mean_currents
-from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
+from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import FIX, PING, Positions, location_fix, number, stamp
@@ -255,8 +255,7 @@ def _absolute_profiles(
         yield time_ns, _PROFILES, PING, payload
 
 
-#: Variables that name the mission, and attributes that do, with the dialects of which they do; of others ``id`` names the file
-_NAMED = ("trajectory", "mission_name")
+#: Attributes that name the mission, with the dialects of which they do; of others ``id`` names the file
 _ATTRIBUTES = (("deployment_name", None), ("id", "og1"), ("glider_name", None))
 
 
@@ -269,7 +268,7 @@ def missions_of(file: NetcdfFile, dialect: str) -> tuple[str, ...]:
     """
     if dialect == "seaexplorer":
         return (".".join(file.path.name.lower().split(".")[:2]),)
-    named = [stored for name, stored in file.variables.items() if name.lower() in _NAMED]
+    named = [stored for name, stored in file.variables.items() if name.lower() in MISSIONS]
     stated = tuple(dict.fromkeys(text for stored in named for text in stored.texts() if text))
     if stated:
         return stated

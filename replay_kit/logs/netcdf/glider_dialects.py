@@ -105,11 +105,10 @@ SLOCUM_BINARY = replace(
     log_of="mission",
 )
 
-# IOOS GliderDAC v2 and v3: a file a profile.
 # of IOOS templates and pyglider
 _CTD = {name: name for name in ("pressure", "temperature", "salinity", "conductivity")}
-#: A profile's means have one name in all files that follow the IOOS template.
-UV = {
+# a profile's means have one name in all files that follow the IOOS template
+_UV = {
     "dac_east": "u",
     "dac_north": "v",
     "dac_time": "time_uv",
@@ -117,6 +116,8 @@ UV = {
     "dac_latitude": "lat_uv",
     "dac_flag": "u_qc",
 }
+
+# IOOS GliderDAC v2 and v3: a file a profile.
 _GLIDERDAC = Dialect(
     "gliderdac",
     "IOOS GliderDAC",
@@ -127,7 +128,7 @@ _GLIDERDAC = Dialect(
         "latitude": "lat",
         "depth": "depth",
         **_CTD,
-        **UV,
+        **_UV,
     },
     log_of="mission",
 )
@@ -144,7 +145,7 @@ _SPRAY = Dialect(
         "profile_depth": "depth",
         "profile_east": "u",
         "profile_north": "v",
-        **UV,
+        **_UV,
         "dac_east": "u_depth_mean",
         "dac_north": "v_depth_mean",
         "dac_flag": "",

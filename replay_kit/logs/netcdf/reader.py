@@ -1,6 +1,5 @@
 """The reader of all files of columns: NetCDF, and tables in text. A dialect says what the columns are."""
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 from replay_kit.config.run import LogConfig
 from replay_kit.core.extensions import additions
 from replay_kit.core.message import Loss, Message
-from replay_kit.logs.netcdf.dialects import Dialect, Told
+from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Told
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
 from replay_kit.logs.netcdf.pings import PINGS
@@ -25,7 +24,6 @@ DIALECTS: tuple[Dialect, ...] = (*GLIDERS, TOTALS, DRIFTERS)
 # names of currents in forecasts, and bytes from which a file is asked for them before it is read
 _USUAL = ("u", "uo", "water_u", "vozocrtx", "uvel", "u_eastward", "ucur", "vxo")
 _LARGE = 1 << 24
-_NAMES = re.compile("trajectory|mission_name", re.IGNORECASE)
 
 
 def dialect_of(
@@ -168,7 +166,9 @@ def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFi
         found.append(dialect)
         if dialect.by_times:
             return [dialect.chosen(held)["time"]]
-        return dialect.wanted(held) if whole else [*filter(_NAMES.fullmatch, held)]
+        return (
+            dialect.wanted(held) if whole else [name for name in held if name.lower() in MISSIONS]
+        )
 
     file = (
         open_netcdf(path, choose) if form == "netcdf" else open_text(path, choose, form == "table")

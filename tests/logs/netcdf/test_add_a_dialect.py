@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.netcdf import reader
 from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.surface import TOTALS
@@ -52,20 +51,13 @@ def _write(path, dive):
 
 def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(tmp_path, monkeypatch):
     files = [_write(tmp_path / f"{dive}.nc", dive) for dive in (0, 1)]
-    unknown = {message.topic for message in open_log(files[0]).messages()}
+    assert "/dac" not in read(files[0]).counts()
     monkeypatch.setattr(reader, "DIALECTS", (MINE, *reader.DIALECTS))
-    (log,) = open_logs(files)
-    messages = list(log.messages())
-    assert "/dac" not in unknown
-    assert log.report().format == "mine"
-    means = [message.payload for message in messages if message.topic == "/dac"]
-    assert [(mean["dac_eastward"], mean["dac_northward"]) for mean in means] == [
-        pytest.approx(made.mean(dive)) for dive in (0, 1)
-    ]
-    assert [message.payload for message in messages if message.topic == "/adcp"] == [
-        {"rows": 59},
-        {"rows": 59},
-    ]
+    said = read(files)
+    assert said.report.format == "mine"
+    means = [(mean["dac_eastward"], mean["dac_northward"]) for mean in said.of("/dac")]
+    assert means == [pytest.approx(made.mean(dive)) for dive in (0, 1)]
+    assert said.of("/adcp") == [{"rows": 59}, {"rows": 59}]
 
 
 def test_totals_of_other_names_are_those_of_the_usual_ones(tmp_path, monkeypatch):
