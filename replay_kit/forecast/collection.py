@@ -254,21 +254,25 @@ def _members(fields: tuple[Field, ...], rule: MemberRule | None) -> list[tuple[F
         return [fields]
     found = []
     for field in fields:
-        ds, _ = field.load()
-        dims, current = ds[U].dims, field.current
+        current = field.current
         assert current is not None
+        # one file has the dimensions of its form, two have them when they are joined
+        ds, u, v = field.like, current.u, current.v
+        if len(field.paths) > 1:
+            ds, u, v = field.load()[0], U, V
+        dims = ds[u].dims
         member = rule.name or find_member(ds, dims)
         if member is None or member not in dims:
             raise ForecastError(
                 f"{field.where}: no member dimension{' ' + rule.name if rule.name else ''}; expected one of "
-                f"{', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(ds[U])}"
+                f"{', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(ds[u])}"
             )
-        if (of_v := f"{member}_of_v") in ds[V].dims:
+        if (of_v := f"{member}_of_v") in ds[v].dims:
             sizes = f"{ds.sizes[member]} of {current.u} and {ds.sizes[of_v]} of {current.v} along {member}"
             raise ForecastError(
                 f"{field.paths[-1]}: its members are not those of {field.where}: {sizes}; give files with the same members"
             )
-        if member not in ds[V].dims:
+        if member not in ds[v].dims:
             raise ForecastError(
                 f"{field.paths[-1]}: {current.v} has no dimension {member}, which {current.u} has; mend the file"
             )
