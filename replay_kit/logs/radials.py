@@ -16,7 +16,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Message
 from replay_kit.core.text import count_text
-from replay_kit.logs.netcdf.surface import RADAR, depth_of, usable_or_untested, worst_flag
+from replay_kit.logs.netcdf.surface import LIGHT, RADAR, depth_of, is_failed, worst_flag
 from replay_kit.logs.reader import LogFile, unreadable
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers, stamp
@@ -187,7 +187,7 @@ def _radials(path: Path, head: Mapping[str, str]) -> tuple[dict[str, Array], Cou
     flag = of.get("VFLG", np.zeros(len(table))).astype(np.int64)
     tests = [_PRIMARY] if _PRIMARY in of else [name for name in names if _TEST.fullmatch(name)]
     quality = worst_flag([of[name].astype(np.int8) for name in tests], (len(table),))
-    known, over_land, failed = np.isfinite(std), flag & _OVER_LAND > 0, ~usable_or_untested(quality)
+    known, over_land, failed = np.isfinite(std), flag & _OVER_LAND > 0, is_failed(quality)
     good = known & (flag == 0) & ~failed
     dropped = Counter(
         {
@@ -232,7 +232,7 @@ def _check_unit(path: Path, head: Mapping[str, str], speed: Array) -> None:
     (resolved,) = _numbers(path, head, "DopplerResolutionHzPerBin", "nan")
     # half a radar's wavelength a cycle, in cm
     (frequency,) = _numbers(path, head, "TransmitCenterFreqMHz")
-    resolution = 50.0 * 299.792458 / frequency * resolved
+    resolution = 50.0 * LIGHT / frequency * resolved
     rms = float(np.sqrt(np.mean(speed**2))) if speed.size else np.nan
     if rms < resolution:
         raise LogError(

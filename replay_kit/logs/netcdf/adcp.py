@@ -116,7 +116,8 @@ def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     velocity = np.stack([file.array(f"ad2cp_vel{axis}") for axis in "XYZ"], axis=-1)
     cell_size = _metres(file, "ad2cp_cellSize")
     bin0_distance = _metres(file, "ad2cp_blanking") + cell_size
-    tenths = 0.1 if file.scalar("ad2cp_soundspeed") > _FASTEST_SOUND else 1.0
+    sound = file.scalar("ad2cp_soundspeed")
+    tenths = 0.1 if sound > _FASTEST_SOUND else 1.0
     if tenths != 1.0:
         notes.append("ad2cp_soundspeed, ad2cp_temperature: in tenths of their units, converted")
     declination = number(file.scalar("magnetic_variation"))
@@ -133,15 +134,14 @@ def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     sensors["temperature"] = sensors["temperature"] * tenths
     distance = bin0_distance + cell_size * np.arange(velocity.shape[1], dtype=np.float64)
     looks = orientation(velocity[..., :2], sensors["pressure"], distance, notes)
+    dive = file.dive_number or 0
     for k in np.flatnonzero(known).tolist():
-        payload = earth_ping(
-            int(time_ns[k]), k, file.dive_number or 0, velocity[k], (cell_size, bin0_distance)
-        )
+        payload = earth_ping(int(time_ns[k]), k, dive, velocity[k], (cell_size, bin0_distance))
         payload |= {
             "reference": "platform",
             "orientation": looks,
             "bin_mapped": False,
-            "sound_speed": number(round(file.scalar("ad2cp_soundspeed") * tenths, 3)),
+            "sound_speed": number(round(sound * tenths, 3)),
             "magnetic_declination": declination,
             "declination_applied": False,
             **{name: number(round(float(values[k]), 4)) for name, values in sensors.items()},
@@ -174,9 +174,8 @@ def _leg_ends(file: NetcdfFile) -> tuple[int, ...]:
     if not np.isfinite(depth).any():
         return ()
     fixes, fix_known = units.time_ns("log_gps_time", file.variables["log_gps_time"], file.path, [])
-    last = int(time_ns[np.isfinite(depth)].max())
-    after = [int(fix) for fix in fixes[fix_known] if fix > time_ns[np.nanargmax(depth)]]
-    return int(time_ns[np.nanargmax(depth)]), min([last, *after])
+    last, deepest = int(time_ns[np.isfinite(depth)].max()), int(time_ns[np.nanargmax(depth)])
+    return deepest, min([last, *(fix for fix in fixes[fix_known].tolist() if fix > deepest)])
 
 
 def _metres(file: NetcdfFile, name: str) -> float:

@@ -23,8 +23,8 @@ from replay_kit.logs.shared.payloads import number, numbers, stamp
 RADAR, _TOTALS = "replay_kit.RadarCurrents", "/radar/totals"
 _FIX, _DRIFTERS = "replay_kit.DrifterFix", "/drifters"
 _MHZ = re.compile(r"(\d+(?:\.\d+)?)\s*MHz", re.IGNORECASE)
-# m/s; light goes so far in a microsecond as a wave of 1 MHz is long
-_LIGHT = 299.792458
+#: Length of a wave of 1 MHz [m]: light goes so far in a microsecond.
+LIGHT = 299.792458
 # MHz of the radars that see farthest, and are taken where no frequency is stated
 _LONG_RANGE = 5.0
 _HOUR = 3600.0
@@ -52,7 +52,7 @@ def depth_of(frequency: float) -> float:
 
     Source: Stewart and Joy (1974), Deep-Sea Research 21.
     """
-    return _LIGHT / frequency / (8.0 * np.pi)
+    return LIGHT / frequency / (8.0 * np.pi)
 
 
 def _totals(
@@ -115,7 +115,7 @@ def _vectors(
     ]
     quality = _quality(file, shape)
     measured = np.isfinite(east + north)
-    failed = measured & ~usable_or_untested(quality)
+    failed = measured & is_failed(quality)
     known = measured & ~failed & np.isfinite(errors[0] + errors[1])
     depth, how = _depth(file.attributes)
     notes.append(
@@ -139,17 +139,19 @@ def _vectors(
     return at
 
 
-def usable_or_untested(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Return which values QARTOD flags do not call failed or missing."""
-    return np.asarray((flags != Flag.FAIL) & (flags != Flag.MISSING))
+def is_failed(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Return which values QARTOD flags call failed or missing; others may be used, or were not tested."""
+    return np.asarray((flags == Flag.FAIL) | (flags == Flag.MISSING))
 
 
 def worst_flag(flags: Sequence[NDArray[np.int8]], shape: tuple[int, ...]) -> NDArray[np.int8]:
     """Return the worst of each value's QARTOD flags, of a shape; not evaluated where there are none."""
     ranked = np.stack([np.full(shape, Flag.NOT_EVALUATED, np.float64), *flags])
     # a test that was passed is more than one that was not made
-    ranked[ranked == Flag.GOOD] = Flag.NOT_EVALUATED + 0.5
-    return np.where(ranked.max(axis=0) == 2.5, Flag.GOOD, ranked.max(axis=0)).astype(np.int8)
+    passed = Flag.NOT_EVALUATED + 0.5
+    ranked[ranked == Flag.GOOD] = passed
+    worst = ranked.max(axis=0)
+    return np.where(worst == passed, Flag.GOOD, worst).astype(np.int8)
 
 
 def _quality(file: NetcdfFile, shape: tuple[int, ...]) -> NDArray[np.int8]:
@@ -209,12 +211,11 @@ def _error(stored: Stored, variance: float, dialect: Dialect, notes: list[str]) 
         raise LogError(
             f"{dialect.title}: expected the signal's variance in {dialect.names['parameters']}, by which errors are normalised, got none"
         )
-    variance = 1e-4 * variance
     notes.append(
-        f"errors: normalised variances, times the signal's stated variance of {1e4 * variance:g} cm2/s2"
+        f"errors: normalised variances, times the signal's stated variance of {variance:g} cm2/s2"
     )
     good = (values >= 0.0) & (values <= _MOST_NORMALISED)
-    return np.where(good, np.sqrt(np.where(good, values, 0.0) * variance), np.nan)
+    return np.where(good, np.sqrt(np.where(good, values, 0.0) * (1e-4 * variance)), np.nan)
 
 
 def _depth(attributes: Mapping[str, Any]) -> tuple[float, str]:
