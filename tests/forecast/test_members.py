@@ -95,8 +95,9 @@ def test_files_of_several_members_each_add_up(tmp_path):
     assert_array_equal(read_with(tmp_path).velocity, synthetic.ensemble().velocity)
 
 
-def test_daily_files_are_opened_when_they_are_used(tmp_path, monkeypatch):
-    opened, one = [], forms.known().isel(member=0, drop=True)
+@pytest.mark.parametrize("member", [{}, {"member": 0}])
+def test_daily_files_are_opened_when_they_are_used(tmp_path, monkeypatch, member):
+    opened, one = [], forms.known().isel(member, drop=True)
 
     def noting(path):
         opened.append(path.name)
