@@ -211,14 +211,16 @@ def _table(ds, path):
     lost = np.repeat(ds["drogue_lost_date"].values, count).astype("datetime64[s]").astype(str)
     rows = zip(
         np.repeat(ds["ID"].values, count),
+        np.repeat(count, count),
         ds["time"].values.astype("datetime64[s]").astype(str),
         ds["latitude"].values,
         ds["longitude"].values,
         ["1970-01-01T00:00:00Z" if each > "2019-01-20" else f"{each}Z" for each in lost],
         strict=True,
     )
-    lines = ["ID,time,latitude,longitude,drogue_lost_date", ",UTC,degrees_north,degrees_east,UTC"]
-    lines += [f"{a},{b}Z,{c},{d},{e}" for a, b, c, d, e in rows]
+    lines = ["ID,rowsize,time,latitude,longitude,drogue_lost_date"]
+    lines += [",,UTC,degrees_north,degrees_east,UTC"]
+    lines += [f"{a},{n},{b}Z,{c},{d},{e}" for a, n, b, c, d, e in rows]
     path.write_text("\n".join(lines) + "\n")
 
 

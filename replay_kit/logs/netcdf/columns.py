@@ -157,8 +157,10 @@ def profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]]
     """Return how many samples each profile of a ragged array has, and its dimension; no dimension for other files."""
     for name, stored in file.variables.items():
         if stored.text("sample_dimension") or name.lower() in SIZES:
-            sizes = np.nan_to_num(stored.unpacked()).astype(np.int64).ravel()
-            return np.maximum(sizes, 0), stored.dims
+            sizes = np.maximum(np.nan_to_num(stored.unpacked()).astype(np.int64).ravel(), 0)
+            # a table states them again at each sample
+            if sizes.sum() in {other.values.size for other in file.variables.values()}:
+                return sizes, stored.dims
     return np.empty(0, np.int64), ()
 
 
