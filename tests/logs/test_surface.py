@@ -218,8 +218,8 @@ def _table(ds, path):
         ["1970-01-01T00:00:00Z" if each > "2019-01-20" else f"{each}Z" for each in lost],
         strict=True,
     )
-    lines = ["ID,rowsize,time,latitude,longitude,drogue_lost_date"]
-    lines += [",,UTC,degrees_north,degrees_east,UTC"]
+    names = "ID,rowsize,time,latitude,longitude,drogue_lost_date"
+    lines = [names, ",,UTC,degrees_north,degrees_east,UTC"]
     lines += [f"{a},{n},{b}Z,{c},{d},{e}" for a, n, b, c, d, e in rows]
     path.write_text("\n".join(lines) + "\n")
 

@@ -37,21 +37,18 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
     east, north = made.current(levels, 0)
     path = made.write(
         tmp_path / "lab.nc",
-        {
-            "when": (("obs",), track["time"], made.EPOCH),
-            "x": (("obs",), track["longitude"], {}),
-            "y": (("obs",), track["latitude"], {}),
-            "bins": (("bin",), levels, {}),
-            "ve": (("bin", "obs"), *_packed_rows(east, n)),
-            "vn": (("bin", "obs"), *_packed_rows(north, n)),
-        },
+        made.over(
+            "obs",
+            {"when": (track["time"], made.EPOCH), "x": track["longitude"], "y": track["latitude"]},
+        )
+        | made.over("bin", {"bins": levels})
+        | made.over(("bin", "obs"), {"ve": _packed_rows(east, n), "vn": _packed_rows(north, n)}),
     )
-    log = open_log(path)
-    assert log.report().notes[0] == (
+    said = read(path)
+    assert said.report.notes[0] == (
         "of no known glider dialect: each row over when is a message on netcdf/when, with x, y, ve, vn, and at each row bins"
     )
-    messages = list(log.messages())
-    assert len(messages) == n == 10
+    assert len(said.messages) == n == 10
     entry = {
         "topic": "netcdf/when",
         "kind": "profile",
@@ -64,19 +61,20 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
     config = MeasurementConfig.model_validate(
         {"map": [entry | {"longitude": "x", "latitude": "y"}]}
     )
-    profiles = [event for event in observations(messages, config) if isinstance(event, Observation)]
+    profiles = [
+        event for event in observations(said.messages, config) if isinstance(event, Observation)
+    ]
     assert len(profiles) == 10
-    np.testing.assert_allclose(profiles[3].velocity, np.column_stack([east, north]), atol=5.1e-5)
-    np.testing.assert_allclose(profiles[3].depth, levels)
-    assert (profiles[3].longitude, profiles[3].latitude) == (
-        track["longitude"][3],
-        track["latitude"][3],
-    )
+    fourth = profiles[3]
+    np.testing.assert_allclose(fourth.velocity, np.column_stack([east, north]), atol=5.1e-5)
+    np.testing.assert_allclose(fourth.depth, levels)
+    place = track["longitude"][3], track["latitude"][3]
+    assert (fourth.longitude, fourth.latitude) == place
     unknown = config.model_copy(
         update={"map": (config.map[0].model_copy(update={"reference": "unknown"}),)}
     )
     assert not [
-        event for event in observations(messages, unknown) if isinstance(event, Observation)
+        event for event in observations(said.messages, unknown) if isinstance(event, Observation)
     ]
 
 
@@ -97,8 +95,7 @@ def test_a_table_is_one_of_pings_whatever_its_columns_are_called(tmp_path, names
     table.write_bytes(PINGS)
     named.write_bytes(names + PINGS[PINGS.index(b"\n") :])
     said = read(named, LogConfig(columns=columns))
-    assert said.report.format == "table"
-    assert said.messages == read(table).messages
+    assert (said.report.format, said.messages) == ("table", read(table).messages)
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])

@@ -27,13 +27,6 @@ REAL = DATA / "slocum"
 real = needs(REAL)
 
 
-def _topics(log):
-    found = {}
-    for message in log.messages():
-        found.setdefault(message.topic, []).append(message)
-    return found
-
-
 @real
 def test_each_sensor_of_real_files_has_the_values_of_the_usual_reader():
     """Of 22 files 316 sensors: number, first and last value with their times, and sum."""
@@ -67,55 +60,47 @@ def test_each_sensor_of_real_files_has_the_values_of_the_usual_reader():
 
 @real
 def test_a_real_folder_is_one_log_with_the_mean_current_of_each_dive():
-    (log,) = open_logs([REAL])
-    found = _topics(log)
-    assert (log.mission, len(log.files), log.report().losses) == ("rosie_713", 22, ())
-    ends = [
-        (m.payload["start_fix"]["time"]["sec"], m.payload["end_fix"]["time"]["sec"])
-        for m in found["/dac"]
-    ]
+    said = read(REAL)
+    assert (said.report.mission, said.report.losses) == ("rosie_713", ())
+    assert said.noted(": 22 files are one log")
+    ends = [(m["start_fix"]["time"]["sec"], m["end_fix"]["time"]["sec"]) for m in said.of("/dac")]
     assert len(ends) == 6
     assert all(3600 < end - start < 7000 for start, end in ends)
     # the last report before the next dive is the glider's best; that of the third dive was corrected while a file was begun
-    assert found["/dac"][2].payload["dac_eastward"] == pytest.approx(0.03211885318160057)
-    assert found["/dac"][0].payload["dac_eastward"] == pytest.approx(0.03357908874750137)
-    assert all(30.0 < m.payload["max_depth"] < 250.0 for m in found["/dac"])
-    fixes = [(m.payload["latitude"], m.payload["longitude"]) for m in found["/vehicle/fix"]]
-    assert len(fixes) == len({m.time_ns for m in found["/vehicle/fix"]}) == 193
+    east = [m["dac_eastward"] for m in said.of("/dac")[:3:2]]
+    assert east == pytest.approx([0.03357908874750137, 0.03211885318160057])
+    assert all(30.0 < m["max_depth"] < 250.0 for m in said.of("/dac"))
+    fixes = [(m["latitude"], m["longitude"]) for m in said.of("/vehicle/fix")]
+    assert len(fixes) == len({repr(m["timestamp"]) for m in said.of("/vehicle/fix")}) == 193
     assert all(
         51.5 < latitude < 51.7 and -128.4 < longitude < -128.2 for latitude, longitude in fixes
     )
-    assert found["/vehicle/waypoint"][0].payload["waypoint_latitude"] == pytest.approx(51.65)
+    assert said.of("/vehicle/waypoint")[0]["waypoint_latitude"] == pytest.approx(51.65)
 
 
 @pytest.mark.parametrize("form", ["plain", "caches", "compressed"])
 def test_a_made_mission_is_read_as_it_was_flown(tmp_path, form):
     slocum.mission(tmp_path, form != "plain", compress=form == "compressed")
-    found = _topics(log := open_log(tmp_path))
-    assert log.report().losses == ()
-    assert [m.payload["longitude"] for m in found["/vehicle/fix"]] == pytest.approx(
-        made.FIXES[:, 1]
-    )
-    for dive, message in enumerate(found["/dac"]):
-        east, north = made.mean(dive)
-        assert message.payload["dac_eastward"] == pytest.approx(east, abs=1e-7)
-        assert message.payload["dac_northward"] == pytest.approx(north, abs=1e-7)
-        ends = [
-            message.payload[end]["time"]["sec"] - made.START for end in ("start_fix", "end_fix")
-        ]
+    said = read(tmp_path)
+    assert said.report.losses == ()
+    assert [m["longitude"] for m in said.of("/vehicle/fix")] == pytest.approx(made.FIXES[:, 1])
+    for dive, message in enumerate(said.of("/dac")):
+        mean = message["dac_eastward"], message["dac_northward"]
+        assert mean == pytest.approx(made.mean(dive), abs=1e-7)
+        ends = [message[end]["time"]["sec"] - made.START for end in ("start_fix", "end_fix")]
         assert ends == made.FIXES[2 * dive : 2 * dive + 2, 0].tolist()
     track = made.samples()
-    positions = found["/vehicle/position"]
+    positions = said.of("/vehicle/position")
     assert len(positions) == track["time"].size
     for key in ("longitude", "latitude"):
-        np.testing.assert_allclose([m.payload[key] for m in positions], track[key], atol=1e-9)
-    said = {item["key"]: item["value"] for item in positions[3].payload["metadata"]}
-    assert said["dead_reckoned"] == "true"
-    assert said["pitch"] == f"{np.rad2deg(-0.4):.2f}"
-    assert len(found["/ctd"]) == track["time"].size
-    assert found["/ctd"][0].payload["temperature"] == 10.0
-    assert len(found["/vehicle/waypoint"]) == 1
-    assert found["/vehicle/altimeter"][0].payload["altitude"] == 50.0
+        np.testing.assert_allclose([m[key] for m in positions], track[key], atol=1e-9)
+    words = {item["key"]: item["value"] for item in positions[3]["metadata"]}
+    assert words["dead_reckoned"] == "true"
+    assert words["pitch"] == f"{np.rad2deg(-0.4):.2f}"
+    assert len(said.of("/ctd")) == track["time"].size
+    assert said.of("/ctd")[0]["temperature"] == 10.0
+    assert len(said.of("/vehicle/waypoint")) == 1
+    assert said.of("/vehicle/altimeter")[0]["altitude"] == 50.0
 
 
 values = st.dictionaries(
