@@ -60,8 +60,8 @@ def test_each_sensor_of_real_files_has_the_values_of_the_usual_reader():
 
 @real
 def test_a_real_folder_is_one_log_with_the_mean_current_of_each_dive():
-    said = read(REAL)
-    assert (said.report.mission, said.report.losses) == ("rosie_713", ())
+    (log,), said = open_logs([REAL]), read(REAL)
+    assert (log.mission, len(log.files), said.report.losses) == ("rosie_713", 22, ())
     assert said.noted(": 22 files are one log")
     ends = [(m["start_fix"]["time"]["sec"], m["end_fix"]["time"]["sec"]) for m in said.of("/dac")]
     assert len(ends) == 6
