@@ -33,6 +33,7 @@ class FlownDive:
         begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
         yos: How often it goes down and up between the two.
         radius: Of its goal [m]; NaN where none is stated.
+        declination: Of the Earth's magnetic field [degrees east]; NaN where none is stated.
     """
 
     seconds: float
@@ -42,6 +43,7 @@ class FlownDive:
     begin_ns: int = 0
     yos: int = 1
     radius: float = nan
+    declination: float = nan
 
 
 def flown_dive(
@@ -51,6 +53,7 @@ def flown_dive(
     deepest: float,
     begin_ns: int = 0,
     radius: float = nan,
+    declination: float = nan,
 ) -> FlownDive | None:
     """Return a dive; None for one that does not show how the vehicle makes its way: its numbers are not known, or it goes up and down only.
 
@@ -61,6 +64,7 @@ def flown_dive(
         deepest: Its greatest depth [m], which ``depths`` need not hold.
         begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
         radius: Of its goal [m]; NaN where none is stated.
+        declination: Of the Earth's magnetic field [degrees east]; NaN where none is stated.
     """
     depths = list(depths)
     # from the surface and back
@@ -69,7 +73,9 @@ def flown_dive(
     )
     below = [depth > 0.5 * deepest for depth in (0.0, *depths)]
     yos = max(sum(deep and not before for before, deep in pairwise(below)), 1)
-    dive = FlownDive(seconds, deepest, hypot(*way), climbed / seconds, begin_ns, yos, radius)
+    dive = FlownDive(
+        seconds, deepest, hypot(*way), climbed / seconds, begin_ns, yos, radius, declination
+    )
     known = isfinite(deepest + dive.along + dive.vertical) and deepest > 0.0
     steep = degrees(atan2(dive.vertical, dive.along)) >= _STEEPEST
     return dive if known and not steep else None
@@ -92,6 +98,7 @@ class AsFlown:
         longest: Of the dives [s]; None in results of earlier versions.
         yos: How often a dive goes down and up.
         radius: Of the last goal [m]; None where none is stated.
+        declination: Of the last dive that states it [degrees east]; None where none does.
     """
 
     speed: float
@@ -106,6 +113,7 @@ class AsFlown:
     longest: float | None = None
     yos: int = 1
     radius: float | None = None
+    declination: float | None = None
 
     @classmethod
     def of(cls, dives: Sequence[FlownDive]) -> Self | None:
@@ -129,12 +137,19 @@ class AsFlown:
             longest=max(dive.seconds for dive in dives),
             yos=int(median(dive.yos for dive in dives)),
             radius=next((dive.radius for dive in reversed(dives) if dive.radius > 0.0), None),
+            declination=next(
+                (dive.declination for dive in reversed(dives) if isfinite(dive.declination)), None
+            ),
         )
 
     @property
     def vertical(self) -> float:
         """Vertical speed [m/s]."""
         return self.speed * sin(radians(self.glide_angle_deg))
+
+    def magnetic(self, heading: float) -> float | None:
+        """Return a true heading as the vehicle's compass shows it [degrees]; None where its declination is not known."""
+        return None if self.declination is None else (heading - self.declination) % 360.0
 
     @property
     def is_plausible(self) -> bool:

@@ -58,7 +58,7 @@ class Block:
     * mean, one row a mean current along a path of p points; of shorter paths the points from ``points`` on have weight 0:
       velocity (2) [m/s], true east and north; error_std [m/s]; points (int64); path_time (p) [ns], path_longitude, path_latitude (p)
       [degrees], path_depth (p) [m], weight (p), shares of the time, sum 1; start_time, end_time [ns], start, end (2), longitude and
-      latitude of the fixes; deepest [m]; radius of the goal [m];
+      latitude of the fixes; deepest [m]; radius of the goal [m]; declination [degrees east];
       reckoned (2) [m/s], by dead reckoning; beside_profiles (bool); source_time [ns].
 
     Attributes:

@@ -267,7 +267,8 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
             way = path(int(np.searchsorted(ends, due, side="right")), due)
             ways, found, why = _taken(ways, way, row, step, due)
             velocity, time = row["velocity"], source.time_ns
-            std, radius = float(row["error_std"]), float(row["radius"])
+            std = float(row["error_std"])
+            stated = {name: float(row[name]) for name in _KEPT}
             dive = int(row["dive"] if row["dive"] >= 0 else step.dived(one.order)["dive"][0])
             own = [source.input, step.topic(source.topic), source.position, due, dive]
             beside = bool(row["inverted"]) and config.use_inverted
@@ -275,7 +276,8 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
             way, end = path(number, due), spot(positions, fixes[number])
             if way is None or not dive_begins(way.deepest, config.surface_depth):
                 continue
-            found, time, std, radius = (way, end), end.time, math.nan, math.nan
+            found, time, std = (way, end), end.time, math.nan
+            stated = dict.fromkeys(_KEPT, math.nan)
             velocity = np.array(drift(way, end))
             ways, own = ways._replace(done=found), [positions[of][fixes[number]] for of in _SOURCE]
             if config.dead_reckoning == "corrected" or ways.stated or not way.reckoned:
@@ -295,8 +297,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
         if not why:
             mean |= dict(zip(_SOURCE, own, strict=True)) | {"source_time": time, "due": due}
             mean |= {"time": max(mean["end_time"], time), "beside_profiles": beside, "rank": rank}
-            mean["radius"] = radius
-            made.append(mean)
+            made.append(mean | stated)
     names = made[0] if made else ()
     rows = {name: padded([np.asarray(row[name])[None] for row in made]) for name in names}
     if made:
@@ -306,6 +307,8 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
 
 
 _SOURCE = ("input", "topic", "ordinal", "order", "dive")
+# of a stated mean current, beside the current
+_KEPT = ("radius", "declination")
 
 
 def _taken(

@@ -230,6 +230,7 @@ class PathMean:
         deepest: Greatest depth of the path [m]; NaN where it is not known.
         reckoned: What dead-reckoned positions and fixes say of it, true east and north [m/s]; None without them.
         radius: Of its goal [m]; NaN where none is stated.
+        declination: Of the Earth's magnetic field [degrees east]; NaN where none is stated.
     """
 
     time_ns: int
@@ -250,6 +251,7 @@ class PathMean:
     deepest: float = np.nan
     reckoned: tuple[float, float] | None = None
     radius: float = np.nan
+    declination: float = np.nan
 
     @property
     def used(self) -> tuple[float, float]:

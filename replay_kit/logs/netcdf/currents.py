@@ -107,6 +107,7 @@ class DiveMean:
         dive: Its number; None without.
         middle: Where the vehicle was deepest; None where the file's samples say it.
         radius: Of its goal [m]; NaN when not stated.
+        declination: Of the Earth's magnetic field [degrees east]; NaN when not stated.
     """
 
     east: float
@@ -118,6 +119,7 @@ class DiveMean:
     dive: int | None = None
     middle: Fix | None = None
     radius: float = np.nan
+    declination: float = np.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,8 +235,9 @@ def _with_ends(
         return None
     start, end = ends
     depth, times = samples.get("depth", np.empty(0)), samples.get("time", np.empty(0))
-    if depth.size:
-        depth = depth[(times >= start.time_ns) & (times <= end.time_ns)]
+    of_dive = (times >= start.time_ns) & (times <= end.time_ns)
+    depth = depth[of_dive] if depth.size else depth
+    declination = samples.get("declination", np.full(times.size, np.nan))[of_dive]
     deepest = float(np.nanmax(depth)) if np.isfinite(depth).any() else candidate.number("deepest")
     dive, once = candidate.number("dive"), np.unique(times[candidate.rows]).size == 1
     return DiveMean(
@@ -247,6 +250,7 @@ def _with_ends(
         int(dive) if np.isfinite(dive) else None,
         candidate.fix() if once else None,
         candidate.number("radius"),
+        float(np.nanmedian(declination)) if np.isfinite(declination).any() else np.nan,
     )
 
 

@@ -158,6 +158,7 @@ def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
         "duration": (mean.end.time_ns - mean.start.time_ns) / _NS,
         "max_depth": number(mean.max_depth),
         "radius": number(mean.radius),
+        "declination": number(mean.declination),
         "dac_kind": kind,
     }
 

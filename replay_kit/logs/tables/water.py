@@ -36,7 +36,7 @@ def _named(payloads: Payloads, names: str) -> dict[str, Array]:
 
 def _mean_currents(payloads: Payloads) -> Rows:
     velocity = np.column_stack(stated(payloads, "dac_eastward dac_northward"))
-    std, deepest, radius = stated(payloads, "error max_depth radius")
+    std, deepest, radius, declination = stated(payloads, "error max_depth radius declination")
     (start_time, start), (end_time, end) = (_fix(payloads, f"{at}_fix.") for at in ("start", "end"))
     columns = {
         "velocity": velocity,
@@ -48,6 +48,7 @@ def _mean_currents(payloads: Payloads) -> Rows:
         "dive": [*map(dive_number, field(payloads, "dive"))],
         "deepest": deepest,
         "radius": radius,
+        "declination": declination,
         "inverted": [*map(bool, field(payloads, "inverted_in"))],
     }
     none = np.isnan(velocity).any(axis=1)

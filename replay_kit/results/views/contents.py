@@ -128,9 +128,14 @@ class Contents:
         return EstimateHistory(self.result.reader, self.estimate)
 
     @cached_property
+    def flown(self) -> AsFlown | None:
+        """How the vehicle flew its dives; None where the result does not say it."""
+        return AsFlown.in_metadata(self.metadata)
+
+    @cached_property
     def dive_depth(self) -> float:
         """Depth of the vehicle's dives [m]: of the plan's, as flown, of the track, or of the deepest published current."""
-        plan, flown = self.last_plan, AsFlown.in_metadata(self.metadata)
+        plan, flown = self.last_plan, self.flown
         if plan is not None and plan.legs:
             return max(float(leg["depth_m"]) for leg in plan.legs)
         if flown is not None and flown.depth > 1.0:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.plan import ORIGIN
 from replay_kit.results.views.contents import Contents
@@ -39,7 +40,7 @@ def card_html(contents: Contents) -> str:
     steered = (
         plan is not None and plan.row["status"] != "failed" and np.isfinite(plan.row["heading_deg"])
     )
-    answer = _steer(plan) + _arrival(plan) if steered and plan else _water(contents)
+    answer = _steer(plan, contents.flown) + _arrival(plan) if steered and plan else _water(contents)
     parts = [
         *(_chip(contents), answer, _surfacing(contents), _profile(contents), _lights(contents)),
         _why(contents),
@@ -73,8 +74,8 @@ def _why(contents: Contents) -> str:
     return f'{first}<p class="below">Next step: {next_steps(contents)[0]}</p>'
 
 
-def _steer(plan: LastPlan) -> str:
-    """Return heading, place to steer for and dive."""
+def _steer(plan: LastPlan, flown: AsFlown | None) -> str:
+    """Return heading, true and by the vehicle's compass where that is known, place to steer for and dive."""
     row, leg = plan.row, plan.legs[0] if plan.legs else {}
     heading, speed = float(row["heading_deg"]), float(row["speed"])
     place = _unbroken(minutes_text(leg["longitude"], leg["latitude"])) if leg else ""
@@ -88,9 +89,11 @@ def _steer(plan: LastPlan) -> str:
     )
     origin = plan.statistics.get(ORIGIN, "").partition(":")[0]
     shown = number("plan.heading_deg", heading, f"{round(heading) % 360:03d}")
+    magnetic = flown.magnetic(heading) if flown else None
+    compass_text = "" if magnetic is None else f"{round(magnetic) % 360:03d}° magnetic, "
     return (
         f'<div class="steer">{compass(heading, f"Steer {heading:.0f} degrees true")}<div><p class="big">{shown}°</p>'
-        f"<p>{f'for {place}, ' if place else ''}{dive}glide angle {angle}°, "
+        f"<p>{compass_text}{f'for {place}, ' if place else ''}{dive}glide angle {angle}°, "
         f"{number('plan.speed', speed, fixed(speed, 2))} m/s through water{f' ({escape(origin)})' if origin else ''}</p></div></div>"
     )
 

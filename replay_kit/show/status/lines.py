@@ -143,6 +143,9 @@ def _steer(values: Values) -> Iterator[Line]:
         return
     heading, angle = values["heading_deg"], values["glide_angle_deg"]
     parts: Parts = [Shown("command.heading_deg", heading, f"{round(heading) % 360:03d}"), "° true"]
+    if (magnetic := values["magnetic_heading_deg"]) is not None:
+        shown = Shown("command.magnetic_heading_deg", magnetic, f"{round(magnetic) % 360:03d}")
+        parts += [", ", shown, "° magnetic"]
     if values["longitude"] is not None:
         parts.append(f" to {minutes_text(values['longitude'], values['latitude'])}")
     if values["depth_m"] is not None:
@@ -152,7 +155,9 @@ def _steer(values: Values) -> Iterator[Line]:
     basis = values["dives"].partition(":")[0] or "as set"
     if values["speed"] is not None:
         parts += [", ", Shown("command.speed", values["speed"], fixed(values["speed"], 2))]
-        parts.append(f" m/s ({basis})")
+        parts.append(" m/s")
+        said = f" ({basis})"
+        parts += [said] if len(str(Line("Steer", [*parts, said]))) <= WIDTH else []
     yield Line("Steer", parts)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.plan import ORIGIN, plan_legs, share_interval
 from replay_kit.core.surfacing import planned_ellipses
@@ -203,9 +204,12 @@ def _command(held: Held, now_ns: int) -> Values:
         return {}
     plan, following = held.plans[-1], figures.next_surfacing(held)
     leg = following.leg if following else {}
+    heading = _finite(leg.get("heading_deg", plan.heading_deg))
+    flown = AsFlown.in_metadata(held.metadata)
     return {
         "since": time_text(plan.timestamp.ToNanoseconds()),
-        "heading_deg": _finite(leg.get("heading_deg", plan.heading_deg)),
+        "heading_deg": heading,
+        "magnetic_heading_deg": flown.magnetic(heading) if flown and heading is not None else None,
         "glide_angle_deg": _finite(leg.get("glide_angle_deg", plan.glide_angle_deg)),
         "depth_m": leg.get("depth_m"),
         "speed": _finite(plan.speed),

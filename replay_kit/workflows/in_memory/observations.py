@@ -123,6 +123,7 @@ def _mean(mean: PathMean) -> dict[str, Any]:
         "end_fix": _fix(mean.fixes[1]),
         "max_depth": number(deepest),
         "radius": number(mean.radius),
+        "declination": number(mean.declination),
         "dac_kind": "stated",
     }
 

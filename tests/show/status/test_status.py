@@ -330,6 +330,15 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
     assert said[2] == steer
 
 
+def test_a_heading_is_true_and_by_the_compass_of_a_vehicle_whose_declination_is_known():
+    flown = AsFlown(0.3, 20.0, 500.0, 14_400.0, 5, declination=-100.0)
+    status = status_of(held(plans=[plan(END_NS)], metadata={AS_FLOWN: flown.to_record()}))
+    assert status.figures["command"]["magnetic_heading_deg"] == 180.0
+    (steer,) = (str(line) for line in lines(status) if line.label == "Steer")
+    assert "080° true, 180° magnetic to 62°" in steer
+    assert len(steer) <= WIDTH
+
+
 def test_the_first_line_counts_the_flights_that_arrive_and_that_must():
     made = plan(END_NS)
     made.statistics.add(name="arrive", value="0.85")

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import merge
 from replay_kit.logs.mcap.writer import write_mcap_log
@@ -142,9 +143,13 @@ def test_mean_currents_of_real_files_are_used(ocean, name, used):
 
 
 @needs(DATA / "seaglider")
-def test_a_plan_takes_the_radius_of_its_goal_from_the_log(ocean):
-    """The last dive's: before it was 2000 m."""
+def test_a_result_keeps_the_declination_and_a_plan_the_radius_of_the_log(ocean):
+    """The last dive's: the radius was 2000 m before."""
     replay(ocean, " ".join(f"{DATA}/seaglider/p171010{dive}.nc" for dive in (3, 4)))
+    flown = AsFlown.in_metadata(metadata_of(ocean / "out.mcap"))
+    assert flown is not None
+    # the file has it in single precision
+    assert flown.declination == pytest.approx(-1.2, abs=1e-6)
     places = "--start 85.91,12.13,0 --goal 85.95,12.13,0 --samples 3 --json -"
     for more, radius in (("", 1852.0), ("--radius 400", 400.0)):
         plan = json.loads(succeed(f"plan {ocean}/out.mcap {places} {more}").stdout)

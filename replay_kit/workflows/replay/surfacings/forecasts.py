@@ -252,7 +252,13 @@ def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
         return None
     dive = dive or dive_mean(Gathered(), mean, _UNKNOWN)
     return flown_dive(
-        dive.seconds, dive.way, mean.depth, mean.deepest, mean.fixes[0].time_ns, mean.radius
+        dive.seconds,
+        dive.way,
+        mean.depth,
+        mean.deepest,
+        mean.fixes[0].time_ns,
+        mean.radius,
+        mean.declination,
     )
 
 
