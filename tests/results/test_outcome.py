@@ -25,6 +25,7 @@ FINDING = Finding("turned", 0, "by 30 degrees", "the compass", "set it right")
 FOUND = [finding_json(FINDING)]
 WARNED = [finding_json(replace(FINDING, severity="warning"))]
 LOST = [{"file": "a.mcap"} | loss_json(Loss("damage", 3, 5, None, None, None))]
+NONE = {"n_samples": 40, "reached": 0.0}
 OUTSIDE = "the log begins 2.0 days outside the forecast's times"
 PLAN = {"message": "ok", "odds": None}
 
@@ -53,7 +54,7 @@ def test_what_a_result_keeps_is_the_outcome_of_the_run_but_for_wall_times_and_sc
         ({"nis_per_dof": 0.4}, None, "with care", "errors 37 % smaller than stated"),
         ({"outside": (OUTSIDE,)}, None, "with care", OUTSIDE),
         ({}, PLAN | {"status": "unsafe"}, "with care", "the plan is unsafe"),
-        ({}, PLAN | {"status": "reached", "odds": {"reached": 0.0}}, "with care", "no sample"),
+        ({}, PLAN | {"status": "reached", "odds": NONE}, "with care", "no simulated flight"),
         ({"consistency": FOUND, "losses": LOST}, None, "do not use", "turned"),
         ({"consistency": WARNED}, None, "with care", "turned"),
         (

@@ -4,6 +4,7 @@ Source of the interval: Wilson & Hilferty (1931), The distribution of chi-square
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
@@ -16,8 +17,14 @@ if TYPE_CHECKING:
 _NINETY_NINE = 2.576
 #: Normalised innovations squared per degree of freedom beyond which an estimate is used with care, where the count allows to say so.
 LEAST_NIS, MOST_NIS = 0.5, 1.5
-#: Statuses of plans that must not be flown unread.
-_BAD_PLANS = ("uncertain", "unreachable", "unsafe", "failed")
+_CLOSER = "choose a goal within reach"
+# what to do with a plan that does not arrive, by its status
+_ACTIONS = {
+    "uncertain": "allow more time or choose a nearer goal",
+    "unreachable": _CLOSER,
+    "unsafe": "do not fly it; change the goal or the areas",
+    "failed": "keep the last command and mend what failed",
+}
 Word = Literal["trust", "with care", "do not use"]
 
 
@@ -87,29 +94,28 @@ def _plan_reason(plan: Mapping[str, Any] | None) -> str:
         return ""
     if plan["status"] != "reached":
         return "the plan failed" if plan["status"] == "failed" else f"the plan is {plan['status']}"
-    return "" if plan_alarm(plan) is None else "no sample of the plan arrives"
+    return "" if plan_alarm(plan) is None else "no simulated flight arrives"
 
 
 def plan_alarm(plan: Mapping[str, Any] | None) -> RunAlarm | None:
-    """Return what is wrong with a plan; None where nothing is, or without a plan.
+    """Return what is wrong with a plan and what to do, as a short line; None for a plan that arrives, or without a plan.
 
     Args:
         plan: As in an outcome: ``status``, ``message``, and ``odds`` where it was flown in samples of the estimate.
     """
     if plan is None:
         return None
-    status, message, odds = plan["status"], plan["message"], plan.get("odds") or {}
-    if status in _BAD_PLANS:
-        return RunAlarm(
-            "plan",
-            f"{'the plan failed' if status == 'failed' else f'the plan is {status}'}: {message}",
-            status,
-        )
-    return (
-        RunAlarm("plan", f"no sample of the estimate arrives: {message}", "no sample arrives")
-        if odds.get("reached") == 0.0
-        else None
-    )
+    status, odds = plan["status"], plan.get("odds") or {}
+    if status not in _ACTIONS and odds.get("reached") != 0.0:
+        return None
+    why = re.split(r"\. |;", plan["message"])[0]
+    if odds and status in ("uncertain", "unreachable", "reached"):
+        count = odds["n_samples"]
+        why = f"{round(odds['reached'] * count)} of {count:.0f} simulated flights arrive"
+    about = status if status in _ACTIONS else "no simulated flight arrives"
+    said = {"failed": "the plan failed", "reached": "the plan arrives in the mean current alone"}
+    first = said.get(status, f"the plan is {status}")
+    return RunAlarm("plan", f"{first}: {why}: {_ACTIONS.get(status, _CLOSER)}", about)
 
 
 def run_alarms(
@@ -118,8 +124,7 @@ def run_alarms(
     """Return the alarms of a run, of its plan and its contradictions."""
     of_plan = plan_alarm(plan)
     found = (
-        RunAlarm("consistency", f"{one['name']}: {one['evidence']}; {one['set']}", one["name"])
-        for one in consistency
+        RunAlarm("consistency", f"{one['name']}: {one['set']}", one["name"]) for one in consistency
     )
     return (*((of_plan,) if of_plan else ()), *found)
 

@@ -196,7 +196,8 @@ def last_plan(held: Held) -> tuple[Mapping[str, Any] | None, int]:
     if not held.plans:
         return None, held.last_ns
     plan = held.plans[-1]
-    odds = {"reached": plan.odds.reached} if plan.HasField("odds") and plan.odds.n_samples else None
+    known = plan.HasField("odds") and plan.odds.n_samples
+    odds = {name: getattr(plan.odds, name) for name in ("n_samples", "reached")} if known else None
     return {
         "status": plan.status,
         "message": plan.message,
