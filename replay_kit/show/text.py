@@ -43,12 +43,14 @@ def print_table(
         longest = max((len(row[k]) for row in cells), default=0)
         # what is cut in no case: names, unless they fill the line, and what is short
         kept = longest <= (2 * console.width // 3 if k == 0 else _SHORT)
+        # a heading folds between its words
+        narrowest = max(longest, *map(len, column.split()))
         table.add_column(
             column,
             overflow="fold",
             justify="right" if numbers and k else "left",
-            no_wrap=kept,
-            min_width=longest if kept else None,
+            no_wrap=kept and k == 0,
+            min_width=narrowest if kept else None,
         )
     for row in cells:
         table.add_row(*row)

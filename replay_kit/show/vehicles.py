@@ -10,7 +10,6 @@ from replay_kit.show.numbers import Sentence, Shown
 COLUMNS = (
     "vehicle",
     "used",
-    "mean currents",
     "misfit before [cm/s]",
     "errors",
     "without it [cm/s]",
@@ -41,11 +40,10 @@ def _row(name: str, own: Outcome, value: Mapping[str, Any]) -> tuple[str | Shown
     counts, plan, word = own.observations, own.plan, own.verdict.word
     error, without = (value.get(f"standard_error{end}") for end in ("", "_without"))
     found = [one["name"] for one in own.consistency]
-    of, used, means = f"vehicles.{name}", counts["used"], counts.get("mean_currents", 0)
+    of, used = f"vehicles.{name}", counts["used"]
     return (
         name,
         Shown(f"{of}.observations.used", used, str(used)),
-        Shown(f"{of}.observations.mean_currents", means, str(means)),
         _cm(f"{of}.rms_innovation.before", own.rms_innovation["before"]),
         own.errors_text.removeprefix("errors "),
         _cm(f"value.{name}.rms_change", value.get("rms_change")),
