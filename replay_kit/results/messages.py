@@ -21,7 +21,7 @@ from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place, Plan, leg_statistics
-from replay_kit.core.region import collection_text, feature, positions
+from replay_kit.core.region import Feature, collection_text, feature, positions
 from replay_kit.core.surfacing import DiveOutcome, Ellipse, SurfacingOutcome, planned_ellipses
 from replay_kit.results.schemas import MESSAGES, TIME, attributes, encode
 
@@ -196,36 +196,49 @@ def plan_path(plan: Plan) -> fox.PosesInFrame:
     return fox.PosesInFrame(timestamp=stamp(plan.start_time_ns), frame_id=FRAME, poses=poses)
 
 
-def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
+def plan_features(
+    plan: Plan, projection: Projection, places: Sequence[Mapping[str, Any]] = ()
+) -> list[Feature]:
     """Return the predicted track as a line, start and goal as points, ellipses of surfacings and areas to keep out of as polygons.
 
     The plan's figures are properties of the line.
+
+    Args:
+        plan: The plan.
+        projection: The local frame of its track.
+        places: Other points than the goal: each with its ``longitude``, its ``latitude`` and what else is known of it.
     """
 
     def line(longitude: ArrayLike, latitude: ArrayLike) -> list[list[float]]:
         return positions(longitude, latitude, plan.start.longitude)
 
-    places = (plan.start, plan.goal)
-    ends = line([place.longitude for place in places], [place.latitude for place in places])
-    features = [
-        feature("Point", end, {"name": name, "depth_m": _finite(place.depth)})
-        for name, end, place in zip(("start", "goal"), ends, places, strict=True)
-    ]
+    def point(about: Mapping[str, Any], longitude: float, latitude: float) -> Feature:
+        return feature("Point", line([longitude], [latitude])[0], about)
+
+    features = list[Feature]()
+    # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
+    if len(plan.track) > 1:
+        track = line(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
+        features.append(feature("LineString", track, _properties(plan)))
+    for name, end in (("start", plan.start), *((("goal", plan.goal),) if not places else ())):
+        about = {"name": name, "depth_m": _finite(end.depth)}
+        features.append(point(about, end.longitude, end.latitude))
+    features += [point(about, about["longitude"], about["latitude"]) for about in places]
     for number, ellipse in enumerate(planned_ellipses(plan.legs), start=1):
         ring = line(*to_geographic(projection, *ellipse.outline(projection).T))
-        features.append(
-            feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"})
-        )
+        about = {"name": f"90 % of surfacings {number}", "kind": "ellipse"}
+        features.append(feature("Polygon", [ring], about))
     for area in plan.areas:
         rings = [np.array([*ring, ring[0]]) for ring in (area.corners, *area.holes)]
         kind = "fence" if area.fence else "no_go"
         about = {"name": area.name, "kind": kind, "surface_only": area.surface_only}
         features.append(feature("Polygon", [line(*ring.T) for ring in rings], about))
-    # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
-    if len(plan.track) > 1:
-        track = line(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
-        features.insert(0, feature("LineString", track, _properties(plan)))
-    return fox.GeoJson(geojson=collection_text(features))
+    return features
+
+
+def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
+    """Return a plan on a map."""
+    return fox.GeoJson(geojson=collection_text(plan_features(plan, projection)))
 
 
 def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:
@@ -254,6 +267,7 @@ def _properties(plan: Plan) -> dict[str, Any]:
         "heading_deg": _finite(plan.heading_deg),
         "glide_angle_deg": _finite(plan.glide_angle_deg),
         "duration_s": _finite(plan.duration),
+        "energy_j": _finite(plan.energy),
         "closest_approach_m": _finite(plan.closest_approach),
     }
 

@@ -81,7 +81,7 @@ def test_its_files_are_whole_when_a_reader_of_its_table_stops_early(flow, tmp_pa
     def closed(*_):
         raise BrokenPipeError
 
-    monkeypatch.setattr("replay_kit.workflows.planning.outputs.print_mission", closed)
+    monkeypatch.setattr("replay_kit.workflows.planning.outputs.print_plans", closed)
     out, answer = tmp_path / "plan.mcap", tmp_path / "plan.json"
     with pytest.raises(BrokenPipeError):
         run(f"{flow} {ASK} -o {out} --json {answer} --samples 0")
@@ -227,9 +227,9 @@ def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(fl
         ("--objective time=1,speed=2", 2, "--objective"),
         ("--objective time=0", 2, "--objective"),
         ("--mooring 500", 2, "RADIUS,HOURS"),
-        ("--mooring 500,2 --line", 2, "one or the other"),
-        ("--line --goal=152.5,-40,0", 2, "one --goal"),
-        ("--mooring 500,2 --waypoints a.csv", 2, "has none"),
+        ("--mooring 500,2 --line", 2, "--mooring: cannot be combined with --line"),
+        ("--line --goal=152.5,-40,0", 2, "--goal: expected one with"),
+        ("--mooring 500,2 --waypoints a.csv", 2, "--mooring: cannot be combined with --waypoints"),
         ("--waypoints a.txt", 2, "ends in one of"),
         ("--surfacings-only", 2, "expected --mooring"),
         ("--line-weight 5", 2, "expected --line"),
@@ -237,7 +237,7 @@ def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(fl
         ("--line --line-width 0", 2, "--line-width: expected a number above 0, got 0"),
         ("--line --line-width inf", 2, "--line-width: expected a number above 0, got inf"),
         ("--waypoint-tolerance 5", 2, "expected --waypoints"),
-        ("--mooring 500,2 --objective energy", 2, "a mooring has none"),
+        ("--mooring 500,2 --objective energy", 2, "combined with --objective"),
         ("--objective time=1,closest=0", 3, "a weight of 0"),
         ("--depth 4000", 3, "deepest level"),
         ("--max-depth 200", 3, "deeper than the vehicle's limit, 200 m"),

@@ -16,7 +16,7 @@ from replay_kit.core.grid import Grid, Projection
 from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of
 from replay_kit.workflows.planning.bathymetry import (
     bathymetry_notes,
-    depth_along,
+    depth_at,
     read_bathymetry,
     seabed_of,
 )
@@ -264,12 +264,12 @@ def test_the_bottom_under_a_track_is_linear_between_the_points(tmp_path):
     bathymetry = read_bathymetry(written(tmp_path, gebco()), WHOLE)
     longitude = np.array([152.0, 152.025, 152.333, 151.0])
     latitude = np.array([-40.0, -40.05, -39.9, -40.0])
-    track = np.column_stack([*to_local(WHOLE.projection, longitude, latitude), np.zeros(4)])
-    found = depth_along(bathymetry, WHOLE.projection, track)
+    east, north = to_local(WHOLE.projection, longitude, latitude)
+    found = depth_at(bathymetry, WHOLE.projection, east, north)
     expected = -50.0 + 1000.0 * (latitude + 40.5) + 140.0 * (longitude - 151.9)
     np.testing.assert_allclose(found[:3], expected[:3], atol=0.5)
     assert np.isnan(found[3])
-    assert depth_along(bathymetry, WHOLE.projection, track[:0]).shape == (0,)
+    assert depth_at(bathymetry, WHOLE.projection, east[:0], north[:0]).shape == (0,)
 
 
 def test_the_grid_of_results_has_at_most_160_cells_a_side():
