@@ -9,7 +9,8 @@ import pytest
 import xarray as xr
 from mcap.reader import make_reader
 
-from planners import MissionSettings
+from planners import MissionSettings, waypoints_of
+from planners.clearance import Violation
 from replay_kit import __version__
 from replay_kit.config.run import load_config
 from replay_kit.core.flow.file import load
@@ -199,6 +200,24 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
     assert 0.0 < said["statistics"]["spline_error"] < 0.01
     assert said["statistics"]["rms_m"] <= said["statistics"]["farthest_m"]
     assert said["waypoints"]["message"] in places.read_text()
+
+
+def test_a_list_that_is_withheld_names_the_tolerance_that_helps(flow, tmp_path, monkeypatch):
+    from replay_kit.workflows.planning import run as plans
+
+    def crossing(flow, plan, request, tolerance, samples):
+        few, odds = waypoints_of(flow, plan, request, tolerance, samples)
+        at = Violation("land", 0.0, 1, 152.5, -40.0)
+        return (few if (tolerance or 250.0) > 400.0 else replace(few, violation=at)), odds
+
+    monkeypatch.setattr(plans, "waypoints_of", crossing)
+    places = tmp_path / "places.csv"
+    asked = f"{flow} {ASK} --samples 0 --waypoints {places}"
+    withheld = run(asked, code=7)
+    assert (withheld.exit_code, places.exists()) == (7, False)
+    assert "the waypoints are not safe; --waypoint-tolerance 500 is safe" in withheld.output
+    run(f"{asked} --waypoint-tolerance 500")
+    assert places.exists()
 
 
 def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(flow, tmp_path):

@@ -197,35 +197,27 @@ def _headings_text(row: Mapping[str, Any]) -> str:
 
 def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
     """Return why a mission must not be handed to a vehicle unasked; None when it may be."""
-    figures, made = planned.samples, planned.plan
-    few = planned.waypoints
-    if few is not None and few.violation is not None:
-        return "the waypoints are not safe"
-    if (
-        few is not None
-        and figures is not None
-        and job.risk is None
-        and 1.0 - figures["safe"] > job.accepted_risk
+    made, few, figures = planned.plan, planned.waypoints, planned.samples
+    violating = 0.0 if figures is None else 1.0 - figures["safe"]
+    if few is not None and (
+        few.violation is not None or (job.risk is None and violating > job.accepted_risk)
     ):
-        return (
-            f"the waypoints are not safe in {100.0 * (1.0 - figures['safe']):.0f} % of the samples"
-        )
+        share = "" if few.violation else f" in {100.0 * violating:.0f} % of the samples"
+        other = "" if planned.helps is None else f"; --waypoint-tolerance {planned.helps:g} is safe"
+        return f"the waypoints are not safe{share}{other}"
     if few is not None and made.status == "unsafe":
         return "waypoints of a plan that is not safe"
-    if (
-        job.risk is None
-        or figures is None
-        or (made.status != "unsafe" and 1.0 - figures["safe"] <= job.risk + 1e-9)
-    ):
+    if job.risk is None or figures is None:
+        return None
+    if made.status != "unsafe" and violating <= job.risk + 1e-9:
         return None
     drivers = ", ".join(
         f"{name} {100.0 * share:.0f} %"
         for name, share in sorted(figures["violations"].items(), key=lambda one: -one[1])
     )
-    least, asked = 100.0 * (1.0 - figures["safe"]), 100.0 * job.risk
-    return f"the risk of {asked:g} % cannot be kept: the least found is {least:.0f} %" + (
-        f", from {drivers}" if drivers else ""
-    )
+    least = f"the least found is {100.0 * violating:.0f} %"
+    by = f", from {drivers}" if drivers else ""
+    return f"the risk of {100.0 * job.risk:g} % cannot be kept: {least}{by}"
 
 
 def separation_rows(made: Together) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,8 @@ from replay_kit.workflows.planning.request import check_samples, objective_of, s
 
 # An area counts that holds within so many times the duration of a mission, as samples of it may last longer.
 _LATE = 1.2
+# Wider tolerances of a list of waypoints that are tried where it is not safe, in its own.
+_WIDER = (2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +55,7 @@ class PlannedMission:
         waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
         notes: What should be known of it.
         drawn: Number of samples drawn.
+        helps: Tolerance of another list of waypoints, which may be handed to a vehicle [m]; None where this may be, or none was found.
         departures: That were compared, in order, each with the share of the samples that arrive, None without samples.
     """
 
@@ -62,6 +66,7 @@ class PlannedMission:
     waypoints: Waypoints | None
     notes: tuple[str, ...]
     drawn: int
+    helps: float | None = None
     departures: tuple[tuple[MissionPlan, float | None], ...] = ()
 
 
@@ -145,6 +150,8 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     request, made, compared = _within_times(job, request, flow, searched)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
+    if left := len(job.departures_ns) - len(compared):
+        notes += (f"--time-limit left out the last {left} departures",)
     if job.waypoints and len(made.headings_deg) == 0:
         notes += ("no waypoints are written: the plan has no legs",)
     begin_ns = made.start_time_ns
@@ -218,10 +225,12 @@ def mission_settings(job: PlanRequest, config: PlannerConfig) -> dict[str, Any]:
     """
     # a plan by itself may be longer than those of a replay, unless that is configured
     stated = "max_duration" in config.model_fields_set
+    limit = inf if job.time_limit is None else job.time_limit
     return {
         "objective": config.objective if job.objective is None else objective_of(job.objective),
         "max_duration": config.max_duration if stated else MissionSettings().max_duration,
-        "time_limit": inf if job.time_limit is None else job.time_limit,
+        "time_limit": limit,
+        "deadline": monotonic() + limit,
         "battery": inf if job.battery is None else job.battery * 1e6,
     }
 
@@ -302,13 +311,15 @@ def _judged(
     asked: _Asked, request: MissionRequest, made: MissionPlan, notes: tuple[str, ...]
 ) -> PlannedMission:
     """Return a mission with its short list of waypoints where one is asked for, flown in the samples, along the list if there is one."""
-    job, currents, few, of_list = asked.job, (asked.flow, asked.drawn), None, None
+    job, currents, few, of_list, helps = asked.job, (asked.flow, asked.drawn), None, None, None
     if job.waypoints and len(made.headings_deg):
         few, of_list = waypoints_of(asked.flow, made, request, job.waypoint_tolerance, asked.drawn)
+        if not _is_safe(few, of_list, job):
+            helps = _other_tolerance(asked, request, made)
     if not asked.drawn:
         made = without_odds(made, asked.on.known.first)
     made = with_origin(made, asked.origin)
-    planned = PlannedMission(made, asked.on, None, None, few, notes, len(asked.drawn))
+    planned = PlannedMission(made, asked.on, None, None, few, notes, len(asked.drawn), helps)
     if not asked.drawn or len(made.headings_deg) == 0:
         return planned
     announce("flying the samples")
@@ -323,6 +334,23 @@ def _judged(
         told = f"{100.0 * samples['held']:.0f} % arrive with headings held at every surfacing"
         planned = replace(planned, notes=(*notes, told))
     return replace(planned, plan=judged, odds=odds, samples=samples)
+
+
+def _is_safe(few: Waypoints, odds: MissionOdds | None, job: PlanRequest) -> bool:
+    """Return whether a list of waypoints keeps clear, also in the samples where there are some."""
+    violating = 0.0 if odds is None else 1.0 - odds.safe
+    return few.violation is None and violating <= job.accepted_risk + 1e-9
+
+
+def _other_tolerance(asked: _Asked, request: MissionRequest, made: MissionPlan) -> float | None:
+    """Return the first of some wider tolerances with which the list is safe [m]: a glider that may stray more heads more steadily."""
+    usual = asked.job.waypoint_tolerance or made.settings.tolerance
+    for tolerance in (times * usual for times in _WIDER):
+        if request.settings.is_late:
+            break
+        if _is_safe(*waypoints_of(asked.flow, made, request, tolerance, asked.drawn), asked.job):
+            return tolerance
+    return None
 
 
 def samples_json(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:

@@ -147,6 +147,13 @@ def test_a_departure_table_has_the_best_of_single_plans_in_it(saved):
     assert single[0]["duration_s"] < single[1]["duration_s"] < single[2]["duration_s"]
 
 
+def test_a_time_limit_is_that_of_all_departures(saved):
+    departures = f"--depart {clock(NOON)},{clock(NOON + 12 * HOUR)},6h"
+    said = answer(saved, f"--samples 0 {departures} --time-limit 1e-9")
+    assert [row["departure"] for row in said["departures"]] == [time_text(NOON)]
+    assert "--time-limit left out the last 2 departures" in said["notes"]
+
+
 @pytest.mark.parametrize(("objective", "planned"), [("", 0), ("--objective time=1", 1)])
 def test_waiting_for_a_shorter_way_is_advised_only_to_those_who_ask_for_the_shortest(
     saved, objective, planned

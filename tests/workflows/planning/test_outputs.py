@@ -46,7 +46,7 @@ def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(
 ):
     samples = None if safe is None else {"safe": safe, "violations": {"land": 0.05, "banks": 0.15}}
     planned = SimpleNamespace(
-        waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status)
+        waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status), helps=None
     )
     assert unsafe_reason(planned, PlanRequest(risk=risk)) == why
 
