@@ -18,6 +18,20 @@ from replay_kit.workflows.fleet.run import Outcome
 from replay_kit.workflows.replay.checks import DryRun
 
 TABLE, PAGE = "fleet.csv", "index.html"
+_COLUMNS = (
+    "mission",
+    "status",
+    "verdict",
+    "plan",
+    "profiles",
+    "dives",
+    "prior forecast",
+    "before",
+    "after [cm/s]",
+    "NIS/dof",
+    "contradictions",
+    "s",
+)
 #: Of several exit codes the first of these counts.
 _CODES = (1, 2, 3, 7, 4, 6)
 
@@ -85,21 +99,7 @@ def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
         console,
         [f"ALARM: {row['mission']}: {row['plan_alarm']}" for row in rows if row["plan_alarm"]],
     )
-    columns = (
-        "mission",
-        "status",
-        "verdict",
-        "plan",
-        "profiles",
-        "dives",
-        "prior forecast",
-        "before",
-        "after [cm/s]",
-        "NIS/dof",
-        "contradictions",
-        "s",
-    )
-    print_table(console, "Missions", columns, map(_cells, rows))
+    print_table(console, "Missions", _COLUMNS, map(_cells, rows))
     kept, failed = (
         sum(outcome.kept for outcome in outcomes),
         [outcome for outcome in outcomes if outcome.failed],
@@ -140,29 +140,17 @@ def write_page(outcomes: Sequence[Outcome], path: Path) -> None:
 
 
 def fleet_page(outcomes: Sequence[Outcome]) -> str:
-    """Return the table as a page, alarms above it and below why missions failed."""
+    """Return the table as a page, with alarms above it and below it why missions failed."""
     rows = [row_of(outcome) for outcome in outcomes]
-    heads = [name for name in rows[0] if name not in ("sha256", "failed")]
-    table = table_html(
-        [name.replace("_", " ") for name in heads],
-        [[_cell(row, name) for name in heads] for row in rows],
-        "Missions",
-    )
+    cells = [list(map(escape, _cells(row))) for row in rows]
+    for row, each in zip(rows, cells, strict=True):
+        each[0] = each[0] if row["failed"] else f'<a href="{each[0]}.mcap">{each[0]}</a>'
     alarms, failed = (
         items_html([escape(f"{row['mission']}: {row[name]}") for row in rows if row[name]])
         for name in ("plan_alarm", "failed")
     )
-    section = Section("table", "Every mission", f"{alarms}{table}{failed}")
-    return page_html(f"A fleet of {len(rows)} missions", [section])
-
-
-def _cell(row: Mapping[str, Any], name: str) -> str:
-    value = row[name]
-    if name == "mission" and not row["failed"]:
-        return f'<a href="{escape(value)}.mcap">{escape(value)}</a>'
-    return (
-        "-" if value is None else escape(f"{value:.4g}" if isinstance(value, float) else str(value))
-    )
+    html = f"{alarms}{table_html(_COLUMNS, cells, 'Missions')}{failed}"
+    return page_html(f"A fleet of {len(rows)} missions", [Section("table", "Every mission", html)])
 
 
 def expected_json(found: Mapping[str, DryRun | Outcome], workers: int) -> dict[str, Any]:
