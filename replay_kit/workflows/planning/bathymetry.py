@@ -209,11 +209,17 @@ def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
         steps = [np.abs(np.diff(values, axis=k)) for k in range(values.ndim)]
         beyond = _BEYOND * max(float(np.median(each)) for each in steps)
         ends.append((float(of_region.min()) - beyond, float(of_region.max()) + beyond))
-    block = region_block(longitude, latitude, (ends[0][0], ends[1][0], ends[0][1], ends[1][1]))
+    (west, east), (south, north) = ends
+    rows = np.arange(len(latitude))
+    if latitude.ndim == 1:
+        # the rows by themselves: on a grid of the world each point is too much
+        rows = np.flatnonzero((latitude >= south) & (latitude <= north))
+        latitude = latitude[rows[:1]]
+    block = region_block(longitude, latitude, (west, south, east, north)) if rows.size else None
     if block is None:
         return slice(None), slice(None)
-    rows, columns = block
-    return rows, np.r_[columns] if len(columns) > 1 else columns[0]
+    columns = np.r_[block[1]] if len(block[1]) > 1 else block[1][0]
+    return slice(rows[0], rows[-1] + 1) if latitude.ndim == 1 else block[0], columns
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:

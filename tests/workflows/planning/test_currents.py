@@ -247,11 +247,6 @@ def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
             3,
             "--start-time: expected a time within the forecast, 2026-01-01 12:00:00Z to 2026-01-03",
         ),
-        (
-            "--start-time 2026-01-04T00:00Z",
-            3,
-            "--start-time: expected a time within the forecast",
-        ),
         ("--start-time tomorrow", 2, "--start-time: 'tomorrow' is no time"),
         (
             "--depart 2026-01-01T12:00Z,2026-01-09T00:00Z,24h",
@@ -263,7 +258,6 @@ def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
             2,
             "--depart: expected a step above 0, got '0h'",
         ),
-        ("--depart 2026-01-01T12:00Z,2026-01-02T00:00Z,6", 2, "'6' is no duration"),
         ("--depart 2026-01-01T12:00Z,2026-01-02T00:00Z", 2, "--depart: expected T0,T1,STEP"),
         (
             "--depart 2026-01-02T12:00Z,2026-01-02T00:00Z,6h",
@@ -298,7 +292,6 @@ def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
         ("--horizon 0h", 2, "--horizon: expected a duration above 0"),
         ("--horizon 1h", 3, "the first leg ends after"),
         ("--horizon 20h --line", 2, "--line: cannot be combined with --horizon"),
-        ("--horizon 20h --waypoints a.csv", 2, "--horizon: cannot be combined with --waypoints"),
     ],
 )
 def test_times_that_it_refuses(saved, more, code, words):
