@@ -196,38 +196,28 @@ def plan_path(plan: Plan) -> fox.PosesInFrame:
     return fox.PosesInFrame(timestamp=stamp(plan.start_time_ns), frame_id=FRAME, poses=poses)
 
 
-def plan_features(
-    plan: Plan, projection: Projection, places: Sequence[Mapping[str, Any]] = ()
-) -> list[Feature]:
+def plan_features(plan: Plan, projection: Projection) -> list[Feature]:
     """Return the predicted track as a line, start and goal as points, ellipses of surfacings and areas to keep out of as polygons.
 
     The plan's figures are properties of the line.
-
-    Args:
-        plan: The plan.
-        projection: The local frame of its track.
-        places: Other points than the goal: each with its ``longitude``, its ``latitude`` and what else is known of it.
     """
 
     def line(longitude: ArrayLike, latitude: ArrayLike) -> list[list[float]]:
         return positions(longitude, latitude, plan.start.longitude)
-
-    def point(about: Mapping[str, Any], longitude: float, latitude: float) -> Feature:
-        return feature("Point", line([longitude], [latitude])[0], about)
 
     features = list[Feature]()
     # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
     if len(plan.track) > 1:
         track = line(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
         features.append(feature("LineString", track, _properties(plan)))
-    for name, end in (("start", plan.start), *((("goal", plan.goal),) if not places else ())):
-        about = {"name": name, "depth_m": _finite(end.depth)}
-        features.append(point(about, end.longitude, end.latitude))
-    features += [point(about, about["longitude"], about["latitude"]) for about in places]
+    for name, end in (("start", plan.start), ("goal", plan.goal)):
+        (at,), depth = line([end.longitude], [end.latitude]), _finite(end.depth)
+        features.append(feature("Point", at, {"name": name, "depth_m": depth}))
     for number, ellipse in enumerate(planned_ellipses(plan.legs), start=1):
         ring = line(*to_geographic(projection, *ellipse.outline(projection).T))
-        about = {"name": f"90 % of surfacings {number}", "kind": "ellipse"}
-        features.append(feature("Polygon", [ring], about))
+        features.append(
+            feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"})
+        )
     for area in plan.areas:
         rings = [np.array([*ring, ring[0]]) for ring in (area.corners, *area.holes)]
         kind = "fence" if area.fence else "no_go"

@@ -11,7 +11,7 @@ from planners.output.mission import as_plan, legs_table, places_table, to_csv, t
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.plan import PlanRequest
 from replay_kit.core.plan import share_interval
-from replay_kit.core.region import collection_file
+from replay_kit.core.region import collection_file, feature, positions
 from replay_kit.core.text import time_text
 from replay_kit.show.sentences import energy_sentence
 from replay_kit.show.text import print_table
@@ -27,8 +27,14 @@ def texts_of(
         # loads the messages of results
         from replay_kit.results.messages import plan_features
 
-        plan = as_plan(made, projection, odds)
-        yield geojson, collection_file(plan_features(plan, projection, places_table(made, odds)))
+        drawn = plan_features(as_plan(made, projection, odds), projection)
+        rows = places_table(made, odds)
+        each = [[row["longitude"] for row in rows], [row["latitude"] for row in rows]]
+        # its last goal is one of the places
+        drawn = [one for one in drawn if one["properties"]["name"] != "goal"]
+        for at, row in zip(positions(*each, made.start.longitude), rows, strict=True):
+            drawn.append(feature("Point", at, row))
+        yield geojson, collection_file(drawn)
     if csv is not None:
         yield csv, to_csv(made, odds)
     if waypoints is not None and planned.waypoints is not None:
