@@ -4,13 +4,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 
 from planners.output.mission import as_plan, legs_table, places_table, to_csv, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.plan import PlanRequest
-from replay_kit.core.plan import share_interval
 from replay_kit.core.region import collection_file, feature, positions
 from replay_kit.core.text import time_text
 from replay_kit.show.sentences import energy_sentence
@@ -29,11 +27,11 @@ def texts_of(
 
         drawn = plan_features(as_plan(made, projection, odds), projection)
         rows = places_table(made, odds)
-        each = [[row["longitude"] for row in rows], [row["latitude"] for row in rows]]
-        # its last goal is one of the places
-        drawn = [one for one in drawn if one["properties"]["name"] != "goal"]
-        for at, row in zip(positions(*each, made.start.longitude), rows, strict=True):
-            drawn.append(feature("Point", at, row))
+        longitude, latitude = ([row[name] for row in rows] for name in ("longitude", "latitude"))
+        at = positions(longitude, latitude, made.start.longitude)
+        # all goals and surfacings in place of the last goal
+        k = [one["properties"]["name"] for one in drawn].index("goal")
+        drawn[k : k + 1] = [feature("Point", *one) for one in zip(at, rows, strict=True)]
         yield geojson, collection_file(drawn)
     if csv is not None:
         yield csv, to_csv(made, odds)
@@ -50,7 +48,7 @@ def plans_json(made: Together) -> dict[str, Any]:
         "vehicles": each,
         "goals": dict(made.goals),
         "goals_left": list(made.left),
-        "separation": separation_rows(made),
+        "separation": list(made.separation),
     }
 
 
@@ -226,24 +224,6 @@ def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
     return f"the risk of {100.0 * job.risk:g} % cannot be kept: {least}{by}"
 
 
-def separation_rows(made: Together) -> list[dict[str, Any]]:
-    """Return how near each two missions come, one row each, for people and ``--json``."""
-    return [
-        {
-            "vehicles": [first, second],
-            "least_distance_m": one.distance,
-            "time": time_text(one.time_ns),
-            "separation_m": made.separation or None,
-            "nearer_in_samples": None if np.isnan(one.share) else one.share,
-            "nearer_interval": None
-            if np.isnan(one.share)
-            else share_interval(one.share, made.count),
-            "kept": not one.distance < made.separation,
-        }
-        for first, second, one in made.nearness
-    ]
-
-
 def _print_together(made: Together, console: Console) -> None:
     """Print who goes where, what each two missions keep apart, and what is left out."""
     columns = ("glider", "goal", "status", "hours", "arrives")
@@ -253,7 +233,7 @@ def _print_together(made: Together, console: Console) -> None:
             console.print(f"{name}: no goal is left for it, or none that it can reach")
     for goal in made.left:
         console.print(f"goal {goal}: no glider goes there")
-    for row in separation_rows(made):
+    for row in made.separation:
         console.print(_apart(row))
 
 

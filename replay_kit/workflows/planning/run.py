@@ -1,6 +1,6 @@
 """``plan``: a mission on an estimate, or one for each of several gliders, and its figures in samples of the estimate."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 from time import monotonic
@@ -15,7 +15,7 @@ from planners.odds.mission import MissionOdds, mission_odds, with_odds
 from planners.odds.rank import plan_by_odds
 from planners.plan import plan_mission
 from planners.request import MissionPlan, MissionRequest, MissionSettings, Mooring
-from planners.separation import JointMissions, Nearness, plan_missions, share_of_nearer
+from planners.separation import JointMissions, plan_missions, share_of_nearer
 from planners.simulation.currents import Flow, Sample, local_notes
 from planners.waypoints import Waypoints, waypoints_of
 from replay_kit.config.plan import PlanRequest
@@ -78,17 +78,13 @@ class Together:
         planned: Of each vehicle that has one, by its name.
         goals: Number of each vehicle's goal, by its name, counted from 1; None for a vehicle without one.
         left: Numbers of the goals to which no vehicle goes.
-        nearness: Of each two missions, by the vehicles' names.
-        separation: Least distance asked for [m]; 0 for any.
-        count: Number of samples that the missions are flown in.
+        separation: How near each two missions come, a row each.
     """
 
     planned: Mapping[str, PlannedMission]
     goals: Mapping[str, int | None]
     left: tuple[int, ...] = ()
-    nearness: tuple[tuple[str, str, Nearness], ...] = ()
-    separation: float = 0.0
-    count: int = 0
+    separation: tuple[Mapping[str, Any], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,9 +201,7 @@ def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Toget
         planned,
         {name: None if goal is None else goal + 1 for name, goal in chosen.items()},
         tuple(k + 1 for k in range(len(goals)) if k not in going.values()),
-        _nearness(flow, drawn if apart else (), joint, tuple(going), apart),
-        apart,
-        count,
+        tuple(_apart(asked, joint, tuple(going))),
     )
 
 
@@ -375,21 +369,23 @@ def samples_json(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
     }
 
 
-def _nearness(
-    flow: Flow,
-    drawn: Sequence[Sample],
-    joint: JointMissions,
-    names: tuple[str, ...],
-    separation: float,
-) -> tuple[tuple[str, str, Nearness], ...]:
-    """Return how near each two missions come, with the names of their vehicles; shares are of samples that the ways were not chosen by."""
-    found = list[tuple[str, str, Nearness]]()
+def _apart(asked: _Asked, joint: JointMissions, names: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Yield how near each two missions come, a row each, for people and ``--json``."""
+    least = asked.job.separation or 0.0
     for one in joint.nearness:
-        if drawn:
-            share = share_of_nearer(flow, drawn, joint, one.vehicles, separation)
-            one = replace(one, share=share)
-        found.append((names[one.vehicles[0]], names[one.vehicles[1]], one))
-    return tuple(found)
+        share = None
+        if asked.drawn and least:
+            # of samples that the ways were not chosen by
+            share = share_of_nearer(asked.flow, asked.drawn, joint, one.vehicles, least)
+        yield {
+            "vehicles": [names[k] for k in one.vehicles],
+            "least_distance_m": one.distance,
+            "time": time_text(one.time_ns),
+            "separation_m": least or None,
+            "nearer_in_samples": share,
+            "nearer_interval": None if share is None else share_interval(share, len(asked.drawn)),
+            "kept": not one.distance < least,
+        }
 
 
 def _of_its_own(times: Array, vehicles: Sequence[str], goals_of: Sequence[str]) -> Array:
