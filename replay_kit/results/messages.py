@@ -209,7 +209,16 @@ def plan_features(plan: Plan, projection: Projection) -> list[Feature]:
     # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
     if len(plan.track) > 1:
         track = line(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
-        features.append(feature("LineString", track, _properties(plan)))
+        numbers = {
+            "heading_deg": plan.heading_deg,
+            "glide_angle_deg": plan.glide_angle_deg,
+            "duration_s": plan.duration,
+            "energy_j": plan.energy,
+            "closest_approach_m": plan.closest_approach,
+        }
+        words = {"name": "plan", "status": plan.status, "message": plan.message}
+        figures = {name: _finite(value) for name, value in numbers.items()}
+        features.append(feature("LineString", track, words | figures))
     for name, end in (("start", plan.start), ("goal", plan.goal)):
         (at,), depth = line([end.longitude], [end.latitude]), _finite(end.depth)
         features.append(feature("Point", at, {"name": name, "depth_m": depth}))
@@ -221,8 +230,13 @@ def plan_features(plan: Plan, projection: Projection) -> list[Feature]:
     for area in plan.areas:
         rings = [np.array([*ring, ring[0]]) for ring in (area.corners, *area.holes)]
         kind = "fence" if area.fence else "no_go"
-        about = {"name": area.name, "kind": kind, "surface_only": area.surface_only}
-        features.append(feature("Polygon", [line(*ring.T) for ring in rings], about))
+        features.append(
+            feature(
+                "Polygon",
+                [line(*ring.T) for ring in rings],
+                {"name": area.name, "kind": kind, "surface_only": area.surface_only},
+            )
+        )
     return features
 
 
@@ -247,19 +261,6 @@ def orientation(east: float, north: float, up: float) -> fox.Quaternion:
         z=math.sin(yaw) * math.cos(down),
         w=math.cos(yaw) * math.cos(down),
     )
-
-
-def _properties(plan: Plan) -> dict[str, Any]:
-    return {
-        "name": "plan",
-        "status": plan.status,
-        "message": plan.message,
-        "heading_deg": _finite(plan.heading_deg),
-        "glide_angle_deg": _finite(plan.glide_angle_deg),
-        "duration_s": _finite(plan.duration),
-        "energy_j": _finite(plan.energy),
-        "closest_approach_m": _finite(plan.closest_approach),
-    }
 
 
 def _finite(number: float) -> float | None:

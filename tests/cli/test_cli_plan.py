@@ -188,16 +188,15 @@ def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path)
     here = "--start=152.5,-40.0,0 --goal=152.5,-40.0,0 --depth 390 --json -"
     done = run(f"{flow} {here} --mooring 2000,4 --surfacings-only --samples 4")
     moored = json.loads(done.stdout)
-    assert "samples of the estimate stay within the radius" in done.stderr
+    assert "simulated flights stay within 2000 m" in done.stderr
     assert moored["duration_s"] >= 4 * 3600.0 * (1.0 - 1e-9)
     assert (moored["status"] == "reached") == (moored["statistics"]["farthest_m"] <= 2000.0)
     assert moored["samples"]["miss_median_m"] >= 0.5 * moored["statistics"]["farthest_m"]
     places = tmp_path / "goto_l10.ma"
     lined = run(
-        f"{flow} {ASK} --json - --line --line-weight 20 --objective time=1,energy=0.01 --waypoints {places} --spline 2",
+        f"{flow} {ASK} --json - --line --line-weight 20 --objective time=1,energy=0.01 --waypoints {places}",
     )
     said = json.loads(lined.stdout)
-    assert 0.0 < said["statistics"]["spline_error"] < 0.01
     assert said["statistics"]["rms_m"] <= said["statistics"]["farthest_m"]
     assert said["waypoints"]["message"] in places.read_text()
 
@@ -370,7 +369,7 @@ def test_a_mission_for_the_odds_is_judged_in_other_samples_and_by_a_time(flow, t
     assert len(odds["legs"]) >= len(quickest["legs"])
     low, high = odds["samples"]["reached_interval"]
     assert low <= odds["samples"]["reached"] <= high
-    assert f"(90 % intervals {100 * low:.0f} to {100 * high:.0f} %" in odds["message"]
+    assert f"90 % interval {100 * low:.0f} to {100 * high:.0f} %" in odds["message"]
     hours = quickest["duration_s"] / 3600.0
     late = json.loads(run(f"{flow} {ASK} {narrow} --arrive-by {0.5 * hours:.2f}h").stdout)
     assert (late["status"], late["samples"]["reached"]) == ("unreachable", 0.0)
