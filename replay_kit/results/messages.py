@@ -4,7 +4,7 @@ Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from operator import attrgetter
@@ -196,8 +196,8 @@ def plan_path(plan: Plan) -> fox.PosesInFrame:
     return fox.PosesInFrame(timestamp=stamp(plan.start_time_ns), frame_id=FRAME, poses=poses)
 
 
-def plan_features(plan: Plan, projection: Projection) -> list[Feature]:
-    """Return the predicted track as a line, start and goal as points, ellipses of surfacings and areas to keep out of as polygons.
+def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
+    """Yield the predicted track as a line, start and goal as points, ellipses of surfacings and areas to keep out of as polygons.
 
     The plan's figures are properties of the line.
     """
@@ -205,10 +205,9 @@ def plan_features(plan: Plan, projection: Projection) -> list[Feature]:
     def line(longitude: ArrayLike, latitude: ArrayLike) -> list[list[float]]:
         return positions(longitude, latitude, plan.start.longitude)
 
-    features = list[Feature]()
     # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
     if len(plan.track) > 1:
-        track = line(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
+        track = line(*to_geographic(projection, *plan.track[:, :2].T))
         numbers = {
             "heading_deg": plan.heading_deg,
             "glide_angle_deg": plan.glide_angle_deg,
@@ -218,31 +217,24 @@ def plan_features(plan: Plan, projection: Projection) -> list[Feature]:
         }
         words = {"name": "plan", "status": plan.status, "message": plan.message}
         figures = {name: _finite(value) for name, value in numbers.items()}
-        features.append(feature("LineString", track, words | figures))
+        yield feature("LineString", track, words | figures)
     for name, end in (("start", plan.start), ("goal", plan.goal)):
-        (at,), depth = line([end.longitude], [end.latitude]), _finite(end.depth)
-        features.append(feature("Point", at, {"name": name, "depth_m": depth}))
+        (at,) = line([end.longitude], [end.latitude])
+        yield feature("Point", at, {"name": name, "depth_m": _finite(end.depth)})
     for number, ellipse in enumerate(planned_ellipses(plan.legs), start=1):
         ring = line(*to_geographic(projection, *ellipse.outline(projection).T))
-        features.append(
-            feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"})
-        )
+        name = f"90 % of surfacings {number}"
+        yield feature("Polygon", [ring], {"name": name, "kind": "ellipse"})
     for area in plan.areas:
-        rings = [np.array([*ring, ring[0]]) for ring in (area.corners, *area.holes)]
         kind = "fence" if area.fence else "no_go"
-        features.append(
-            feature(
-                "Polygon",
-                [line(*ring.T) for ring in rings],
-                {"name": area.name, "kind": kind, "surface_only": area.surface_only},
-            )
-        )
-    return features
+        about = {"name": area.name, "kind": kind, "surface_only": area.surface_only}
+        rings = [line(*np.array([*ring, ring[0]]).T) for ring in (area.corners, *area.holes)]
+        yield feature("Polygon", rings, about)
 
 
 def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
     """Return a plan on a map."""
-    return fox.GeoJson(geojson=collection_text(plan_features(plan, projection)))
+    return fox.GeoJson(geojson=collection_text([*plan_features(plan, projection)]))
 
 
 def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:

@@ -25,7 +25,7 @@ def texts_of(
         # loads the messages of results
         from replay_kit.results.messages import plan_features
 
-        drawn = plan_features(as_plan(made, projection, odds), projection)
+        drawn = [*plan_features(as_plan(made, projection, odds), projection)]
         rows = places_table(made, odds)
         longitude, latitude = ([row[name] for row in rows] for name in ("longitude", "latitude"))
         at = positions(longitude, latitude, made.start.longitude)
