@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from planners.request import MissionRequest
 from planners.route.front import sea_of, spread
@@ -57,6 +56,9 @@ def assign(times: Array) -> tuple[int | None, ...]:
     References:
         Crouse (2016), On implementing 2D rectangular assignment algorithms.
     """
+    # loads slowly, and one vehicle needs none
+    from scipy.optimize import linear_sum_assignment
+
     finite = np.isfinite(times)
     # dearer than all that can be reached together
     beyond = 1.0 + 2.0 * min(times.shape) * float(np.max(times, initial=0.0, where=finite))

@@ -28,7 +28,7 @@ def plan_departures(
     Args:
         flow: The current, or its estimates for increasing times.
         request: As for ``plan_mission``; its start time does not count.
-        starts_ns: When the mission begins in turn, increasing [ns, UTC].
+        starts_ns: When the mission begins in turn, increasing [ns, UTC]. Those after the deadline of the settings are left out.
 
     Raises:
         PlanError: As for ``plan_mission``; or there is no departure, or they do not increase.
@@ -37,6 +37,8 @@ def plan_departures(
         raise PlanError(f"departures are {list(starts_ns)} ns; expected one or more that increase")
     plans = list[MissionPlan]()
     for start_ns in starts_ns:
+        if plans and request.settings.is_late:
+            break
         # leaving later, all legs of the plan before are still to be flown; where time does not count, as many may be too many
         warm = [
             replace(plan, start_time_ns=start_ns)

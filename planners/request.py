@@ -6,6 +6,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import inf
+from time import monotonic
 
 import numpy as np
 
@@ -131,7 +132,8 @@ class MissionSettings:
         max_duration: Longest mission [s].
         margin: Distance from land, areas, shallows and edges [m].
         clearance: Least height above the bathymetry [m].
-        time_limit: After which nothing else is tried [s].
+        time_limit: After which nothing else is tried [s]; of one mission.
+        deadline: On the clock of ``time.monotonic``, after which nothing else is tried [s]; of all missions that are planned together.
         depths: Range [m] in which the depth of each leg is chosen.
         speeds: Range [m/s] in which a propeller's speed is.
         battery: Energy that it may take [J].
@@ -150,6 +152,7 @@ class MissionSettings:
     margin: float = 50.0
     clearance: float = 20.0
     time_limit: float = inf
+    deadline: float = inf
     depths: tuple[float, float] | None = None
     speeds: tuple[float, float] | None = None
     battery: float = inf
@@ -185,6 +188,11 @@ class MissionSettings:
         for name, ends in (("depths", self.depths), ("speeds", self.speeds)):
             if ends is not None and not 0.0 < ends[0] <= ends[1] < inf:
                 raise PlanError(f"a mission's {name} are {ends!r}; expected two increasing numbers")
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the deadline is over."""
+        return monotonic() > self.deadline
 
     @property
     def most_legs(self) -> float:

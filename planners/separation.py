@@ -146,7 +146,7 @@ def plan_missions(
             if (one.distance < separation or one.share > allowed)
             and tried.get(one.vehicles, 0) < len(_WIDTHS)
         ]
-        if not near:
+        if not near or requests[0].settings.is_late:
             break
         worst = min(near, key=lambda one: one.distance)
         width = _WIDTHS[tried.get(worst.vehicles, 0)] * separation

@@ -230,7 +230,8 @@ def task_of(flow: Flow, request: MissionRequest) -> Task:
                 f"dives of {least:g} to {most:g} m: expected a depth from {needed:g} m, the least of the range, the start and the goals, "
                 f"to {min(most, settings.depth):g} m, the most that range and bottom allow; choose a wider range"
             )
-    clock, deadline = currents.clock(request.start_time_ns), monotonic() + settings.time_limit
+    clock = currents.clock(request.start_time_ns)
+    deadline = min(monotonic() + settings.time_limit, settings.deadline)
     request = replace(request, settings=settings)
     return Task(request, currents, region, rings, bottom, start, goals, clock, line_begin, deadline)
 

@@ -1,4 +1,4 @@
-"""A mission for people and other programs: legs as a table, as GeoJSON, as JSON."""
+"""A mission for people and other programs: its legs, goals and surfacings as tables, as JSON, as the plan of a result."""
 
 from itertools import pairwise
 from typing import Any
@@ -7,12 +7,9 @@ import numpy as np
 
 from planners.odds.mission import MissionOdds
 from planners.request import MissionPlan
-from replay_kit.core.arrays import Array
-from replay_kit.core.geodesy import grid_bearing_of_true_north, to_geographic
+from replay_kit.core.geodesy import grid_bearing_of_true_north
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Odds, Plan
-from replay_kit.core.region import collection_file, feature, positions
-from replay_kit.core.surfacing import Ellipse
 from replay_kit.core.text import csv_text
 
 
@@ -99,54 +96,10 @@ def to_json(plan: MissionPlan, odds: MissionOdds | None) -> dict[str, Any]:
     }
 
 
-def to_geojson(plan: MissionPlan, projection: Projection, odds: MissionOdds | None) -> str:
-    """Return the predicted track as a line, start, surfacings and goals as points, and ellipses as polygons.
-
-    Args:
-        plan: The mission.
-        projection: The local frame of its track.
-        odds: Of it; None without.
-    """
-    near, rows = plan.start.longitude, legs_table(plan, odds)
-    features = []
-    if len(plan.track) > 1:
-        line = positions(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]), near)
-        about = {
-            "name": "track",
-            "status": plan.status,
-            "message": plan.message,
-            "duration_s": plan.duration,
-            "energy_j": plan.energy,
-        }
-        features.append(feature("LineString", line, about))
-    named: list[dict[str, Any]] = [
-        {"name": "start"},
-        *({"name": f"goal {k}", **met} for k, met in enumerate(goals_table(plan), 1)),
-        *({"name": f"surfacing {row['leg']}", **row} for row in rows),
-    ]
-    places = [plan.start, *plan.goals]
-    at = positions(
-        [*(place.longitude for place in places), *(row["longitude"] for row in rows)],
-        [*(place.latitude for place in places), *(row["latitude"] for row in rows)],
-        near,
-    )
-    features += [feature("Point", *one) for one in zip(at, named, strict=True)]
-    for k, ellipse in enumerate([] if odds is None else odds.ellipses, 1):
-        longitude, latitude = ellipse_outline(ellipse, projection).T
-        around = positions(longitude, latitude, near)
-        about = {"name": f"90 % of surfacings {k}", "samples": 0 if odds is None else odds.count}
-        features.append(feature("Polygon", [around], about))
-    return collection_file(features)
-
-
-def ellipse_outline(ellipse: Array, projection: Projection) -> Array:
-    """Return points of an ellipse of ``MissionOdds``, shape (5,), as longitudes and latitudes, shape (37, 2), the first repeated.
-
-    They run counter-clockwise, as RFC 7946 asks of the outer ring of a polygon.
-    """
-    return np.column_stack(
-        to_geographic(projection, *Ellipse(*ellipse.tolist()).outline(projection).T)
-    )
+def places_table(plan: MissionPlan, odds: MissionOdds | None) -> list[dict[str, Any]]:
+    """Return each goal, and then the surfacing of each leg, by name, for a map."""
+    goals = [{"name": f"goal {k}", **row} for k, row in enumerate(goals_table(plan), 1)]
+    return goals + [{"name": f"surfacing {row['leg']}", **row} for row in legs_table(plan, odds)]
 
 
 def as_plan(plan: MissionPlan, projection: Projection, odds: MissionOdds | None = None) -> Plan:

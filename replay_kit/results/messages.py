@@ -4,7 +4,7 @@ Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from operator import attrgetter
@@ -21,7 +21,7 @@ from replay_kit.core.geodesy import to_geographic, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place, Plan, leg_statistics
-from replay_kit.core.region import collection_text, feature, positions
+from replay_kit.core.region import Feature, collection_text, feature, positions
 from replay_kit.core.surfacing import DiveOutcome, Ellipse, SurfacingOutcome, planned_ellipses
 from replay_kit.results.schemas import MESSAGES, TIME, attributes, encode
 
@@ -196,8 +196,8 @@ def plan_path(plan: Plan) -> fox.PosesInFrame:
     return fox.PosesInFrame(timestamp=stamp(plan.start_time_ns), frame_id=FRAME, poses=poses)
 
 
-def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
-    """Return the predicted track as a line, start and goal as points, ellipses of surfacings and areas to keep out of as polygons.
+def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
+    """Yield the predicted track as a line, start and goal as points, ellipses of surfacings and areas to keep out of as polygons.
 
     The plan's figures are properties of the line.
     """
@@ -205,27 +205,36 @@ def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
     def line(longitude: ArrayLike, latitude: ArrayLike) -> list[list[float]]:
         return positions(longitude, latitude, plan.start.longitude)
 
-    places = (plan.start, plan.goal)
-    ends = line([place.longitude for place in places], [place.latitude for place in places])
-    features = [
-        feature("Point", end, {"name": name, "depth_m": _finite(place.depth)})
-        for name, end, place in zip(("start", "goal"), ends, places, strict=True)
-    ]
-    for number, ellipse in enumerate(planned_ellipses(plan.legs), start=1):
-        ring = line(*to_geographic(projection, *ellipse.outline(projection).T))
-        features.append(
-            feature("Polygon", [ring], {"name": f"90 % of surfacings {number}", "kind": "ellipse"})
-        )
-    for area in plan.areas:
-        rings = [np.array([*ring, ring[0]]) for ring in (area.corners, *area.holes)]
-        kind = "fence" if area.fence else "no_go"
-        about = {"name": area.name, "kind": kind, "surface_only": area.surface_only}
-        features.append(feature("Polygon", [line(*ring.T) for ring in rings], about))
     # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
     if len(plan.track) > 1:
-        track = line(*to_geographic(projection, plan.track[:, 0], plan.track[:, 1]))
-        features.insert(0, feature("LineString", track, _properties(plan)))
-    return fox.GeoJson(geojson=collection_text(features))
+        track = line(*to_geographic(projection, *plan.track[:, :2].T))
+        numbers = {
+            "heading_deg": plan.heading_deg,
+            "glide_angle_deg": plan.glide_angle_deg,
+            "duration_s": plan.duration,
+            "energy_j": plan.energy,
+            "closest_approach_m": plan.closest_approach,
+        }
+        words = {"name": "plan", "status": plan.status, "message": plan.message}
+        figures = {name: _finite(value) for name, value in numbers.items()}
+        yield feature("LineString", track, words | figures)
+    for name, end in (("start", plan.start), ("goal", plan.goal)):
+        (at,) = line([end.longitude], [end.latitude])
+        yield feature("Point", at, {"name": name, "depth_m": _finite(end.depth)})
+    for number, ellipse in enumerate(planned_ellipses(plan.legs), start=1):
+        ring = line(*to_geographic(projection, *ellipse.outline(projection).T))
+        name = f"90 % of surfacings {number}"
+        yield feature("Polygon", [ring], {"name": name, "kind": "ellipse"})
+    for area in plan.areas:
+        kind = "fence" if area.fence else "no_go"
+        about = {"name": area.name, "kind": kind, "surface_only": area.surface_only}
+        rings = [line(*np.array([*ring, ring[0]]).T) for ring in (area.corners, *area.holes)]
+        yield feature("Polygon", rings, about)
+
+
+def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
+    """Return a plan on a map."""
+    return fox.GeoJson(geojson=collection_text([*plan_features(plan, projection)]))
 
 
 def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:
@@ -244,18 +253,6 @@ def orientation(east: float, north: float, up: float) -> fox.Quaternion:
         z=math.sin(yaw) * math.cos(down),
         w=math.cos(yaw) * math.cos(down),
     )
-
-
-def _properties(plan: Plan) -> dict[str, Any]:
-    return {
-        "name": "plan",
-        "status": plan.status,
-        "message": plan.message,
-        "heading_deg": _finite(plan.heading_deg),
-        "glide_angle_deg": _finite(plan.glide_angle_deg),
-        "duration_s": _finite(plan.duration),
-        "closest_approach_m": _finite(plan.closest_approach),
-    }
 
 
 def _finite(number: float) -> float | None:

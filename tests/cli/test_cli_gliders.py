@@ -63,7 +63,7 @@ def test_goals_too_many_and_too_few_are_named_and_one_may_be_a_glider_s_own(flow
         (f"{ONE} {NEAR}", "--glider: expected two gliders or more"),
         (f"{ONE} {ONE} {NEAR}", "another name for each"),
         (f"{ONE} --glider=../x=1,2,0 {NEAR}", "another name for each"),
-        (f"{BOTH} --start=152.4,-39.6,0 {NEAR}", "--start: cannot be combined with --glider"),
+        (f"{BOTH} --start=152.4,-39.6,0 {NEAR}", "--glider: cannot be combined with --start"),
         (f"{BOTH} --goal=sg3=152.4,-39.6,0", "got sg3"),
         (f"{BOTH} {NEAR} --separation -1", "--separation: expected a number above 0"),
         (f"--start=152.4,-39.6,0 {NEAR} --separation 500", "expected --glider too"),

@@ -1,8 +1,7 @@
 """Commands that get a signal at random instants: what is under the final name is whole, and the next run gives the bytes of one left alone.
 
 A child is forked from a process that has everything imported, so that an instant falls into the work and not into the imports. SIGKILL,
-SIGTERM and SIGINT end it; stopped and continued it ends by itself. Of a fleet the child is the scheduler; or a worker gets the signal. Its
-workers are forked too, by a setting of Dask: begun anew they take 5 s for imports at each trial.
+SIGTERM and SIGINT end it; stopped and continued it ends by itself. Of a fleet the child begins workers; or one of these gets the signal.
 """
 
 import os
@@ -14,7 +13,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-import dask
 import numpy as np
 
 from replay_kit.config.run import RunConfig
@@ -86,12 +84,10 @@ def kill(
         sent: The signal.
     """
     command, pattern = KINDS[kind][0].format(folder), KINDS[kind][1]
-    # what it imports every child has; with the threads of a scheduler none could be forked
+    # what it imports every child has
     invoke(KINDS["replay" if "fleet" in kind else kind][0].format(folder))
     if "fleet" in kind:
-        dask.config.set({"distributed.worker.multiprocessing-method": "fork"})
         import_module("replay_kit.workflows.fleet.page")
-        import_module("distributed.deploy.local")
     _clear(folder)
     begin = time.perf_counter()
     _run(command)
@@ -182,7 +178,7 @@ def _signalled(command: str, instant: float, sent: signal.Signals, of_worker: bo
     if of_worker or sent == signal.SIGSTOP:
         signal.alarm(int(_LONGEST))
     os.waitpid(child, 0)
-    # workers of a scheduler that was killed end by themselves
+    # workers of a fleet that was killed end by themselves
     signal.alarm(int(_ORPHANED))
     with suppress(ProcessLookupError):
         while True:
@@ -197,7 +193,7 @@ def _ended(child: int) -> bool:
 
 
 def _worker_of(process: int) -> int | None:
-    """Return a worker process of a fleet's scheduler; None where it has none now."""
+    """Return a worker process of a fleet; None where it has none now."""
     with suppress(OSError):
         for thread in Path(f"/proc/{process}/task").iterdir():
             for child in (thread / "children").read_text().split():

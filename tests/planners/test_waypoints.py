@@ -13,7 +13,7 @@ import pytest
 from planners import MissionSettings, plan_mission, waypoints_of
 from planners.hazards.areas import no_go_rings
 from planners.output.waypoints import waypoint_text
-from planners.waypoints import _distance_to_legs, kept_surfacings
+from planners.waypoints import kept_surfacings
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import (
@@ -95,12 +95,6 @@ def test_files_hold_the_waypoints():
     assert json.loads(waypoint_text(few, Path("a.json")))["off_end_m"] == few.off_end
     with pytest.raises(PlanError, match=r"one of \.csv"):
         waypoint_text(few, Path("a.txt"))
-
-
-def test_the_distance_to_legs_is_to_the_nearest_and_no_farther_than_their_ends():
-    corners = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [100.0, 50.0]])
-    points = np.array([[50.0, 7.0], [-3.0, -4.0], [90.0, 40.0], [103.0, 54.0]])
-    np.testing.assert_allclose(_distance_to_legs(points, corners), [7.0, 5.0, 10.0, 5.0])
 
 
 def test_a_list_has_the_odds_of_a_glider_that_heads_for_it():

@@ -5,12 +5,10 @@ import shutil
 
 import pytest
 
-from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.core.plan import Place
+from replay_kit.core.errors import LogError
 from replay_kit.results import read_recorded
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.planning.record import recorded_request
-from replay_kit.workflows.planning.together import plan_again
+from replay_kit.workflows.planning.record import plan_again, recorded_request
 from replay_kit.workflows.verify import verify
 from tests.command import invoke, succeed
 from tests.planners.flow_samples import uncertain_flow
@@ -140,33 +138,3 @@ def test_a_plan_that_does_not_say_what_was_asked_for_is_refused(mission, tmp_pat
     ):
         with pytest.raises(LogError, match="expected what a plan was asked for"):
             recorded_request(record, {})
-
-
-def test_what_results_before_the_table_plan_asked_for_is_read_by_its_names_of_today():
-    here, there = ({"longitude": x, "latitude": -40.0, "depth": 0.0} for x in (152.0, 153.0))
-    mission = {
-        "start": here,
-        "goals": [there, here],
-        "kind": {"mooring": None, "line": True, "line_weight": 5.0, "objective": "energy"},
-        "risk": 0.2,
-        "start_time_ns": None,
-        "departures_ns": [10**18, 10**18 + 3600 * 10**9],
-        "horizon": 259200.0,
-    }
-    found = recorded_request({"kind": "mission", "job": json.dumps(mission)}, {})
-    assert [found.start_place, *found.goals] == [
-        Place(152.0, -40.0, 0.0),
-        Place(153.0, -40.0, 0.0),
-        Place(152.0, -40.0, 0.0),
-    ]
-    assert (found.line, found.line_weight, found.objective, found.risk) == (
-        True,
-        5.0,
-        "energy",
-        0.2,
-    )
-    assert found.departures_ns == (10**18, 10**18 + 3600 * 10**9)
-    assert found.horizon_s == 259200.0
-    survey = {"objective": "map", "start": here, "error": 0.05}
-    with pytest.raises(ConfigError, match="--objective has no map any more"):
-        recorded_request({"kind": "learning", "job": json.dumps(survey)}, {})

@@ -168,7 +168,7 @@ def fit(
 
     from replay_kit.forecast import read_ensemble
     from replay_kit.workflows.ensemble import fit_json, fit_prior, print_fit, write_fit
-    from replay_kit.workflows.fleet.workers import calls_made_by
+    from replay_kit.workflows.fleet.cluster import calls_made_by
 
     members = read_ensemble(local_ensemble(ensemble, (), config), config.forecast)
     with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads):

@@ -28,7 +28,7 @@ from replay_kit.core.paths import Address, check_folder, check_paths
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from replay_kit.workflows.fleet.cluster import Cluster
+    from replay_kit.workflows.fleet.cluster import Workers
     from replay_kit.workflows.fleet.missions import FleetTable, Mission
     from replay_kit.workflows.fleet.run import Outcome
 
@@ -95,13 +95,12 @@ def fleet(
         [*missions, *inputs.ensemble, inputs.config], [outputs.json_file], outputs.overwrite
     )
 
-    from replay_kit.workflows.fleet.cluster import open_cluster
+    from replay_kit.workflows.fleet.cluster import open_workers
     from replay_kit.workflows.fleet.missions import (
         check_missions,
         missions_of,
     )
     from replay_kit.workflows.fleet.page import PAGE, TABLE
-    from replay_kit.workflows.fleet.workers import check_workers
 
     table, folder = _table(missions, inputs)
     if inputs.place:
@@ -119,17 +118,15 @@ def fleet(
         check_missions(each, outputs.overwrite, resume)
         check_paths(missions, (out / TABLE, out / PAGE), outputs.overwrite or resume)
         with progress() as advance:
-            advance(0, 0, "connecting to the workers")
-            with open_cluster(processes.scheduler, processes.workers) as cluster:
-                check_workers(
-                    cluster,
-                    sorted({path.absolute() for mission in each for path in mission.files}),
-                    out.absolute(),
-                )
-                _name(cluster, console)
+            advance(0, 0, "waiting for the workers")
+            files = sorted({path.absolute() for mission in each for path in mission.files})
+            with open_workers(
+                processes.scheduler, processes.workers, files, out.absolute()
+            ) as workers:
+                console.print(f"{workers.size} workers of {workers.name}")
                 if dry_run:
-                    return _dry_run(each, cluster, outputs, console)
-                outcomes = _run(each, cluster, outputs)
+                    return _dry_run(each, workers, outputs, console)
+                outcomes = _run(each, workers, outputs)
     finally:
         if made and not any(out.iterdir()):
             out.rmdir()
@@ -157,27 +154,23 @@ def _texts(paths: tuple[Path, ...]) -> tuple[str, ...]:
     return tuple(path.url if isinstance(path, Address) else str(path) for path in paths)
 
 
-def _name(cluster: "Cluster", console: "Console") -> None:
-    """Name the scheduler, and its page where it has one."""
-    page = f"; dashboard: {cluster.dashboard}" if cluster.dashboard else ""
-    console.print(f"Scheduler: {cluster.address}, {cluster.size} workers{page}")
-
-
 def _dry_run(
-    each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs, console: "Console"
+    each: "tuple[Mission, ...]", workers: "Workers", outputs: Outputs, console: "Console"
 ) -> int:
     """Print what the missions will take, and return the exit code of the first that cannot be replayed."""
-    from replay_kit.workflows.fleet.expected import expected_fleet, expected_json, print_expected
+    from replay_kit.workflows.fleet.page import expected_json, print_expected
+    from replay_kit.workflows.fleet.run import expected_of
 
-    found, failed = expected_fleet(each, cluster)
-    answer = expected_json(found, failed, cluster.size)
-    print_expected(found, failed, cluster.size, console)
+    made = workers.starmap(expected_of, zip(each))
+    found = {mission.name: one for mission, one in zip(each, made, strict=True)}
+    answer = expected_json(found, workers.size)
+    print_expected(answer, console)
     write_json(outputs.json_file, answer)
     return int(answer["exit_code"])
 
 
 def _run(
-    each: "tuple[Mission, ...]", cluster: "Cluster", outputs: Outputs
+    each: "tuple[Mission, ...]", workers: "Workers", outputs: Outputs
 ) -> "tuple[Outcome, ...]":
     """Return the outcomes; the table is written after each mission, so that it is there whatever ends the command."""
     from replay_kit.core.atomic import claimed
@@ -188,7 +181,7 @@ def _run(
     outcomes: tuple[Outcome, ...] = ()
     with claimed(outputs.out / ".lock", outputs.out):
         for outcomes in run_fleet(
-            each, cluster, outputs.overwrite, lambda done, total, what: announce(what, done, total)
+            each, workers, outputs.overwrite, lambda done, total, what: announce(what, done, total)
         ):
             write_table(outcomes, outputs.out / TABLE)
             keep_json(outputs.json_file, fleet_json(outcomes))

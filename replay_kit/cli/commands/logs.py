@@ -208,7 +208,7 @@ def verify(
     check_paths([result, *(inputs or ())], [answer.json_file], answer.overwrite)
 
     from replay_kit.workflows.planning.adapters import planner_of
-    from replay_kit.workflows.planning.together import plan_again
+    from replay_kit.workflows.planning.record import plan_again
     from replay_kit.workflows.sound import sound_result
     from replay_kit.workflows.verify import print_verdict, verdict_json
     from replay_kit.workflows.verify import verify as verify_result

@@ -22,7 +22,6 @@ from replay_kit.core.paths import check_inputs, check_paths
 
 if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig
-    from replay_kit.workflows.planning.mission import PlannedMission
 
 
 # Exit code of a plan that is not safe enough to be handed to a vehicle.
@@ -148,91 +147,49 @@ def plan(
 
     request = checked(completed(request))
     check_inputs(files)
-    config = config.model_copy(update={"plan": request})
-    if request.glider:
-        return _together(config, outputs)
-    return _mission(config, outputs)
+    return _plan(config.model_copy(update={"plan": request}), outputs)
 
 
-def _mission(config: "RunConfig", outputs: Outputs) -> int:
-    """Plan a mission and write it; return the exit code."""
+def _plan(config: "RunConfig", outputs: Outputs) -> int:
+    """Plan a mission or those of several gliders, and write the files of each; return the exit code."""
     from replay_kit.workflows.planning.inputs import planned_on
 
     with progress():
         on = planned_on(config.plan, config.planner)
         # the planners, after places that they have no current for
-        from replay_kit.workflows.planning.mission import make_mission
+        from replay_kit.workflows.planning.run import make_plans
 
-        planned = make_mission(config.plan, config.planner, on)
+        made = make_plans(config.plan, config.planner, on)
 
     from replay_kit.workflows.planning.outputs import (
-        mission_json,
-        print_mission,
+        plans_json,
+        print_plans,
+        texts_of,
         unsafe_reason,
     )
 
     console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
-    unsafe = unsafe_reason(planned, config.plan)
-    withheld = unsafe is not None and not outputs.write_unsafe
+    unsafe = {
+        name: why
+        for name, one in made.planned.items()
+        if (why := unsafe_reason(one, config.plan)) is not None
+    }
+    withheld = {} if outputs.write_unsafe else unsafe
     try:
-        write_json(outputs.json_file, mission_json(planned))
-        if not withheld:
-            _write_mission(planned, outputs, config)
-    finally:
-        # after the files, which a reader of the first lines alone would end; and also where one cannot be written
-        print_mission(planned, console, config.plan.battery)
-    if withheld:
-        console.print(f"{unsafe}; no other file is written without --write-unsafe")
-    return planned.on.exit_code if unsafe is None else _UNSAFE
-
-
-def _write_mission(planned: "PlannedMission", outputs: Outputs, config: "RunConfig") -> None:
-    """Write the mission in each format that is asked for."""
-    from replay_kit.workflows.planning.outputs import (
-        mission_csv,
-        mission_geojson,
-        waypoint_file,
-        write_mission,
-    )
-
-    if outputs.geojson is not None:
-        write_text(outputs.geojson, mission_geojson(planned))
-    if outputs.csv is not None:
-        write_text(outputs.csv, mission_csv(planned))
-    if outputs.waypoints is not None and planned.waypoints is not None:
-        write_text(outputs.waypoints, waypoint_file(planned.waypoints, outputs.waypoints))
-    if outputs.out is not None:
-        write_mission(outputs.out, outputs.overwrite, planned, config)
-
-
-def _together(config: "RunConfig", outputs: Outputs) -> int:
-    """Plan several gliders and write the files of each; return 0, or 4 when part of the result was lost."""
-    from replay_kit.workflows.planning.together import make_together, print_together, together_json
-
-    with progress():
-        made = make_together(config.plan, config.planner)
-
-    from replay_kit.workflows.planning.outputs import mission_json, print_mission, unsafe_reason
-
-    console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
-    unsafe = {name: unsafe_reason(one, config.plan) for name, one in made.planned.items()}
-    withheld = {} if outputs.write_unsafe else {k: why for k, why in unsafe.items() if why}
-    each = {name: mission_json(one) for name, one in made.planned.items()}
-    try:
-        write_json(outputs.json_file, together_json(made, each))
+        write_json(outputs.json_file, plans_json(made))
         for name, one in made.planned.items():
+            own = outputs.of(name) if name else outputs
             if name in withheld:
                 continue
-            plan = config.plan.model_copy(update={"of_glider": name})
-            _write_mission(one, outputs.of(name), config.model_copy(update={"plan": plan}))
+            for path, text in texts_of(one, own.geojson, own.csv, own.waypoints):
+                write_text(path, text)
+            if own.out is not None:
+                # with what it records of a replay
+                from replay_kit.workflows.planning.record import write_mission
+
+                plan = config.plan.model_copy(update={"of_glider": name or None})
+                write_mission(own.out, own.overwrite, one, config.model_copy(update={"plan": plan}))
     finally:
-        print_together(made, console)
-        for name, one in made.planned.items():
-            console.print(f"\n{name}", style="bold")
-            print_mission(one, console, config.plan.battery)
-            if name in withheld:
-                console.print(
-                    f"{withheld[name]}; no file of {name} is written without --write-unsafe"
-                )
-    lost = max(one.on.exit_code for one in made.planned.values())
-    return _UNSAFE if any(unsafe.values()) else lost
+        # after the files, which a reader of the first lines alone would end; and also where one cannot be written
+        print_plans(made, console, config.plan.battery, withheld)
+    return _UNSAFE if unsafe else on.exit_code

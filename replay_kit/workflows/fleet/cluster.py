@@ -1,30 +1,39 @@
-"""The processes that make independent calls: of this machine, or of a cluster by its address; Dask's distributed behind one class.
+"""Workers that make independent calls: processes of this machine, or those of a Dask cluster by its address, behind one interface.
 
-A call whose worker dies is made again, by another worker or by the one that takes its place; so are all calls that are not finished when
-the scheduler is lost and comes back. A call that outlives no worker ends with an error.
+A call whose worker dies is made again; one that outlives no worker ends with an error.
 """
 
 import logging
 import os
 import signal
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError
-from contextlib import contextmanager, suppress
-from importlib.util import find_spec
-from multiprocessing import resource_tracker
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import active_children, get_context, parent_process
+from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from replay_kit.core.errors import ConfigError, EstimatorError, ReplayKitError
+from replay_kit.core.progress import called_by
+from replay_kit.workflows.replay.inputs.provenance import package_versions
 
 #: How long a scheduler, and its first worker, are waited for [s].
 TIMEOUT_S = 20.0
-# How often a call is given to the scheduler, which itself gives it to up to four workers one after the other.
-_ATTEMPTS = 2
-# What is larger is sent once, however many calls have it [bytes]; below that, looking for it costs more than sending it.
-_KEPT = 1 << 14
+_Calls = deque[tuple[int, tuple[Any, ...]]]
 
 
 class UnreachableError(ReplayKitError):
@@ -35,39 +44,23 @@ class LostCallError(EstimatorError):
     """A call whose workers died each time."""
 
 
-class Cluster:
-    """A scheduler and its workers."""
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Processes that make calls.
 
-    def __init__(self, address: str) -> None:
-        """Connect to a scheduler.
+    Attributes:
+        name: In words.
+        size: Number of calls that are made at the same time.
+        begun: Begins so many of them.
+        made: Makes a call in one of them.
+        killed: Errors of a call whose worker died each time.
+    """
 
-        Args:
-            address: Of the scheduler, such as ``tcp://10.0.0.1:8786``.
-
-        Raises:
-            UnreachableError: It does not answer, or has no worker.
-        """
-        self.address = address
-        self._client = _connected(address)
-
-    @property
-    def dashboard(self) -> str:
-        """Address of the scheduler's page in a browser; empty where bokeh, which draws it, is not installed."""
-        return str(self._client.dashboard_link) if find_spec("bokeh") else ""
-
-    @property
-    def size(self) -> int:
-        """Number of calls that are made at the same time."""
-        return sum(self._client.nthreads().values())
-
-    def on_each(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-        """Return the value of a function on each worker, by its address; an exception where it raised one; nothing of one that is gone."""
-        from distributed.comm.core import CommClosedError
-
-        answers = self._client.run(function, *arguments, on_error="return")
-        return {
-            name: value for name, value in answers.items() if not isinstance(value, CommClosedError)
-        }
+    name: str
+    size: int
+    begun: Callable[[int], AbstractContextManager[Executor]]
+    made: Callable[..., Any]
+    killed: tuple[type[Exception], ...] = ()
 
     def starmap(
         self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]
@@ -91,148 +84,71 @@ class Cluster:
     def completed(
         self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Any, Exception | None]]:
-        """Yield the position of each call, its value, and the error that it ended with, as soon as it is made.
+        """Yield the number of each call, its value, and the error that it ended with, as soon as it is made.
 
         Raises:
-            UnreachableError: The scheduler was lost and did not come back in time.
+            UnreachableError: The scheduler was lost.
         """
-        from distributed import KilledWorker, as_completed
-
-        left, deaths = dict(enumerate(calls)), Counter[int]()
-        while left:
-            held: dict[int, Any] = {}
-            futures = {
-                self._submit(function, arguments, held): number
-                for number, arguments in left.items()
-            }
-            for future in as_completed(list(futures), loop=self._client.loop):
-                number = futures.pop(future)
+        waiting, again = _Calls(enumerate(calls)), _Calls()
+        while waiting or again:
+            # which of the calls that were being made killed a worker shows when each is made alone
+            alone = not waiting
+            queue, size = (_Calls([again.popleft()]), 1) if alone else (waiting, self.size)
+            for call, future in self._made(function, queue, size):
                 value, error = _outcome(future)
-                future.release()
-                deaths[number] += isinstance(error, KilledWorker)
-                if isinstance(error, KilledWorker) and deaths[number] == _ATTEMPTS:
+                if isinstance(error, BrokenProcessPool) and not alone:
+                    again.append(call)
+                    continue
+                if isinstance(error, CancelledError):
+                    raise UnreachableError(
+                        f"{self.name}: the scheduler was lost; what is done is kept: begin it, and go on with --resume"
+                    )
+                if isinstance(error, (BrokenProcessPool, *self.killed)):
                     error = LostCallError("the worker died each time; was there enough memory?")
-                if not isinstance(error, CancelledError | KilledWorker):
-                    del left[number]
-                    yield number, value, error
-            if left and self._client.status != "running":
-                self._client = _connected(self.address)
+                yield call[0], value, error
 
-    def close(self) -> None:
-        """Disconnect."""
-        self._client.close(timeout=5)
-
-    def _submit(
-        self, function: Callable[..., Any], arguments: tuple[Any, ...], held: dict[int, Any]
-    ) -> Any:
-        """Return the future of a call; large arguments are values that the scheduler has, so that a worker's death does not lose them."""
-        given = []
-        for argument in arguments:
-            if not _is_large(argument):
-                given.append(argument)
-                continue
-            if id(argument) not in held:
-                held[id(argument)] = self._client.submit(_same, argument, pure=False), argument
-            given.append(held[id(argument)][0])
-        return self._client.submit(_alone, function, *given, pure=False)
+    def _made(
+        self, function: Callable[..., Any], waiting: _Calls, size: int
+    ) -> Iterator[tuple[tuple[int, tuple[Any, ...]], Future[Any]]]:
+        """Yield calls as they end, so many at a time, until none waits or a pool breaks: then those that were being made."""
+        running = dict[Future[Any], Any]()
+        with self.begun(size) as pool:
+            while waiting or running:
+                with suppress(BrokenProcessPool):
+                    while waiting and len(running) < size:
+                        future = pool.submit(self.made, function, *waiting[0][1])
+                        running[future] = waiting.popleft()
+                ended, _ = wait(running, return_when=FIRST_COMPLETED)
+                broken = any(isinstance(_outcome(one)[1], BrokenProcessPool) for one in ended)
+                for future in wait(running).done if broken else ended:
+                    yield running.pop(future), future
+                if broken or not ended:
+                    return
 
 
 @contextmanager
-def open_cluster(scheduler: str | None, workers: int | None) -> Iterator[Cluster]:
-    """Yield the workers of a cluster, or processes of this machine, which end with the block.
-
-    Args:
-        scheduler: Address; None for processes of this machine.
-        workers: Number of these processes; None for one for each core.
-
-    Raises:
-        ConfigError: distributed is not installed, or both are given.
-        UnreachableError: The scheduler does not answer in time, or has no worker.
-    """
-    if scheduler is not None and workers is not None:
-        raise ConfigError(f"--scheduler {scheduler} has workers of its own; leave --workers out")
+def _processes(count: int) -> Iterator[Executor]:
+    """Yield processes of this machine, which end with the block or with this one."""
+    before = set(active_children())
+    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
     try:
-        import dask
-        import distributed  # noqa: F401
-    except ImportError as error:
-        raise ConfigError(
-            "many processes need Dask's distributed; pip install 'replay-kit[fleet]'"
-        ) from error
-    # what the library says of workers that come and go is said here in words of our own
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    with dask.config.set(
-        {
-            "distributed.comm.timeouts.connect": TIMEOUT_S,
-            "distributed.admin.large-graph-warning-threshold": "1GB",
-            # it holds frames, and with them objects of HDF5, which now and then changes where a file has what: other bytes
-            "distributed.worker.profile.enabled": False,
-        }
-    ):
-        if scheduler is None:
-            with _local(workers or _cores()) as address:
-                yield from _used(Cluster(address))
-        else:
-            yield from _used(Cluster(scheduler))
-
-
-def _used(cluster: Cluster) -> Iterator[Cluster]:
-    try:
-        yield cluster
+        yield pool
     finally:
-        cluster.close()
+        for process in set(active_children()) - before:
+            process.terminate()
+        pool.shutdown(cancel_futures=True)
 
 
-@contextmanager
-def _local(workers: int) -> Iterator[str]:
-    """Yield the address of a scheduler of this process with so many worker processes; one that is killed is begun anew."""
-    from distributed.utils import LoopRunner
-
-    runner = LoopRunner()
-    # of the thread that begins the workers: one that an interrupt ends is not begun anew, and its missions would be waited for
-    with _uninterrupted():
-        runner.start()
-    try:
-        cluster = _processes(workers, runner.loop)
-        try:
-            yield cluster.scheduler_address
-        finally:
-            cluster.close(timeout=10)
-    finally:
-        runner.stop()
+def _begin() -> None:
+    """Begin a worker: it ends with the process that began it, which alone hears interrupts."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _processes(workers: int, loop: Any) -> Any:
-    """Return a scheduler with worker processes; where one of these is killed before it works, all are begun anew."""
-    from distributed import LocalCluster
-
-    for _ in range(_ATTEMPTS):
-        with suppress(RuntimeError):
-            return LocalCluster(
-                loop=loop,
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                # the memory of one mission is not known to the library, which would stop a worker that takes its share
-                memory_limit=0,
-                dashboard_address=":0",
-                silence_logs=logging.CRITICAL,
-            )
-    raise UnreachableError("worker processes end while they begin; is there enough memory?")
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Let no interrupt reach threads begun in the block, and their processes, where signals have masks."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    # what begins it anew lets interrupts in again
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+def _end_with_parent() -> None:
+    if (parent := parent_process()) is not None:
+        parent.join()
+    os._exit(1)
 
 
 def _cores() -> int:
@@ -240,7 +156,76 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _connected(address: str) -> Any:
+@contextmanager
+def open_workers(
+    scheduler: str | None,
+    workers: int | None,
+    files: Iterable[Path] = (),
+    out: Path | None = None,
+) -> Iterator[Workers]:
+    """Yield the workers of a cluster, or processes of this machine.
+
+    Args:
+        scheduler: Address, such as ``tcp://10.0.0.1:8786``; None for processes of this machine.
+        workers: Number of these processes; None for one for each core.
+        files: What workers of a cluster will read, as absolute paths.
+        out: Where they will write: a folder that exists; None for none.
+
+    Raises:
+        ConfigError: distributed is not installed, both are given, or a worker of the cluster cannot do the work.
+        UnreachableError: The scheduler does not answer in time, or has no worker.
+    """
+    if scheduler is None:
+        yield Workers("this machine", workers or _cores(), _processes, _alone)
+        return
+    if workers is not None:
+        raise ConfigError(f"--scheduler {scheduler} has workers of its own; leave --workers out")
+    try:
+        import dask
+        import distributed
+    except ImportError as error:
+        raise ConfigError(
+            "--scheduler: a cluster needs Dask's distributed; pip install 'replay-kit[fleet]'"
+        ) from error
+    # what the library says of workers that come and go is said here in words of our own
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    settings = {
+        "distributed.comm.timeouts.connect": TIMEOUT_S,
+        "distributed.admin.large-graph-warning-threshold": "1GB",
+    }
+    with dask.config.set(settings), _connected(scheduler) as client:
+        _check(client, files, out)
+        size = sum(client.nthreads().values())
+
+        @contextmanager
+        def begun(_: int) -> Iterator[Executor]:
+            pool = client.get_executor(pure=False)
+            try:
+                yield pool
+            finally:
+                pool.shutdown(wait=False)
+
+        yield Workers(scheduler, size, begun, _synchronous, (distributed.KilledWorker,))
+
+
+@contextmanager
+def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[None]:
+    """Let workers make the calls of ``core.progress.each_call`` in the block; those of this process where neither is given.
+
+    Args:
+        scheduler: As in ``open_workers``.
+        workers: As in ``open_workers``.
+    """
+    if scheduler is None and workers is None:
+        yield
+        return
+    with open_workers(scheduler, workers) as opened, called_by(opened.starmap):
+        yield
+
+
+@contextmanager
+def _connected(address: str) -> Iterator[Any]:
+    """Yield the client of a scheduler that has a worker."""
     from distributed import Client
 
     try:
@@ -251,15 +236,61 @@ def _connected(address: str) -> Any:
         ) from error
     try:
         client.wait_for_workers(1, timeout=TIMEOUT_S)
+        yield client
     except TimeoutError as error:
-        client.close()
         raise UnreachableError(
             f"{address}: the scheduler has no worker in {TIMEOUT_S:g} s; begin: dask worker {address}"
         ) from error
-    return client
+    finally:
+        client.close(timeout=5)
 
 
-def _outcome(future: Any) -> tuple[Any, Exception | None]:
+def _check(client: Any, files: Iterable[Path], out: Path | None) -> None:
+    """Raise ConfigError unless every worker has these versions of the packages, sees the files, and shares the folder."""
+    sizes = {str(path): _size(path) for path in files}
+    token = None if out is None else out / f".shared-{uuid.uuid4().hex}"
+    try:
+        if token is not None:
+            token.touch()
+        answers = client.run(_lacking, package_versions(), sizes, token, on_error="return")
+    finally:
+        if token is not None:
+            token.unlink(missing_ok=True)
+    for worker, why in answers.items():
+        if isinstance(why, BaseException):
+            why = f"cannot run replay-kit: {why!r}; install the same version there"
+        if why:
+            raise ConfigError(f"{worker}: the worker {why}")
+
+
+def _lacking(
+    versions: Mapping[str, str], sizes: Mapping[str, int | None], token: Path | None
+) -> str:
+    """Return why the worker that this runs on cannot do the work; empty where it can."""
+    here = package_versions()
+    others = ", ".join(
+        f"{name} {here.get(name, 'missing')} (here {version})"
+        for name, version in versions.items()
+        if here.get(name) != version
+    )
+    if others:
+        return f"has other versions, which change the bytes of results: {others}; install these"
+    found = {name: _size(Path(name)) for name in sizes}
+    if missing := [name for name, size in found.items() if size is None or size != sizes[name]]:
+        return f"sees another file as {missing[0]}, or none; put the data where all see it"
+    if token is not None and not (token.exists() and os.access(token.parent, os.W_OK)):
+        return f"cannot write to {token.parent}; choose a folder on a disk that all workers share"
+    return ""
+
+
+def _size(path: Path) -> int | None:
+    """Return the size of a file [bytes], 0 of a folder; None where there is neither."""
+    if not path.exists():
+        return None
+    return path.stat().st_size if path.is_file() else 0
+
+
+def _outcome(future: Future[Any]) -> tuple[Any, Exception | None]:
     """Return the value of a call that has ended, and the error that it ended with."""
     try:
         return future.result(), None
@@ -267,21 +298,15 @@ def _outcome(future: Any) -> tuple[Any, Exception | None]:
         return None, error
 
 
-def _is_large(argument: Any) -> bool:
-    import dask.sizeof
-
-    return (
-        not isinstance(argument, str | int | float | None) and dask.sizeof.sizeof(argument) > _KEPT
-    )
-
-
 def _alone(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the value of a function with one BLAS thread; xarray, which looks for a cluster that it runs on, writes as anywhere."""
-    import dask
-
-    with threadpool_limits(limits=1), dask.config.set(scheduler="synchronous"):
+    """Return the value of a function with one BLAS thread."""
+    with threadpool_limits(limits=1):
         return function(*arguments)
 
 
-def _same(value: Any) -> Any:
-    return value
+def _synchronous(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Return the value of a function on a cluster; xarray, which looks for one that it runs on, writes as anywhere."""
+    import dask
+
+    with dask.config.set(scheduler="synchronous"):
+        return _alone(function, *arguments)

@@ -1,23 +1,37 @@
-"""The outcomes of a fleet as one table, for CSV, JSON and the console, and as a page."""
+"""The outcomes of a fleet as one table, for CSV, JSON, the console and a page; and what its missions are expected to take."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from html import escape
+from math import prod
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 
 from replay_kit.core.atomic import write_whole
-from replay_kit.core.colors import LINES
 from replay_kit.core.text import csv_text
 from replay_kit.results.outcome.outcome import outcome_from
-from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.page.page import Section, items_html, page_html, table_html
 from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
+from replay_kit.workflows.replay.checks import DryRun
 
 TABLE, PAGE = "fleet.csv", "index.html"
+_COLUMNS = (
+    "mission",
+    "status",
+    "verdict",
+    "plan",
+    "profiles",
+    "dives",
+    "prior forecast",
+    "before",
+    "after [cm/s]",
+    "NIS/dof",
+    "contradictions",
+    "s",
+)
 #: Of several exit codes the first of these counts.
 _CODES = (1, 2, 3, 7, 4, 6)
 
@@ -85,21 +99,7 @@ def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
         console,
         [f"ALARM: {row['mission']}: {row['plan_alarm']}" for row in rows if row["plan_alarm"]],
     )
-    columns = (
-        "mission",
-        "status",
-        "verdict",
-        "plan",
-        "profiles",
-        "dives",
-        "prior forecast",
-        "before",
-        "after [cm/s]",
-        "NIS/dof",
-        "contradictions",
-        "s",
-    )
-    print_table(console, "Missions", columns, map(_cells, rows))
+    print_table(console, "Missions", _COLUMNS, map(_cells, rows))
     kept, failed = (
         sum(outcome.kept for outcome in outcomes),
         [outcome for outcome in outcomes if outcome.failed],
@@ -134,126 +134,61 @@ def _number(value: float | None, factor: float = 1.0, digits: int = 1) -> str:
     return "" if value is None else f"{factor * value:.{digits}f}"
 
 
-_COLORS, _SYMBOLS = ("#8C8C8C", LINES[0], LINES[2]), ("diamond", "circle", "square")
-_ERRORS = {
-    "prior forecast": "rms_ensemble_m_s",
-    "before each update": "rms_before_m_s",
-    "after each update": "rms_after_m_s",
-}
-_CAPTIONS = {
-    "errors": "Lower is better: where the estimate before each update lies below the prior forecast, it predicts what comes next.",
-    "truth": "Lower is better: where the estimate lies below the ensemble mean, the measurements helped.",
-    "nis": "Near 1 the stated errors fit; above it they are too small.",
-}
-_TRUTH = {"ensemble mean": "truth_ensemble_mean_rmse_m_s", "estimate": "truth_rmse_m_s"}
-# Normalised innovations squared per degree of freedom between which stated errors are taken for right, as in the verdict of a replay.
-_SOUND = (0.5, 2.0)
-
-
 def write_page(outcomes: Sequence[Outcome], path: Path) -> None:
     """Write the page, whole or not at all."""
     write_whole(path, fleet_page(outcomes))
 
 
 def fleet_page(outcomes: Sequence[Outcome]) -> str:
-    """Return the page."""
+    """Return the table as a page, with alarms above it and below it why missions failed."""
     rows = [row_of(outcome) for outcome in outcomes]
-    done = [row for row in rows if not row["failed"]]
-    figures = [
-        _figure(
-            "errors",
-            "Difference to the measurements, mission by mission",
-            "RMS difference [cm/s]",
-            done,
-            _ERRORS,
-        ),
-        _figure("truth", "Error against the known truth", "RMSE [cm/s]", done, _TRUTH),
-        _figure(
-            "nis",
-            "Errors of predictions over their stated size",
-            "NIS per degree of freedom [1]",
-            done,
-            {"NIS": "nis_per_dof"},
-        ),
-    ]
-    sections = [
-        Section(
-            "answer", "In words", items_html([escape(text) for text in _sentences(rows, done)])
-        ),
-        Section(
-            "consistency",
-            "Errors and consistency",
-            figures=[figure for figure in figures if figure is not None],
-        ),
-        Section("table", "Every mission", _table(rows)),
-    ]
-    return page_html(f"A fleet of {len(rows)} missions", sections)
+    cells = [list(map(escape, _cells(row))) for row in rows]
+    for row, each in zip(rows, cells, strict=True):
+        each[0] = each[0] if row["failed"] else f'<a href="{each[0]}.mcap">{each[0]}</a>'
+    alarms, failed = (
+        items_html([escape(f"{row['mission']}: {row[name]}") for row in rows if row[name]])
+        for name in ("plan_alarm", "failed")
+    )
+    html = f"{alarms}{table_html(_COLUMNS, cells, 'Missions')}{failed}"
+    return page_html(f"A fleet of {len(rows)} missions", [Section("table", "Every mission", html)])
 
 
-def _sentences(rows: Sequence[Mapping[str, Any]], done: Sequence[Mapping[str, Any]]) -> list[str]:
-    known = [row for row in done if row["rms_ensemble_m_s"] is not None]
-    helped = [row for row in known if row["rms_before_m_s"] < row["rms_ensemble_m_s"]]
-    odd = [
-        row["mission"]
-        for row in done
-        if row["nis_per_dof"] is not None and not _SOUND[0] <= row["nis_per_dof"] <= _SOUND[1]
-    ]
-    contradicted = [
-        f"{row['mission']} ({row['contradictions']})" for row in done if row["contradictions"]
-    ]
-    lines = [
-        *(f"{row['mission']}: {row['plan_alarm']}." for row in rows if row["plan_alarm"]),
-        f"{len(done)} of {len(rows)} missions were replayed, {sum(row['dives'] for row in done)} dives and "
-        f"{sum(row['profiles_used'] for row in done)} profiles.",
-        f"In {len(helped)} of {len(known)} missions the estimate predicts the next measurement better than the prior forecast.",
-    ]
-    if odd:
-        lines.append(
-            f"Stated errors do not fit (NIS outside {_SOUND[0]:g} to {_SOUND[1]:g}) in: {', '.join(odd)}."
-        )
-    if contradicted:
-        lines.append(f"Inputs contradict themselves or each other in: {', '.join(contradicted)}.")
-    return [*lines, *(f"{row['mission']} failed: {row['failed']}" for row in rows if row["failed"])]
-
-
-def _figure(
-    key: str, title: str, axis: str, rows: Sequence[Mapping[str, Any]], series: Mapping[str, str]
-) -> Figure | None:
-    """Return series over the missions as a figure; None where no mission has them."""
-    factor = 100.0 if "cm/s" in axis else 1.0
-    known = [row for row in rows if all(row[name] is not None for name in series.values())]
-    if not known:
-        return None
-    names = tuple(row["mission"] for row in known)
-    values = {
-        label: np.array([factor * row[name] for row in known]) for label, name in series.items()
+def expected_json(found: Mapping[str, DryRun | Outcome], workers: int) -> dict[str, Any]:
+    """Return what missions, by their names, are expected to take for ``--json``, and why others cannot be replayed."""
+    each = {name: one for name, one in found.items() if isinstance(one, DryRun)}
+    failed = [one for one in found.values() if isinstance(one, Outcome)]
+    seconds = [one.seconds for one in each.values()]
+    return {
+        "status": "dry run",
+        "exit_code": failed[0].exit_code if failed else 0,
+        "workers": workers,
+        "seconds": max(sum(seconds) / workers, *seconds, 0.0),
+        "memory_mb": workers * max((one.memory_mb for one in each.values()), default=0.0),
+        "missions": [{"mission": name, **asdict(one)} for name, one in each.items()],
+        "failed": {one.name: one.failed for one in failed},
     }
-    marks = [
-        Mark("points", np.arange(len(known)), f"values.{label}", label, color, symbol, size=8.0)
-        for label, color, symbol in zip(values, _COLORS, _SYMBOLS, strict=False)
+
+
+def print_expected(answer: Mapping[str, Any], console: Console) -> None:
+    """Print what missions are expected to take, by ``expected_json``, and why others cannot be replayed."""
+    columns = ("mission", "profiles", "points", "levels", "updates [s]", "memory [MB]")
+    rows = [
+        (
+            one["mission"],
+            str(one["profiles"]),
+            str(prod(one["grid"])),
+            str(len(one["levels"])),
+            f"{one['seconds']:.1f}",
+            f"{one['memory_mb']:.0f}",
+        )
+        for one in answer["missions"]
     ]
-    spans = "; ".join(
-        f"{label} {min(each):.4g} to {max(each):.4g}" for label, each in values.items()
-    )
-    words = f"{title}: {axis} of {len(known)} missions; {spans}."
-    panel = Panel(title, Axis("mission", labels=names), Axis(axis), marks)
-    tables = {"values": {"mission": names, **values}}
-    return Figure(key, title, [panel], tables, _CAPTIONS[key], words)
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    heads = [name for name in rows[0] if name not in ("sha256", "failed")]
-    return table_html(
-        [name.replace("_", " ") for name in heads],
-        [[_cell(row, name) for name in heads] for row in rows],
-        "Missions",
-    )
-
-
-def _cell(row: Mapping[str, Any], name: str) -> str:
-    value = row[name]
-    if name == "mission" and not row["failed"]:
-        return f'<a href="{escape(value)}.mcap">{escape(value)}</a>'
-    return (
-        "-" if value is None else escape(f"{value:.4g}" if isinstance(value, float) else str(value))
+    print_table(console, "Expected", columns, rows)
+    print_lines(console, [f"FAILED: {name}: {why}" for name, why in answer["failed"].items()])
+    print_lines(
+        console,
+        [
+            f"{len(rows)} missions on {answer['workers']} workers: about {answer['seconds']:.0f} s of updates; up to "
+            f"{answer['memory_mb']:.0f} MB in all. Nothing was written."
+        ],
     )

@@ -4,8 +4,7 @@ KML is made features of GeoJSON. References: RFC 7946; OGC 12-007r2, KML 2.3.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -21,20 +20,22 @@ from replay_kit.core.grid import Grid
 from replay_kit.core.inputs import open_input
 from replay_kit.core.quantities import parse_time
 
-_LEAST_CORNERS = 3
-
-
+# Whether one is drawn as a line, and the area.
+_Drawn = tuple[bool, NoGo]
 # Of KML, in which all values are words.
-_WORDS: dict[Any, Any] = {
-    "true": True,
-    "True": True,
-    "1": True,
-    "false": False,
-    "False": False,
-    "0": False,
-}
+_WORDS: dict[Any, bool] = {"true": True, "1": True, "false": False, "0": False}
 # What a file of areas may take in memory [bytes], and each of its marks: a list, a tag, a value.
 _MOST_BYTES, _OF_MARKS = 80_000_000, {b"[": 64, b"{": 256, b"<": 128, b",": 40}
+# How files begin that are often given instead.
+_OTHERS = {
+    b"<": "XML",
+    b"PK\x03\x04": "a zip file, such as KMZ",
+    b"SQLite format 3": "a database, such as a GeoPackage",
+}
+
+
+class _NoAreaError(ValueError):
+    """What was found instead of areas."""
 
 
 def read_areas(path: Path) -> tuple[NoGo, ...]:
@@ -46,21 +47,7 @@ def read_areas(path: Path) -> tuple[NoGo, ...]:
     Raises:
         PlanError: It is no GeoJSON or KML, or holds a geometry that encloses nothing.
     """
-    return tuple(
-        NoGo(
-            _pairs(one.corners),
-            one.name,
-            one.surface_only,
-            tuple(map(_pairs, one.holes)),
-            one.fence,
-            *one.times_ns,
-        )
-        for one in _outlines(path)
-    )
-
-
-def _pairs(corners: Array) -> tuple[tuple[float, float], ...]:
-    return tuple((float(x), float(y)) for x, y in corners)
+    return tuple(area for _, area in _drawn(path))
 
 
 def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
@@ -70,15 +57,15 @@ def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
         PlanError: An area lies in the region only if its corners are latitude and longitude.
     """
     notes = []
-    for outline in _outlines(path):
-        name, corners = outline.name, outline.corners
-        if outline.of_line:
+    for of_line, area in _drawn(path):
+        name, corners = area.name, np.array(area.polygon)
+        if of_line:
             notes.append(f"{name}: it is drawn as a line; what the line encloses is forbidden")
-        if not np.array_equal(corners[0], corners[-1]):
+        if area.polygon[0] != area.polygon[-1]:
             notes.append(
                 f"{name}: its outline is open; it is closed from the last corner to the first"
             )
-        if any(time is not None for time in outline.times_ns):
+        if area.is_timed:
             notes.append(f"{name}: a mission that lasts into its time keeps out of it throughout")
         if len(corners) > 3 and not shapely.is_valid(shapely.Polygon(corners)):
             notes.append(f"{name}: its outline crosses itself; filled by the even-odd rule")
@@ -97,36 +84,12 @@ def _overlaps(corners: Array, grid: Grid) -> bool:
     if np.any(np.abs(corners[:, 1]) > 90.0):
         return False
     longitude = unwrap_longitude(corners[:, 0], float(grid.longitude.mean()))
-    low, high = (np.array([pick(grid.longitude), pick(grid.latitude)]) for pick in (np.min, np.max))
-    bounds = np.column_stack([longitude, corners[:, 1]])
-    return bool(np.all((bounds.min(axis=0) <= high) & (bounds.max(axis=0) >= low)))
+    places = (longitude, grid.longitude), (corners[:, 1], grid.latitude)
+    return all(own.min() <= theirs.max() and own.max() >= theirs.min() for own, theirs in places)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Outline:
-    """What a file draws as an area.
-
-    Attributes:
-        name: Its name in messages.
-        surface_only: Whether only surfacing is forbidden in it.
-        corners: shape (n, 2), longitude and latitude [degrees].
-        holes: Corners of its holes, each shape (n, 2).
-        fence: Whether it must not be left.
-        times_ns: Between which it holds [ns, UTC]; None for ever.
-        of_line: Whether the file draws it as a line.
-    """
-
-    name: str
-    surface_only: bool
-    corners: Array
-    holes: tuple[Array, ...]
-    fence: bool
-    times_ns: tuple[int | None, int | None]
-    of_line: bool
-
-
-def _outlines(path: Path) -> list[_Outline]:
-    """Return the outlines of a file; of GeoJSON a FeatureCollection, a Feature or a geometry alone.
+def _drawn(path: Path) -> list[_Drawn]:
+    """Return what a file draws as areas: of GeoJSON a FeatureCollection, a Feature or a geometry alone.
 
     Raises:
         PlanError: As for ``read_areas``.
@@ -138,9 +101,9 @@ def _outlines(path: Path) -> list[_Outline]:
         raise PlanError(f"{path}: cannot read the no-go areas: {error.strerror}") from error
     try:
         return [
-            outline
+            one
             for number, feature in enumerate(_features_of(content), 1)
-            for outline in _of_feature(feature, number)
+            for one in _of_feature(feature, number)
         ]
     except _NoAreaError as error:
         raise PlanError(
@@ -149,23 +112,32 @@ def _outlines(path: Path) -> list[_Outline]:
         ) from error
 
 
-class _NoAreaError(ValueError):
-    """What was found instead of areas."""
-
-
-def _features_of(content: bytes) -> Sequence[Mapping[str, Any]]:
-    """Return the features of a file by its first bytes."""
-    head = content[:2000].lower()
-    if (
-        2 * len(content) + sum(size * content.count(mark) for mark, size in _OF_MARKS.items())
-        > _MOST_BYTES
-    ):
+def _features_of(content: bytes) -> list[Any]:
+    """Return the features of a file by its first bytes; a geometry alone is one without properties."""
+    head = content.removeprefix(b"\xef\xbb\xbf").lstrip()[:2000]
+    claimed = sum(size * content.count(mark) for mark, size in _OF_MARKS.items())
+    if 2 * len(content) + claimed > _MOST_BYTES:
         raise _NoAreaError("more than some 400,000 corners, which are to be simplified")
-    if not (head.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<") and b"<kml" in head):
-        return _features(_document(content))
-    if not (found := list(_of_kml(content))):
-        raise _NoAreaError("KML without polygons or lines")
-    return found
+    if head.startswith(b"<") and b"<kml" in head.lower():
+        if not (found := list(_of_kml(content))):
+            raise _NoAreaError("KML without polygons or lines")
+        return found
+    try:
+        document = json.loads(content.decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        what = f"what is no JSON ({str(error)[:100]})" if head else "nothing"
+        others = (name for begin, name in _OTHERS.items() if head.startswith(begin))
+        raise _NoAreaError(next(others, what)) from error
+    kind = _kind(document)
+    if kind != "FeatureCollection":
+        return [document if kind == "Feature" else {"geometry": document}]
+    features = document.get("features")
+    if not isinstance(features, list):
+        raise _NoAreaError("a FeatureCollection without a list of features")
+    for number, feature in enumerate(features, 1):
+        if _kind(feature) != "Feature":
+            raise _NoAreaError(f"{_kind(feature)} as feature {number}")
+    return features
 
 
 def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
@@ -193,47 +165,14 @@ def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
             for polygon in place.iterfind(".//{*}Polygon")
         ]
         lines = [ring(line) for line in place.iterfind(".//{*}LineString")]
-        about: dict[str, Any] = {
-            str(data.get("name")): _WORDS.get(text := data.findtext("{*}value") or data.text, text)
-            for kind in ("Data", "SimpleData")
-            for data in place.iterfind(f".//{{*}}{kind}")
-        } | {"name": place.findtext("{*}name")}
+        about: dict[str, Any] = {"name": place.findtext("{*}name")}
+        for data in (*place.iterfind(".//{*}Data"), *place.iterfind(".//{*}SimpleData")):
+            text = data.findtext("{*}value") or data.text or ""
+            about.setdefault(str(data.get("name")), _WORDS.get(text.lower(), text))
         for kind, coordinates in (("MultiPolygon", polygons), ("MultiLineString", lines)):
             if coordinates:
                 geometry = {"type": kind, "coordinates": coordinates}
                 yield {"type": "Feature", "properties": about, "geometry": geometry}
-
-
-def _document(content: bytes) -> Any:
-    """Return the JSON of a file."""
-    try:
-        return json.loads(content.decode("utf-8-sig"))
-    except (ValueError, RecursionError) as error:
-        head = content[:1000].lstrip(b"\xef\xbb\xbf \t\r\n").lower()
-        known = (
-            (head.startswith(b"<"), "XML"),
-            (head.startswith(b"pk\x03\x04"), "a zip file, such as KMZ"),
-            (head.startswith(b"sqlite format 3"), "a database, such as a GeoPackage"),
-        )
-        found = next(
-            (name for holds, name in known if holds),
-            "nothing" if not head else f"what is no JSON ({str(error)[:100]})",
-        )
-        raise _NoAreaError(found) from error
-
-
-def _features(document: Any) -> list[Mapping[str, Any]]:
-    """Return the features of a document; a geometry alone is one without properties."""
-    kind = _kind(document)
-    if kind == "FeatureCollection":
-        features = document.get("features")
-        if not isinstance(features, list):
-            raise _NoAreaError("a FeatureCollection without a list of features")
-        for number, feature in enumerate(features, 1):
-            if _kind(feature) != "Feature":
-                raise _NoAreaError(f"{_kind(feature)} as feature {number}")
-        return features
-    return [document if kind == "Feature" else {"geometry": document}]
 
 
 def _kind(value: Any) -> str:
@@ -244,27 +183,25 @@ def _kind(value: Any) -> str:
     return kind[:50] if isinstance(kind, str) else "an object without a type"
 
 
-def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Outline]:
-    """Yield the outlines of a feature."""
+def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Drawn]:
+    """Yield the areas of a feature."""
     properties = feature.get("properties") or {}
     if not isinstance(properties, Mapping):
         raise _NoAreaError(f"feature {number} with properties that are no object")
     name = str(properties.get("name") or f"no-go area {number}")
-    surface_only, fence = (_flag(properties, key, name) for key in ("surface_only", "fence"))
+    surface_only, fence = (properties.get(key) or False for key in ("surface_only", "fence"))
+    for key, value in (("surface_only", surface_only), ("fence", fence)):
+        if value not in (True, False):
+            raise _NoAreaError(f"{name} with {key} {value!r:.100}, neither true nor false")
     begin, end = (_time(properties.get(key), name) for key in ("begin", "end"))
     if begin is not None and end is not None and end < begin:
         raise _NoAreaError(f"{name} that ends before it begins")
     for of_line, rings in _rings(feature.get("geometry"), name):
         corners, *holes = (_corners(ring, name) for ring in rings)
-        yield _Outline(name, surface_only, corners, tuple(holes), fence, (begin, end), of_line)
-
-
-def _flag(properties: Mapping[str, Any], key: str, name: str) -> bool:
-    """Return a property that is true or false."""
-    value = properties.get(key) or False
-    if value not in (True, False):
-        raise _NoAreaError(f"{name} with {key} {value!r:.100}, neither true nor false")
-    return bool(value)
+        yield (
+            of_line,
+            NoGo(corners, name, bool(surface_only), tuple(holes), bool(fence), begin, end),
+        )
 
 
 def _time(value: Any, name: str) -> int | None:
@@ -296,14 +233,14 @@ def _rings(geometry: Any, name: str) -> Iterator[tuple[bool, list[Any]]]:
         yield of_line, rings
 
 
-def _corners(ring: Any, name: str) -> Array:
-    """Return the corners of a ring, shape (n, 2) [degrees], heights left out."""
+def _corners(ring: Any, name: str) -> tuple[tuple[float, float], ...]:
+    """Return the corners of a ring [degrees], heights left out."""
     try:
-        corners = np.array([(float(corner[0]), float(corner[1])) for corner in ring]).reshape(-1, 2)
+        corners = tuple((float(corner[0]), float(corner[1])) for corner in ring)
     except (ValueError, KeyError, TypeError, IndexError, OverflowError):
-        corners = np.full((1, 2), np.nan)
+        corners = ((np.nan, np.nan),)
     if not np.isfinite(corners).all():
         raise _NoAreaError(f"{name} with corners that are not pairs of numbers")
-    if len(np.unique(corners, axis=0)) < _LEAST_CORNERS:
-        raise _NoAreaError(f"{name} with fewer than {_LEAST_CORNERS} corners")
+    if len(set(corners)) < 3:
+        raise _NoAreaError(f"{name} with fewer than 3 corners")
     return corners

@@ -4,20 +4,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.hazards.bottom import Bathymetry
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.geodesy import inside_grid, to_local, unwrap_longitude
+from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Grid, Projection, Seabed
 from replay_kit.core.inputs import exceeds_claim, open_input, unpacking
 from replay_kit.core.quantities import metres
+from replay_kit.core.region import bounds_of
+from replay_kit.core.region import inside as within
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,8 +61,8 @@ _LEVELS = (
 )
 _LONGITUDES = ("longitude", "lon", "nav_lon", "lon_rho", "x")
 _LATITUDES = ("latitude", "lat", "nav_lat", "lat_rho", "y")
-# Points kept beyond the ends of a region; and looked at together, about.
-_BEYOND, _TOGETHER = 2, 20_000
+# Spacings of a file's points kept beyond the ends of a region.
+_BEYOND = 2.0
 
 
 def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
@@ -103,38 +106,42 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
 
 
 def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
-    variable, up = _depth_variable(path, dataset)
+    found = next(_named(dataset, (*_DEPTHS, *_HEIGHTS), lambda one: one.ndim == 2), None)
     axes = [
         axis
-        for axis in (_axis(dataset, variable, names) for names in (_LONGITUDES, _LATITUDES))
-        if axis is not None
+        for names in (_LONGITUDES, _LATITUDES)
+        for _, axis in islice(_named(dataset, names, partial(_is_axis, found)), 1)
     ]
-    if len(axes) < 2:
-        raise _nothing_found(path, dataset)
-    _check_claim(path, axes[0], axes[1])
-    cut = _window(axes[0], axes[1], region)
+    if found is None or len(axes) < 2:
+        there = ", ".join(map(str, dataset.variables))
+        raise ForecastError(
+            f"{path}: expected one of {', '.join((*_DEPTHS, *_HEIGHTS))} on longitude and latitude, found {there}"
+        )
+    wanted, variable = found
+    up, flat = _is_up(path, variable, wanted), axes[0].ndim == 1
+    dims = (axes[1].dims[0], axes[0].dims[0]) if flat else variable.dims
+    variable = variable.transpose(*dims)
+    axes = axes if flat else [axis.transpose(*dims) for axis in axes]
+    _check_claim(path, *axes)
+    cut = dict(zip(dims, _window(_values(axes[0]), _values(axes[1]), region), strict=True))
     # the cut is what is read
-    dataset = dataset.isel(cut)
-    variable = variable.isel(cut)
+    dataset, variable = dataset.isel(cut), variable.isel(cut)
     _check_claim(path, variable)
-    axes = [axis.isel(cut, missing_dims="ignore") for axis in axes]
+    longitude, latitude = (_values(axis.isel(cut, missing_dims="ignore")) for axis in axes)
+    if flat:
+        longitude, latitude = np.meshgrid(longitude, latitude)
     values = _values(variable) * _scale(path, variable) * (-1.0 if up else 1.0)
     low = _lowest_water(path, dataset, variable)
     values = values if low is None else values + np.where(np.isfinite(low), low, 0.0)
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
         values = np.where(_values(dataset["mask_rho"]) > 0.5, values, np.nan)
-    # continuous where the region lies across the seam of the file
-    longitude = unwrap_longitude(_values(axes[0]), float(region.longitude.mean()))
-    latitude = _values(axes[1])
-    if longitude.ndim == 1:
-        # depths lie along the axes in the order of their dimensions
-        values = values if variable.dims[0] == axes[1].dims[0] else values.T
-        longitude, latitude = np.meshgrid(longitude, latitude)
     if not np.any(values > 0.0):
         raise ForecastError(
             f"{path}: {variable.name} as a {'height, positive up' if up else 'depth, positive down'}, has no water; give it the attribute "
             f'positive = "{"down" if up else "up"}" if its sign is the other one'
         )
+    # continuous where the region lies across the seam of the file
+    longitude = unwrap_longitude(longitude, float(region.longitude.mean()))
     lowest = None if low is None else (float(np.nanmin(low)), float(np.nanmax(low)))
     return Bathymetry(longitude, latitude, values, lowest)
 
@@ -153,65 +160,72 @@ def _check_claim(path: Path, *arrays: xr.DataArray) -> None:
         raise ForecastError(f"{path}: cannot read {arrays[0].name}: {why}; mend the file")
 
 
+def _named(
+    dataset: xr.Dataset, names: Sequence[str], fits: Callable[[xr.DataArray], bool]
+) -> Iterator[tuple[str, xr.DataArray]]:
+    """Yield each name with a variable that fits and has it as its standard name or its own, in the order of the names."""
+    for wanted in names:
+        for name in dataset.variables:
+            variable = dataset[name]
+            called = str(variable.attrs.get("standard_name", "")).lower(), str(name).lower()
+            if wanted in called and fits(variable):
+                yield wanted, variable
+
+
+def _is_up(path: Path, variable: xr.DataArray, wanted: str) -> bool:
+    """Return whether a variable that was found by a name is positive up."""
+    usual = "up" if wanted in _HEIGHTS else "down"
+    positive = str(variable.attrs.get("positive", usual)).lower()
+    if positive not in ("up", "down"):
+        raise ForecastError(
+            f"{path}: {variable.name} has the attribute positive = {positive!r}; expected up or down"
+        )
+    return positive == "up"
+
+
+def _is_axis(found: tuple[str, xr.DataArray] | None, axis: xr.DataArray) -> bool:
+    """Return whether a variable may be an axis of the one found; one named x or y only where it is in degrees."""
+    degrees = str(axis.attrs.get("units", "")).lower().startswith("degree")
+    named = degrees or str(axis.name).lower() not in ("x", "y")
+    return found is not None and named and axis.ndim > 0 and {*axis.dims} <= {*found[1].dims}
+
+
 def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array | None:
     """Return the lowest level of the water at any time, of the shape of the depths [m]; None where the file has none on their points."""
-    for wanted in _LEVELS:
-        for name, level in dataset.data_vars.items():
-            called = wanted in (str(level.attrs.get("standard_name", "")), str(name).lower())
-            if called and set(depth.dims) <= set(level.dims):
-                _check_claim(path, level)
-                times = _values(level.transpose(..., *depth.dims)).reshape(-1, *depth.shape)
-                low = np.fmin.reduce(times, axis=0) * _scale(path, level)
-                return low if np.isfinite(low).any() else None
+    for _, level in _named(dataset, _LEVELS, lambda one: set(depth.dims) <= set(one.dims)):
+        _check_claim(path, level)
+        times = _values(level.transpose(..., *depth.dims)).reshape(-1, *depth.shape)
+        low = np.fmin.reduce(times, axis=0) * _scale(path, level)
+        return low if np.isfinite(low).any() else None
     return None
 
 
-def _window(longitude: xr.DataArray, latitude: xr.DataArray, region: Grid) -> dict[Hashable, Any]:
-    """Return what to keep of each dimension: the points in a region, and two beyond."""
-    x = unwrap_longitude(_values(longitude), float(region.longitude.mean()))
-    y = _values(latitude)
-    ends = [
-        (float(values.min()), float(values.max())) for values in (region.longitude, region.latitude)
-    ]
-    if longitude.ndim == 1:
-        return {
-            axis.dims[0]: _between(values, *end)
-            for axis, values, end in zip((longitude, latitude), (x, y), ends, strict=True)
-        }
-    inside = np.ones(longitude.shape, dtype=bool)
-    for values, (least, most) in zip(
-        (x, y.T if latitude.dims != longitude.dims else y), ends, strict=True
-    ):
-        inside &= (values >= least) & (values <= most)
-    if not inside.any():
-        return {}
-    each = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
-    return {
-        name: slice(max(at[0] - _BEYOND, 0), at[-1] + 1 + _BEYOND)
-        for name, at in zip(longitude.dims, each, strict=True)
-    }
+def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
+    """Return the rows and columns in a region and some beyond, in the order of a region across the file's seam; all where none is."""
+    from replay_kit.forecast.grid import region_block
 
-
-def _between(values: Array, least: float, most: float) -> Any:
-    """Return the positions of the values between two, and of two beyond on each side, in their order; a slice where they are in a row."""
-    order = np.argsort(values, kind="stable")
-    first = int(np.searchsorted(values[order], least))
-    last = int(np.searchsorted(values[order], most, side="right"))
-    first = min(max(first - _BEYOND, 0), max(values.size - 2, 0))
-    kept = order[first : max(last + _BEYOND, first + 2)]
-    low, high = int(kept.min()), int(kept.max())
-    # in the order of the file, unless the region lies across its seam
-    return slice(low, high + 1) if high - low + 1 == kept.size else kept
+    ends = []
+    for values, of_region in ((longitude, region.longitude), (latitude, region.latitude)):
+        steps = [np.abs(np.diff(values, axis=k)) for k in range(values.ndim)]
+        beyond = _BEYOND * max(float(np.median(each)) for each in steps)
+        ends.append((float(of_region.min()) - beyond, float(of_region.max()) + beyond))
+    (west, east), (south, north) = ends
+    rows = np.arange(len(latitude))
+    if latitude.ndim == 1:
+        # the rows by themselves: on a grid of the world each point is too much
+        rows = np.flatnonzero((latitude >= south) & (latitude <= north))
+        latitude = latitude[rows[:1]]
+    block = region_block(longitude, latitude, (west, south, east, north)) if rows.size else None
+    if block is None:
+        return slice(None), slice(None)
+    columns = np.r_[block[1]] if len(block[1]) > 1 else block[1][0]
+    return slice(rows[0], rows[-1] + 1) if latitude.ndim == 1 else block[0], columns
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
     """Return what about a bathymetry a user of it in a region should know: gaps, cells wider than the forecast's, water not covered."""
-    east, north = to_local(grid.projection, bathymetry.longitude, bathymetry.latitude)
-    known, notes = np.isfinite(east) & np.isfinite(north), list[str]()
-    # some rows at a time: each of their points takes the room of many
-    rows = np.array_split(np.arange(len(known)), 1 + known.size // _TOGETHER)
-    east_of, north_of = (np.where(known, axis, np.inf) for axis in (east, north))
-    inside = known & np.concatenate([inside_grid(grid, east_of[at], north_of[at]) for at in rows])
+    notes = list[str]()
+    inside = within(bounds_of(grid), bathymetry.longitude, bathymetry.latitude)
     if bathymetry.lowest_water is not None:
         low, high = bathymetry.lowest_water
         notes.append(
@@ -222,10 +236,8 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
         notes.append(
             f"the bathymetry has no depth at {gaps} of its {int(inside.sum())} points in the region; they count as land"
         )
-    spacing, cells = (
-        np.median(np.hypot(np.diff(x, axis=1), np.diff(y, axis=1)))
-        for x, y in ((east, north), (grid.east, grid.north))
-    )
+    places = to_local(grid.projection, bathymetry.longitude, bathymetry.latitude)
+    spacing, cells = (_spacing(*each) for each in (places, (grid.east, grid.north)))
     if spacing > 1.05 * cells:
         notes.append(
             f"the bathymetry's points are {spacing / 1e3:.1f} km apart, wider than the forecast's, {cells / 1e3:.1f} km; between four of "
@@ -241,46 +253,6 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _depth_variable(path: Path, dataset: xr.Dataset) -> tuple[xr.DataArray, bool]:
-    """Return the variable of depths or heights, and whether it is positive up."""
-    planes = {name: variable for name, variable in dataset.data_vars.items() if variable.ndim == 2}
-    for wanted in (*_DEPTHS, *_HEIGHTS):
-        for name, variable in planes.items():
-            if wanted in (str(variable.attrs.get("standard_name", "")).lower(), str(name).lower()):
-                positive = str(
-                    variable.attrs.get("positive", "up" if wanted in _HEIGHTS else "down")
-                ).lower()
-                if positive not in ("up", "down"):
-                    raise ForecastError(
-                        f"{path}: {name} has the attribute positive = {positive!r}; expected up or down"
-                    )
-                return variable, positive == "up"
-    raise _nothing_found(path, dataset)
-
-
-def _nothing_found(path: Path, dataset: xr.Dataset) -> ForecastError:
-    found = ", ".join(map(str, dataset.variables))
-    return ForecastError(
-        f"{path}: expected one of {', '.join((*_DEPTHS, *_HEIGHTS))} on longitude and latitude, found {found}"
-    )
-
-
-def _axis(
-    dataset: xr.Dataset, variable: xr.DataArray, names: tuple[str, ...]
-) -> xr.DataArray | None:
-    """Return the longitudes or latitudes of a variable; x and y only where they are degrees."""
-    for wanted in names:
-        for name in dataset.variables:
-            axis = dataset[name]
-            called = wanted in (str(axis.attrs.get("standard_name", "")).lower(), str(name).lower())
-            degrees = len(wanted) > 1 or str(axis.attrs.get("units", "")).lower().startswith(
-                "degree"
-            )
-            if called and degrees and axis.ndim > 0 and set(axis.dims) <= set(variable.dims):
-                return axis
-    return None
-
-
 def _scale(path: Path, variable: xr.DataArray) -> float:
     """Return the metres of a variable's unit."""
     unit = str(variable.attrs.get("units", "m")).strip().lower()
@@ -291,67 +263,51 @@ def _scale(path: Path, variable: xr.DataArray) -> float:
     return found
 
 
-# Most cells along a side of the grid, and points of a bathymetry along a side between which depths are interpolated.
-_CELLS, _POINTS = 160, 400
+# Most cells along a side of the grid.
+_CELLS = 160
 
 
 def seabed_of(bathymetry: Bathymetry, region: Grid) -> Seabed:
-    """Return a bathymetry on a regular grid around a region, no finer than its own points, linear between them.
+    """Return a bathymetry on a regular grid around a region, no finer than its own points, bilinear between them.
 
     Args:
         bathymetry: Of the region.
         region: What the grid covers.
     """
-    east, north = to_local(region.projection, bathymetry.longitude, bathymetry.latitude)
-    spacing = float(np.median(np.hypot(np.diff(east, axis=1), np.diff(north, axis=1))))
+    spacing = _spacing(*to_local(region.projection, bathymetry.longitude, bathymetry.latitude))
     axes = []
     for values in (region.east, region.north):
         least, most = float(values.min()), float(values.max())
         axes.append(np.linspace(least, most, int(np.clip((most - least) / spacing + 1, 2, _CELLS))))
-    return Seabed(axes[0], axes[1], _depth_at(bathymetry, region.projection, *np.meshgrid(*axes)))
+    return Seabed(axes[0], axes[1], depth_at(bathymetry, region.projection, *np.meshgrid(*axes)))
 
 
-def depth_along(bathymetry: Bathymetry, projection: Projection, track: Array) -> Array:
-    """Return the depth of the bottom under a track, linear between the points of a bathymetry, shape (n,) [m]; NaN where unknown.
+def depth_at(bathymetry: Bathymetry, projection: Projection, east: Array, north: Array) -> Array:
+    """Return the depth of the bottom, bilinear between the points of a bathymetry, of any shape [m]; NaN where unknown.
 
     Args:
         bathymetry: The bottom.
         projection: The local frame.
-        track: shape (n, 3) [m], local east, north, depth.
+        east: Of the places [m].
+        north: Of the places [m].
     """
-    return _depth_at(bathymetry, projection, track[:, 0], track[:, 1])
-
-
-def _depth_at(bathymetry: Bathymetry, projection: Projection, east: Array, north: Array) -> Array:
-    if east.size == 0:
-        return np.full(east.shape, np.nan)
     # loads slowly, and a plan without a bathymetry needs none
-    from scipy.interpolate import LinearNDInterpolator
+    from replay_kit.forecast.grid import bilinear, find_cells
 
-    points = np.stack(to_local(projection, bathymetry.longitude, bathymetry.latitude), axis=-1)
-    wanted = np.stack([east, north], axis=-1)
-    cut = _around(points, wanted.reshape(-1, 2))
-    near, depth = points[cut].reshape(-1, 2), bathymetry.depth[cut].ravel()
-    return np.asarray(LinearNDInterpolator(near, depth)(wanted))
+    found = np.full(east.shape, np.nan)
+    if east.size == 0:
+        return found
+    x, y = to_local(projection, bathymetry.longitude, bathymetry.latitude)
+    beyond = 2.0 * max(float(np.nanmax(np.hypot(*np.diff([x, y], axis=k)))) for k in (1, 2))
+    near = (x > east.min() - beyond) & (x < east.max() + beyond)
+    near &= (y > north.min() - beyond) & (y < north.max() + beyond)
+    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    if min(rows.size, columns.size) < 2:
+        return found
+    cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    return bilinear(bathymetry.depth[cut], *find_cells(x[cut], y[cut], east, north))
 
 
-def _around(points: Array, wanted: Array) -> tuple[NDArray[np.intp], ...]:
-    """Return the rows and columns of points, shape (J, I, 2) [m], around those wanted, shape (n, 2) [m]; thinned where too many."""
-    beyond = 2.0 * max(
-        float(np.nanmax(np.linalg.norm(np.diff(points, axis=axis), axis=-1))) for axis in (0, 1)
-    )
-    inside = np.all(
-        (points >= wanted.min(axis=0) - beyond) & (points <= wanted.max(axis=0) + beyond), axis=-1
-    )
-    inside |= not inside.any()
-    each = [np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0)]
-    return np.ix_(
-        *(
-            np.unique(
-                np.rint(np.linspace(at[0], at[-1], min(at[-1] - at[0] + 1, _POINTS))).astype(
-                    np.intp
-                )
-            )
-            for at in each
-        )
-    )
+def _spacing(east: Array, north: Array) -> float:
+    """Return the distance between points along the rows of a grid [m]."""
+    return float(np.nanmedian(np.hypot(np.diff(east, axis=1), np.diff(north, axis=1))))

@@ -1,39 +1,90 @@
-"""A planned mission for people and other programs: table, JSON, GeoJSON, CSV, waypoint files, a result MCAP."""
+"""Planned missions for people and other programs: tables, JSON, and what keeps one from being handed to a vehicle."""
 
-import json
-from collections.abc import Mapping
-from dataclasses import replace
-from math import nan
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from planners.output.mission import (
-    as_plan,
-    legs_table,
-    to_csv,
-    to_geojson,
-    to_json,
-)
+from planners.output.mission import as_plan, legs_table, places_table, to_csv, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
-from planners.waypoints import Waypoints
 from replay_kit.config.plan import PlanRequest
-from replay_kit.config.run import RunConfig
+from replay_kit.core.region import collection_file, feature, positions
 from replay_kit.core.text import time_text
 from replay_kit.show.sentences import energy_sentence
 from replay_kit.show.text import print_table
-from replay_kit.workflows.planning.mission import PlannedMission, mission_planner
+from replay_kit.workflows.planning.run import PlannedMission, Together
 
 
-def print_mission(planned: PlannedMission, console: Console, battery: float | None = None) -> None:
-    """Print a mission: its odds and outcome, what its waypoints lose, and the commands to the glider at each surfacing.
+def texts_of(
+    planned: PlannedMission, geojson: Path | None, csv: Path | None, waypoints: Path | None
+) -> Iterator[tuple[Path, str]]:
+    """Yield each file that is asked for, with its text: the mission on a map, its legs as a table, and its short list of waypoints."""
+    made, odds, projection = planned.plan, planned.odds, planned.on.region.projection
+    if geojson is not None:
+        # loads the messages of results
+        from replay_kit.results.messages import plan_features
+
+        drawn = [*plan_features(as_plan(made, projection, odds), projection)]
+        rows = places_table(made, odds)
+        longitude, latitude = ([row[name] for row in rows] for name in ("longitude", "latitude"))
+        at = positions(longitude, latitude, made.start.longitude)
+        # all goals and surfacings in place of the last goal
+        k = [one["properties"]["name"] for one in drawn].index("goal")
+        drawn[k : k + 1] = [feature("Point", *one) for one in zip(at, rows, strict=True)]
+        yield geojson, collection_file(drawn)
+    if csv is not None:
+        yield csv, to_csv(made, odds)
+    if waypoints is not None and planned.waypoints is not None:
+        yield waypoints, waypoint_text(planned.waypoints, waypoints)
+
+
+def plans_json(made: Together) -> dict[str, Any]:
+    """Return plans for ``--json``: of one the planners' figures, ``samples`` and ``waypoints``, null where there are none."""
+    each = {name: _mission_json(one) for name, one in made.planned.items()}
+    if not made.goals:
+        return each[""]
+    return {
+        "vehicles": each,
+        "goals": dict(made.goals),
+        "goals_left": list(made.left),
+        "separation": list(made.separation),
+    }
+
+
+def _mission_json(planned: PlannedMission) -> dict[str, Any]:
+    return {
+        **to_json(planned.plan, planned.odds),
+        "samples": planned.samples,
+        "waypoints": None if planned.waypoints is None else waypoint_json(planned.waypoints),
+        "notes": list(planned.notes),
+        "departures": departures_table(planned),
+    }
+
+
+def print_plans(
+    made: Together, console: Console, battery: float | None, withheld: Mapping[str, str]
+) -> None:
+    """Print plans: their odds and outcome, what waypoints lose, and the commands to a glider at each surfacing.
 
     Args:
-        planned: The mission.
+        made: The plans.
         console: Where to.
-        battery: Energy that the vehicle has [MJ]; None when it is not stated.
+        battery: Energy that a vehicle has [MJ]; None when it is not stated.
+        withheld: Why the files of a plan are not written, by its vehicle.
     """
+    if made.goals:
+        _print_together(made, console)
+    for name, planned in made.planned.items():
+        if name:
+            console.print(f"\n{name}", style="bold")
+        _print_mission(planned, console, battery)
+        if name in withheld:
+            whose = f"file of {name}" if name else "other file"
+            console.print(f"{withheld[name]}; no {whose} is written without --write-unsafe")
+
+
+def _print_mission(planned: PlannedMission, console: Console, battery: float | None) -> None:
     made = planned.plan
     if planned.departures:
         _print_departures(planned, console)
@@ -102,28 +153,29 @@ def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
     ``best`` names what a departure is best at: ``planned``, the one of the mission, and ``arrives first``. ``arrival`` is null where the
     goal is not reached.
     """
-    arriving = [one for one in planned.departures if one.status in ("reached", "uncertain")]
-    first = min(arriving, key=lambda one: one.start_time_ns + one.duration * 1e9, default=None)
-    rows = []
-    for one in planned.departures:
-        arrival = (
-            time_text(one.start_time_ns + round(one.duration * 1e9)) if one in arriving else None
-        )
-        best = ["planned"] if one.start_time_ns == planned.plan.start_time_ns else []
-        rows.append(
-            {
-                "departure": time_text(one.start_time_ns),
-                "status": one.status,
-                "arrival": arrival,
-                "duration_s": one.duration,
-                "energy_j": one.energy,
-                "legs": one.legs,
-                "miss_m": one.miss,
-                "reached": one.reached,
-                "best": [*best, *(["arrives first"] if one is first else [])],
-            }
-        )
-    return rows
+    ends = {
+        k: plan.start_time_ns + round(plan.duration * 1e9)
+        for k, (plan, _) in enumerate(planned.departures)
+        if plan.status in ("reached", "uncertain")
+    }
+    first = min(ends, key=lambda k: ends[k], default=None)
+    return [
+        {
+            "departure": time_text(plan.start_time_ns),
+            "status": plan.status,
+            "arrival": time_text(ends[k]) if k in ends else None,
+            "duration_s": plan.duration,
+            "energy_j": plan.energy,
+            "legs": len(plan.headings_deg),
+            "miss_m": float(plan.closest_approach[-1]),
+            "reached": reached,
+            "best": [
+                *(["planned"] if plan.start_time_ns == planned.plan.start_time_ns else []),
+                *(["arrives first"] if k == first else []),
+            ],
+        }
+        for k, (plan, reached) in enumerate(planned.departures)
+    ]
 
 
 def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
@@ -149,104 +201,58 @@ def _headings_text(row: Mapping[str, Any]) -> str:
 
 def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
     """Return why a mission must not be handed to a vehicle unasked; None when it may be."""
-    figures, made = planned.samples, planned.plan
-    few = planned.waypoints
-    if few is not None and few.violation is not None:
-        return "the waypoints are not safe"
-    if (
-        few is not None
-        and figures is not None
-        and job.risk is None
-        and 1.0 - figures["safe"] > job.accepted_risk
+    made, few, figures = planned.plan, planned.waypoints, planned.samples
+    violating = 0.0 if figures is None else 1.0 - figures["safe"]
+    if few is not None and (
+        few.violation is not None or (job.risk is None and violating > job.accepted_risk)
     ):
-        return (
-            f"the waypoints are not safe in {100.0 * (1.0 - figures['safe']):.0f} % of the samples"
-        )
+        share = "" if few.violation else f" in {100.0 * violating:.0f} % of the samples"
+        other = "" if planned.helps is None else f"; --waypoint-tolerance {planned.helps:g} is safe"
+        return f"the waypoints are not safe{share}{other}"
     if few is not None and made.status == "unsafe":
         return "waypoints of a plan that is not safe"
-    if (
-        job.risk is None
-        or figures is None
-        or (made.status != "unsafe" and 1.0 - figures["safe"] <= job.risk + 1e-9)
-    ):
+    if job.risk is None or figures is None:
+        return None
+    if made.status != "unsafe" and violating <= job.risk + 1e-9:
         return None
     drivers = ", ".join(
         f"{name} {100.0 * share:.0f} %"
         for name, share in sorted(figures["violations"].items(), key=lambda one: -one[1])
     )
-    least, asked = 100.0 * (1.0 - figures["safe"]), 100.0 * job.risk
-    return f"the risk of {asked:g} % cannot be kept: the least found is {least:.0f} %" + (
-        f", from {drivers}" if drivers else ""
-    )
+    least = f"the least found is {100.0 * violating:.0f} %"
+    by = f", from {drivers}" if drivers else ""
+    return f"the risk of {100.0 * job.risk:g} % cannot be kept: {least}{by}"
 
 
-def mission_json(planned: PlannedMission) -> dict[str, Any]:
-    """Return a mission for ``--json``: the planners' figures, ``samples`` and ``waypoints``, null where there are none."""
-    few = None if planned.waypoints is None else waypoint_json(planned.waypoints)
-    more = {"samples": planned.samples, "waypoints": few, "notes": list(planned.notes)}
-    return {
-        **to_json(planned.plan, planned.odds),
-        **more,
-        "departures": departures_table(planned),
-    }
+def _print_together(made: Together, console: Console) -> None:
+    """Print who goes where, what each two missions keep apart, and what is left out."""
+    columns = ("glider", "goal", "status", "hours", "arrives")
+    print_table(console, "Gliders", columns, [_cells(made, *one) for one in made.planned.items()])
+    for name, goal in made.goals.items():
+        if goal is None:
+            console.print(f"{name}: no goal is left for it, or none that it can reach")
+    for goal in made.left:
+        console.print(f"goal {goal}: no glider goes there")
+    for row in made.separation:
+        console.print(_apart(row))
 
 
-def mission_geojson(planned: PlannedMission) -> str:
-    """Return track, surfacings, ellipses and goals as GeoJSON text."""
-    return to_geojson(planned.plan, planned.on.region.projection, planned.odds)
+def _cells(made: Together, name: str, one: PlannedMission) -> tuple[str, ...]:
+    share = "-" if one.samples is None else f"{100.0 * one.samples['reached']:.0f} %"
+    hours = f"{one.plan.duration / 3600.0:.1f}"
+    return name, f"goal {made.goals[name]}", one.plan.status, hours, share
 
 
-def mission_csv(planned: PlannedMission) -> str:
-    """Return the legs as CSV text, one line a leg."""
-    return to_csv(planned.plan, planned.odds)
-
-
-def waypoint_file(waypoints: Waypoints, path: Path) -> str:
-    """Return the text of a waypoint file, in the format that its ending chooses."""
-    return waypoint_text(waypoints, path)
-
-
-def write_mission(
-    path: Path,
-    overwrite: bool,
-    planned: PlannedMission,
-    config: RunConfig,
-) -> None:
-    """Write a mission as a result MCAP of its own.
-
-    Args:
-        path: The result.
-        overwrite: Replace an existing one.
-        planned: The mission.
-        config: All settings; those that the mission was planned with are attached as ``config.toml``, and what was asked for is recorded,
-            its files with their hashes.
-
-    Raises:
-        ConfigError: The result exists and may not be replaced, or cannot be written.
-        ReplayKitError: It could not be written whole.
-    """
-    from replay_kit.workflows.planning.record import write_plan  # with what it records of a replay
-
-    mission, battery = planned.plan, config.plan.battery
-    records = {
-        "legs": {str(row["leg"]): json.dumps(row) for row in legs_table(mission, planned.odds)}
-    }
-    if planned.departures:
-        records["departures"] = {
-            row["departure"]: json.dumps(row) for row in departures_table(planned)
-        }
-    made = replace(
-        as_plan(mission, planned.on.region.projection, planned.odds),
-        battery=nan if battery is None else battery * 1e6,
-    )
-    write_plan(path, overwrite, made, planned.on, records, _effective_config(config, planned))
-
-
-def _effective_config(config: RunConfig, planned: PlannedMission) -> RunConfig:
-    """Return the configuration that a mission was planned with; weights of an objective have no place in a configuration."""
-    settings = mission_planner(config.plan, config.planner).settings
-    made: dict[str, object] = {"kind": "mission", "max_duration": settings.max_duration}
-    made["samples"] = planned.drawn
-    if isinstance(settings.objective, str):
-        made["objective"] = settings.objective
-    return config.model_copy(update={"planner": config.planner.model_copy(update=made)})
+def _apart(row: Mapping[str, Any]) -> str:
+    """Return how near two missions come, in words."""
+    first, second = row["vehicles"]
+    text = f"{first} and {second}: at least {row['least_distance_m'] / 1e3:.1f} km apart, at {row['time']}"
+    if row["separation_m"] is None:
+        return text
+    if row["nearer_in_samples"] is not None:
+        text += f"; nearer than {row['separation_m'] / 1e3:g} km in {100.0 * row['nearer_in_samples']:.0f} % of the samples"
+    if not row["kept"]:
+        text += (
+            f"; {row['separation_m'] / 1e3:g} km are not kept: no way round was found for either"
+        )
+    return text

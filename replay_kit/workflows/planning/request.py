@@ -73,11 +73,10 @@ def _check(request: PlanRequest) -> None:
             else (request.start_place, request.goals)
         ),
         request.start_time_ns,
+        request.departures_ns,
         request.arrive_by_s(request.start_time_ns or 0),
     )
-    refusals = _mission_refusals(request) + _glider_refusals(request)
-    if message := next((message for refused, message in refusals if refused), None):
-        raise ConfigError(message)
+    _check_together(request)
     if request.risk is not None and not 0.0 <= request.risk < 1.0:
         raise ConfigError(f"--risk: expected a share from 0 to below 1, got {request.risk:g}")
     if not 0.0 <= request.arrive <= 1.0:
@@ -94,91 +93,59 @@ def _check(request: PlanRequest) -> None:
             raise ConfigError(f"--{option}: expected a number above 0, got {value:g}")
 
 
-def _mission_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
-    moored = request.mooring is not None
-    compares = bool(request.departures_ns)
-    horizon = request.horizon
-    shaped = moored or request.line
-    return (
-        (
-            request.waypoint_tolerance is not None and not request.waypoints,
-            "--waypoint-tolerance: expected --waypoints too",
-        ),
-        (
-            request.surfacings_only and not moored,
-            "--surfacings-only: expected --mooring too; only a mooring counts surfacings",
-        ),
-        (
-            request.line_weight is not None and not request.line,
-            "--line-weight: expected --line too",
-        ),
-        (
-            request.line_width is not None and not request.line,
-            "--line-width: expected --line too",
-        ),
-        (
-            request.objective is not None and moored,
-            "--objective: a mooring has none but to stay near its place; leave it out",
-        ),
-        (moored and request.line, "--mooring and --line: a mission is one or the other"),
-        (
-            shaped and (len(request.goal) > 1 or request.risk is not None),
-            "--mooring and --line: expected one --goal and no --risk",
-        ),
-        (
-            request.waypoints and moored,
-            "--waypoints: a mooring has none on its way; give the glider the mooring's place",
-        ),
-        (
-            compares and request.start_time is not None,
-            "--depart and --start-time: expected one of them; leave out the other",
-        ),
-        (
-            compares and request.risk is not None,
-            "--depart and --risk: compare departures first, then plan the best with --start-time",
-        ),
-        (
-            compares and horizon is not None,
-            "--depart and --horizon: departures are compared by whole missions; leave out one",
-        ),
-        (
-            shaped and (compares or horizon is not None),
-            "--mooring and --line: expected no --depart and no --horizon",
-        ),
-        (
-            request.arrive_by is not None and (moored or compares or horizon is not None),
-            "--arrive-by: expected one departure to goals, without --mooring, --depart and --horizon",
-        ),
-        (
-            request.objective == "odds" and (shaped or compares or request.risk is not None),
-            "--objective odds: expected a mission to goals, without --line, --depart and --risk",
-        ),
-        (
-            horizon is not None and request.waypoints,
-            "--horizon: expected no --waypoints; they lead to the goal",
-        ),
-    )
+# Options that need another, and those that exclude others.
+_NEEDS = {
+    "waypoint_tolerance": "waypoints",
+    "surfacings_only": "mooring",
+    "line_weight": "line",
+    "line_width": "line",
+    "separation": "glider",
+}
+_EXCLUDES = {
+    "mooring": "line objective waypoints risk depart horizon arrive_by",
+    "line": "risk depart horizon",
+    "depart": "start_time risk horizon arrive_by",
+    "horizon": "waypoints arrive_by",
+    "glider": "start depart horizon mooring line risk arrive_by",
+    "objective odds": "mooring line depart risk glider",
+}
 
 
-def _glider_refusals(request: PlanRequest) -> tuple[tuple[Any, str], ...]:
+def _check_together(request: PlanRequest) -> None:
+    """Refuse options that need another or exclude each other.
+
+    Raises:
+        ConfigError: Some do.
+    """
+
+    def given(name: str) -> bool:
+        value = getattr(request, name, request.objective == name.rpartition(" ")[2])
+        return value is not None and value is not False and value != ()
+
+    def words(name: str) -> str:
+        return f"--{name.replace('_', '-')}"
+
+    for option, other in _NEEDS.items():
+        if given(option) and not given(other):
+            raise ConfigError(f"{words(option)}: expected {words(other)} too")
+    for option, others in _EXCLUDES.items():
+        beside = ", ".join(words(other) for other in others.split() if given(other))
+        if given(option) and beside:
+            raise ConfigError(
+                f"{words(option)}: cannot be combined with {beside}; leave one of them out"
+            )
+    if (request.mooring or request.line) and len(request.goal) > 1:
+        raise ConfigError("--goal: expected one with --mooring and --line")
     if not request.glider:
-        return ((request.separation is not None, "--separation: expected --glider too"),)
-    alone = ("start", "depart", "horizon", "mooring", "line", "risk", "arrive_by")
-    given = [f"--{name.replace('_', '-')}" for name in alone if getattr(request, name)]
+        return
+    if len(request.glider) < 2:
+        raise ConfigError("--glider: expected two gliders or more; one has --start")
     named = [name for name, _ in request.goals_of_gliders if name]
     unknown = [name for name in named if name not in request.glider_places]
-    return (
-        (len(request.glider) < 2, "--glider: expected two gliders or more; one has --start"),
-        (given, f"{', '.join(given)}: cannot be combined with --glider; plan each glider alone"),
-        (
-            request.objective == "odds",
-            "--objective odds: cannot be combined with --glider; plan each glider alone",
-        ),
-        (
-            unknown or len(set(named)) < len(named),
-            f"--goal: expected one for a glider of --glider, got {', '.join(unknown or named)}",
-        ),
-    )
+    if unknown or len(set(named)) < len(named):
+        raise ConfigError(
+            f"--goal: expected one for a glider of --glider, got {', '.join(unknown or named)}"
+        )
 
 
 def check_samples(request: PlanRequest, count: int, knows_errors: bool) -> None:
@@ -227,19 +194,12 @@ def objective_of(text: str) -> "str | Weights":
         ) from error
 
 
-def mooring_of(request: PlanRequest) -> "Mooring | None":
-    """Return the mooring that is asked for; None for another mission."""
-    from planners.request import Mooring
+def shape_of(request: PlanRequest) -> "Line | Mooring | None":
+    """Return the line that a checked request follows, or its mooring; None for another mission."""
+    from planners.request import Line, Mooring
 
-    if (numbers := request.mooring_numbers) is None:
-        return None
-    radius, hours = numbers
-    return Mooring(radius, 3600.0 * hours, request.surfacings_only)
-
-
-def line_of(request: PlanRequest) -> "Line | None":
-    """Return the line that a checked request follows; None where none is."""
-    from planners.request import Line
-
+    if request.mooring_numbers is not None:
+        radius, hours = request.mooring_numbers
+        return Mooring(radius, 3600.0 * hours, request.surfacings_only)
     weight, width = request.line_weight, request.line_width
     return None if weight is None or width is None else Line(weight=weight, width=width)

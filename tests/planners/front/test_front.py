@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from planners.hazards.areas import Ring
 from planners.route.current import CurrentLattice, current_lattice, edge_durations, shares_of_levels
-from planners.route.front import Route, sea_of, spread
+from planners.route.front import sea_of, spread
 from planners.route.obstacles import directions_around, obstacles_of
-from planners.route.relax import _swept, _times, relax
+from planners.route.relax import relax
 from tests.planners.flow_samples import eddying_flow
 from tests.reference.front import arrivals, current_at, edge_duration, touches
 
@@ -142,45 +142,6 @@ def test_in_still_water_a_route_is_straight_once_it_is_relaxed():
     straight = abs(ends[1] - ends[0]) / 0.3
     assert straight <= route.times[-1] <= 1.0005 * straight
     assert route.times[-1] <= front.times[-1] <= 1.006 * straight
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_bent_route_is_straightened_from_either_side(side):
-    places = np.array([[-8e3, 0.0], [0.0, 1e3 * side], [8e3, 0.0]])
-    lasts = np.hypot(8e3, 1e3) / 0.3
-    route = relax(
-        sea_of(still(10e3), 0.3, places[[0, 2], 0] + 0j),
-        Route(places, np.array([0.0, lasts, 2.0 * lasts]), True),
-        0.0,
-    )
-    assert 16e3 / 0.3 <= route.times[-1] <= 1.0001 * 16e3 / 0.3
-
-
-@pytest.mark.parametrize("parity", [1, 2])
-def test_every_other_point_moves_to_where_a_fine_search_finds_the_way_past_it_quickest(parity):
-    sea, rng = sea_of(lattice(5, 0.2), 0.3, np.zeros(0, dtype=complex)), np.random.default_rng(6)
-    places = np.linspace(-2e3 - 1e3j, 3e3 + 2e3j, 9) + 1j * rng.uniform(-150.0, 150.0, 9)
-    times, step = _times(sea, places, 0.0), 200.0
-    moved = _swept(sea, places, times, parity, step)
-    inner = np.arange(parity, 8, 2)
-    np.testing.assert_array_equal(np.delete(moved, inner), np.delete(places, inner))
-    for k in inner:
-        side = 1j * (places[k + 1] - places[k - 1]) / abs(places[k + 1] - places[k - 1])
-        tried = np.append(moved[k], places[k] + np.arange(-400.0, 401.0, 10.0) * side)
-        ends = [np.full(tried.size, places[j]) for j in (k - 1, k + 1)]
-        first = edge_durations(
-            sea.current, 0.3, ends[0], tried, np.full(tried.size, times[k - 1]), sea.piece
-        )
-        lasts = first + edge_durations(
-            sea.current, 0.3, tried, ends[1], times[k - 1] + first, sea.piece
-        )
-        still_there = lasts[1 + 40]
-        assert lasts[0] <= lasts.min() + 0.05 * (still_there - lasts.min()) + 1e-6
-    # against the current at its strongest nothing is reached, nor what lies behind
-    late = _times(sea_of(lattice(5, 2.0), 0.3, places[:1]), places, 0.0)
-    reached = int(np.argmax(np.isinf(late)))
-    assert 0 < reached < 7
-    assert np.isinf(late[reached:]).all()
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,6 @@ from planners import (
 )
 from planners.departures import cut_at_horizon
 from planners.output.mission import as_plan
-from planners.route.current import CurrentLattice, Route
-from planners.route.front import sea_of
-from planners.route.relax import relax
-from replay_kit.core.arrays import Array
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 from tests.planners.mission.test_bottom import bathymetry, least_height, request, turns
 
@@ -89,15 +85,3 @@ def test_a_start_beside_a_ridge_that_rises_above_the_dives_is_planned_over_it(be
     assert set(turns(plan)) == {130.0, 390.0}
     assert turns(plan)[0] == 130.0
     assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3
-
-
-def test_a_route_that_leads_nowhere_keeps_its_second():
-    current = CurrentLattice(
-        np.array([-4e3, -4e3]), 1e3, np.zeros(1), np.zeros((1, 9, 9), dtype=complex)
-    )
-    places: Array = np.zeros((2, 2))
-    nowhere = Route(places, np.array([0.0, 1.0]), False)
-    assert relax(sea_of(current, 0.3, np.zeros(1, dtype=complex)), nowhere, 0.0).times.tolist() == [
-        0.0,
-        1.0,
-    ]

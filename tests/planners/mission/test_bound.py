@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, plan_mission
-from planners.route.bound import _by_level, bound_of, lead_of
-from planners.route.current import CurrentLattice
-from planners.route.front import sea_of, spread
+from planners.route.bound import bound_of
 from planners.task import task_of
 from planners.vehicle import SteadyFlight
 from tests.planners.flow_samples import (
@@ -111,52 +109,3 @@ def test_no_plan_is_below_its_bound_where_the_shear_comes_later():
     settings = MissionSettings(depth=230.0, surface_time=3600.0, tolerance=100.0)
     asked = MissionRequest(*ends, settings=settings, start_time_ns=day)
     bounded(through, asked)
-    # none of it is there when the mission begins
-    at_first, always = (_by_level(task_of(flow, asked)) for flow in (through[0], through))
-    assert np.max(np.abs(at_first)) == 0.0
-    assert np.max(np.abs(always)) > 0.15
-
-
-def test_whole_legs_of_a_current_without_shear_are_not_ahead():
-    def asked(flow, **settings):
-        how = replace(MissionSettings(depth=300.0), **settings)
-        return task_of(
-            flow,
-            request_between(flow, (-5e3, 0.0), (5e3, 0.0), settings=how),
-        )
-
-    flow = uniform_flow(0.1, 0.05)
-    still, drifting = asked(flow), asked(flow, surface_time=600.0)
-    flat = still.vehicle.angles[0]
-    lead = lead_of(still, _by_level(still))
-    assert (lead.speed, lead.start, lead.goals.tolist()) == (
-        pytest.approx(0.3 * np.cos(flat)),
-        0.0,
-        [0.0],
-    )
-    # the last leg is ahead by the way that a drift takes off the mean
-    lead = lead_of(drifting, _by_level(drifting))
-    lasts = drifting.leg_time(flat)
-    assert lead.speed == pytest.approx(0.3 * np.cos(flat) * (1.0 - 600.0 / lasts))
-    assert (lead.start, lead.goals.tolist()) == (0.0, [pytest.approx(600.0 * lead.speed, abs=0.01)])
-
-
-def test_the_fastest_current_met_is_that_of_places_and_times_from_which_the_goal_is_reached_in_time():
-    # a jet in the north from the second day on
-    values = np.full((3, 9, 33), 0.05, dtype=complex)
-    values[1:, -1] = 0.8
-    current = CurrentLattice(
-        np.array([-16e3, -4e3]), 1e3, np.array([0.0, 86400.0, 172800.0]), values
-    )
-    ends = np.array([-12e3 - 3e3j, 10e3 - 3e3j, -9e3 - 3e3j])
-    sea = sea_of(current, 0.3, ends)
-    front = spread(
-        sea, np.array([current.places.size]), np.zeros(1), np.inf, np.zeros(0, dtype=int)
-    )
-    far, near = (float(front.times[current.places.size + k]) for k in (1, 2))
-    # on a short way nothing of it can be met; on a long one a vehicle may go there and back
-    assert front.fastest_met(0.0, near, (ends[2], 0.0)) == pytest.approx(0.05)
-    # by then the vehicle is nearly in the jet, but not back at the goal
-    assert front.fastest_met(0.0, 2.2 * near, (ends[2], 0.0)) == pytest.approx(0.05)
-    assert front.fastest_met(0.0, 3.0 * far, (ends[1], 0.0)) == pytest.approx(0.8)
-    assert front.fastest_met(0.0, np.inf) == pytest.approx(0.8)

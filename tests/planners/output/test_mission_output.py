@@ -15,16 +15,16 @@ from planners.flights import fly_mission
 from planners.odds.mission import ellipse_factor, ellipses_of
 from planners.output.mission import (
     as_plan,
-    ellipse_outline,
     legs_table,
+    places_table,
     to_csv,
-    to_geojson,
     to_json,
 )
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_local
+from replay_kit.core.geodesy import heading_deg, rotate_to_geographic, to_geographic, to_local
 from replay_kit.core.grid import Projection
-from tests.planners.flow_samples import eddying_flow, plan_between, still_flow
+from replay_kit.core.surfacing import Ellipse
+from tests.planners.flow_samples import eddying_flow, plan_between
 
 FLOW = eddying_flow(11)
 SETTINGS = MissionSettings(depth=390.0, surface_time=600.0)
@@ -68,9 +68,9 @@ def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_nort
     assert min(bearing, 180.0 - bearing) < 1.0
     assert major > 5.0 * minor
     # its ends lie on the meridian
-    outline = ellipse_outline(ellipses[0], frame)
+    outline = Ellipse(*ellipses[0].tolist()).outline(frame)
     ends = outline[[int(outline[:, 1].argmin()), int(outline[:, 1].argmax())]]
-    assert np.mod(ends[:, 0], 360.0) == pytest.approx(180.0, abs=1e-3)
+    assert np.mod(to_geographic(frame, *ends.T)[0], 360.0) == pytest.approx(180.0, abs=1e-3)
 
 
 def test_tables_say_what_the_plan_says():
@@ -88,50 +88,22 @@ def test_tables_say_what_the_plan_says():
         planned().headings_deg.tolist(), abs=1e-6
     )
     assert float(parsed[0]["ellipse_major_m"]) == 1.0
-    features = json.loads(to_geojson(planned(), FLOW.grid.projection, None))["features"]
-    kinds = [feature["geometry"]["type"] for feature in features]
-    assert kinds == ["LineString"] + ["Point"] * (2 + len(rows))
-    assert features[0]["geometry"]["coordinates"][0] == pytest.approx(
-        [planned().start.longitude, planned().start.latitude], abs=1e-6
+    goal, *surfacings = places_table(planned(), None)
+    assert (goal["name"], goal["met_s"], goal["depth_m"]) == (
+        "goal 1",
+        planned().goal_times[0],
+        100.0,
     )
-    goal = next(feature for feature in features if feature["properties"]["name"] == "goal 1")[
-        "properties"
-    ]
-    assert (goal["met_s"], goal["depth_m"]) == (planned().goal_times[0], 100.0)
+    assert [one["name"] for one in surfacings] == [f"surfacing {row['leg']}" for row in rows]
     answer = json.loads(json.dumps(to_json(planned(), None), allow_nan=False))
     assert answer["goals"][0]["off_m"] == planned().closest_approach[0]
     assert (answer["status"], len(answer["legs"])) == ("reached", len(rows))
 
 
-def test_an_ellipse_is_drawn_by_its_axes_and_bearing():
-    ellipse = np.array([152.5, -40.0, 300.0, 100.0, 90.0])
-    each = np.tile(ellipse, (len(planned().yo_depths), 1))
-    odds = SimpleNamespace(ellipses=each, forgiving=np.zeros((0, 2)), count=7)
-    features = json.loads(to_geojson(planned(), FLOW.grid.projection, odds))["features"]
-    outline = np.array(features[-1]["geometry"]["coordinates"][0])
-    np.testing.assert_array_equal(outline[0], outline[-1])
-    east, north = to_local(FLOW.grid.projection, *outline.T)
-    np.testing.assert_allclose((east / 300.0) ** 2 + (north / 100.0) ** 2, 1.0, atol=1e-3)
-    # twice the signed area, by the shoelace formula: positive counter-clockwise
-    assert np.sum(east[:-1] * north[1:] - east[1:] * north[:-1]) > 0.0
-    kinds = [feature["geometry"]["type"] for feature in features]
-    assert kinds.count("Polygon") == len(planned().yo_depths)
-
-
 def test_what_is_counted_is_written_as_an_integer():
-    features = json.loads(to_geojson(planned(), FLOW.grid.projection, None))["features"]
-    told = [feature["properties"] for feature in features if "leg" in feature["properties"]]
-    surfacings = [properties for properties in told if properties["name"].startswith("surfacing")]
-    assert [repr(properties["leg"]) for properties in surfacings] == [
-        str(k + 1) for k in range(len(planned().yo_depths))
-    ]
     answer = json.loads(json.dumps(to_json(planned(), None)))
-    rows = [
-        *told,
-        *answer["legs"],
-        *answer["goals"],
-        as_plan(planned(), FLOW.grid.projection).legs[0],
-    ]
+    glide = as_plan(planned(), FLOW.grid.projection)
+    rows = [*places_table(planned(), None), *answer["legs"], *answer["goals"], glide.legs[0]]
     assert {type(row[name]) for row in rows for name in ("leg", "dives") if name in row} == {int}
     assert to_csv(planned(), None).splitlines()[1].startswith("1,")
 
@@ -152,9 +124,6 @@ def test_a_mission_is_also_a_plan_for_the_result_s_messages():
     assert (none.status, none.duration) == ("failed", 0.0)
     assert to_csv(failed(), None) == "leg\n"
     assert json.loads(json.dumps(to_json(failed(), None), allow_nan=False))["legs"] == []
-    assert (
-        len(json.loads(to_geojson(failed(), still_flow().grid.projection, None))["features"]) == 2
-    )
 
 
 @pytest.mark.parametrize("count", [3, 5, 10, 20, 50])
@@ -169,9 +138,3 @@ def test_an_ellipse_of_few_points_holds_nine_of_ten_others(count):
         scaled = np.sum(away * np.linalg.solve(np.cov(points.T), away.T).T, axis=1)
         held.append(np.mean(scaled <= ellipse_factor(count) ** 2))
     assert 0.87 < np.mean(held) < 0.93
-
-
-def test_the_factor_of_many_points_is_that_of_a_known_normal_distribution():
-    assert ellipse_factor(10**6) == pytest.approx(np.sqrt(-2.0 * np.log(0.1)), rel=1e-5)
-    # 2 (N - 1) (N + 1) F / (N (N - 2)) with F(2, 8) = 3.1131
-    assert ellipse_factor(10) == pytest.approx(np.sqrt(2.0 * 9.0 * 11.0 * 3.11312 / 80.0), rel=1e-5)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from planners.hazards.areas import NoGo, Ring, first_crossing, no_go_rings
-from planners.hazards.bottom import Bathymetry, Bottom, DepthCells, _cell_corners, bottom_of
+from planners.hazards.bottom import Bathymetry, Bottom, DepthCells, bottom_of
 from planners.hazards.domain import Region
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
@@ -115,21 +115,6 @@ def test_a_region_that_is_shallow_everywhere_has_no_ring_and_still_a_limit():
     assert bottom.is_below(
         segment((0.0, 0.0), (500.0, 0.0)), np.array([[0.0, 300.0]]), np.zeros(1)
     ).tolist() == [True]
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 3), (4, 1)])
-def test_corners_of_cells_lie_halfway_between_points_and_as_far_beyond_the_edge(shape):
-    rows, columns = np.meshgrid(np.arange(shape[0] + 1.0), np.arange(shape[1] + 1.0), indexing="ij")
-
-    def plane(j, i):
-        return 7.0 * j - 3.0 * i
-
-    # a single point has no spacing of its own: its cell is one wide
-    by_row, by_column = (7.0 if shape[0] > 1 else 1.0), (-3.0 if shape[1] > 1 else 1.0)
-    corners = _cell_corners(
-        plane(*np.meshgrid(np.arange(float(shape[0])), np.arange(float(shape[1])), indexing="ij"))
-    )
-    np.testing.assert_allclose(corners, by_row * (rows - 0.5) + by_column * (columns - 0.5))
 
 
 def test_an_outline_that_crosses_itself_is_several_rings():

@@ -139,3 +139,10 @@ def test_shares_of_samples_are_those_of_flights_together():
     # a sample flown by itself counts for one
     each = [share_of_nearer(flow, [one], joint, (0, 1), 3e3) for one in samples]
     assert np.mean(each) == pytest.approx(shares[1])
+
+
+def test_after_the_deadline_of_all_no_way_round_is_tried():
+    late = [replace(one, settings=replace(SETTINGS, deadline=0.0)) for one in CROSSING]
+    joint = plan_missions(static(), (), late, 3000.0)
+    assert joint.requests == tuple(late)
+    assert all("the time limit" in plan.message for plan in joint.plans)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from replay_kit.workflows.fleet.cluster import open_cluster
+from replay_kit.workflows.fleet.cluster import open_workers
 from tests.workflows.fleet.missions import make_fleet
 
 
@@ -24,5 +24,5 @@ def scheduler():
 
 @pytest.fixture(scope="package")
 def cluster(scheduler):
-    with open_cluster(scheduler, None) as opened:
+    with open_workers(scheduler, None) as opened:
         yield opened

@@ -1,12 +1,12 @@
 """What would cost hours is refused before they are spent: tables, schedulers, workers."""
 
+import os
+
 import pytest
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.workflows.fleet import cluster as clusters
-from replay_kit.workflows.fleet.cluster import UnreachableError, open_cluster
-from replay_kit.workflows.fleet.workers import check_workers
-from replay_kit.workflows.replay.inputs.provenance import package_versions
+from replay_kit.workflows.fleet.cluster import UnreachableError, open_workers
 from tests.command import invoke
 
 GOOD = '[all]\nensemble = "ensemble.nc"\n'
@@ -101,7 +101,7 @@ def test_options_that_do_not_fit(table, tmp_path, words, said, monkeypatch):
 
 
 def opening(address):
-    with open_cluster(address, None):
+    with open_workers(address, None):
         pass
 
 
@@ -127,46 +127,25 @@ def test_a_scheduler_without_workers_is_given_up(monkeypatch):
         empty.close()
 
 
-class Workers:
-    """Workers that answer what they are told to."""
+def test_workers_are_asked_for_their_versions_and_what_they_see(
+    scheduler, table, tmp_path, monkeypatch
+):
+    def asked(*files, out=tmp_path):
+        with open_workers(scheduler, None, files, out):
+            pass
 
-    def __init__(self, answer):
-        self.answer = answer
-
-    def on_each(self, function, *arguments):
-        return {"tcp://there": self.answer}
-
-
-@pytest.mark.parametrize(
-    ("answer", "said"),
-    [
-        (
-            ModuleNotFoundError("No module named 'replay_kit'"),
-            "cannot run replay-kit: ModuleNotFoundError",
-        ),
-        (
-            ({**package_versions(), "replay-kit": "0.0.1"}, [], True),
-            r"has other versions, .*: replay-kit 0.0.1 \(here ",
-        ),
-        (
-            (package_versions(), ["/data/a.mcap"], True),
-            "sees another file as /data/a.mcap, or none",
-        ),
-        (
-            (package_versions(), [], False),
-            "cannot write to /out; choose a folder on a disk that all workers share",
-        ),
-    ],
-)
-def test_workers_that_cannot_do_the_work(answer, said, tmp_path):
-    with pytest.raises(
-        ConfigError, match=f"tcp://there: the worker {said}".replace("/out", str(tmp_path))
-    ):
-        check_workers(Workers(answer), (), tmp_path)
-    assert not list(tmp_path.iterdir())
-
-
-def test_workers_are_asked_what_they_see(cluster, table, tmp_path):
-    check_workers(cluster, [table], tmp_path)
+    asked(table)
     with pytest.raises(ConfigError, match=r"sees another file as .*gone.nc, or none"):
-        check_workers(cluster, [table, tmp_path / "gone.nc"], tmp_path)
+        asked(table, tmp_path / "gone.nc")
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "access", lambda *_: False)
+        with pytest.raises(ConfigError, match=f"cannot write to {tmp_path}; choose a folder on"):
+            asked()
+    # the workers are threads of this process: what is asked first are the versions here
+    versions = iter([{"replay-kit": "0.0.2"}, {"replay-kit": "0.0.1"}, {}])
+    monkeypatch.setattr(clusters, "package_versions", lambda: next(versions))
+    with pytest.raises(
+        ConfigError, match=r"tcp://.* has other versions, .*: replay-kit 0.0.1 \(here 0.0.2"
+    ):
+        asked()
+    assert not list(tmp_path.iterdir())

@@ -116,10 +116,6 @@ KML = """<?xml version="1.0" encoding="UTF-8"?>
         ("", "got nothing;"),
         ("152.4,-40.1\n152.5,-40.1\n", "got what is no JSON (Extra data"),
         ("{}", "got an object without a type as no-go area 1;"),
-        ("null", "got null as no-go area 1;"),
-        ("[1]", "got list in JSON as no-go area 1;"),
-        ('{"type": "Topology"}', "got Topology as no-go area 1;"),
-        ('{"type": "FeatureCollection"}', "got a FeatureCollection without a list of features;"),
         (
             '{"type": "FeatureCollection", "features": [{"type": "Polygon"}]}',
             "got Polygon as feature 1;",
@@ -128,13 +124,8 @@ KML = """<?xml version="1.0" encoding="UTF-8"?>
             '{"type": "Feature", "properties": {"name": "range"}, "geometry": null}',
             "got null as range;",
         ),
-        (
-            '{"type": "Feature", "properties": [1], "geometry": null}',
-            "got feature 1 with properties that are no object;",
-        ),
         ('{"type": "Point", "coordinates": [152.4, -40.1]}', "got Point as no-go area 1;"),
         ('{"type": "Polygon"}', "got no-go area 1 without corners;"),
-        ('{"type": "Polygon", "coordinates": []}', "got no-go area 1 without corners;"),
         (
             '{"type": "Polygon", "coordinates": [[152.4, -40.1]]}',
             "got no-go area 1 with corners that are not pairs of numbers;",
@@ -142,10 +133,6 @@ KML = """<?xml version="1.0" encoding="UTF-8"?>
         (
             '{"type": "LineString", "coordinates": [[152.4, -40.1], [152.5, -40.1]]}',
             "got no-go area 1 with fewer than 3 corners;",
-        ),
-        (
-            '{"type": "LineString", "coordinates": [[152, -40], [153, -40], [NaN, -41]]}',
-            "got no-go area 1 with corners that are not pairs",
         ),
     ],
 )

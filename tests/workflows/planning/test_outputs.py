@@ -2,12 +2,9 @@
 
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from planners.odds.mission import ellipses_of
 from replay_kit.config.plan import PlanRequest
-from replay_kit.core.grid import Projection
 from replay_kit.workflows.planning.outputs import unsafe_reason
 
 SAFE, CROSSING = (SimpleNamespace(violation=violation) for violation in (None, "crosses land"))
@@ -46,13 +43,6 @@ def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(
 ):
     samples = None if safe is None else {"safe": safe, "violations": {"land": 0.05, "banks": 0.15}}
     planned = SimpleNamespace(
-        waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status)
+        waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status), helps=None
     )
     assert unsafe_reason(planned, PlanRequest(risk=risk)) == why
-
-
-def test_an_ellipse_of_few_surfacings_has_the_variance_of_a_sample():
-    """Of 1, 2 and 6 km east, and as far north, it is 7 km^2; Hotelling's factor of three is the root of 264."""
-    place = 1e3 * np.array([1.0, 2.0, 6.0])[:, None, None] * np.ones(2)
-    ((_, _, major, minor, _),) = ellipses_of(Projection(5.0, 62.0), place)
-    assert (major, minor) == pytest.approx((np.sqrt(264.0 * 14.0) * 1e3, 0.0), abs=0.1)

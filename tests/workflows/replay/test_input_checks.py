@@ -9,8 +9,8 @@ from replay_kit.core.errors import ForecastError, MeasurementError
 from replay_kit.core.plan import Place
 from replay_kit.logs import open_log
 from replay_kit.measurements.checks.concluded import TRACKS
-from replay_kit.workflows.fleet.expected import expected_of
 from replay_kit.workflows.fleet.missions import Mission
+from replay_kit.workflows.fleet.run import expected_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.checks import check_inputs, dry_run
 from replay_kit.workflows.replay.inputs.job import ReplayJob

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import replay_kit as rk
-from planners import MissionRequest, plan_mission
+from planners import plan_mission
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig, load_config
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown
@@ -31,7 +31,7 @@ from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import detail_lines
 from replay_kit.show.status.status import status_of
-from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of
+from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of, span_of
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.verify import verify
@@ -259,7 +259,7 @@ def test_settings_that_contradict_each_other_are_refused(tmp_path, ocean):
 
 
 def test_a_stated_number_of_legs_is_that_of_the_first_plan():
-    planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, legs=4))
+    planner = MissionPlanner(PlannerConfig(kind="mission", depth=300.0, legs=4))
     flow = embed_member(synthetic.ensemble(), 0, EstimatorConfig())
     start, goal = Place(152.2, -39.8, 0.0), Place(152.3, -39.75, 0.0)
     first = planner.plan(flow, PlanQuery(start, goal, 0))
@@ -277,14 +277,10 @@ def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     grown = growing(still, (1.0 + 0.036 * np.arange(5.0)) ** 20, 36000.0)
     same = constant(still, 10**15)
     start, goal = Place(152.15, -39.85, 0.0), Place(152.3, -39.8, 0.0)
-    planner = MissionPlanner.of(
-        PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0)
-    )
+    planner = MissionPlanner(PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0))
     # 14 km take 13.4 h at 0.29 m/s, and may take twice as long: steps to 10, 20 and 30 h, and to 40 h as they come in fours
     flows = [grown, *(grown.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3, 4))]
-    asked = MissionRequest(
-        start, (goal,), vehicle=planner.vehicle, settings=planner.settings, start_time_ns=10**15
-    )
+    asked, _ = planner.request(still.grid, start, (goal,), 10**15)
     expected = plan_mission(flows, asked)
     np.testing.assert_array_equal(
         planner.plan(grown, PlanQuery(start, goal, 10**15)).plan.track, expected.track
@@ -330,12 +326,17 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
 
 
 def test_the_current_is_known_for_twice_the_way_through_still_water_and_no_longer_than_a_mission():
-    planner = MissionPlanner.of(PlannerConfig(kind="mission", depth=300.0, max_duration=1e6))
+    planner = MissionPlanner(PlannerConfig(kind="mission", depth=300.0, max_duration=1e6))
     start, goals = Place(5.0, 62.0, 0.0), [Place(5.1, 62.0, 0.0), Place(5.0, 62.0, 0.0)]
-    speed = float(planner.vehicle.speeds(np, planner.vehicle.angles[0])[0])
+    grid = synthetic.ensemble().grid
+    asked, far = (
+        planner.request(grid, start, places, 0)[0]
+        for places in (tuple(goals), (Place(25.0, 62.0, 0.0),))
+    )
+    speed = float(asked.vehicle.speeds(np, asked.vehicle.angles[0])[0])
     way = 2.0 * float(distance(5.0, 62.0, 5.1, 62.0))
-    assert planner.span(start, goals) == pytest.approx(2.0 * way / speed)
-    assert planner.span(start, [Place(25.0, 62.0, 0.0)]) == planner.settings.max_duration
+    assert span_of(asked) == pytest.approx(2.0 * way / speed)
+    assert span_of(far) == 1e6
 
 
 @pytest.mark.full

@@ -1,0 +1,397 @@
+"""``plan``: a mission on an estimate, or one for each of several gliders, and its figures in samples of the estimate."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from planners.assignment import assign, times_to_goals
+from planners.departures import best_departure, cut_at_horizon, plan_departures, to_its_end
+from planners.flights import fly_mission
+from planners.odds.mission import MissionOdds, mission_odds, with_odds
+from planners.odds.rank import plan_by_odds
+from planners.plan import plan_mission
+from planners.request import MissionPlan, MissionRequest, MissionSettings, Mooring
+from planners.separation import JointMissions, plan_missions, share_of_nearer
+from planners.simulation.currents import Flow, Sample, local_notes
+from planners.waypoints import Waypoints, waypoints_of
+from replay_kit.config.plan import PlanRequest
+from replay_kit.config.planner import PlannerConfig
+from replay_kit.core.arrays import Array
+from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.plan import share_interval
+from replay_kit.core.progress import announce
+from replay_kit.core.text import time_text
+from replay_kit.workflows.planning.adapters import (
+    MissionPlanner,
+    sample_count,
+    span_of,
+    with_origin,
+    without_odds,
+)
+from replay_kit.workflows.planning.currents import KnownCurrent
+from replay_kit.workflows.planning.inputs import PlannedOn
+from replay_kit.workflows.planning.request import check_samples, objective_of, shape_of
+
+# An area counts that holds within so many times the duration of a mission, as samples of it may last longer.
+_LATE = 1.2
+# Wider tolerances of a list of waypoints that are tried where it is not safe, in its own.
+_WIDER = (2.0, 4.0, 8.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedMission:
+    """A mission, and what samples of the estimate make of it.
+
+    Attributes:
+        plan: The mission.
+        on: What it is made on.
+        odds: Of the glider that is steered along it, or along its waypoints; None without samples or legs.
+        samples: They as in the JSON; None without samples or legs.
+        waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
+        notes: What should be known of it.
+        drawn: Number of samples drawn.
+        helps: Tolerance of another list of waypoints, which may be handed to a vehicle [m]; None where this may be, or none was found.
+        departures: That were compared, in order, each with the share of the samples that arrive, None without samples.
+    """
+
+    plan: MissionPlan
+    on: PlannedOn
+    odds: MissionOdds | None
+    samples: dict[str, Any] | None
+    waypoints: Waypoints | None
+    notes: tuple[str, ...]
+    drawn: int
+    helps: float | None = None
+    departures: tuple[tuple[MissionPlan, float | None], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Together:
+    """Plans of several vehicles, or of one without a name.
+
+    Attributes:
+        planned: Of each vehicle that has one, by its name.
+        goals: Number of each vehicle's goal, by its name, counted from 1; None for a vehicle without one.
+        left: Numbers of the goals to which no vehicle goes.
+        separation: How near each two missions come, a row each.
+    """
+
+    planned: Mapping[str, PlannedMission]
+    goals: Mapping[str, int | None]
+    left: tuple[int, ...] = ()
+    separation: tuple[Mapping[str, Any], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Asked:
+    """What missions are asked for, and what they are judged in: the current, samples of it, and what of their dives no setting states."""
+
+    job: PlanRequest
+    on: PlannedOn
+    flow: Flow
+    drawn: Sequence[Sample]
+    origin: str
+
+
+def make_plans(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
+    """Return the mission of a job, without a name, or those of its gliders, by their names; with their odds in samples of the estimate.
+
+    Args:
+        job: What is asked for, checked.
+        config: ``[planner]`` with the command's options laid over it.
+        on: What its files hold.
+
+    Raises:
+        ConfigError: Options do not go together.
+        PlanError: A goal cannot be planned for, or a time is outside of the forecast.
+    """
+    if job.glider:
+        return _of_gliders(job, config, on)
+    return Together({"": _mission(job, config, on)}, {})
+
+
+def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedMission:
+    """Return one mission."""
+    known = on.known
+    count = sample_count(known.first, config.samples)
+    check_samples(job, count, known.first.n_modes > 0)
+    begin_ns, notes = _begin(job, known)
+    planner = mission_planner(job, config, on)
+    request, origin = planner.request(on.region, job.start_place, job.goals, begin_ns, on.no_go)
+    request, notes = replace(request, shape=shape_of(job)), notes + on.notes
+    if (latest := job.arrive_by_s(begin_ns)) is not None:
+        longest = min(request.settings.max_duration, latest)
+        settings = replace(request.settings, arrive_by=latest, max_duration=longest)
+        request = replace(request, settings=settings)
+    if origin and on.flown is not None:
+        notes += on.flown.notes()
+    level, depth = float(on.region.levels[-1]), request.settings.depth
+    if depth > level:
+        notes += (
+            f"dives to {depth:g} m go below the forecast's {level:g} m: the current there is taken as at that level, its "
+            "error grows by the shear above",
+        )
+    seconds, for_odds = _seconds(job, request), job.objective == "odds"
+    flow, drawn = (
+        known.flow(begin_ns, seconds),
+        known.samples(begin_ns, seconds, count, config.seed),
+    )
+    # odds that a mission was chosen by are too high: it is judged in other samples
+    searched = known.samples(begin_ns, seconds, count, config.seed + 1) if for_odds else drawn
+    request, made, compared = _within_times(job, request, flow, searched)
+    if compared:
+        request = replace(request, start_time_ns=made.start_time_ns)
+    if left := len(job.departures_ns) - len(compared):
+        notes += (f"--time-limit left out the last {left} departures",)
+    if job.waypoints and len(made.headings_deg) == 0:
+        notes += ("no waypoints are written: the plan has no legs",)
+    begin_ns = made.start_time_ns
+    notes += known.notes(begin_ns, begin_ns + round(made.duration * 1e9))
+    notes += local_notes(known.local, begin_ns)
+    asked = _Asked(job, on, flow, drawn, origin)
+    planned = _judged(asked, request, made, notes)
+    shaped = request.shape is not None or compared or job.risk is not None
+    if planned.plan.status == "uncertain" and job.objective in (None, "time") and not shaped:
+        hint = "--objective odds looks for a mission that more samples arrive with"
+        planned = replace(planned, notes=(*planned.notes, hint))
+    each = replace(asked, job=job.model_copy(update={"waypoints": False, "held": False}))
+    departures = [_judged(each, request, plan, ()) for plan in compared]
+    rows = ((one.plan, None if one.odds is None else one.odds.reached) for one in departures)
+    return replace(planned, departures=tuple(rows))
+
+
+def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
+    """Return the missions of several vehicles, which keep apart."""
+    known, starts, named = on.known, job.glider_places, job.goals_of_gliders
+    goals, names = tuple(place for _, place in named), tuple(starts)
+    begin_ns, notes = known.begin(job.start_time_ns)
+    first, origin = mission_planner(job, config, on).request(
+        on.region, starts[names[0]], goals, begin_ns, on.no_go
+    )
+    each = [replace(first, start=start) for start in starts.values()]
+    seconds = max(span_of(replace(one, goals=(goal,))) for one in each for goal in goals)
+    count, flow = sample_count(known.first, config.samples), known.flow(begin_ns, seconds)
+    # shares that ways were chosen by are too low: they are stated in other samples
+    drawn, searched = (known.samples(begin_ns, seconds, count, config.seed + k) for k in range(2))
+    apart = job.separation or 0.0
+    announce("assigning goals")
+    times = _of_its_own(times_to_goals(flow, each, goals), names, [name for name, _ in named])
+    chosen = dict(zip(names, assign(times), strict=True))
+    going = {name: goal for name, goal in chosen.items() if goal is not None}
+    if not going:
+        raise PlanError(
+            "no vehicle can reach a goal within the longest mission considered; plan each alone to see how near it comes"
+        )
+    requests = [
+        replace(each[names.index(name)], goals=(goals[goal],)) for name, goal in going.items()
+    ]
+    announce("planning the missions")
+    joint = plan_missions(flow, searched if apart else (), requests, apart, job.accepted_risk)
+    asked = _Asked(job, on, flow, drawn, origin)
+    planned = {
+        name: _judged(asked, request, made, (*notes, *on.notes))
+        for name, made, request in zip(going, joint.plans, joint.requests, strict=True)
+    }
+    return Together(
+        planned,
+        {name: None if goal is None else goal + 1 for name, goal in chosen.items()},
+        tuple(k + 1 for k in range(len(goals)) if k not in going.values()),
+        tuple(_apart(asked, joint, tuple(going))),
+    )
+
+
+def mission_planner(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> MissionPlanner:
+    """Return the planner of missions that are planned by themselves."""
+    more = mission_settings(job, config)
+    return MissionPlanner(config, flown=on.flown, bathymetry=on.bathymetry, more=more)
+
+
+def mission_settings(job: PlanRequest, config: PlannerConfig) -> dict[str, Any]:
+    """Return the settings of missions that are planned by themselves which ``[planner]`` does not state.
+
+    Raises:
+        ConfigError: The objective is neither a name nor weights.
+    """
+    # a plan by itself may be longer than those of a replay, unless that is configured
+    stated = "max_duration" in config.model_fields_set
+    limit = inf if job.time_limit is None else job.time_limit
+    return {
+        "objective": config.objective if job.objective is None else objective_of(job.objective),
+        "max_duration": config.max_duration if stated else MissionSettings().max_duration,
+        "time_limit": limit,
+        "deadline": monotonic() + limit,
+        "battery": inf if job.battery is None else job.battery * 1e6,
+    }
+
+
+def _begin(job: PlanRequest, known: KnownCurrent) -> tuple[int, tuple[str, ...]]:
+    """Return when a mission begins [ns, UTC], its times checked against the forecast, and what should be known of that."""
+    for time_ns in job.departures_ns:
+        known.check_time("--depart", time_ns)
+    begin_ns, notes = (
+        (job.departures_ns[0], ()) if job.departures_ns else known.begin(job.start_time_ns)
+    )
+    if job.departures_ns and not known.changes:
+        raise PlanError(
+            f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}, in which all "
+            "departures are the same; give the result of a replay through a forecast's times, or several files"
+        )
+    last, horizon = known.ends_ns, job.horizon_s
+    if horizon is not None and last is not None and begin_ns + horizon * 1e9 > last:
+        raise PlanError(
+            f"--horizon: expected at most {(last - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last)}, got "
+            f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out to plan the rest in the last current known"
+        )
+    return begin_ns, notes
+
+
+def _seconds(job: PlanRequest, request: MissionRequest) -> float:
+    """Return for how long the current is needed [s]: that of the mission, from the first departure to the last arrival."""
+    if isinstance(request.shape, Mooring):
+        return request.shape.duration
+    between = (job.departures_ns[-1] - job.departures_ns[0]) / 1e9 if job.departures_ns else 0.0
+    return min(between + span_of(request), inf if job.horizon_s is None else job.horizon_s)
+
+
+def _within_times(
+    job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
+) -> tuple[MissionRequest, MissionPlan, tuple[MissionPlan, ...]]:
+    """Return the mission that keeps out of areas whose time it lasts into, throughout; its request, and the plans of all departures."""
+    areas, counted = request.no_go, tuple(area for area in request.no_go if not area.is_timed)
+    while True:
+        request = replace(request, no_go=counted)
+        made, compared = _planned(job, request, flow, drawn)
+        late = (
+            area
+            for area in areas
+            if area not in counted
+            and any(
+                area.holds(one.start_time_ns, one.start_time_ns + round(_LATE * one.duration * 1e9))
+                for one in compared or (made,)
+            )
+        )
+        if (further := next(late, None)) is None:
+            return request, made, compared
+        counted = (*counted, further)
+
+
+def _planned(
+    job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
+) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
+    """Return the mission, and the plans of all departures where several are compared."""
+    ranges = request.settings.depths, request.settings.speeds
+    by_odds = job.risk is not None or job.objective == "odds"
+    if any(ranges) and (job.departures_ns or by_odds):
+        # depth and speed of the mission that neither compares departures nor keeps a margin nor a reserve
+        best = plan_mission(flow, request)
+        settings = replace(best.settings, depths=None, speeds=None)
+        request = replace(request, vehicle=best.vehicle, settings=settings)
+    if job.departures_ns:
+        plans = plan_departures(flow, request, job.departures_ns)
+        return plans[best_departure(plans)], plans
+    made = plan_by_odds(flow, drawn, request, job.risk) if by_odds else plan_mission(flow, request)
+    if job.horizon_s is None:
+        return made, ()
+    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    return cut_at_horizon(made, job.horizon_s, first.grid.projection), ()
+
+
+def _judged(
+    asked: _Asked, request: MissionRequest, made: MissionPlan, notes: tuple[str, ...]
+) -> PlannedMission:
+    """Return a mission with its short list of waypoints where one is asked for, flown in the samples, along the list if there is one."""
+    job, currents, few, of_list, helps = asked.job, (asked.flow, asked.drawn), None, None, None
+    if job.waypoints and len(made.headings_deg):
+        few, of_list = waypoints_of(asked.flow, made, request, job.waypoint_tolerance, asked.drawn)
+        if not _is_safe(few, of_list, job):
+            helps = _other_tolerance(asked, request, made)
+    if not asked.drawn:
+        made = without_odds(made, asked.on.known.first)
+    made = with_origin(made, asked.origin)
+    planned = PlannedMission(made, asked.on, None, None, few, notes, len(asked.drawn), helps)
+    if not asked.drawn or len(made.headings_deg) == 0:
+        return planned
+    announce("flying the samples")
+    # one that was cut is to come to where it was cut
+    flown = to_its_end(made) if made.status == "partial" else made
+    odds = of_list or mission_odds(*currents, flown, request)
+    judged, samples = with_odds(made, odds, job.arrive, job.accepted_risk), samples_json(odds, job)
+    if job.held:
+        radius = made.settings.radius or made.settings.tolerance
+        arrives = (fly_mission(asked.drawn, made).miss <= radius).all(axis=1)
+        samples["held"] = float(arrives.mean())
+        told = f"{100.0 * samples['held']:.0f} % arrive with headings held at every surfacing"
+        planned = replace(planned, notes=(*notes, told))
+    return replace(planned, plan=judged, odds=odds, samples=samples)
+
+
+def _is_safe(few: Waypoints, odds: MissionOdds | None, job: PlanRequest) -> bool:
+    """Return whether a list of waypoints keeps clear, also in the samples where there are some."""
+    violating = 0.0 if odds is None else 1.0 - odds.safe
+    return few.violation is None and violating <= job.accepted_risk + 1e-9
+
+
+def _other_tolerance(asked: _Asked, request: MissionRequest, made: MissionPlan) -> float | None:
+    """Return the first of some wider tolerances with which the list is safe [m]: a glider that may stray more heads more steadily."""
+    usual = asked.job.waypoint_tolerance or made.settings.tolerance
+    for tolerance in (times * usual for times in _WIDER):
+        if request.settings.is_late:
+            break
+        if _is_safe(*waypoints_of(asked.flow, made, request, tolerance, asked.drawn), asked.job):
+            return tolerance
+    return None
+
+
+def samples_json(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
+    """Return the odds for ``--json``."""
+    figures = {
+        "count": odds.count,
+        "radius_m": odds.radius,
+        "deadline_s": odds.deadline,
+        "reached": odds.reached,
+        "arrival_median_s": odds.arrival_median,
+        "arrival_90_percent_s": odds.arrival_90_percent,
+        "miss_median_m": odds.miss_median,
+        "miss_90_percent_m": odds.miss_90_percent,
+        "safe": odds.safe,
+    }
+    return {
+        **{name: value if isfinite(value) else None for name, value in figures.items()},
+        "reached_interval": share_interval(odds.reached, odds.count),
+        "violations": dict(odds.violations),
+        "allowed": job.risk,
+        "held": None,
+    }
+
+
+def _apart(asked: _Asked, joint: JointMissions, names: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Yield how near each two missions come, a row each, for people and ``--json``."""
+    least = asked.job.separation or 0.0
+    for one in joint.nearness:
+        share = None
+        if asked.drawn and least:
+            # of samples that the ways were not chosen by
+            share = share_of_nearer(asked.flow, asked.drawn, joint, one.vehicles, least)
+        yield {
+            "vehicles": [names[k] for k in one.vehicles],
+            "least_distance_m": one.distance,
+            "time": time_text(one.time_ns),
+            "separation_m": least or None,
+            "nearer_in_samples": share,
+            "nearer_interval": None if share is None else share_interval(share, len(asked.drawn)),
+            "kept": not one.distance < least,
+        }
+
+
+def _of_its_own(times: Array, vehicles: Sequence[str], goals_of: Sequence[str]) -> Array:
+    """Return times in which a goal that is a vehicle's own is out of reach of all others, and all others out of reach of that vehicle."""
+    allowed = np.ones(times.shape, dtype=bool)
+    for k, vehicle in enumerate(vehicles):
+        own = np.array([name == vehicle for name in goals_of])
+        allowed[k] = own if own.any() else np.array([not name for name in goals_of])
+    return np.where(allowed, times, np.inf)
