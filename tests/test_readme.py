@@ -15,7 +15,7 @@ import pytest
 from matplotlib import pyplot
 
 from replay_kit.cli.app import app
-from replay_kit.cli.help import repeat_ensembles
+from replay_kit.cli.words import repeat_ensembles
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.workflows.fleet.missions import load_fleet
 from tests.command import run_command

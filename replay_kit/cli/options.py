@@ -179,7 +179,7 @@ def _is(path: Path, value: str) -> bool:
 # Settings of the forecast that do not need a log.
 _OF_FORECAST = (
     *("members", "axes", "region", "levels", "lead", "time", "reference_time"),
-    *("offline", "max_download", "cache"),
+    *("offline", "max_download"),
 )
 PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
 _LOGS = (

@@ -93,7 +93,7 @@ class PlannerConfig(Section):
         gt=0.0,
         description="Log time between plans [s]; a very large number plans at the end only.",
     )
-    max_duration: float = Field(
+    max_duration: Annotated[float, Option("--max-duration")] = Field(
         default=432000.0,
         gt=0.0,
         description="Longest glide or mission considered [s] (plan: 1200000).",
@@ -103,7 +103,7 @@ class PlannerConfig(Section):
         description="Depth of a mission's dives [m], or a range, as 100:700, in which it is chosen leg by leg. Default: as "
         "flown, else 500.",
     )
-    max_depth: float | None = Field(
+    max_depth: Annotated[float | None, Option("--max-depth", "METRES")] = Field(
         default=None,
         gt=0.0,
         description="Greatest depth of the vehicle [m]; deeper dives and goals are refused. Default: none.",
@@ -113,7 +113,7 @@ class PlannerConfig(Section):
         ge=1,
         description="Number of a mission's dives between surfacings; heading and glide angle are held. Default: as flown, else 1.",
     )
-    surface_time: float | None = Field(
+    surface_time: Annotated[float | None, Option("--surface-time", "SECONDS")] = Field(
         default=None,
         ge=0.0,
         description="Time that a mission drifts at each surfacing [s]. Default: as flown, else 0.",
@@ -123,7 +123,7 @@ class PlannerConfig(Section):
         ge=1,
         description="Number of surfacings of a mission, from its first plan on. Default: the best number.",
     )
-    max_legs: int | None = Field(
+    max_legs: Annotated[int | None, Option("--max-legs", "COUNT")] = Field(
         default=None,
         ge=1,
         description="Most surfacings of a mission. Default: as many as max_duration takes, of a mooring 60.",
@@ -144,15 +144,15 @@ class PlannerConfig(Section):
         lt=90.0,
         description="Steepest glide angle of a mission [degrees]. Default: 35, or as flown where that is more.",
     )
-    hotel: float = Field(
+    hotel: Annotated[float, Option("--hotel")] = Field(
         default=1.0, gt=0.0, description="Power of all but pump and propeller [W]."
     )
-    thrust: float = Field(
+    thrust: Annotated[float, Option("--thrust")] = Field(
         default=0.0,
         ge=0.0,
         description="Power of a propeller at 1 m/s [W], which grows with the cube of the speed; above 0 the vehicle has no pump.",
     )
-    margin: float = Field(
+    margin: Annotated[float, Option("--margin")] = Field(
         default=50.0,
         ge=0.0,
         description="Minimum distance of a mission from land, shallows and no-go areas [m].",
@@ -169,7 +169,7 @@ class PlannerConfig(Section):
         gt=0.0,
         description="Time between the estimates that a mission is planned on where the current changes [s].",
     )
-    samples: int | None = Field(
+    samples: Annotated[int | None, Option("--samples", "COUNT")] = Field(
         default=None,
         ge=0,
         description="Number of samples of the estimate in which a mission is simulated, for its odds and surfacing ellipses. "

@@ -1,6 +1,4 @@
-"""What earlier versions had and this one has no more: settings, options, their values and commands, each with what to use instead."""
-
-from collections.abc import Sequence
+"""What earlier versions had and this one has no more: settings, options and their values, each with what to use instead."""
 
 from replay_kit.core.errors import ConfigError
 
@@ -48,23 +46,11 @@ VALUES: dict[str, dict[str, str]] = {
         "leave it out for the project's own, or add yours as a package (entry point replay_kit.estimators)",
     ),
 }
-#: Commands.
-COMMANDS: dict[str, str] = {
-    "bench": "accuracy is measured in a copy of the project by python -m tests.benchmarks pings and dives"
-}
 
 
-def refuse_command(words: Sequence[str]) -> None:
-    """Raise ConfigError for a command line whose first word is a command that was."""
-    if words and (instead := COMMANDS.get(words[0])) is not None:
-        raise ConfigError(f"there is no command {words[0]} any more: {instead}")
-
-
-def refuse_option(command: str, option: str) -> None:
-    """Raise ConfigError for an option that a command had."""
-    named = option.removeprefix("--").replace("-", "_")
-    if (instead := SETTINGS.get(command, {}).get(named)) is not None:
-        raise ConfigError(f"{command} has no {option} any more: {instead}")
+def instead_of(command: str, option: str) -> str:
+    """Return what to use instead of an option that a command had, by its name; empty for one that it never had."""
+    return SETTINGS.get(command, {}).get(option.replace("-", "_"), "")
 
 
 def refuse_value(option: str, value: object) -> None:

@@ -52,7 +52,7 @@ class LogConfig(Section):
     clock: Annotated[Literal["log", "publish", "header"], Option("--clock")] = Field(
         default="log", description="Timestamp by which messages are ordered."
     )
-    system: int | None = Field(
+    system: Annotated[int | None, Option("--system", "ID")] = Field(
         default=None,
         ge=0,
         le=255,
@@ -159,10 +159,12 @@ class MeasurementConfig(Section):
         description="Correct mean currents for the flight-model error where earlier dives show one; mean currents then count beside "
         "profiles that were computed from them.",
     )
-    dead_reckoning: Literal["corrected", "through_water"] = Field(
-        default="corrected",
-        description="Whether dead-reckoned positions include a current; through_water: they do not, and give the depth-averaged current of "
-        "dives whose log states none.",
+    dead_reckoning: Annotated[Literal["corrected", "through_water"], Option("--dead-reckoning")] = (
+        Field(
+            default="corrected",
+            description="Whether dead-reckoned positions include a current; through_water: they do not, and give the "
+            "depth-averaged current of dives whose log states none.",
+        )
     )
     dac_std: float = Field(
         default=0.02,
@@ -269,7 +271,7 @@ class ForecastConfig(Section):
         "Default: all dated leads where the estimate changes in time, else the dated lead nearest to the log's first message; the last "
         "lead without a log, or where leads have no date.",
     )
-    time: Moment | None = Field(
+    time: Annotated[Moment | None, Option("--time", "TIME")] = Field(
         default=None,
         description="Time of the forecast, ISO 8601 UTC; the nearest is taken. Default: all times where the estimate changes in time, else "
         "the time nearest to the log's first message; the first time without a log.",

@@ -67,7 +67,7 @@ class Shore:
             "-o",
             str(self.out),
         ]
-        command += ["--follow", "--interval", "0.2", "--planner.samples", "10"]
+        command += ["--follow", "--interval", "0.2", "--samples", "10"]
         # in the background a shell lets its children ignore Ctrl-C
         signal.signal(signal.SIGINT, signal.default_int_handler)
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
@@ -182,11 +182,12 @@ def _followed(
         "replay",
         *logs,
         *arguments,
-        "--planner.samples",
+        "--samples",
         "10",
-        "--planner.when",
-        "surfacing",
+        "--config",
+        str(folder / "once.toml"),
     ]
+    (folder / "once.toml").write_text('[planner]\nwhen = "surfacing"\n')
     subprocess.run(
         [*command, "-o", str(once)],
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -121,12 +121,10 @@ def info(
     print_infos(found, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
-    given = [
-        *([] if settings.file is None else ["--config", str(settings.file)]),
-        *settings.words(),
-    ]
     refusal = check.refusal if check is not None and asks_for_replay(found) else None
-    following = next_command(found, logs, ensemble, given) if logs and refusal is None else []
+    following = (
+        next_command(found, logs, ensemble, settings.words()) if logs and refusal is None else []
+    )
     print_lines(console, following)
     if suggest is not None:
         write_text(
@@ -152,8 +150,7 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
     check_paths([*logs, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
-    from replay_kit.workflows.qc.check import check_quality
-    from replay_kit.workflows.qc.report import print_quality, quality_json
+    from replay_kit.workflows.qc import check_quality, print_quality, quality_json
 
     with progress() as advance:
         report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))
@@ -258,7 +255,7 @@ class Smoothed(Answer):
     ]
 
 
-@takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "output")
+@takes_settings("logs", "measurements", "forecast", "estimator", "time")
 def smooth(
     *logs: Log,
     ensemble: Ensemble,

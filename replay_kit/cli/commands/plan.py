@@ -79,26 +79,13 @@ class Outputs(Answer):
 
 @takes_settings(
     "plan",
-    "planner",
-    without=[
-        "plan.flows",
-        "plan.waypoints",
-        "plan.of_glider",
-        *(
-            f"planner.{key}"
-            for key in (
-                "kind",
-                "when",
-                "interval",
-                "flow_step",
-                "objective",
-                "min_angle",
-                "max_angle",
-                "bathymetry",
-            )
-        ),
-    ],
-    short="planner",
+    *(
+        f"planner.{key}"
+        for key in (
+            *("speed", "depth", "max_depth", "surface_time", "radius", "hotel", "thrust"),
+            *("margin", "clearance", "max_duration", "max_legs", "samples"),
+        )
+    ),
 )
 def plan(
     *flows: Annotated[

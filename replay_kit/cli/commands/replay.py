@@ -126,15 +126,11 @@ class Outputs(Answer):
 
 
 @takes_settings(
-    "logs",
-    "measurements",
-    "forecast",
-    "estimator",
-    "time",
-    "gating",
-    "consistency",
-    "planner",
-    "output",
+    *("logs", "measurements", "forecast", "estimator", "time"),
+    *(
+        f"planner.{key}"
+        for key in ("kind", "speed", "depth", "radius", "bathymetry", "clearance", "samples")
+    ),
 )
 def replay(
     *logs: Log,

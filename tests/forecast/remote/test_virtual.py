@@ -134,7 +134,8 @@ def test_no_chunk_is_received_that_the_box_does_not_touch(asker):
 
 @pytest.mark.full
 def test_a_box_of_a_store_of_20_gb(tmp_path):
-    store, cache = VirtualStore(), f"--forecast.cache={tmp_path / 'cache'}"
+    store, cache = VirtualStore(), f"--config {tmp_path / 'run.toml'}"
+    (tmp_path / "run.toml").write_text(f'[forecast]\ncache = "{tmp_path}/cache"\n')
     levels = ",".join(str(5 + 15 * k) for k in range(1, 29))
     with serving(Files(store)) as files:
         out = [tmp_path / "first.mcap", tmp_path / "second.mcap"]
