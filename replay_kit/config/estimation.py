@@ -35,8 +35,8 @@ class ConsistencyConfig(Section):
 
     on_failure: Literal["report", "stop", "ignore"] = Field(
         default="report",
-        description="Action when sources contradict each other: report goes on without what is known to be wrong and ends with exit code "
-        "6, stop ends the run with 3, ignore checks nothing.",
+        description="When sources contradict each other: report goes on without what is wrong and ends with exit code 6, stop ends "
+        "with 3, ignore checks nothing.",
     )
 
 
@@ -52,18 +52,13 @@ class TimeConfig(Section):
         Option("--time-scale", "S|auto|static"),
     ] = Field(
         default="auto",
-        description="Decorrelation time of the part of the current that the forecast does not explain [s]; auto: from the "
-        "ensemble's change between its dated times, static where it has one; static: the current does not change.",
-    )
-    trajectory_scale: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Decorrelation time of the mixture of the members' own evolutions [s]. Default: five times scale.",
+        description="Decorrelation time of what the forecast does not explain [s]; auto: from the ensemble's change between its "
+        "times; static: the current does not change.",
     )
     window: Literal["auto"] | Annotated[float, Field(ge=0.0)] = Field(
         default="auto",
-        description="Time within which profiles that repeat each other are combined into one update [s], for logs of 1 to 10 Hz; 0 "
-        "updates with each alone; auto: while the current differs between them by less than a quarter of their mean's error.",
+        description="Time within which profiles that repeat each other are combined into one update [s], for logs of 1 to 10 Hz; 0:"
+        " none; auto: by the current's change.",
     )
     oscillators: Annotated[tuple[Oscillation, ...], Option("--oscillators", "O1,O2,...")] = Field(
         default=(),
@@ -77,33 +72,7 @@ class TimeConfig(Section):
             refuse_value("--oscillators", name)
         return value
 
-    oscillator_std: float = Field(
-        default=0.1,
-        gt=0.0,
-        description="Prior standard deviation of the components of an oscillation [m/s].",
-    )
-    oscillator_scale: float = Field(
-        default=259200.0,
-        gt=0.0,
-        description="Decorrelation time of the phase of an oscillation [s].",
-    )
-    oscillator_depth_length: float = Field(
-        default=100.0, gt=0.0, description="Correlation length of oscillations in depth [m]."
-    )
     biases: tuple[Bias, ...] = Field(
         default=(),
         description="Instrument errors to estimate: heading, scale, shear.",
-    )
-    heading_bias_std: float = Field(
-        default=5.0, gt=0.0, description="Prior standard deviation of the heading bias [degrees]."
-    )
-    scale_bias_std: float = Field(
-        default=0.05,
-        gt=0.0,
-        description="Prior standard deviation of the scale bias, as a share of the velocity relative to the platform.",
-    )
-    shear_bias_std: float = Field(
-        default=2e-4,
-        gt=0.0,
-        description="Prior standard deviation of the shear bias along the way through water [m/s per m from the instrument].",
     )

@@ -43,15 +43,15 @@ class PlanRequest(Section):
     )
     goal: Annotated[tuple[str, ...], Option("--goal", PLACE.form, _INPUTS, True), PLACES] = Field(
         default=(),
-        description="Goal [degrees, degrees, m]; may be repeated, in order. Default: that of a result. With --glider goals are assigned to "
-        "gliders; NAME= fixes one.",
+        description="Goal [degrees, degrees, m]; may be repeated, in order. Default: that of a result. NAME= fixes it to one "
+        "glider.",
     )
     glider: Annotated[
         tuple[str, ...], Option("--glider", f"NAME={PLACE.form}", _INPUTS, True), PLACES
     ] = Field(
         default=(),
-        description="Where one of several gliders begins, in place of --start; give the option for each. They share the goals, and files "
-        "are written for each, with its name before their ending.",
+        description="Where one of several gliders begins, in place of --start; once for each. They share the goals, and each has "
+        "its own files.",
     )
     no_go: Annotated[Path | None, Option("--no-go", "FILE", _INPUTS)] = Field(
         default=None,
@@ -67,8 +67,7 @@ class PlanRequest(Section):
     )
     depart: Annotated[str | None, Option("--depart", "T0,T1,STEP", _OPTIONS)] = Field(
         default=None,
-        description="Compare departures from T0 to T1. The one that arrives first is planned; with another --objective than time the best "
-        "by it: time=1 plans the shortest mission.",
+        description="Compare departures from T0 to T1; the best by --objective is planned, by default the earliest arrival.",
     )
     horizon: Annotated[str | None, Option("--horizon", "DURATION", _OPTIONS)] = Field(
         default=None,

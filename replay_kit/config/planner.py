@@ -67,13 +67,12 @@ class PlannerConfig(Section):
 
     kind: Annotated[Literal["auto", "glide", "mission"], Option("--planner")] = Field(
         default="auto",
-        description="What is planned: a glide, one constant velocity through water, or a mission of dives; auto: for a glider's log a "
-        "mission, for others a glide.",
+        description="What is planned: a glide, one constant velocity, or a mission of dives; auto: a mission for a glider's log, a "
+        "glide for others.",
     )
     when: Literal["interval", "surfacing"] = Field(
         default="interval",
-        description="When a plan is made: at intervals, a mission at the first surfacing after each; or at each surfacing, and after an "
-        "interval without one.",
+        description="When a plan is made: at intervals, a mission's at the next surfacing; or at each surfacing.",
     )
     speed: Annotated[float | str | None, Option("--speed", "M/S|MIN:MAX")] = Field(
         default=None,
@@ -150,7 +149,7 @@ class PlannerConfig(Section):
     thrust: Annotated[float, Option("--thrust")] = Field(
         default=0.0,
         ge=0.0,
-        description="Power of a propeller at 1 m/s [W], which grows with the cube of the speed; above 0 the vehicle has no pump.",
+        description="Power of a propeller at 1 m/s [W]; above 0 the vehicle has no pump.",
     )
     margin: Annotated[float, Option("--margin")] = Field(
         default=50.0,
@@ -172,8 +171,8 @@ class PlannerConfig(Section):
     samples: Annotated[int | None, Option("--samples", "COUNT")] = Field(
         default=None,
         ge=0,
-        description="Number of samples of the estimate in which a mission is simulated, for its odds and surfacing ellipses. "
-        "Default: 100 for plan and for the last plan of a replay, else 0.",
+        description="Number of samples of the estimate in which a mission is flown, for its odds and ellipses. Default: 100 for "
+        "plan and the last plan of a replay, else 0.",
     )
     seed: int = Field(default=0, ge=0, description="Seed of the samples.")
 

@@ -148,17 +148,6 @@ class QualityConfig(Section):
         "median deviations, as standard deviations",
         6.0,
     )
-    outlier_window: int = Field(
-        default=7,
-        ge=5,
-        le=99,
-        description="Number of bins in the window whose middle one is tested.",
-    )
-    outlier_floor: float = Field(
-        default=0.1,
-        gt=0.0,
-        description="Least median deviation [m/s], in addition to the bin's own error, so that smooth profiles pass.",
-    )
     at_surface: Literal["off", "suspect", "fail"] = Field(
         default="suspect",
         description="Treatment of pings above measurements.surface_depth from a vehicle that dives.",

@@ -4,6 +4,7 @@ from replay_kit.core.errors import ConfigError
 
 _SAMPLING = "adaptive sampling is gone: choose the places yourself, and plan to them with --goal"
 _BLIND = "it steered a vehicle that nobody corrects: --held says how one fares"
+_CONSTANT = "nobody changed its default, which holds now"
 _GATE = "what exceeds the gate is rejected, and where most is, the ensemble is taken to be too narrow: softening let faults in"
 
 #: Keys of the settings, by table; of a table with a command's name they are its options too.
@@ -25,7 +26,22 @@ SETTINGS: dict[str, dict[str, str]] = {
             "an ensemble that differs too little is found by its first profiles, and its variance multiplied",
         ),
     },
-    "time": {"dropped_std": "it is [estimator] dropped_std, of an estimate that is constant too"},
+    "measurements.quality": dict.fromkeys(("outlier_window", "outlier_floor"), _CONSTANT),
+    "time": {
+        "dropped_std": "it is [estimator] dropped_std, of an estimate that is constant too",
+        **dict.fromkeys(
+            (
+                *("trajectory_scale", "oscillator_std", "oscillator_scale"),
+                *(
+                    "oscillator_depth_length",
+                    "heading_bias_std",
+                    "scale_bias_std",
+                    "shear_bias_std",
+                ),
+            ),
+            _CONSTANT,
+        ),
+    },
     "planner": {"flight_model": "a script plans with Glider(flight=fit_flight(...))"},
     "plan": {
         **dict.fromkeys(

@@ -87,13 +87,13 @@ class LogConfig(Section):
         Option("--columns", "QUANTITY=COLUMN"),
     ] = Field(
         default_factory=dict,
-        description="Columns of a table of pings that have neither the standard name nor that of the quantity (time, longitude, latitude, "
-        "depth, u, v, error); a number stands for all rows. The option may be repeated.",
+        description="Columns of a table of pings that have neither the standard name nor that of the quantity; a number stands for "
+        "all rows. The option may be repeated.",
     )
     caches: str | None = Field(
         default=None,
-        description="Folder with the sensor lists (.cac) of a Slocum's files. Default: that of the files, and cac and cache in it and in "
-        "the three folders above.",
+        description="Folder with the sensor lists (.cac) of a Slocum's files, where they are neither in cac or cache beside these "
+        "nor in the three folders above.",
     )
 
     @model_validator(mode="after")
@@ -156,8 +156,8 @@ class MeasurementConfig(Section):
     )
     flight_bias: bool = Field(
         default=True,
-        description="Correct mean currents for the flight-model error where earlier dives show one; mean currents then count beside "
-        "profiles that were computed from them.",
+        description="Correct mean currents for the flight-model error where earlier dives show one; they then count beside profiles"
+        " computed from them.",
     )
     dead_reckoning: Annotated[Literal["corrected", "through_water"], Option("--dead-reckoning")] = (
         Field(
@@ -193,8 +193,8 @@ class MeasurementConfig(Section):
     surface_tide_std: float | None = Field(
         default=None,
         ge=0.0,
-        description="Speed of tides and inertial motion at the surface that the forecast does not hold [m/s], of each component: an "
-        "error of currents by radar and of drifters; 0 for a forecast or a model of time that holds them. Default: 0.08.",
+        description="Speed of tides and inertial motion at the surface that the forecast does not hold [m/s]: an error of radars "
+        "and drifters. Default: 0.08.",
     )
     surface_spacing: float | None = Field(
         default=None,
@@ -207,8 +207,7 @@ class MeasurementConfig(Section):
     )
     without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
         default=(),
-        description="Withhold measurements (data denial): dac, profiles, shear, radar, drifters, sensors, dives:3-5. Values that "
-        "the log's own programs computed from them stay.",
+        description="Withhold measurements (data denial): dac, profiles, shear, radar, drifters, sensors, dives:3-5.",
     )
     map: tuple[TopicMap, ...] = Field(
         default=(),
@@ -239,10 +238,9 @@ class ForecastConfig(Section):
 
     members: Annotated[str | None, Option("--members", "RULE")] = Field(
         default=None,
-        description="Definition of a member. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; "
-        "suffix: variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so "
-        "many days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
-        "dimension, else labels such as mem001 in the names of files, else files of the same times, else forecasts of several starts.",
+        description="What a member is. dim[:NAME]: a position along a dimension; files[:REGEX]: a file or a label; suffix: "
+        "variables such as uo_glor and uo_oras; lags: forecasts of several starts; times:15d: fields within so many "
+        "days of the season; models: several products. Default: found from the files.",
     )
     axes: Annotated[Literal["auto", "grid", "true"], Option("--axes")] = Field(
         default="auto",
@@ -252,29 +250,27 @@ class ForecastConfig(Section):
         tuple[float, float, float, float] | None, Option("--region", "W,S,E,N|all")
     ] = Field(
         default=None,
-        description="West, south, east and north bound of the part used [degrees], or all. Default: all of a forecast of 1,200 points a "
-        "level or fewer, or without a log; of a larger one the log's positions, the goal and four correlation lengths around them.",
+        description="West, south, east and north bound of the part used [degrees], or all. Default: all of a small forecast, else "
+        "what lies around the log and the goal.",
     )
     window_points: int | None = Field(
         default=None,
         ge=100,
-        description="Largest window [points per level]; in a larger region windows of this size follow each vehicle, each "
-        "starting from the estimate of the previous one. With a goal, and for estimates through time, one region holds all. "
-        "Default: a square of 14 correlation lengths, at least 1,600.",
+        description="Largest region [points per level] that is estimated at once; in a larger one windows follow each vehicle. "
+        "Default: a square of 14 correlation lengths.",
     )
     levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(
         default=None, description="Depth levels used [m]; the nearest are taken. Default: all."
     )
     lead: Annotated[float | None, Option("--lead", "LEAD")] = Field(
         default=None,
-        description="Forecast period in the file's unit, or of times without dates how long after the first; the nearest is taken. "
-        "Default: all dated leads where the estimate changes in time, else the dated lead nearest to the log's first message; the last "
-        "lead without a log, or where leads have no date.",
+        description="Forecast period in the file's unit, or as a duration since the first time; the nearest is taken. Default: as "
+        "--time.",
     )
     time: Annotated[Moment | None, Option("--time", "TIME")] = Field(
         default=None,
-        description="Time of the forecast, ISO 8601 UTC; the nearest is taken. Default: all times where the estimate changes in time, else "
-        "the time nearest to the log's first message; the first time without a log.",
+        description="Time of the forecast, ISO 8601 UTC; the nearest is taken. Default: all times where the estimate changes in "
+        "time, else that nearest to the log's start.",
     )
     reference_time: Annotated[Moment | None, Option("--reference-time", "TIME")] = Field(
         default=None,
@@ -294,7 +290,8 @@ class ForecastConfig(Section):
     ] = Field(
         default=None,
         exclude=True,
-        description="Largest download of a forecast given by address [MB]. Default: 1000, and no more than 10 times the values needed.",
+        description="Largest download of a forecast given by address [MB]. Default: 1000, and no more than 10 times the values "
+        "needed.",
     )
     cache: str | None = Field(
         default=None,
@@ -358,25 +355,24 @@ class EstimatorConfig(Section):
         default=None,
         ge=0.0,
         le=1.0,
-        description="Share of the sample covariance in the prior; the localised covariance has the rest. Default: fitted by leaving "
-        "members out.",
+        description="Share of the sample covariance in the prior, as fit writes it. Default: fitted by leaving members out.",
     )
     mean_variance: float | None = Field(
         default=None,
         ge=0.0,
-        description="Variance of the amplitude of the ensemble mean, whose mean is 1; 0 takes the mean's amplitude as certain; preset "
-        "default only. Default: averaged over 0 to 0.3 by the first profiles; 0.1 through time or with a stated spread.",
+        description="Variance of the amplitude of the ensemble mean; 0 takes it as certain. Default: by the first profiles; 0.1 "
+        "through time or with a stated spread.",
     )
     shift_distance: float | None = Field(
         default=None,
         ge=0.0,
-        description="Distance of the members' shifted copies [m], 0 for none; preset default only. Default: one correlation length, or "
-        "half of it where that suits members left out better.",
+        description="Distance of the members' shifted copies [m], 0 for none, as fit writes it. Default: one correlation length, or"
+        " half of it.",
     )
     localisation_radius: float | None = Field(
         default=None,
         gt=0.0,
-        description="Distance at which the localisation's taper is zero [m]; preset default only. Default: 6.5 correlation lengths.",
+        description="Distance at which the localisation's taper is zero [m], as fit writes it. Default: 6.5 correlation lengths.",
     )
     representation_error_std: float | None = Field(
         default=None,
@@ -385,14 +381,14 @@ class EstimatorConfig(Section):
     )
     spread: Literal["as_given", "fit"] | Annotated[float, Field(gt=0.0)] | None = Field(
         default=None,
-        description="Factor on the prior's variance. fit: by the first profiles, in a constant estimate; as_given (1) or a number: they "
-        "change nothing of the prior. Default: fit for members made of lags, times or models; else profiles scale the stated errors.",
+        description="Factor on the prior's variance; fit: by the first profiles; as_given: 1. Default: fit for members made of "
+        "lags, times or models.",
     )
     dropped_std: float = Field(
         default=9e-3,
         ge=0.0,
-        description="Largest standard deviation of all directions of the prior dropped together [m/s], which is part of the errors; "
-        "preset default only.",
+        description="Largest standard deviation of all directions of the prior dropped together [m/s]; smaller is slower and more "
+        "exact.",
     )
     paper_error_std: float = Field(
         default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s]."
@@ -431,7 +427,7 @@ class OutputConfig(Section):
     )
     metadata: dict[str, str] = Field(
         default_factory=dict,
-        description="Global attributes (ACDD) of the NetCDF files written, that only a person knows: creator_name, license, ...",
+        description="Global attributes (ACDD) of the NetCDF files written, such as creator_name and license.",
     )
 
 
