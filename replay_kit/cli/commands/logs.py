@@ -1,6 +1,6 @@
 """``info``, ``qc``, ``convert``, ``smooth`` and ``verify``: logs looked at, tested, made one, estimated from anew; a result made again."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -204,18 +204,20 @@ def verify(
     """Return 0, 4 when part of the result was lost, or 5 when it could not be made again."""
     check_paths([result, *(inputs or ())], [answer.json_file], answer.overwrite)
 
+    from replay_kit.show.text import print_lines
     from replay_kit.workflows.planning.adapters import planner_of
     from replay_kit.workflows.planning.together import plan_again
     from replay_kit.workflows.sound import sound_result
-    from replay_kit.workflows.verify import print_verdict, verdict_json
     from replay_kit.workflows.verify import verify as verify_result
 
     with progress() as advance, sound_result(result) as sound:
         folders = [*(inputs or ()), result.parent]
         verdict = verify_result(sound.path, folders, planner_of, advance, plan_again)
-    verdict = replace(verdict, result=result, notes=(*sound.lines, *verdict.notes))
-    print_verdict(verdict, console_beside(answer.json_file))
-    write_json(answer.json_file, verdict_json(verdict))
+    notes = [*sound.lines, *verdict.notes]
+    said = [f"{result}: {line}" for line in str(verdict.difference).splitlines()]
+    print_lines(console_beside(answer.json_file), [*said, *(f"note: {note}" for note in notes)])
+    found = verdict.difference.to_json()
+    write_json(answer.json_file, {"result": str(result), **found, "notes": notes})
     return sound.exit_code or (0 if verdict.same else 5)
 
 
