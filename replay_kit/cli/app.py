@@ -114,7 +114,7 @@ _COMMANDS = {
             "Fit the prior to an ensemble by cross-validation over members, and report the fitted settings.",
         ),
         "config": (
-            "settings",
+            "ensemble",
             "[SECTION...]",
             "List every setting of a file of --config with its default and what it is for, as TOML.",
         ),
@@ -278,7 +278,7 @@ def _explained(error: CycloptsError) -> str:
         what = error.argument.name if error.keyword is None else f"{error.keyword}: its value"
         message = f"{what} is missing; expected replay-kit {command} {FORMS[command]}."
     elif isinstance(error, UnknownOptionError):
-        from replay_kit.config.listing import settings_named
+        from replay_kit.cli.settings import settings_named
         from replay_kit.config.removed import instead_of
 
         name = (error.token.keyword or error.token.value).partition("=")[0].lstrip("-")

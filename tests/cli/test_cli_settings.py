@@ -10,8 +10,7 @@ import pytest
 
 from planners.output.waypoints import FORMS
 from replay_kit.cli.app import app
-from replay_kit.cli.settings import Settings, takes_settings
-from replay_kit.config.listing import every_setting
+from replay_kit.cli.settings import Settings, every_setting, takes_settings
 from replay_kit.config.option import Option
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError

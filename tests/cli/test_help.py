@@ -14,7 +14,9 @@ def test_every_option_is_there_and_no_line_is_wider_than_the_terminal(words):
     for word in words.split():
         command = command[word]
     with app.app_stack(words.split()):
-        shown = [each for each in command.assemble_argument_collection() if each.show]
+        arguments = command.assemble_argument_collection(parse_docstring=True)
+        shown = [each for each in arguments if each.show]
+    assert all(each.parameter.help for each in shown)
     # names may be folded
     joined = "".join(said.replace("\u2502", "").split())
     assert all(name in joined for each in shown for name in each.names)
