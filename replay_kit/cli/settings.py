@@ -81,10 +81,11 @@ def takes_settings(*paths: str, file: bool = True) -> Callable[[_Command], _Comm
     for path, setting in every_setting():
         mark = next(_marks(setting, Option), None)
         if mark is not None and any(f"{path}.".startswith(f"{wanted}.") for wanted in paths):
-            kind, read = _option_type(setting, mark)
-            entry = field(default=None, metadata={"path": path, "option": mark.name, "read": read})
+            name = mark.name or f"--{path.partition('.')[2].replace('_', '-')}"
+            kind, read = _option_type(setting, name, mark.repeats)
+            entry = field(default=None, metadata={"path": path, "option": name, "read": read})
             # the forms of numbers are checked with the option
-            marks = _parameter(setting, mark), *_marks(setting, Numbers)
+            marks = _parameter(name, setting, mark), *_marks(setting, Numbers)
             entries.append((path.replace(".", "__"), Annotated[kind, *marks], entry))
     # cyclopts takes a class without a module of its own for one of Python's, which it does not look into
     given = make_dataclass(
@@ -119,7 +120,9 @@ def _marks(setting: FieldInfo, kind: type[_Mark]) -> Iterator[_Mark]:
     return (part for part in setting.metadata if isinstance(part, kind))
 
 
-def _option_type(setting: FieldInfo, mark: Option) -> tuple[Any, Callable[[Any], object]]:
+def _option_type(
+    setting: FieldInfo, name: str, repeats: bool
+) -> tuple[Any, Callable[[Any], object]]:
     """Return the type of a setting's option, and the function that reads its value.
 
     Switches and words are checked with the option; other text is checked by the settings' model, as a TOML file is.
@@ -129,19 +132,19 @@ def _option_type(setting: FieldInfo, mark: Option) -> tuple[Any, Callable[[Any],
     if bool in kinds or get_origin(annotation) is Literal:
         return annotation | None, lambda value: value
     if get_origin(annotation) is dict:
-        return list[str] | None, lambda pairs: remapped(pairs, mark.name)
-    if mark.repeats:
+        return list[str] | None, lambda pairs: remapped(pairs, name)
+    if repeats:
         return list[str] | None, list
     several = any(get_origin(kind) is tuple for kind in kinds)
     return str | None, (lambda text: text.split(",")) if several else str
 
 
-def _parameter(setting: FieldInfo, mark: Option) -> Parameter:
+def _parameter(name: str, setting: FieldInfo, mark: Option) -> Parameter:
     """Return the option of a setting."""
     default = setting.default
     shown = f" [default: {default}]" if isinstance(default, int | float | str) and default else ""
     return Parameter(
-        name=mark.name,
+        name=name,
         metavar=mark.metavar or ("NUMBER" if "float" in str(setting.annotation) else None),
         allow_leading_hyphen=mark.metavar is not None,
         allow_repeating=True if setting.annotation is bool else None,

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
-from replay_kit.config.file import Section
+from replay_kit.config.file import NotNegative, Section
 from replay_kit.config.removed import refuse_value
 
 
@@ -25,7 +25,7 @@ def _none_is_off(value: float | None) -> float | str:
 
 
 _Limit = Annotated[
-    Annotated[float, Field(ge=0.0)] | None,
+    NotNegative | None,
     BeforeValidator(_off_is_none),
     PlainSerializer(_none_is_off, return_type=float | str),
 ]

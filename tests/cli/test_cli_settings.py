@@ -88,9 +88,10 @@ def test_a_replay_has_sixty_options_at_most_and_their_help_is_that_of_the_settin
     options = {option.name: option for option in app["replay"].assemble_argument_collection()}
     assert len(options) <= 60
     for path, setting in every_setting():
-        mark = next((part for part in setting.metadata if isinstance(part, Option)), None)
-        if mark is not None and mark.name in options and not path.startswith("plan."):
-            assert options[mark.name].parameter.help.startswith(setting.description), path
+        name = f"--{path.rpartition('.')[2].replace('_', '-')}"
+        marked = any(isinstance(part, Option) and part.name is None for part in setting.metadata)
+        if marked and name in options and not path.startswith("plan."):
+            assert options[name].parameter.help.startswith(setting.description), path
 
 
 def test_help_lists_what_the_libraries_have():
