@@ -161,18 +161,17 @@ def test_levels_that_the_paper_s_functions_cannot_tell_apart_are_refused(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("members", "stated", "said"), [(3, "", True), (4, "", False), (2, "0.1", False)]
+    ("members", "stated", "said"),
+    [(3, "", True), (4, "", False), (2, "representation_error_std = 0.1", False)],
 )
 def test_too_few_members_to_state_errors_are_said_before_the_replay(
     members, stated, said, tmp_path, caplog
 ):
     data = synthetic.dataset(n_members=members, west=152.9, south=-40.5)
     data.to_netcdf(tmp_path / "few.nc", engine="h5netcdf")
-    command = f"replay {LOG} --ensemble {tmp_path}/few.nc -o {tmp_path}/x.mcap --dry-run"
-    if stated:
-        (tmp_path / "run.toml").write_text(f"[estimator]\nrepresentation_error_std = {stated}\n")
-        command += f" --config {tmp_path}/run.toml"
-    succeed(command)
+    (tmp_path / "run.toml").write_text(f"[estimator]\n{stated}")
+    files = f"{LOG} --ensemble {tmp_path}/few.nc --config {tmp_path}/run.toml"
+    succeed(f"replay {files} -o {tmp_path}/x.mcap --dry-run")
     words = f"{members} members are too few to state errors, expected 4 or more"
     advice = "set estimator.representation_error_std to a number from your own measurements"
     assert [text in caplog.text for text in (words, advice)] == [said, said]

@@ -150,7 +150,6 @@ def test_a_box_of_a_store_of_20_gb(tmp_path):
                 text=True,
                 check=False,
             )
-            print(done.stdout[-300:], done.stderr[-2000:])
             assert done.returncode in (0, 6), done.stdout + done.stderr
             assert float(done.stdout.rpartition("PEAK ")[2]) < 600.0
         assert len(files.asked) == count
