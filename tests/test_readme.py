@@ -173,9 +173,7 @@ def test_every_command_has_the_options_of_its_block():
     for _, name, code in SHELL:
         for words in commands(code):
             if words[0] == "replay-kit":
-                app.parse_args(
-                    repeat_ensembles(words[1:]), print_error=False, exit_on_error=False
-                )  # refuses what it does not know
+                app.parse_args(repeat_ensembles(words[1:]))  # refuses what it does not know
             else:
                 assert (ROOT / words[1]).is_file(), name
 

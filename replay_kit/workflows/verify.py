@@ -32,7 +32,6 @@ from replay_kit.workflows.replay.scoring import RIVAL
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
 _VERSIONS = "replay_kit.versions"
-_VALUES_SHOWN = 10
 
 #: Plans again what a result records, with its configuration and its inputs by their keys, and writes the plan's result.
 PlanAgain = Callable[[Recorded, RunConfig, Mapping[str, Path], Path], None]
@@ -85,7 +84,7 @@ def verify(
         if options.get("smoothed")
         else f"got one whose {options[PROVIDED]} a script gave; run the script again"
         if options.get(PROVIDED)
-        else "got a plan of an earlier version, which records no options; plan again"
+        else "got a plan of an earlier version, which records no options to make it again from; plan again"
         if planned and PLAN_RECORD not in recorded.metadata
         else ""
     )

@@ -78,7 +78,7 @@ def test_a_replay_over_opendap_and_griddap_is_that_of_the_file(tmp_path, ensembl
 
 
 def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemble):
-    cache, out = f"--config {tmp_path}/run.toml", tmp_path / "boat.nc"
+    cache, out = f"--config {tmp_path}/run.toml", f"{tmp_path}/boat.nc"
     with serving(Files(zarr_objects(ensemble, zarr_format=2))) as files:
         part = f"--ensemble {files.url} --region 152,-40.2,153,-39.8 {cache}"
         priced = invoke(f"fetch {part} --dry-run --json -")
