@@ -15,7 +15,7 @@ import pytest
 from matplotlib import pyplot
 
 from replay_kit.cli.app import app
-from replay_kit.cli.help import repeat_ensembles
+from replay_kit.cli.words import repeat_ensembles
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.workflows.fleet.missions import load_fleet
 from tests.command import run_command
@@ -173,9 +173,7 @@ def test_every_command_has_the_options_of_its_block():
     for _, name, code in SHELL:
         for words in commands(code):
             if words[0] == "replay-kit":
-                app.parse_args(
-                    repeat_ensembles(words[1:]), print_error=False, exit_on_error=False
-                )  # refuses what it does not know
+                app.parse_args(repeat_ensembles(words[1:]))  # refuses what it does not know
             else:
                 assert (ROOT / words[1]).is_file(), name
 

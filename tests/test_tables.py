@@ -10,7 +10,7 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from tests.command import run_command
 from tests.test_in_memory import DEPTHS, SETTINGS, _dataset, _profiles
 
-OPTIONS = "--modes 6 --estimator.sample-share 0.5 --estimator.shift-distance 0 --time.scale static"
+OPTIONS = "--modes 6 --time-scale static --config fast.toml"
 PROFILES = [*_profiles()]
 SPEEDS = np.array([profile.velocity.T for profile in PROFILES])
 
@@ -182,6 +182,7 @@ def test_a_file_of_pings_is_an_input_of_the_command(tmp_path, name, expected):
     options, write = FILES[name]
     write(tmp_path / name)
     _dataset().to_netcdf(tmp_path / "e.nc", engine="h5netcdf")
+    (tmp_path / "fast.toml").write_text("[estimator]\nsample_share = 0.5\nshift_distance = 0.0")
     done = run_command(tmp_path, f"replay {name} --ensemble e.nc -o out.mcap {OPTIONS} {options}")
     assert done.returncode == 0, done.stderr
     np.testing.assert_allclose(_latent(rk.open_result(tmp_path / "out.mcap")), expected, atol=1e-10)

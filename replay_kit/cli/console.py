@@ -1,6 +1,5 @@
 """Where answers and progress go: terminal, pipe, file; how much a command prints, and the file of ``--log`` that keeps it."""
 
-import errno
 import io
 import os
 import re
@@ -83,8 +82,6 @@ FORMAT_VERSION = 2
 
 # Seconds between two looks of a progress line.
 _LOOK = 0.1
-# Seconds that the reader of a pipe is waited for.
-_PATIENCE = 5.0
 # How colours are set on a terminal.
 _STYLE = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -240,33 +237,14 @@ def write_text(path: Path | None, text: str) -> None:
     """Write an answer: a file appears whole or not at all, a pipe or device is written as it is, ``-`` is standard output.
 
     Raises:
-        ReplayKitError: It cannot be written, or nobody reads the pipe.
+        ReplayKitError: It cannot be written.
     """
     if path is None:
         return
     if str(path) == "-":
         sys.stdout.write(text)
     elif is_stream(path):
-        with stored(path), _opened_stream(path) as stream:
+        with stored(path), path.open("w", encoding="utf-8") as stream:
             stream.write(text)
     else:
         write_whole(path, text)
-
-
-def _opened_stream(path: Path) -> TextIO:
-    """Return a pipe or device opened to be written."""
-    until = time.monotonic() + _PATIENCE
-    while True:
-        try:
-            stream = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
-            break
-        except OSError as error:
-            if error.errno != errno.ENXIO:
-                raise
-            if time.monotonic() > until:
-                raise ReplayKitError(
-                    f"{path}: nobody reads this pipe; begin to read it first, or give the name of a file"
-                ) from error
-        time.sleep(_LOOK)
-    os.set_blocking(stream, True)
-    return os.fdopen(stream, "w", encoding="utf-8")

@@ -1,9 +1,10 @@
 """What the commands share: option groups, the endings of outputs, and the reading of values with several parts."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from cyclopts import App, ArgumentCollection, Group, Parameter, Token
 from cyclopts.validators import Number
@@ -12,6 +13,7 @@ from replay_kit.cli import console
 from replay_kit.config.option import PLACE, Numbers, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import is_stream, path_of
+from replay_kit.core.quantities import parse_duration
 
 if TYPE_CHECKING:
     from replay_kit.core.plan import Place
@@ -44,54 +46,41 @@ TO_INPUTS, TO_OUTPUTS, TO_OPTIONS = (
 
 
 def option(
-    names: str,
-    help: str,
-    *,
-    metavar: str | None = None,
-    group: Group | None = None,
-    least: float | None = None,
+    metavar: str | None = None, *, least: float | None = None, seconds: bool = False, **more: Any
 ) -> Parameter:
-    """Return an option with one value; the help adds its default.
+    """Return an option with one value; its name is that of the parameter, its help stands in the docstring.
 
     Args:
-        names: Of the option with spaces between them, the long one first.
-        help: What it states, with its unit.
         metavar: Form of the value; None for the type's own. A value whose form is stated may begin with a minus, as a longitude does.
-        group: Heading in the help; None for that of the values around it.
         least: Least number accepted; None for no bound.
+        seconds: Whether a duration such as 36h is taken too.
+        more: As of ``Parameter``: another name, an alias, a group, a help that several commands share.
     """
-    validator = () if least is None else (Number(gte=least),)
-
-    def converted(_: type, tokens: Sequence[Token]) -> float:
-        # the models of settings take as long to load as the help
-        from replay_kit.config.file import in_unit
-
-        try:
-            return float(str(in_unit(tokens[0].value, help)))
-        except ValueError as error:
-            raise ValueError("expected a number, or a duration such as 90s, 36h, 2d") from error
-
-    made = Parameter(
-        name=names.split(),
-        help=help,
-        metavar=metavar,
-        converter=converted if "[s]" in help or "[d]" in help else None,
-        validator=validator,
-        allow_leading_hyphen=metavar is not None,
-    )
-    # a heading that is None would be no heading at all, not that of the values around it
-    return made if group is None else Parameter.combine(made, Parameter(group=group))
+    if least is not None:
+        more["validator"] = Number(gte=least)
+    if seconds:
+        more["converter"] = _seconds
+    return Parameter(metavar=metavar, allow_leading_hyphen=metavar is not None, **more)
 
 
-def argument(name: str, help: str) -> Parameter:
+def _seconds(_: type, tokens: Sequence[Token]) -> float:
+    for read in (float, parse_duration):
+        with suppress(ValueError, ConfigError):
+            return read(tokens[0].value)
+    raise ValueError("expected a number, or a duration such as 90s, 36h, 2d")
+
+
+def argument(name: str, **more: Any) -> Parameter:
     """Return a required argument without an option's name."""
-    return Parameter(name=name, help=help, group=INPUTS, required=True)
+    return Parameter(name=name, group=INPUTS, required=True, **more)
 
 
-def flag(names: str, help: str, group: Group | None = None) -> Parameter:
+def flag(**more: Any) -> Parameter:
     """Return an option without a value; it may be repeated."""
-    made = Parameter(name=names.split(), help=help, show_default=False, allow_repeating=True)
-    return made if group is None else Parameter.combine(made, Parameter(group=group))
+    return Parameter(allow_repeating=True, **more)
+
+
+FLAG = flag()
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +168,7 @@ def _is(path: Path, value: str) -> bool:
 # Settings of the forecast that do not need a log.
 _OF_FORECAST = (
     *("members", "axes", "region", "levels", "lead", "time", "reference_time"),
-    *("offline", "max_download", "cache"),
+    *("offline", "max_download"),
 )
 PART_OF_FORECAST = tuple(f"forecast.{key}" for key in _OF_FORECAST)
 _LOGS = (
@@ -187,7 +176,7 @@ _LOGS = (
     "SeaExplorer raw files, a table of pings (pings.csv or .nc with time, longitude, latitude, depth, u, v, error; --columns u=East names "
     "others), or folders of these; merged by time."
 )
-Log = Annotated[Path, argument("LOG", _LOGS)]
+Log = Annotated[Path, argument("LOG", help=_LOGS)]
 LogIfAny = Annotated[Path, Parameter(name="LOG", help=_LOGS, group=INPUTS, required=False)]
 MCAP, NETCDF, HTML = Ending((".mcap",)), Ending((".nc",)), Ending((".html",))
 ENSEMBLE_HELP = (
@@ -205,58 +194,51 @@ def _paths(_: object, tokens: Sequence[Token]) -> tuple[Path, ...]:
 SOURCES = Parameter(converter=_paths)
 Ensemble = Annotated[
     tuple[Path, ...],
-    option("--ensemble", f"Ensemble forecast: {ENSEMBLE_HELP}", metavar="FILE...", group=INPUTS),
+    option("FILE...", group=INPUTS, help=f"Ensemble forecast: {ENSEMBLE_HELP}"),
     SOURCES,
 ]
-Truth = Annotated[
-    str | None, option("--truth", "Known truth to score against.", metavar="T.nc[#member]")
-]
+Truth = Annotated[str | None, option("T.nc[#member]", help="Known truth to score against.")]
 Noise = Annotated[
     float,
-    option("--noise", "Standard deviation of each velocity component of a bin [m/s].", least=0.0),
+    option(least=0.0, help="Standard deviation of each velocity component of a bin [m/s]."),
 ]
 ConfigFile = Annotated[
     Path | None,
     option(
-        "--config",
-        "Settings of the run; options on the command line override them.",
-        metavar="TOML",
-        group=INPUTS,
+        "TOML", group=INPUTS, help="Settings of the run; options on the command line override them."
     ),
 ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replacing:
-    """Whether outputs that exist are replaced, and how much is printed."""
+    """Whether outputs that exist are replaced, and how much is printed.
 
-    overwrite: Annotated[
-        bool, flag("--overwrite", "Replace outputs that exist. An input is never replaced.")
-    ] = False
-    quiet: Annotated[bool, flag("--quiet -q", "Print nothing but errors.", REPORTING)] = False
-    verbose: Annotated[bool, flag("--verbose -v", "Print whole tables, row by row.", REPORTING)] = (
-        False
+    Attributes:
+        overwrite: Replace outputs that exist. An input is never replaced.
+        quiet: Print nothing but errors.
+        verbose: Print whole tables, row by row.
+        log: Append everything printed to a file, with timestamps.
+    """
+
+    overwrite: Annotated[bool, FLAG] = False
+    quiet: Annotated[bool, flag(alias="-q", group=REPORTING)] = False
+    verbose: Annotated[bool, flag(alias="-v", group=REPORTING)] = False
+    log: Annotated[Path | None, option("FILE.log", group=REPORTING), Ending((".log", ".txt"))] = (
+        None
     )
-    log: Annotated[
-        Path | None,
-        option(
-            "--log",
-            "Append everything printed to a file, with timestamps.",
-            metavar="FILE.log",
-            group=REPORTING,
-        ),
-        Ending((".log", ".txt")),
-    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer(Replacing):
-    """Where a command's answer goes beside the terminal."""
+    """Where a command's answer goes beside the terminal.
+
+    Attributes:
+        json_file: Write the answer as JSON; - is standard output.
+    """
 
     json_file: Annotated[
-        Path | None,
-        option("--json", "Write the answer as JSON; - is standard output.", metavar="FILE"),
-        Ending((".json",), stream=True),
+        Path | None, option("FILE", name="--json"), Ending((".json",), stream=True)
     ] = None
 
 
@@ -270,17 +252,12 @@ def place(text: str, name: str) -> "Place":
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Processes:
-    """Which processes do the work."""
+    """Which processes do the work.
 
-    scheduler: Annotated[
-        str | None,
-        option(
-            "--scheduler",
-            "Address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786.",
-            metavar="ADDRESS",
-        ),
-    ] = None
-    workers: Annotated[
-        int | None,
-        option("--workers", "Number of processes of this machine.", metavar="N", least=1),
-    ] = None
+    Attributes:
+        scheduler: Address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786.
+        workers: Number of processes of this machine.
+    """
+
+    scheduler: Annotated[str | None, option("ADDRESS")] = None
+    workers: Annotated[int | None, option("N", least=1)] = None

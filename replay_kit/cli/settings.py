@@ -1,11 +1,12 @@
-"""Options made from the settings: names, permitted values, defaults and help are those of ``RunConfig``."""
+"""The settings on the command line: options with the names, values, defaults and help of ``RunConfig``, and the list of all keys."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field, fields, make_dataclass
-from functools import reduce
+import json
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields, make_dataclass
 from pathlib import Path
-from types import FunctionType, NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin
+from types import FunctionType
+from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin
 
 from cyclopts import Group, Parameter
 from pydantic import BaseModel
@@ -37,20 +38,11 @@ class Settings:
         return vars(self).get("config")
 
     def words(self) -> list[str]:
-        """Return the options that give these settings again, without those of the file."""
-        found = []
-        for entry in fields(self):
-            value = vars(self)[entry.name]
-            if not entry.metadata or value is None:
-                continue
-            section, _, key = entry.metadata["path"].replace("_", "-").rpartition(".")
-            if isinstance(value, bool):
-                found.append(f"--{section}.{'' if value else 'no-'}{key}")
-            else:
-                found += [
-                    f"--{section}.{key}={one}"
-                    for one in (value if isinstance(value, list) else [value])
-                ]
+        """Return the options that give these settings again, with the file."""
+        found = [] if self.file is None else ["--config", str(self.file)]
+        for entry, value in self._options():
+            name, values = entry.metadata["option"], value if isinstance(value, list) else [value]
+            found += [name if one is True else f"{name}={one}" for one in values]
         return found
 
     def load(self, **sections: Mapping[str, object]) -> RunConfig:
@@ -63,42 +55,37 @@ class Settings:
             ConfigError: The file or a value is wrong.
         """
         given: dict[str, Any] = {section: dict(values) for section, values in sections.items()}
-        for entry in fields(self):
-            value = vars(self)[entry.name]
-            if entry.metadata and value is not None:
-                *sections, key = entry.metadata["path"].split(".")
-                table = reduce(
-                    lambda within, section: within.setdefault(section, {}), sections, given
-                )
-                table[key] = entry.metadata["read"](value)
+        for entry, value in self._options():
+            section, key = entry.metadata["path"].split(".")
+            given.setdefault(section, {})[key] = entry.metadata["read"](value)
         return load_config(self.file, given)
 
+    def _options(self) -> Iterator[tuple[Field[Any], Any]]:
+        """Yield the options that are given, with their values."""
+        values = vars(self)
+        for entry in fields(self):
+            if entry.metadata and values[entry.name] is not None:
+                yield entry, values[entry.name]
 
-def takes_settings(
-    *paths: str, without: Collection[str] = (), short: str = "", file: bool = True
-) -> Callable[[_Command], _Command]:
+
+def takes_settings(*paths: str, file: bool = True) -> Callable[[_Command], _Command]:
     """Return the decorator that gives the parameter ``settings`` of a command the options of settings.
 
     Args:
-        paths: Sections such as ``forecast`` and settings such as ``estimator.modes`` that the command uses.
-        without: Settings of these sections that it does not use.
-        short: Section whose settings have their keys as short names, ``--depth`` for ``planner.depth``.
+        paths: Sections such as ``forecast`` and settings such as ``estimator.modes`` that the command uses; those marked as options count.
         file: Whether it has ``--config`` too.
     """
     entries: list[tuple[str, Any, Any]] = (
         [("config", ConfigFile, field(default=None))] if file else []
     )
-    known = dict(_settings(RunConfig))
-    for wanted in paths:
-        assert any(f"{path}.".startswith(f"{wanted}.") for path in known), (
-            f"{wanted} is neither a section nor a setting"
-        )
-    for path, setting in known.items():
-        if path not in without and any(f"{path}.".startswith(f"{wanted}.") for wanted in paths):
-            kind, read = _option_type(setting)
-            entry = field(default=None, metadata={"path": path, "read": read})
+    for path, setting in every_setting():
+        mark = next(_marks(setting, Option), None)
+        if mark is not None and any(f"{path}.".startswith(f"{wanted}.") for wanted in paths):
+            name = mark.name or f"--{path.partition('.')[2].replace('_', '-')}"
+            kind, read = _option_type(setting, name, mark.repeats)
+            entry = field(default=None, metadata={"path": path, "option": name, "read": read})
             # the forms of numbers are checked with the option
-            marks = _parameter(path, setting, short), *_marks(setting, Numbers)
+            marks = _parameter(name, setting, mark), *_marks(setting, Numbers)
             entries.append((path.replace(".", "__"), Annotated[kind, *marks], entry))
     # cyclopts takes a class without a module of its own for one of Python's, which it does not look into
     given = make_dataclass(
@@ -128,84 +115,87 @@ def remapped(pairs: list[str], option: str = "--remap") -> dict[str, str]:
     return {old: new for old, _, new in names}
 
 
-def _settings(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, FieldInfo]]:
-    """Yield each setting with its path; a list of tables has no option."""
-    for name, setting in model.model_fields.items():
-        kind = setting.annotation
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            yield from _settings(kind, f"{prefix}{name}.")
-        elif name != "map":
-            yield f"{prefix}{name}", setting
+def _marks(setting: FieldInfo, kind: type[_Mark]) -> Iterator[_Mark]:
+    """Yield the marks of a kind in a setting's annotation."""
+    return (part for part in setting.metadata if isinstance(part, kind))
 
 
-def _marks(setting: FieldInfo, kind: type[_Mark]) -> list[_Mark]:
-    """Return the marks of a kind in a setting's annotation."""
-    return [part for part in setting.metadata if isinstance(part, kind)]
-
-
-def _option_type(setting: FieldInfo) -> tuple[Any, Callable[[Any], object]]:
+def _option_type(
+    setting: FieldInfo, name: str, repeats: bool
+) -> tuple[Any, Callable[[Any], object]]:
     """Return the type of a setting's option, and the function that reads its value.
 
     Switches and words are checked with the option; other text is checked by the settings' model, as a TOML file is.
     """
     annotation: Any = setting.annotation
-    if any(mark.repeats for mark in _marks(setting, Option)):
+    kinds = [annotation, *get_args(annotation)]
+    if bool in kinds or get_origin(annotation) is Literal:
+        return annotation | None, lambda value: value
+    if get_origin(annotation) is dict:
+        return list[str] | None, lambda pairs: remapped(pairs, name)
+    if repeats:
         return list[str] | None, list
-    members = (
-        get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
-    )
-    kinds = [member for member in members if member is not NoneType]
-    (first, *others), origin = kinds, get_origin(kinds[0])
-    if first is bool or (origin is Literal and not others):
-        return first | None, lambda value: value
-    if origin is dict:
-        return list[str] | None, lambda pairs: remapped(pairs, _marks(setting, Option)[0].name)
-    return str | None, (lambda text: text.split(",")) if origin is tuple else str
+    several = any(get_origin(kind) is tuple for kind in kinds)
+    return str | None, (lambda text: text.split(",")) if several else str
 
 
-def _parameter(path: str, setting: FieldInfo, short: str) -> Parameter:
-    """Return the option of a setting: ``--section.key``, after its short name where it has one."""
-    section, _, key = path.replace("_", "-").rpartition(".")
-    mark = next(iter(_marks(setting, Option)), None)
-    if section == short:
-        mark = Option(f"--{key}")
-    long = f"--{section}.{key}"
-    names = (long,) if mark is None else (mark.name, long)
-    if mark is not None and mark.heading != "Settings":
-        names = (mark.name,)
+def _parameter(name: str, setting: FieldInfo, mark: Option) -> Parameter:
+    """Return the option of a setting."""
+    default = setting.default
+    shown = f" [default: {default}]" if isinstance(default, int | float | str) and default else ""
     return Parameter(
-        # cyclopts looks at no other name after one that the text begins with, as --planner.kind begins with --planner
-        name=names[::-1] if long.startswith(f"{names[0]}.") else names,
-        # a switch that is on by default needs a name that turns it off
-        negative=f"--{section}.no-{key}" if setting.default is True else "",
-        metavar=(mark and mark.metavar) or _metavar(setting.annotation),
-        allow_leading_hyphen=bool(mark and mark.metavar),
+        name=name,
+        metavar=mark.metavar or ("NUMBER" if "float" in str(setting.annotation) else None),
+        allow_leading_hyphen=mark.metavar is not None,
         allow_repeating=True if setting.annotation is bool else None,
         # the option's own default is that it is not given
         show_default=False,
-        help=f"{setting.description}{_default_in_words(setting.default)}",
-        group=Group(f"Section {section} of the settings", sort_key=5)
-        if mark is None
-        else _HEADINGS[mark.heading],
+        help=f"{setting.description}{shown}",
+        group=_HEADINGS[mark.heading],
     )
 
 
-def _metavar(annotation: Any) -> str | None:
-    """Return the form of a setting's value: of one number what it counts, of several that commas are between them; None for words."""
-    text = str(annotation)
-    forms = (
-        ("tuple", "V1,V2,..."),
-        ("Literal", None),
-        ("float", "NUMBER"),
-        ("int", "COUNT"),
-        ("str", "TEXT"),
+def every_setting(
+    model: type[BaseModel] = RunConfig, prefix: str = ""
+) -> Iterator[tuple[str, FieldInfo]]:
+    """Yield each setting with its path, such as ``planner.depth``, in the order of the tables."""
+    for name, setting in model.model_fields.items():
+        kind = setting.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            yield from every_setting(kind, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", setting
+
+
+def settings_named(name: str) -> list[tuple[str, str]]:
+    """Return section and key of the settings of a name, which may have its section before it, as in ``planner.depth``."""
+    wanted = name.replace("-", "_")
+    paths = [path.rpartition(".") for path, _ in every_setting()]
+    return [(section, key) for section, _, key in paths if wanted in (key, f"{section}.{key}")]
+
+
+def annotated_toml(sections: Sequence[str] = ()) -> str:
+    """Return the settings as TOML with their descriptions and defaults in comments, so that a line counts once it is uncommented.
+
+    Args:
+        sections: Those wanted, such as ``measurements.quality``; all when empty.
+
+    Raises:
+        ConfigError: There is no such section.
+    """
+    tables: dict[str, list[str]] = {}
+    for path, setting in every_setting():
+        section, _, key = path.rpartition(".")
+        default = setting.get_default(call_default_factory=True)
+        value = "" if default is None else json.dumps(default, default=str)
+        about = textwrap.wrap(setting.description or "", 100, break_on_hyphens=False)
+        tables.setdefault(section, []).extend(
+            [*(f"# {line}" for line in about), f"#{key} = {value}"]
+        )
+    if unknown := [section for section in sections if section not in tables]:
+        raise ConfigError(f"config: expected sections of {', '.join(tables)}, got {unknown[0]}")
+    return "\n".join(
+        "\n".join([f"[{section}]", *lines, ""])
+        for section, lines in tables.items()
+        if section in (sections or tables)
     )
-    return next((form for name, form in forms if name in text), None)
-
-
-def _default_in_words(default: object) -> str:
-    """Return a default that is one value in the form of the command line's help; the description states others."""
-    if isinstance(default, bool):
-        return " [default: on]" if default else ""
-    shown = f"{default:g}" if isinstance(default, float) else default
-    return f" [default: {shown}]" if isinstance(shown, int | str) else ""

@@ -4,24 +4,21 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from replay_kit.config.file import Section
+from replay_kit.config.file import NotNegative, Positive, Section
 from replay_kit.config.option import Option
 from replay_kit.config.removed import refuse_value
 
 
 class GatingConfig(Section):
-    """``[gating]``: the gate; the paper preset uses none."""
+    """``[gating]``: the gate; the paper preset uses none.
 
-    gate: Literal["reject", "off"] = Field(
-        default="reject",
-        description="Treatment of a profile that exceeds the gate; off also takes all errors as stated.",
-    )
-    gate_probability: float = Field(
-        default=1e-5,
-        gt=0.0,
-        lt=0.5,
-        description="Probability that a profile with sound errors exceeds the gate.",
-    )
+    Attributes:
+        gate: Treatment of a profile that exceeds the gate; off also takes all errors as stated.
+        gate_probability: Probability that a profile with sound errors exceeds the gate.
+    """
+
+    gate: Literal["reject", "off"] = "reject"
+    gate_probability: Annotated[float, Field(gt=0.0, lt=0.5)] = 1e-5
 
     @field_validator("gate", mode="before")
     @classmethod
@@ -31,13 +28,14 @@ class GatingConfig(Section):
 
 
 class ConsistencyConfig(Section):
-    """``[consistency]``: the checks of sensors and labels during a replay."""
+    """``[consistency]``: the checks of sensors and labels during a replay.
 
-    on_failure: Literal["report", "stop", "ignore"] = Field(
-        default="report",
-        description="Action when sources contradict each other: report goes on without what is known to be wrong and ends with exit code "
-        "6, stop ends the run with 3, ignore checks nothing.",
-    )
+    Attributes:
+        on_failure: When sources contradict each other: report goes on without what is wrong and ends with exit code 6, stop ends with
+            3, ignore checks nothing.
+    """
+
+    on_failure: Literal["report", "stop", "ignore"] = "report"
 
 
 Oscillation = Literal["inertial", "M2", "S2", "K1", "O1"]
@@ -45,30 +43,23 @@ Bias = Literal["heading", "scale", "shear"]
 
 
 class TimeConfig(Section):
-    """``[time]``: change of the current in time, oscillations, and biases of the instrument."""
+    """``[time]``: change of the current in time, oscillations, and biases of the instrument.
+
+    Attributes:
+        scale: Decorrelation time of what the forecast does not explain [s]; auto: from the ensemble's change between its times; static:
+            the current does not change.
+        window: Time within which profiles that repeat each other are combined into one update [s], for logs of 1 to 10 Hz; 0: none;
+            auto: by the current's change.
+        oscillators: Oscillations uniform over the region with their own depth structure: inertial, M2, S2, K1, O1.
+        biases: Instrument errors to estimate: heading, scale, shear.
+    """
 
     scale: Annotated[
-        Literal["auto", "static"] | Annotated[float, Field(gt=0.0)],
-        Option("--time-scale", "S|auto|static"),
-    ] = Field(
-        default="auto",
-        description="Decorrelation time of the part of the current that the forecast does not explain [s]; auto: from the "
-        "ensemble's change between its dated times, static where it has one; static: the current does not change.",
-    )
-    trajectory_scale: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Decorrelation time of the mixture of the members' own evolutions [s]. Default: five times scale.",
-    )
-    window: Literal["auto"] | Annotated[float, Field(ge=0.0)] = Field(
-        default="auto",
-        description="Time within which profiles that repeat each other are combined into one update [s], for logs of 1 to 10 Hz; 0 "
-        "updates with each alone; auto: while the current differs between them by less than a quarter of their mean's error.",
-    )
-    oscillators: Annotated[tuple[Oscillation, ...], Option("--oscillators", "O1,O2,...")] = Field(
-        default=(),
-        description="Oscillations uniform over the region with their own depth structure: inertial, M2, S2, K1, O1.",
-    )
+        Literal["auto", "static"] | Positive,
+        Option("S|auto|static", name="--time-scale"),
+    ] = "auto"
+    window: Literal["auto"] | NotNegative = "auto"
+    oscillators: Annotated[tuple[Oscillation, ...], Option("O1,O2,...")] = ()
 
     @field_validator("oscillators", mode="before")
     @classmethod
@@ -77,33 +68,4 @@ class TimeConfig(Section):
             refuse_value("--oscillators", name)
         return value
 
-    oscillator_std: float = Field(
-        default=0.1,
-        gt=0.0,
-        description="Prior standard deviation of the components of an oscillation [m/s].",
-    )
-    oscillator_scale: float = Field(
-        default=259200.0,
-        gt=0.0,
-        description="Decorrelation time of the phase of an oscillation [s].",
-    )
-    oscillator_depth_length: float = Field(
-        default=100.0, gt=0.0, description="Correlation length of oscillations in depth [m]."
-    )
-    biases: tuple[Bias, ...] = Field(
-        default=(),
-        description="Instrument errors to estimate: heading, scale, shear.",
-    )
-    heading_bias_std: float = Field(
-        default=5.0, gt=0.0, description="Prior standard deviation of the heading bias [degrees]."
-    )
-    scale_bias_std: float = Field(
-        default=0.05,
-        gt=0.0,
-        description="Prior standard deviation of the scale bias, as a share of the velocity relative to the platform.",
-    )
-    shear_bias_std: float = Field(
-        default=2e-4,
-        gt=0.0,
-        description="Prior standard deviation of the shear bias along the way through water [m/s per m from the instrument].",
-    )
+    biases: tuple[Bias, ...] = ()

@@ -6,9 +6,9 @@ import tomllib
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from replay_kit.config.removed import SETTINGS
 from replay_kit.core.errors import ConfigError
@@ -177,11 +177,24 @@ def in_unit(value: object, description: str) -> object:
     return value
 
 
+_DESCRIBED = re.compile(r"^ {8}(\w+): (.*(?:\n {12}.*)*)", re.MULTILINE)
+#: Numbers above 0, from 0 on, and whole numbers from 1 on.
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Count = Annotated[int, Field(ge=1)]
+
+
 class Section(BaseModel):
-    """A table of settings."""
+    """A table of settings, which its docstring describes."""
 
     # built when first used: a command's help needs the fields alone
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Give each setting its description."""
+        for name, text in _DESCRIBED.findall(cls.__doc__ or ""):
+            cls.model_fields[name].description = " ".join(text.split())
 
     @model_validator(mode="before")
     @classmethod

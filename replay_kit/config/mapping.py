@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from replay_kit.config.file import Section
+from replay_kit.config.file import NotNegative, Positive, Section
 
 _PATH_PART = r"[^.\s][^.]*"
 Path = Annotated[str, Field(pattern=rf"^{_PATH_PART}(\.{_PATH_PART})*$")]
@@ -19,38 +19,36 @@ DepthUnit = Literal["m", "dm", "cm", "mm", "dbar", "bar", "Pa", "hPa", "kPa"]
 
 
 class _Map(Section):
-    topic: str = Field(
-        min_length=1,
-        description="Topic whose messages are read in this way, whatever their schema.",
-    )
-    name: str | None = Field(
-        default=None,
-        description="Read only messages whose field 'name' is this one, on topics that carry several things under names.",
-    )
-    depth: Path | None = Field(
-        default=None, description="Path of the vehicle's depth, height or pressure."
-    )
-    depth_unit: DepthUnit = Field(
-        default="m", description="Unit of depth; a unit of pressure makes it a pressure."
-    )
-    depth_positive: Literal["down", "up"] = Field(
-        default="down",
-        description="Direction in which depth increases; without effect on a pressure.",
-    )
-    depth_absolute: bool = Field(
-        default=False,
-        description="Whether a pressure includes that of the atmosphere, 1013.25 hPa.",
-    )
+    """What every map states.
+
+    Attributes:
+        topic: Topic whose messages are read in this way, whatever their schema.
+        name: Read only messages whose field 'name' is this one, on topics that carry several things under names.
+        depth: Path of the vehicle's depth, height or pressure.
+        depth_unit: Unit of depth; a unit of pressure makes it a pressure.
+        depth_positive: Direction in which depth increases; without effect on a pressure.
+        depth_absolute: Whether a pressure includes that of the atmosphere, 1013.25 hPa.
+    """
+
+    topic: Annotated[str, Field(min_length=1)]
+    name: str | None = None
+    depth: Path | None = None
+    depth_unit: DepthUnit = "m"
+    depth_positive: Literal["down", "up"] = "down"
+    depth_absolute: bool = False
 
 
 class _PlaceMap(_Map):
+    """A map that may state a place.
+
+    Attributes:
+        dead_reckoned: Whether the position was computed by dead reckoning, not measured.
+    """
+
     longitude: Path | None = None
     latitude: Path | None = None
     angle_unit: AngleUnit = "deg"
-    dead_reckoned: bool = Field(
-        default=False,
-        description="Whether the position was computed by dead reckoning, not measured.",
-    )
+    dead_reckoned: bool = False
 
 
 class PositionMap(_PlaceMap):
@@ -69,57 +67,40 @@ class DepthMap(_Map):
 
 
 class ProfileMap(_PlaceMap):
-    """A topic with profiles of the current, and with the vehicle's position if the same message holds it; ``depth`` is the instrument's."""
+    """A topic with profiles of the current, and with the vehicle's position if the same message holds it; ``depth`` is the instrument's.
+
+    Attributes:
+        reference: What the velocities are relative to; there is no default, and with unknown they are not used.
+        frame: Frame of the velocity components, in this order.
+        velocity: Path of the components, cell after cell, as lists of lists or flat.
+        components: Number of components per cell, when velocity is flat.
+        east: Path of the eastward velocity, one number per cell; with north instead of velocity.
+        velocity_std: Standard error of each component [m/s].
+        missing: Numbers in the message that mark a missing velocity, such as -32768.
+        depths: Path of the depths of the cells' centres below the surface; depth_positive applies to them.
+        distances: Path of the distances of the cells' centres from the instrument, instead of depths.
+        cell_size: Size of the cells, a number or a path; with first_cell instead of depths and distances.
+        first_cell: Distance from the instrument to the centre of the first cell, a number or a path.
+        distance_unit: Unit of depths, distances, cell_size and first_cell.
+        orientation: Direction in which the instrument looks.
+    """
 
     kind: Literal["profile"]
-    reference: Literal["earth", "platform", "unknown"] = Field(
-        description="What the velocities are relative to; there is no default, and with unknown they are not used."
-    )
-    frame: Literal["enu", "ned", "ship", "instrument", "beam"] = Field(
-        description="Frame of the velocity components, in this order."
-    )
-    velocity: Path | None = Field(
-        default=None,
-        description="Path of the components, cell after cell, as lists of lists or flat.",
-    )
-    components: int | None = Field(
-        default=None, ge=2, description="Number of components per cell, when velocity is flat."
-    )
-    east: Path | None = Field(
-        default=None,
-        description="Path of the eastward velocity, one number per cell; with north instead of velocity.",
-    )
+    reference: Literal["earth", "platform", "unknown"]
+    frame: Literal["enu", "ned", "ship", "instrument", "beam"]
+    velocity: Path | None = None
+    components: Annotated[int, Field(ge=2)] | None = None
+    east: Path | None = None
     north: Path | None = None
     speed_unit: SpeedUnit = "m/s"
-    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(
-        default=None, description="Standard error of each component [m/s]."
-    )
-    missing: tuple[float, ...] = Field(
-        default=(),
-        description="Numbers in the message that mark a missing velocity, such as -32768.",
-    )
-    depths: Path | None = Field(
-        default=None,
-        description="Path of the depths of the cells' centres below the surface; depth_positive applies to them.",
-    )
-    distances: Path | None = Field(
-        default=None,
-        description="Path of the distances of the cells' centres from the instrument, instead of depths.",
-    )
-    cell_size: float | Path | None = Field(
-        default=None,
-        description="Size of the cells, a number or a path; with first_cell instead of depths and distances.",
-    )
-    first_cell: float | Path | None = Field(
-        default=None,
-        description="Distance from the instrument to the centre of the first cell, a number or a path.",
-    )
-    distance_unit: LengthUnit = Field(
-        default="m", description="Unit of depths, distances, cell_size and first_cell."
-    )
-    orientation: Literal["down", "up"] = Field(
-        default="down", description="Direction in which the instrument looks."
-    )
+    velocity_std: Positive | None = None
+    missing: tuple[float, ...] = ()
+    depths: Path | None = None
+    distances: Path | None = None
+    cell_size: float | Path | None = None
+    first_cell: float | Path | None = None
+    distance_unit: LengthUnit = "m"
+    orientation: Literal["down", "up"] = "down"
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
@@ -143,35 +124,28 @@ class VelocityMap(_PlaceMap):
     """A topic with one velocity at one depth, of a current meter, mooring or drifter; ``depth`` is where it was measured.
 
     With a place of its own (paths, or ``place``) it does not locate the vehicle; without one it was measured at the vehicle.
+
+    Attributes:
+        reference: What the velocity is relative to; there is no default, and with unknown it is not used.
+        velocity_std: Standard error of each component [m/s].
+        missing: Numbers in the message that mark a missing velocity, such as -32768.
+        at_depth: Depth of the measurement, where the message does not state it [m].
+        distance: Distance of the measurement from the vehicle, as of one cell of its ADCP [m].
+        orientation: Direction of distance.
+        place: Longitude and latitude of an instrument that does not move [degrees].
     """
 
     kind: Literal["velocity"]
-    reference: Literal["earth", "platform", "unknown"] = Field(
-        description="What the velocity is relative to; there is no default, and with unknown it is not used."
-    )
+    reference: Literal["earth", "platform", "unknown"]
     east: Path
     north: Path
     speed_unit: SpeedUnit = "m/s"
-    velocity_std: Annotated[float, Field(gt=0.0)] | None = Field(
-        default=None, description="Standard error of each component [m/s]."
-    )
-    missing: tuple[float, ...] = Field(
-        default=(),
-        description="Numbers in the message that mark a missing velocity, such as -32768.",
-    )
-    at_depth: Annotated[float, Field(ge=0.0)] | None = Field(
-        default=None,
-        description="Depth of the measurement, where the message does not state it [m].",
-    )
-    distance: Annotated[float, Field(ge=0.0)] | None = Field(
-        default=None,
-        description="Distance of the measurement from the vehicle, as of one cell of its ADCP [m].",
-    )
-    orientation: Literal["down", "up"] = Field(default="down", description="Direction of distance.")
-    place: tuple[float, float] | None = Field(
-        default=None,
-        description="Longitude and latitude of an instrument that does not move [degrees].",
-    )
+    velocity_std: Positive | None = None
+    missing: tuple[float, ...] = ()
+    at_depth: NotNegative | None = None
+    distance: NotNegative | None = None
+    orientation: Literal["down", "up"] = "down"
+    place: tuple[float, float] | None = None
 
     @model_validator(mode="after")
     def _whole(self) -> Self:

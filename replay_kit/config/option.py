@@ -9,19 +9,19 @@ from replay_kit.core.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """Mark of a setting in its annotation, ``Annotated[type, Option(...)]``; the command line reads it, pydantic does not.
+    """Mark of a setting that is an option too, ``Annotated[type, Option(...)]``; the command line reads it, pydantic does not.
 
     Attributes:
-        name: Short name of the option, such as ``--modes``.
         metavar: Form of its value in the help, such as ``W,S,E,N``; None for the type's own.
         heading: Over it in the help.
         repeats: Whether the option may be repeated, a value each time.
+        name: Of the option; None for the key's.
     """
 
-    name: str
     metavar: str | None = None
     heading: str = "Settings"
     repeats: bool = False
+    name: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 from pydantic import ConfigDict, Field
 
-from replay_kit.config.file import Section
+from replay_kit.config.file import NotNegative, Section
 from replay_kit.config.option import PLACE, PLACES, Numbers, Option, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.extensions import ObjectiveName
@@ -31,111 +31,69 @@ _INPUTS, _OPTIONS, _OUTPUTS = "Inputs", "Options", "Outputs"
 
 
 class PlanRequest(Section):
-    """``[plan]``: where to go from where, when, what for, and how it is judged."""
+    """``[plan]``: where to go from where, when, what for, and how it is judged.
+
+    Attributes:
+        flows: Files of the estimate.
+        start: Where the mission begins [degrees, degrees, m]. Default: the last fix of a result.
+        goal: Goal [degrees, degrees, m]; may be repeated, in order. Default: that of a result. NAME= fixes it to one glider.
+        glider: Where one of several gliders begins, in place of --start; once for each. They share the goals, and each has its own
+            files.
+        no_go: No-go polygons (GeoJSON, KML). By their properties: surface_only may be passed below, fence must not be left, begin and
+            end are times between which one holds.
+        bathymetry: Depth of the bottom on a grid.
+        start_time: When the mission begins, ISO 8601 UTC. Default: the time of a result's last fix; of an estimate alone its time.
+        depart: Compare departures from T0 to T1; the best by --objective is planned, by default the earliest arrival.
+        horizon: Plan only this far ahead, such as 72h, and report what remains.
+        mooring: Stay within a radius of the goal [m] for a duration [hours].
+        surfacings_only: With --mooring: only surfacings, not the track between them, must lie within the radius.
+        line: Follow the line from the start to the goal.
+        line_weight: Cross-track penalty with --line [h per h and km].
+        line_width: Largest distance of the track from the line at which the goal counts as reached [m]. Default: 2000.
+        risk: Plan with a margin such that at most this fraction of samples violates a constraint.
+        arrive: Fraction of samples that must arrive for the status reached.
+        held: State how many arrive uncorrected too.
+        arrive_by: Latest arrival that counts: ISO 8601 UTC, or a duration such as 36h.
+        time_limit: Stop searching for other legs, routes and margins after this time [s].
+        separation: With --glider: least horizontal distance between two gliders at the same time [m].
+        battery: Energy that the vehicle has [MJ].
+        of_glider: Of several gliders the one whose plan a result holds.
+        waypoints: Whether a short list of waypoints is made.
+        waypoint_tolerance: Distance off the track within which no waypoint is needed [m]. Default: the tolerance of the plan.
+    """
 
     # numbers that are not finite are refused by name below
     model_config = ConfigDict(allow_inf_nan=True)
 
-    flows: tuple[Path, ...] = Field(default=(), description="Files of the estimate.")
-    start: Annotated[str | None, Option("--start", PLACE.form, _INPUTS), PLACE] = Field(
-        default=None,
-        description="Where the mission begins [degrees, degrees, m]. Default: the last fix of a result.",
-    )
-    goal: Annotated[tuple[str, ...], Option("--goal", PLACE.form, _INPUTS, True), PLACES] = Field(
-        default=(),
-        description="Goal [degrees, degrees, m]; may be repeated, in order. Default: that of a result. With --glider goals are assigned to "
-        "gliders; NAME= fixes one.",
-    )
-    glider: Annotated[
-        tuple[str, ...], Option("--glider", f"NAME={PLACE.form}", _INPUTS, True), PLACES
-    ] = Field(
-        default=(),
-        description="Where one of several gliders begins, in place of --start; give the option for each. They share the goals, and files "
-        "are written for each, with its name before their ending.",
-    )
-    no_go: Annotated[Path | None, Option("--no-go", "FILE", _INPUTS)] = Field(
-        default=None,
-        description="No-go polygons (GeoJSON, KML). By their properties: surface_only may be passed below, fence must not be "
-        "left, begin and end are times between which one holds.",
-    )
-    bathymetry: Annotated[Path | None, Option("--bathymetry", "FILE.nc", _INPUTS)] = Field(
-        default=None, description="Depth of the bottom on a grid."
-    )
-    start_time: Annotated[str | None, Option("--start-time", "TIME", _OPTIONS)] = Field(
-        default=None,
-        description="When the mission begins, ISO 8601 UTC. Default: the time of a result's last fix; of an estimate alone its time.",
-    )
-    depart: Annotated[str | None, Option("--depart", "T0,T1,STEP", _OPTIONS)] = Field(
-        default=None,
-        description="Compare departures from T0 to T1. The one that arrives first is planned; with another --objective than time the best "
-        "by it: time=1 plans the shortest mission.",
-    )
-    horizon: Annotated[str | None, Option("--horizon", "DURATION", _OPTIONS)] = Field(
-        default=None,
-        description="Plan only this far ahead, such as 72h, and report what remains.",
-    )
-    objective: Annotated[str | None, Option("--objective", "NAME|WEIGHTS", _OPTIONS)] = Field(
+    flows: tuple[Path, ...] = ()
+    start: Annotated[str | None, Option(PLACE.form, _INPUTS), PLACE] = None
+    goal: Annotated[tuple[str, ...], Option(PLACE.form, _INPUTS, True), PLACES] = ()
+    glider: Annotated[tuple[str, ...], Option(f"NAME={PLACE.form}", _INPUTS, True), PLACES] = ()
+    no_go: Annotated[Path | None, Option("FILE", _INPUTS)] = None
+    bathymetry: Annotated[Path | None, Option("FILE.nc", _INPUTS)] = None
+    start_time: Annotated[str | None, Option("TIME", _OPTIONS)] = None
+    depart: Annotated[str | None, Option("T0,T1,STEP", _OPTIONS)] = None
+    horizon: Annotated[str | None, Option("DURATION", _OPTIONS)] = None
+    objective: Annotated[str | None, Option("NAME|WEIGHTS", _OPTIONS)] = Field(
         default=None,
         description=f"{', '.join(get_args(ObjectiveName))} or weights of hours, kJ and km from the goal, as time=1,energy=0.02,closest=5: "
         "the cost. Default: time.",
     )
-    mooring: Annotated[
-        str | None, Option("--mooring", "RADIUS,HOURS", _OPTIONS), Numbers("RADIUS,HOURS")
-    ] = Field(
-        default=None, description="Stay within a radius of the goal [m] for a duration [hours]."
-    )
-    surfacings_only: Annotated[bool, Option("--surfacings-only", None, _OPTIONS)] = Field(
-        default=False,
-        description="With --mooring: only surfacings, not the track between them, must lie within the radius.",
-    )
-    line: Annotated[bool, Option("--line", None, _OPTIONS)] = Field(
-        default=False, description="Follow the line from the start to the goal."
-    )
-    line_weight: Annotated[float | None, Option("--line-weight", None, _OPTIONS)] = Field(
-        default=None, ge=0.0, description="Cross-track penalty with --line [h per h and km]."
-    )
-    line_width: Annotated[float | None, Option("--line-width", None, _OPTIONS)] = Field(
-        default=None,
-        description="Largest distance of the track from the line at which the goal counts as reached [m]. Default: 2000.",
-    )
-    risk: Annotated[float | None, Option("--risk", "SHARE", _OPTIONS)] = Field(
-        default=None,
-        description="Plan with a margin such that at most this fraction of samples violates a constraint.",
-    )
-    arrive: Annotated[float, Option("--arrive", "SHARE", _OPTIONS)] = Field(
-        default=ARRIVING,
-        description="Fraction of samples that must arrive for the status reached.",
-    )
-    held: Annotated[bool, Option("--held", None, _OPTIONS)] = Field(
-        default=False,
-        description="State how many arrive uncorrected too.",
-    )
-    arrive_by: Annotated[str | None, Option("--arrive-by", "WHEN", _OPTIONS)] = Field(
-        default=None,
-        description="Latest arrival that counts: ISO 8601 UTC, or a duration such as 36h.",
-    )
-    time_limit: Annotated[float | None, Option("--time-limit", "SECONDS", _OPTIONS)] = Field(
-        default=None,
-        description="Stop searching for other legs, routes and margins after this time [s].",
-    )
-    separation: Annotated[float | None, Option("--separation", "METRES", _OPTIONS)] = Field(
-        default=None,
-        description="With --glider: least horizontal distance between two gliders at the same time [m].",
-    )
-    battery: Annotated[float | None, Option("--battery", "MJ", _OPTIONS)] = Field(
-        default=None, description="Energy that the vehicle has [MJ]."
-    )
-    of_glider: str | None = Field(
-        default=None, description="Of several gliders the one whose plan a result holds."
-    )
-    waypoints: bool = Field(default=False, description="Whether a short list of waypoints is made.")
-    waypoint_tolerance: Annotated[float | None, Option("--waypoint-tolerance", None, _OUTPUTS)] = (
-        Field(
-            default=None,
-            ge=0.0,
-            description="Distance off the track within which no waypoint is needed [m]. Default: the tolerance of the plan.",
-        )
-    )
+    mooring: Annotated[str | None, Option("RADIUS,HOURS", _OPTIONS), Numbers("RADIUS,HOURS")] = None
+    surfacings_only: Annotated[bool, Option(None, _OPTIONS)] = False
+    line: Annotated[bool, Option(None, _OPTIONS)] = False
+    line_weight: Annotated[NotNegative | None, Option(None, _OPTIONS)] = None
+    line_width: Annotated[float | None, Option(None, _OPTIONS)] = None
+    risk: Annotated[float | None, Option("SHARE", _OPTIONS)] = None
+    arrive: Annotated[float, Option("SHARE", _OPTIONS)] = ARRIVING
+    held: Annotated[bool, Option(None, _OPTIONS)] = False
+    arrive_by: Annotated[str | None, Option("WHEN", _OPTIONS)] = None
+    time_limit: Annotated[float | None, Option("SECONDS", _OPTIONS)] = None
+    separation: Annotated[float | None, Option("METRES", _OPTIONS)] = None
+    battery: Annotated[float | None, Option("MJ", _OPTIONS)] = None
+    of_glider: str | None = None
+    waypoints: bool = False
+    waypoint_tolerance: Annotated[NotNegative | None, Option(None, _OUTPUTS)] = None
 
     @property
     def accepted_risk(self) -> float:

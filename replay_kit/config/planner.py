@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
-from replay_kit.config.file import Section
+from replay_kit.config.file import Count, NotNegative, Positive, Section
 from replay_kit.config.option import Option
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.extensions import ObjectiveName, is_objective, objective_names
@@ -63,119 +63,64 @@ def _ends(text: str) -> tuple[float, float]:
 
 
 class PlannerConfig(Section):
-    """``[planner]``: one glide, or a mission of many dives; keys that only a mission has say so."""
+    """``[planner]``: one glide, or a mission of many dives; keys that only a mission has say so.
 
-    kind: Annotated[Literal["auto", "glide", "mission"], Option("--planner")] = Field(
-        default="auto",
-        description="What is planned: a glide, one constant velocity through water, or a mission of dives; auto: for a glider's log a "
-        "mission, for others a glide.",
-    )
-    when: Literal["interval", "surfacing"] = Field(
-        default="interval",
-        description="When a plan is made: at intervals, a mission at the first surfacing after each; or at each surfacing, and after an "
-        "interval without one.",
-    )
-    speed: Annotated[float | str | None, Option("--speed", "M/S|MIN:MAX")] = Field(
-        default=None,
-        description="Speed through water [m/s]; of a vehicle with --thrust a range too, as 0.5:1.5, in which it is chosen. Default: as "
-        "flown, else 0.3.",
-    )
-    tolerance: float = Field(
-        default=250.0, gt=0.0, description="Distance from the goal within which it is reached [m]."
-    )
-    radius: Annotated[float | None, Option("--radius", "METRES")] = Field(
-        default=None,
-        gt=0.0,
-        description="Distance from a goal at which a simulated flight arrives [m]. Default: as flown, else the tolerance.",
-    )
-    interval: float = Field(
-        default=43200.0,
-        gt=0.0,
-        description="Log time between plans [s]; a very large number plans at the end only.",
-    )
-    max_duration: float = Field(
-        default=432000.0,
-        gt=0.0,
-        description="Longest glide or mission considered [s] (plan: 1200000).",
-    )
-    depth: Annotated[float | str | None, Option("--depth", "METRES|MIN:MAX")] = Field(
-        default=None,
-        description="Depth of a mission's dives [m], or a range, as 100:700, in which it is chosen leg by leg. Default: as "
-        "flown, else 500.",
-    )
-    max_depth: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Greatest depth of the vehicle [m]; deeper dives and goals are refused. Default: none.",
-    )
-    dives: int | None = Field(
-        default=None,
-        ge=1,
-        description="Number of a mission's dives between surfacings; heading and glide angle are held. Default: as flown, else 1.",
-    )
-    surface_time: float | None = Field(
-        default=None,
-        ge=0.0,
-        description="Time that a mission drifts at each surfacing [s]. Default: as flown, else 0.",
-    )
-    legs: int | None = Field(
-        default=None,
-        ge=1,
-        description="Number of surfacings of a mission, from its first plan on. Default: the best number.",
-    )
-    max_legs: int | None = Field(
-        default=None,
-        ge=1,
-        description="Most surfacings of a mission. Default: as many as max_duration takes, of a mooring 60.",
-    )
+    Attributes:
+        kind: What is planned: a glide, one constant velocity, or a mission of dives; auto: a mission for a glider's log, a glide for
+            others.
+        when: When a plan is made: at intervals, a mission's at the next surfacing; or at each surfacing.
+        speed: Speed through water [m/s]; of a vehicle with --thrust a range too, as 0.5:1.5, in which it is chosen. Default: as flown,
+            else 0.3.
+        tolerance: Distance from the goal within which it is reached [m].
+        radius: Distance from a goal at which a simulated flight arrives [m]. Default: as flown, else the tolerance.
+        interval: Log time between plans [s]; a very large number plans at the end only.
+        max_duration: Longest glide or mission considered [s] (plan: 1200000).
+        depth: Depth of a mission's dives [m], or a range, as 100:700, in which it is chosen leg by leg. Default: as flown, else 500.
+        max_depth: Greatest depth of the vehicle [m]; deeper dives and goals are refused. Default: none.
+        dives: Number of a mission's dives between surfacings; heading and glide angle are held. Default: as flown, else 1.
+        surface_time: Time that a mission drifts at each surfacing [s]. Default: as flown, else 0.
+        legs: Number of surfacings of a mission, from its first plan on. Default: the best number.
+        max_legs: Most surfacings of a mission. Default: as many as max_duration takes, of a mooring 60.
+        min_angle: Shallowest glide angle of a mission [degrees]. Default: as flown with the speed, else 15.
+        max_angle: Steepest glide angle of a mission [degrees]. Default: 35, or as flown where that is more.
+        hotel: Power of all but pump and propeller [W].
+        thrust: Power of a propeller at 1 m/s [W]; above 0 the vehicle has no pump.
+        margin: Minimum distance of a mission from land, shallows and no-go areas [m].
+        bathymetry: Bottom depth on a grid (NetCDF); dives turn, and a glide ends, above it.
+        clearance: Minimum height of a plan above the bottom [m].
+        flow_step: Time between the estimates that a mission is planned on where the current changes [s].
+        samples: Number of samples of the estimate in which a mission is flown, for its odds and ellipses. Default: 100 for plan and the
+            last plan of a replay, else 0.
+        seed: Seed of the samples.
+    """
+
+    kind: Annotated[Literal["auto", "glide", "mission"], Option(name="--planner")] = "auto"
+    when: Literal["interval", "surfacing"] = "interval"
+    speed: Annotated[float | str | None, Option("M/S|MIN:MAX")] = None
+    tolerance: Positive = 250.0
+    radius: Annotated[Positive | None, Option("METRES")] = None
+    interval: Positive = 43200.0
+    max_duration: Annotated[Positive, Option()] = 432000.0
+    depth: Annotated[float | str | None, Option("METRES|MIN:MAX")] = None
+    max_depth: Annotated[Positive | None, Option("METRES")] = None
+    dives: Count | None = None
+    surface_time: Annotated[NotNegative | None, Option("SECONDS")] = None
+    legs: Count | None = None
+    max_legs: Annotated[Count | None, Option("COUNT")] = None
     objective: Annotated[str, AfterValidator(_known_objective)] = Field(
         default="time",
         description=f"What a mission minimises: {', '.join(get_args(ObjectiveName))}, or an installed package's own.",
     )
-    min_angle: float | None = Field(
-        default=None,
-        gt=0.0,
-        lt=90.0,
-        description="Shallowest glide angle of a mission [degrees]. Default: as flown with the speed, else 15.",
-    )
-    max_angle: float | None = Field(
-        default=None,
-        gt=0.0,
-        lt=90.0,
-        description="Steepest glide angle of a mission [degrees]. Default: 35, or as flown where that is more.",
-    )
-    hotel: float = Field(
-        default=1.0, gt=0.0, description="Power of all but pump and propeller [W]."
-    )
-    thrust: float = Field(
-        default=0.0,
-        ge=0.0,
-        description="Power of a propeller at 1 m/s [W], which grows with the cube of the speed; above 0 the vehicle has no pump.",
-    )
-    margin: float = Field(
-        default=50.0,
-        ge=0.0,
-        description="Minimum distance of a mission from land, shallows and no-go areas [m].",
-    )
-    bathymetry: Annotated[str | None, Option("--bathymetry", "FILE.nc")] = Field(
-        default=None,
-        description="Bottom depth on a grid (NetCDF); dives turn, and a glide ends, above it.",
-    )
-    clearance: Annotated[float, Option("--clearance")] = Field(
-        default=20.0, ge=0.0, description="Minimum height of a plan above the bottom [m]."
-    )
-    flow_step: float = Field(
-        default=43200.0,
-        gt=0.0,
-        description="Time between the estimates that a mission is planned on where the current changes [s].",
-    )
-    samples: int | None = Field(
-        default=None,
-        ge=0,
-        description="Number of samples of the estimate in which a mission is simulated, for its odds and surfacing ellipses. "
-        "Default: 100 for plan and for the last plan of a replay, else 0.",
-    )
-    seed: int = Field(default=0, ge=0, description="Seed of the samples.")
+    min_angle: Annotated[float, Field(gt=0.0, lt=90.0)] | None = None
+    max_angle: Annotated[float, Field(gt=0.0, lt=90.0)] | None = None
+    hotel: Annotated[Positive, Option()] = 1.0
+    thrust: Annotated[NotNegative, Option()] = 0.0
+    margin: Annotated[NotNegative, Option()] = 50.0
+    bathymetry: Annotated[str | None, Option("FILE.nc")] = None
+    clearance: Annotated[NotNegative, Option()] = 20.0
+    flow_step: Positive = 43200.0
+    samples: Annotated[Annotated[int, Field(ge=0)] | None, Option("COUNT")] = None
+    seed: Annotated[int, Field(ge=0)] = 0
 
     @field_validator("speed", "depth", mode="before")
     @classmethod

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
 
-from replay_kit.config.file import Section
+from replay_kit.config.file import NotNegative, Section
 from replay_kit.config.removed import refuse_value
 
 
@@ -25,7 +25,7 @@ def _none_is_off(value: float | None) -> float | str:
 
 
 _Limit = Annotated[
-    Annotated[float, Field(ge=0.0)] | None,
+    NotNegative | None,
     BeforeValidator(_off_is_none),
     PlainSerializer(_none_is_off, return_type=float | str),
 ]
@@ -147,17 +147,6 @@ class QualityConfig(Section):
         "above",
         "median deviations, as standard deviations",
         6.0,
-    )
-    outlier_window: int = Field(
-        default=7,
-        ge=5,
-        le=99,
-        description="Number of bins in the window whose middle one is tested.",
-    )
-    outlier_floor: float = Field(
-        default=0.1,
-        gt=0.0,
-        description="Least median deviation [m/s], in addition to the bin's own error, so that smooth profiles pass.",
     )
     at_surface: Literal["off", "suspect", "fail"] = Field(
         default="suspect",

@@ -1,11 +1,10 @@
-"""What earlier versions had and this one has no more: settings, options, their values and commands, each with what to use instead."""
-
-from collections.abc import Sequence
+"""What earlier versions had and this one has no more: settings, options and their values, each with what to use instead."""
 
 from replay_kit.core.errors import ConfigError
 
 _SAMPLING = "adaptive sampling is gone: choose the places yourself, and plan to them with --goal"
 _BLIND = "it steered a vehicle that nobody corrects: --held says how one fares"
+_CONSTANT = "nobody changed its default, which holds now"
 _GATE = "what exceeds the gate is rejected, and where most is, the ensemble is taken to be too narrow: softening let faults in"
 
 #: Keys of the settings, by table; of a table with a command's name they are its options too.
@@ -27,7 +26,22 @@ SETTINGS: dict[str, dict[str, str]] = {
             "an ensemble that differs too little is found by its first profiles, and its variance multiplied",
         ),
     },
-    "time": {"dropped_std": "it is [estimator] dropped_std, of an estimate that is constant too"},
+    "measurements.quality": dict.fromkeys(("outlier_window", "outlier_floor"), _CONSTANT),
+    "time": {
+        "dropped_std": "it is [estimator] dropped_std, of an estimate that is constant too",
+        **dict.fromkeys(
+            (
+                *("trajectory_scale", "oscillator_std", "oscillator_scale"),
+                *(
+                    "oscillator_depth_length",
+                    "heading_bias_std",
+                    "scale_bias_std",
+                    "shear_bias_std",
+                ),
+            ),
+            _CONSTANT,
+        ),
+    },
     "planner": {"flight_model": "a script plans with Glider(flight=fit_flight(...))"},
     "plan": {
         **dict.fromkeys(
@@ -48,23 +62,11 @@ VALUES: dict[str, dict[str, str]] = {
         "leave it out for the project's own, or add yours as a package (entry point replay_kit.estimators)",
     ),
 }
-#: Commands.
-COMMANDS: dict[str, str] = {
-    "bench": "accuracy is measured in a copy of the project by python -m tests.benchmarks pings and dives"
-}
 
 
-def refuse_command(words: Sequence[str]) -> None:
-    """Raise ConfigError for a command line whose first word is a command that was."""
-    if words and (instead := COMMANDS.get(words[0])) is not None:
-        raise ConfigError(f"there is no command {words[0]} any more: {instead}")
-
-
-def refuse_option(command: str, option: str) -> None:
-    """Raise ConfigError for an option that a command had."""
-    named = option.removeprefix("--").replace("-", "_")
-    if (instead := SETTINGS.get(command, {}).get(named)) is not None:
-        raise ConfigError(f"{command} has no {option} any more: {instead}")
+def instead_of(command: str, option: str) -> str:
+    """Return what to use instead of an option that a command had, by its name; empty for one that it never had."""
+    return SETTINGS.get(command, {}).get(option.replace("-", "_"), "")
 
 
 def refuse_value(option: str, value: object) -> None:

@@ -18,7 +18,15 @@ from pydantic import (
 )
 
 from replay_kit.config.estimation import ConsistencyConfig, GatingConfig, TimeConfig
-from replay_kit.config.file import Section, explain, read_toml, refuse_earlier
+from replay_kit.config.file import (
+    Count,
+    NotNegative,
+    Positive,
+    Section,
+    explain,
+    read_toml,
+    refuse_earlier,
+)
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.option import Option
 from replay_kit.config.plan import PlanRequest
@@ -41,60 +49,42 @@ def _checked_time(text: str) -> str:
 Moment = Annotated[str, AfterValidator(_checked_time)]
 #: The region that ``--region all`` stands for.
 EVERYWHERE = (-180.0, -90.0, 180.0, 90.0)
-_Depth = Annotated[float, Field(ge=0.0)]
 _Longitude = Annotated[float, Field(ge=-180.0, le=360.0)]
 _Latitude = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 
 class LogConfig(Section):
-    """``[logs]``: how logs are read."""
+    """``[logs]``: how logs are read.
 
-    clock: Annotated[Literal["log", "publish", "header"], Option("--clock")] = Field(
-        default="log", description="Timestamp by which messages are ordered."
-    )
-    system: int | None = Field(
-        default=None,
-        ge=0,
-        le=255,
-        description="MAVLink system to read; required for a log with positions of several systems.",
-    )
-    component: int | None = Field(
-        default=None,
-        ge=0,
-        le=255,
-        description="MAVLink component of the system whose positions are read; by default the first that states one.",
-    )
-    start: Annotated[Moment | None, Option("--start", "TIME")] = Field(
-        default=None, description="First time used, ISO 8601 UTC."
-    )
-    end: Annotated[Moment | None, Option("--end", "TIME")] = Field(
-        default=None, description="Last time used, ISO 8601 UTC."
-    )
-    reorder_window: float = Field(
-        default=1.0,
-        ge=0.0,
-        description="Largest delay at which a message is still sorted in [s]; later ones are counted and excluded.",
-    )
-    remap: Annotated[dict[str, str], Option("--remap", "OLD=NEW")] = Field(
-        default_factory=dict,
-        description="New names of topics, by their old names; the option may be repeated.",
-    )
+    Attributes:
+        clock: Timestamp by which messages are ordered.
+        system: MAVLink system to read; required for a log with positions of several systems.
+        component: MAVLink component of the system whose positions are read; by default the first that states one.
+        start: First time used, ISO 8601 UTC.
+        end: Last time used, ISO 8601 UTC.
+        reorder_window: Largest delay at which a message is still sorted in [s]; later ones are counted and excluded.
+        remap: New names of topics, by their old names; the option may be repeated.
+        columns: Columns of a table of pings that have neither the standard name nor that of the quantity; a number stands for all rows.
+            The option may be repeated.
+        caches: Folder with the sensor lists (.cac) of a Slocum's files, where they are neither in cac or cache beside these nor in the
+            three folders above.
+    """
+
+    clock: Annotated[Literal["log", "publish", "header"], Option()] = "log"
+    system: Annotated[Annotated[int, Field(ge=0, le=255)] | None, Option("ID")] = None
+    component: Annotated[int, Field(ge=0, le=255)] | None = None
+    start: Annotated[Moment | None, Option("TIME")] = None
+    end: Annotated[Moment | None, Option("TIME")] = None
+    reorder_window: NotNegative = 1.0
+    remap: Annotated[dict[str, str], Option("OLD=NEW")] = Field(default_factory=dict)
     columns: Annotated[
         dict[
             Literal["time", "longitude", "latitude", "depth", "u", "v", "error"],
             Annotated[float | str, Field(union_mode="left_to_right")],
         ],
-        Option("--columns", "QUANTITY=COLUMN"),
-    ] = Field(
-        default_factory=dict,
-        description="Columns of a table of pings that have neither the standard name nor that of the quantity (time, longitude, latitude, "
-        "depth, u, v, error); a number stands for all rows. The option may be repeated.",
-    )
-    caches: str | None = Field(
-        default=None,
-        description="Folder with the sensor lists (.cac) of a Slocum's files. Default: that of the files, and cac and cache in it and in "
-        "the three folders above.",
-    )
+        Option("QUANTITY=COLUMN"),
+    ] = Field(default_factory=dict)
+    caches: str | None = None
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -114,115 +104,62 @@ class LogConfig(Section):
 
 
 class MeasurementConfig(Section):
-    """``[measurements]``: how messages become observations."""
+    """``[measurements]``: how messages become observations.
 
-    position_max_age: float = Field(
-        default=600.0,
-        gt=0.0,
-        description="Longest time from a ping to the nearest fix [s]; beyond it pings are used only within a dive.",
-    )
-    position_max_gap: float = Field(
-        default=86400.0,
-        gt=0.0,
-        description="Longest time between the positions before and after a dive between which its pings are interpolated [s].",
-    )
-    origin: Annotated[tuple[_Longitude, _Latitude] | None, Option("--origin", "LON,LAT")] = Field(
-        default=None,
-        description="Longitude and latitude of the origin of local positions (LOCAL_POSITION_NED, odometry), for a log that states none.",
-    )
-    dvl_axes: Literal["forward-starboard-down", "forward-left-up"] | None = Field(
-        default=None,
-        description="Axes of a DVL's velocity; by default those that its frame_id names, else forward, starboard and down.",
-    )
-    surface_depth: float = Field(
-        default=3.0, gt=0.0, description="Depth above which the vehicle is at the surface [m]."
-    )
-    velocity_std: float = Field(
-        default=0.09,
-        gt=0.0,
-        description="Standard error of each velocity component of a bin whose message states none [m/s].",
-    )
-    reference: Literal["earth", "platform"] | None = Field(
-        default=None,
-        description="Velocity reference of profiles whose message states none; without this setting they are not used.",
-    )
-    use_relative: bool = Field(
-        default=True,
-        description="Use profiles relative to a platform of unknown velocity, for their shear.",
-    )
-    use_inverted: bool = Field(
-        default=True,
-        description="Use profiles that were computed from a dive's pings and depth-averaged current instead of these.",
-    )
-    flight_bias: bool = Field(
-        default=True,
-        description="Correct mean currents for the flight-model error where earlier dives show one; mean currents then count beside "
-        "profiles that were computed from them.",
-    )
-    dead_reckoning: Literal["corrected", "through_water"] = Field(
-        default="corrected",
-        description="Whether dead-reckoned positions include a current; through_water: they do not, and give the depth-averaged current of "
-        "dives whose log states none.",
-    )
-    dac_std: float = Field(
-        default=0.02,
-        gt=0.0,
-        description="Standard error of a depth-averaged current that states none [m/s], beside that of its fixes.",
-    )
-    water_track_distance: Annotated[float, Field(ge=0.0)] | None = Field(
-        default=None,
-        description="Distance of the DVL's water-track layer below the vehicle [m]; its message does not state it.",
-    )
-    fix_std: float = Field(
-        default=20.0,
-        gt=0.0,
-        description="Standard error of each component of a fix [m], in mean currents between fixes.",
-    )
-    correlation_depth: float = Field(
-        default=0.0,
-        ge=0.0,
-        description="E-folding distance of the correlation of the errors within a ping that states none [m].",
-    )
-    regional_speed: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Rms speed of the region's currents [m/s], for the errors of geostrophic shear. Default: the ensemble's.",
-    )
-    surface_tide_std: float | None = Field(
-        default=None,
-        ge=0.0,
-        description="Speed of tides and inertial motion at the surface that the forecast does not hold [m/s], of each component: an "
-        "error of currents by radar and of drifters; 0 for a forecast or a model of time that holds them. Default: 0.08.",
-    )
-    surface_spacing: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Width of the boxes in which radar currents are averaged [m]. Default: two of the ensemble's cells.",
-    )
-    surface_box: tuple[float, float, float, float] | None = Field(
-        default=None,
-        description="West, south, east and north bound of the radar currents and drifters used [degrees]. Default: the ensemble's.",
-    )
-    without: Annotated[tuple[str, ...], Option("--without", "WHAT,...")] = Field(
-        default=(),
-        description="Withhold measurements (data denial): dac, profiles, shear, radar, drifters, sensors, dives:3-5. Values that "
-        "the log's own programs computed from them stay.",
-    )
-    map: tuple[TopicMap, ...] = Field(
-        default=(),
-        description="How to read topics of unknown type; replay-kit info --suggest writes a draft.",
-    )
-    max_speed: float = Field(
-        default=5.0, gt=0.0, description="Largest velocity component of a bin that is used [m/s]."
-    )
-    magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = Field(
-        default=None,
-        description="Declination for pings with a magnetic heading that state none [degrees east].",
-    )
-    velocity_unit: Literal["m/s", "cm/s", "mm/s", "knots"] | None = Field(
-        default=None,
-        description="Override the velocity unit of pings mislabelled as m/s; also accepts implausible speeds.",
-    )
+    Attributes:
+        position_max_age: Longest time from a ping to the nearest fix [s]; beyond it pings are used only within a dive.
+        position_max_gap: Longest time between the positions before and after a dive between which its pings are interpolated [s].
+        origin: Longitude and latitude of the origin of local positions (LOCAL_POSITION_NED, odometry), for a log that states none.
+        dvl_axes: Axes of a DVL's velocity; by default those that its frame_id names, else forward, starboard and down.
+        surface_depth: Depth above which the vehicle is at the surface [m].
+        velocity_std: Standard error of each velocity component of a bin whose message states none [m/s].
+        reference: Velocity reference of profiles whose message states none; without this setting they are not used.
+        use_relative: Use profiles relative to a platform of unknown velocity, for their shear.
+        use_inverted: Use profiles that were computed from a dive's pings and depth-averaged current instead of these.
+        flight_bias: Correct mean currents for the flight-model error where earlier dives show one; they then count beside profiles
+            computed from them.
+        dead_reckoning: Whether dead-reckoned positions include a current; through_water: they do not, and give the depth-averaged
+            current of dives whose log states none.
+        dac_std: Standard error of a depth-averaged current that states none [m/s], beside that of its fixes.
+        water_track_distance: Distance of the DVL's water-track layer below the vehicle [m]; its message does not state it.
+        fix_std: Standard error of each component of a fix [m], in mean currents between fixes.
+        correlation_depth: E-folding distance of the correlation of the errors within a ping that states none [m].
+        regional_speed: Rms speed of the region's currents [m/s], for the errors of geostrophic shear. Default: the ensemble's.
+        surface_tide_std: Speed of tides and inertial motion at the surface that the forecast does not hold [m/s]: an error of radars
+            and drifters. Default: 0.08.
+        surface_spacing: Width of the boxes in which radar currents are averaged [m]. Default: two of the ensemble's cells.
+        surface_box: West, south, east and north bound of the radar currents and drifters used [degrees]. Default: the ensemble's.
+        without: Withhold measurements (data denial): dac, profiles, shear, radar, drifters, sensors, dives:3-5.
+        map: How to read topics of unknown type; replay-kit info --suggest writes a draft.
+        max_speed: Largest velocity component of a bin that is used [m/s].
+        magnetic_declination: Declination for pings with a magnetic heading that state none [degrees east].
+        velocity_unit: Override the velocity unit of pings mislabelled as m/s; also accepts implausible speeds.
+    """
+
+    position_max_age: Positive = 600.0
+    position_max_gap: Positive = 86400.0
+    origin: Annotated[tuple[_Longitude, _Latitude] | None, Option("LON,LAT")] = None
+    dvl_axes: Literal["forward-starboard-down", "forward-left-up"] | None = None
+    surface_depth: Positive = 3.0
+    velocity_std: Positive = 0.09
+    reference: Literal["earth", "platform"] | None = None
+    use_relative: bool = True
+    use_inverted: bool = True
+    flight_bias: bool = True
+    dead_reckoning: Annotated[Literal["corrected", "through_water"], Option()] = "corrected"
+    dac_std: Positive = 0.02
+    water_track_distance: NotNegative | None = None
+    fix_std: Positive = 20.0
+    correlation_depth: NotNegative = 0.0
+    regional_speed: Positive | None = None
+    surface_tide_std: NotNegative | None = None
+    surface_spacing: Positive | None = None
+    surface_box: tuple[float, float, float, float] | None = None
+    without: Annotated[tuple[str, ...], Option("WHAT,...")] = ()
+    map: tuple[TopicMap, ...] = ()
+    max_speed: Positive = 5.0
+    magnetic_declination: Annotated[float, Field(ge=-180.0, le=180.0)] | None = None
+    velocity_unit: Literal["m/s", "cm/s", "mm/s", "knots"] | None = None
     quality: QualityConfig = Field(default_factory=QualityConfig)
 
     @field_validator("without")
@@ -233,72 +170,41 @@ class MeasurementConfig(Section):
 
 
 class ForecastConfig(Section):
-    """``[forecast]``: what the members of the ensemble are, and which part of it is used."""
+    """``[forecast]``: what the members of the ensemble are, and which part of it is used.
 
-    members: Annotated[str | None, Option("--members", "RULE")] = Field(
-        default=None,
-        description="Definition of a member. dim[:NAME]: a position along a dimension; files[:REGEX]: a file, or files of one label; "
-        "suffix: variables such as uo_glor and uo_oras; lags: forecasts of several starts, valid at one time; times:15d: fields within so "
-        "many days of the season, as anomalies about the forecast; models: several products without their mean biases. Default: the member "
-        "dimension, else labels such as mem001 in the names of files, else files of the same times, else forecasts of several starts.",
-    )
-    axes: Annotated[Literal["auto", "grid", "true"], Option("--axes")] = Field(
-        default="auto",
-        description="Whether velocities lie along the grid's axes or along true east and north; auto: as the file says.",
-    )
-    region: Annotated[
-        tuple[float, float, float, float] | None, Option("--region", "W,S,E,N|all")
-    ] = Field(
-        default=None,
-        description="West, south, east and north bound of the part used [degrees], or all. Default: all of a forecast of 1,200 points a "
-        "level or fewer, or without a log; of a larger one the log's positions, the goal and four correlation lengths around them.",
-    )
-    window_points: int | None = Field(
-        default=None,
-        ge=100,
-        description="Largest window [points per level]; in a larger region windows of this size follow each vehicle, each "
-        "starting from the estimate of the previous one. With a goal, and for estimates through time, one region holds all. "
-        "Default: a square of 14 correlation lengths, at least 1,600.",
-    )
-    levels: Annotated[tuple[_Depth, ...] | None, Option("--levels", "Z1,Z2,...")] = Field(
-        default=None, description="Depth levels used [m]; the nearest are taken. Default: all."
-    )
-    lead: Annotated[float | None, Option("--lead", "LEAD")] = Field(
-        default=None,
-        description="Forecast period in the file's unit, or of times without dates how long after the first; the nearest is taken. "
-        "Default: all dated leads where the estimate changes in time, else the dated lead nearest to the log's first message; the last "
-        "lead without a log, or where leads have no date.",
-    )
-    time: Moment | None = Field(
-        default=None,
-        description="Time of the forecast, ISO 8601 UTC; the nearest is taken. Default: all times where the estimate changes in time, else "
-        "the time nearest to the log's first message; the first time without a log.",
-    )
-    reference_time: Annotated[Moment | None, Option("--reference-time", "TIME")] = Field(
-        default=None,
-        description="Start of the forecast, ISO 8601 UTC, for a file of leads that states none.",
-    )
-    place: Annotated[bool, Option("--place-ensemble")] = Field(
-        default=False, description="Move the ensemble's centre to the mean fix of the log."
-    )
+    Attributes:
+        members: What a member is. dim[:NAME]: a position along a dimension; files[:REGEX]: a file or a label; suffix: variables such as
+            uo_glor and uo_oras; lags: forecasts of several starts; times:15d: fields within so many days of the season; models: several
+            products. Default: found from the files.
+        axes: Whether velocities lie along the grid's axes or along true east and north; auto: as the file says.
+        region: West, south, east and north bound of the part used [degrees], or all. Default: all of a small forecast, else what lies
+            around the log and the goal.
+        window_points: Largest region [points per level] that is estimated at once; in a larger one windows follow each vehicle.
+            Default: a square of 14 correlation lengths.
+        levels: Depth levels used [m]; the nearest are taken. Default: all.
+        lead: Forecast period in the file's unit, or as a duration since the first time; the nearest is taken. Default: as --time.
+        time: Time of the forecast, ISO 8601 UTC; the nearest is taken. Default: all times where the estimate changes in time, else that
+            nearest to the log's start.
+        reference_time: Start of the forecast, ISO 8601 UTC, for a file of leads that states none.
+        place: Move the ensemble's centre to the mean fix of the log.
+        offline: Use fetched forecasts only.
+        max_download: Largest download of a forecast given by address [MB]. Default: 1000, and no more than 10 times the values needed.
+        cache: Folder of fetched forecasts. Default: .cache/replay-kit in the home folder.
+    """
+
+    members: Annotated[str | None, Option("RULE")] = None
+    axes: Annotated[Literal["auto", "grid", "true"], Option()] = "auto"
+    region: Annotated[tuple[float, float, float, float] | None, Option("W,S,E,N|all")] = None
+    window_points: Annotated[int, Field(ge=100)] | None = None
+    levels: Annotated[tuple[NotNegative, ...] | None, Option("Z1,Z2,...")] = None
+    lead: Annotated[float | None, Option("LEAD")] = None
+    time: Annotated[Moment | None, Option("TIME")] = None
+    reference_time: Annotated[Moment | None, Option("TIME")] = None
+    place: Annotated[bool, Option(name="--place-ensemble")] = False
     # how a forecast comes here changes no result, so results do not record it
-    offline: Annotated[bool, Option("--offline")] = Field(
-        default=False,
-        exclude=True,
-        description="Use fetched forecasts only.",
-    )
-    max_download: Annotated[
-        Annotated[float, Field(gt=0.0)] | None, Option("--max-download", "MB")
-    ] = Field(
-        default=None,
-        exclude=True,
-        description="Largest download of a forecast given by address [MB]. Default: 1000, and no more than 10 times the values needed.",
-    )
-    cache: str | None = Field(
-        default=None,
-        exclude=True,
-        description="Folder of fetched forecasts. Default: .cache/replay-kit in the home folder.",
-    )
+    offline: Annotated[bool, Option()] = Field(default=False, exclude=True)
+    max_download: Annotated[Positive | None, Option("MB")] = Field(default=None, exclude=True)
+    cache: str | None = Field(default=None, exclude=True)
 
     @field_validator("region", mode="before")
     @classmethod
@@ -319,82 +225,44 @@ class ForecastConfig(Section):
 
 
 class EstimatorConfig(Section):
-    """``[estimator]``: the basis, the prior and the error model; ``None`` means the preset's own value."""
+    """``[estimator]``: the basis, the prior and the error model; ``None`` means the preset's own value.
 
-    name: Annotated[str, Option("--estimator", "NAME")] = Field(
-        default="reduced_basis",
-        description="The project's own estimator, reduced_basis, or a baseline: naive3d, nearest.",
-    )
-    preset: Annotated[Literal["default", "paper"], Option("--preset")] = Field(
-        default="default",
-        description="Settings of the estimator: the project's own, or exactly those of Kong et al. (IROS 2021).",
-    )
-    modes: Annotated[int | None, Option("--modes", "N|all")] = Field(
-        default=300,
-        ge=1,
-        description="Number of modes per level, fewer where fewer exist; 'all' for all.",
-    )
-    speed: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Amplitude of the kernel [m/s]. Default: RMS component speed of the first level.",
-    )
-    length_horizontal: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Horizontal length of the kernel [m]. Default: two cells; 10 km with the preset paper.",
-    )
-    length_vertical: float = Field(
-        default=100.0, gt=0.0, description="Vertical length of the kernel [m]; preset paper only."
-    )
-    nugget: float = Field(
-        default=1e-6,
-        ge=0.0,
-        description="Share of the kernel's largest eigenvalue added to all; preset default only.",
-    )
-    sample_share: float | None = Field(
-        default=None,
-        ge=0.0,
-        le=1.0,
-        description="Share of the sample covariance in the prior; the localised covariance has the rest. Default: fitted by leaving "
-        "members out.",
-    )
-    mean_variance: float | None = Field(
-        default=None,
-        ge=0.0,
-        description="Variance of the amplitude of the ensemble mean, whose mean is 1; 0 takes the mean's amplitude as certain; preset "
-        "default only. Default: averaged over 0 to 0.3 by the first profiles; 0.1 through time or with a stated spread.",
-    )
-    shift_distance: float | None = Field(
-        default=None,
-        ge=0.0,
-        description="Distance of the members' shifted copies [m], 0 for none; preset default only. Default: one correlation length, or "
-        "half of it where that suits members left out better.",
-    )
-    localisation_radius: float | None = Field(
-        default=None,
-        gt=0.0,
-        description="Distance at which the localisation's taper is zero [m]; preset default only. Default: 6.5 correlation lengths.",
-    )
-    representation_error_std: float | None = Field(
-        default=None,
-        ge=0.0,
-        description="Representation error [m/s]. Default: from what the truncated basis does not represent.",
-    )
-    spread: Literal["as_given", "fit"] | Annotated[float, Field(gt=0.0)] | None = Field(
-        default=None,
-        description="Factor on the prior's variance. fit: by the first profiles, in a constant estimate; as_given (1) or a number: they "
-        "change nothing of the prior. Default: fit for members made of lags, times or models; else profiles scale the stated errors.",
-    )
-    dropped_std: float = Field(
-        default=9e-3,
-        ge=0.0,
-        description="Largest standard deviation of all directions of the prior dropped together [m/s], which is part of the errors; "
-        "preset default only.",
-    )
-    paper_error_std: float = Field(
-        default=0.12, gt=0.0, description="Standard error of every bin with the preset paper [m/s]."
-    )
+    Attributes:
+        name: The project's own estimator, reduced_basis, or a baseline: naive3d, nearest.
+        preset: Settings of the estimator: the project's own, or exactly those of Kong et al. (IROS 2021).
+        modes: Number of modes per level, fewer where fewer exist; 'all' for all.
+        speed: Amplitude of the kernel [m/s]. Default: RMS component speed of the first level.
+        length_horizontal: Horizontal length of the kernel [m]. Default: two cells; 10 km with the preset paper.
+        length_vertical: Vertical length of the kernel [m]; preset paper only.
+        nugget: Share of the kernel's largest eigenvalue added to all; preset default only.
+        sample_share: Share of the sample covariance in the prior, as fit writes it. Default: fitted by leaving members out.
+        mean_variance: Variance of the amplitude of the ensemble mean; 0 takes it as certain. Default: by the first profiles; 0.1
+            through time or with a stated spread.
+        shift_distance: Distance of the members' shifted copies [m], 0 for none, as fit writes it. Default: one correlation length, or
+            half of it.
+        localisation_radius: Distance at which the localisation's taper is zero [m], as fit writes it. Default: 6.5 correlation lengths.
+        representation_error_std: Representation error [m/s]. Default: from what the truncated basis does not represent.
+        spread: Factor on the prior's variance; fit: by the first profiles; as_given: 1. Default: fit for members made of lags, times or
+            models.
+        dropped_std: Largest standard deviation of all directions of the prior dropped together [m/s]; smaller is slower and more exact.
+        paper_error_std: Standard error of every bin with the preset paper [m/s].
+    """
+
+    name: Annotated[str, Option("NAME", name="--estimator")] = "reduced_basis"
+    preset: Annotated[Literal["default", "paper"], Option()] = "default"
+    modes: Annotated[Count | None, Option("N|all")] = 300
+    speed: Positive | None = None
+    length_horizontal: Positive | None = None
+    length_vertical: Positive = 100.0
+    nugget: NotNegative = 1e-6
+    sample_share: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    mean_variance: NotNegative | None = None
+    shift_distance: NotNegative | None = None
+    localisation_radius: Positive | None = None
+    representation_error_std: NotNegative | None = None
+    spread: Literal["as_given", "fit"] | Positive | None = None
+    dropped_std: NotNegative = 9e-3
+    paper_error_std: Positive = 0.12
 
     @field_validator("modes", mode="before")
     @classmethod
@@ -408,29 +276,21 @@ class EstimatorConfig(Section):
 
 
 class OutputConfig(Section):
-    """``[output]``: what is published, and how often."""
+    """``[output]``: what is published, and how often.
 
-    depths: tuple[_Depth, ...] | None = Field(
-        default=None, description="Depths of the published slices [m]. Default: three levels."
-    )
-    interval: float = Field(
-        default=21600.0, gt=0.0, description="Log time between published grids [s]."
-    )
-    checkpoint_interval: float = Field(
-        default=10_800.0,
-        gt=0.0,
-        description="Log time of a block [s].",
-    )
-    threads: int = Field(
-        default=1,
-        ge=1,
-        le=1024,
-        description="Number of BLAS threads; another number changes the last bits of the results.",
-    )
-    metadata: dict[str, str] = Field(
-        default_factory=dict,
-        description="Global attributes (ACDD) of the NetCDF files written, that only a person knows: creator_name, license, ...",
-    )
+    Attributes:
+        depths: Depths of the published slices [m]. Default: three levels.
+        interval: Log time between published grids [s].
+        checkpoint_interval: Log time of a block [s].
+        threads: Number of BLAS threads; another number changes the last bits of the results.
+        metadata: Global attributes (ACDD) of the NetCDF files written, such as creator_name and license.
+    """
+
+    depths: tuple[NotNegative, ...] | None = None
+    interval: Positive = 21600.0
+    checkpoint_interval: Positive = 10_800.0
+    threads: Annotated[int, Field(ge=1, le=1024)] = 1
+    metadata: dict[str, str] = Field(default_factory=dict)
 
 
 class RunConfig(Section):

@@ -130,7 +130,7 @@ def scales_of(weights: Array, times_ns: NDArray[np.int64], time: TimeConfig) -> 
     local = np.inf if time.scale == "static" else time.scale
     if local == "auto":
         local = decorrelation_time(weights - weights.mean(axis=1, keepdims=True), times_ns)
-    return time.trajectory_scale or _TRAJECTORY_FACTOR * float(local), float(local)
+    return _TRAJECTORY_FACTOR * float(local), float(local)
 
 
 def decorrelation_time(anomalies: Array, times_ns: NDArray[np.int64]) -> float:

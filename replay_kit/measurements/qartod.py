@@ -33,6 +33,8 @@ _MAD = 1.4826
 _FEWEST = 4
 # numbers up to which exchanges are faster than sorting
 _FEW = 9
+# bins in the window whose middle one is tested; and the least median deviation [m/s] beside a bin's own error: smooth profiles pass
+_OUTLIER_WINDOW, _OUTLIER_FLOOR = 7, 0.1
 _NO_SNR = "the ping has neither snr nor noise_floor with amplitude"
 #: Columns of pings of one layout, and what is fixed of their instrument.
 Profiles = Mapping[str, Any]
@@ -67,8 +69,8 @@ def tested(
     # each bin against those around it that no other test failed
     velocity = profiles["velocity"][..., :2].copy()
     velocity[np.any([test.flags == _FAIL for test in found], axis=0) | ~np.isfinite(depth)] = np.nan
-    floor = np.maximum(profiles["error_std"], quality.outlier_floor)
-    ratio = outlyingness(velocity, floor, quality.outlier_window)
+    floor = np.maximum(profiles["error_std"], _OUTLIER_FLOOR)
+    ratio = outlyingness(velocity, floor, _OUTLIER_WINDOW)
     few = np.where(np.isfinite(ratio).any(axis=1), "", "too few bins")
     found.append(test("outlier", Reason.OUTLIER, ratio, few, False))
     return found, *_rolled_up(found, profiles, quality.use_suspect)

@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
 
 from replay_kit.config.option import PLACE, numbers
 from replay_kit.config.run import RunConfig, load_config
@@ -35,7 +32,6 @@ from replay_kit.workflows.replay.scoring import RIVAL
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
 _VERSIONS = "replay_kit.versions"
-_VALUES_SHOWN = 10
 
 #: Plans again what a result records, with its configuration and its inputs by their keys, and writes the plan's result.
 PlanAgain = Callable[[Recorded, RunConfig, Mapping[str, Path], Path], None]
@@ -46,12 +42,10 @@ class Verdict:
     """Comparison of a result with its repetition.
 
     Attributes:
-        result: The result.
         difference: Between its values and those made again.
         notes: What may explain a difference: other versions, a limit of time.
     """
 
-    result: Path
     difference: Difference
     notes: tuple[str, ...]
 
@@ -81,25 +75,27 @@ def verify(
         LogError: The result cannot be read or does not say what it was made from, or an input is not found.
     """
     recorded = read_recorded(result)
-    if recorded.metadata.get("replay_kit.options", {}).get("smoothed"):
-        raise LogError(
-            f"{result}: expected a result of replay-kit replay, got a smoothed one; verify the replay, and smooth again"
-        )
-    if provided := recorded.metadata.get("replay_kit.options", {}).get(PROVIDED):
-        raise LogError(
-            f"{result}: expected a result of files and settings alone, got one whose {provided} a script gave; run the script again"
-        )
-    planned = not any(key.startswith("ensemble") for key in recorded.metadata["replay_kit.inputs"])
-    if planned and PLAN_RECORD not in recorded.metadata:
-        raise LogError(
-            f"{result}: a plan of an earlier version, which records no options to make it again from; plan again to verify"
-        )
+    inputs, options = (
+        recorded.metadata.get(name, {}) for name in ("replay_kit.inputs", "replay_kit.options")
+    )
+    planned = not any(key.startswith("ensemble") for key in inputs)
+    why_not = (
+        "got a smoothed one; verify the replay, and smooth again"
+        if options.get("smoothed")
+        else f"got one whose {options[PROVIDED]} a script gave; run the script again"
+        if options.get(PROVIDED)
+        else "got a plan of an earlier version, which records no options to make it again from; plan again"
+        if planned and PLAN_RECORD not in recorded.metadata
+        else ""
+    )
+    if why_not:
+        raise LogError(f"{result}: expected a result of replay-kit replay or plan, {why_not}")
+    searched = [*folders, result.parent, Path(), CACHE]
+    found = {key: _find(result, key, text, searched) for key, text in inputs.items()}
     with tempfile.TemporaryDirectory() as folder:
-        settings = Path(folder) / "config.toml"
+        settings, again = Path(folder) / "config.toml", Path(folder) / "again.mcap"
         settings.write_text(recorded.config_toml, encoding="utf-8")
         config = load_config(settings)
-        again = Path(folder) / "again.mcap"
-        found = _inputs(result, recorded, [*folders, result.parent, Path(), CACHE])
         if planned:
             assert plan_again is not None, "the result of a plan needs plan_again"
             plan_again(recorded, config, found, again)
@@ -107,20 +103,7 @@ def verify(
             if BATHYMETRY in found:
                 config = with_bathymetry(config, found[BATHYMETRY])
             replay(_job(recorded, found, again), config, planner_of, progress)
-        return Verdict(result, difference(result, again), _what_may_differ(recorded))
-
-
-def _contract(recorded: Recorded) -> str | None:
-    """Return the version of the contract of a result."""
-    return recorded.metadata.get("contract", {}).get("version")
-
-
-def _inputs(result: Path, recorded: Recorded, folders: Sequence[Path]) -> dict[str, Path]:
-    """Return the inputs that a result names, by their keys."""
-    return {
-        key: _find(result, key, text, folders)
-        for key, text in recorded.metadata["replay_kit.inputs"].items()
-    }
+        return Verdict(difference(result, again), _what_may_differ(recorded))
 
 
 def _products(found: Mapping[str, Path], prefix: str) -> tuple[tuple[Path, ...], ...]:
@@ -135,31 +118,22 @@ def _place(text: str | None) -> Place | None:
 
 
 def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
-    options = recorded.metadata.get("replay_kit.options", {})
-    logs = tuple(found[key] for key in sorted(found, key=_numbers) if key.startswith("log"))
-    ensemble, against = (_products(found, prefix) for prefix in ("ensemble", RIVAL))
-    where = _place(options.get("goal"))
-    record = recorded.metadata.get(REGION_RECORD)
-    region = None if record is None else from_record(record)
-    included = options.get("include_inputs") == "true"
-    vehicles = tuple(
-        Vehicle(
-            one.name,
-            tuple(found[key] for key in one.logs),
-            _place(one.goal),
-            one.why_not,
-        )
-        for one in vehicle_records(recorded.metadata)
+    """Return the job that a replay's result records."""
+    options, region = (
+        recorded.metadata.get(name, {}) for name in ("replay_kit.options", REGION_RECORD)
     )
     return ReplayJob(
-        logs,
-        ensemble,
+        tuple(found[key] for key in sorted(found, key=_numbers) if key.startswith("log")),
+        _products(found, "ensemble"),
         out,
-        goal=where,
-        include_inputs=included,
-        region=region,
-        against=against,
-        vehicles=vehicles,
+        goal=_place(options.get("goal")),
+        include_inputs=options.get("include_inputs") == "true",
+        region=from_record(region) if region else None,
+        against=_products(found, RIVAL),
+        vehicles=tuple(
+            Vehicle(one.name, tuple(found[key] for key in one.logs), _place(one.goal), one.why_not)
+            for one in vehicle_records(recorded.metadata)
+        ),
     )
 
 
@@ -190,7 +164,8 @@ def _what_may_differ(recorded: Recorded) -> tuple[str, ...]:
         notes.append(
             "planned with --time-limit: a search that the clock stops may find another plan"
         )
-    if (version_then := _contract(recorded)) != str(CONTRACT_VERSION):
+    version_then = recorded.metadata.get("contract", {}).get("version")
+    if version_then != str(CONTRACT_VERSION):
         notes.append(f"made with contract version {version_then}, here it is {CONTRACT_VERSION}")
     for package, made_with in recorded.metadata.get(_VERSIONS, {}).items():
         try:
@@ -202,20 +177,3 @@ def _what_may_differ(recorded: Recorded) -> tuple[str, ...]:
                 f"made with {package} {made_with}, here it is {here}: last bits may differ"
             )
     return tuple(notes)
-
-
-def verdict_json(verdict: Verdict) -> dict[str, Any]:
-    """Return the JSON object of ``--json``."""
-    return {
-        "result": str(verdict.result),
-        **verdict.difference.to_json(),
-        "notes": list(verdict.notes),
-    }
-
-
-def print_verdict(verdict: Verdict, console: Console) -> None:
-    """Print whether the result was made again, or what differs (recorded | made again)."""
-    for line in str(verdict.difference).splitlines():
-        console.print(f"{verdict.result}: {line}")
-    for note in verdict.notes:
-        console.print(f"note: {note}")

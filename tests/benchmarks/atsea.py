@@ -35,6 +35,9 @@ def rows(tiny: bool) -> list[Row]:
         return [_twin(Path(name), tiny)]
 
 
+_REPLAY = (sys.executable, "-m", "replay_kit", "replay")
+
+
 @dataclass
 class Shore:
     """A process that follows a folder: started, killed and started again.
@@ -57,17 +60,8 @@ class Shore:
 
     def start(self) -> None:
         """Start the process, which goes on from what is on the disk."""
-        command = [
-            sys.executable,
-            "-m",
-            "replay_kit",
-            "replay",
-            str(self.inbox),
-            *self.arguments,
-            "-o",
-            str(self.out),
-        ]
-        command += ["--follow", "--interval", "0.2", "--planner.samples", "10"]
+        command = [*_REPLAY, str(self.inbox), *self.arguments, "-o", str(self.out)]
+        command += ["--follow", "--interval", "0.2", "--samples", "10"]
         # in the background a shell lets its children ignore Ctrl-C
         signal.signal(signal.SIGINT, signal.default_int_handler)
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
@@ -175,20 +169,11 @@ def _followed(
     code = shore.end()
     once = folder / "once.mcap"
     logs = [str(path) for path in sorted(shore.inbox.iterdir())]
-    command = [
-        sys.executable,
-        "-m",
-        "replay_kit",
-        "replay",
-        *logs,
-        *arguments,
-        "--planner.samples",
-        "10",
-        "--planner.when",
-        "surfacing",
-    ]
+    settings = folder / "once.toml"
+    settings.write_text('[planner]\nwhen = "surfacing"\n')
+    more = ["--samples", "10", "--config", str(settings), "-o", str(once)]
     subprocess.run(
-        [*command, "-o", str(once)],
+        [*_REPLAY, *logs, *arguments, *more],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         check=False,

@@ -17,17 +17,10 @@ _HELP, _IMPORT, _LOG, _INFO = 0.4, 0.1, 0.5, 1.0
 def rows(tiny: bool) -> list[Row]:
     """Return the least processor time of each beginning over some repeats; once when tiny."""
     log = str(ROOT / "sample_logs" / "glider.mcap")
-    replay = ["replay", "a.mcap", "--ensemble", "e.nc", "-o"]
-    lines = (
-        ["--help"],
-        ["--version"],
-        ["replay", "--help"],
-        ["plan", "--help"],
-        [*replay, "x.mcap", "--mode", "3"],
-        [*replay, "x.csv"],
-        [*replay, "x.mcap", "--goal=1,2"],
-    )
-    cases = [(" ".join(("replay-kit", *words)), _MAIN, words, _HELP) for words in lines]
+    replay = "replay a.mcap --ensemble e.nc -o"
+    lines = ["--help", "--version", "replay --help", "plan --help", f"{replay} x.csv"]
+    lines += [f"{replay} x.mcap --mode 3", f"{replay} x.mcap --goal=1,2"]
+    cases = [(f"replay-kit {line}", _MAIN, line.split(), _HELP) for line in lines]
     cases += [
         (f"replay-kit info {name}", _MAIN, ["info", str(ROOT / "sample_logs" / name)], _INFO)
         for name in ("glider.mcap", "glider.tlog")

@@ -93,7 +93,9 @@ def test_its_files_are_whole_when_a_reader_of_its_table_stops_early(flow, tmp_pa
 
 def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
     config, areas, out = (tmp_path / name for name in ("run.toml", "areas.geojson", "plan.mcap"))
-    config.write_text("[planner]\nmax_angle = 30.0\n[measurements]\nsurface_depth = 4.0\n")
+    config.write_text(
+        "[planner]\nmax_angle = 30.0\nlegs = 3\n[measurements]\nsurface_depth = 4.0\n"
+    )
     far = [[150.0, -45.0], [150.1, -45.0], [150.1, -44.9], [150.0, -45.0]]
     areas.write_text(
         json.dumps(
@@ -105,7 +107,7 @@ def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
         )
     )
     run(
-        f"{flow} {ASK} --config {config} --no-go {areas} --objective energy --legs 3 -o {out}",
+        f"{flow} {ASK} --config {config} --no-go {areas} --objective energy -o {out}",
     )
     metadata, settings = recorded(out)
     hashes = {"flow0": flow, "no_go": areas}
@@ -172,8 +174,10 @@ def test_areas_and_bathymetry_are_kept_clear_of(flow, tmp_path):
     assert past["duration_s"] > free["duration_s"]
     assert (past["samples"]["safe"] == 1.0) == (past["samples"]["violations"] == {})
     assert past["samples"]["allowed"] is None
+    config = tmp_path / "run.toml"
+    config.write_text(f"[planner]\nlegs = {len(past['legs'])}\n")
     done = run(
-        f"{flow} {ASK} --json - --no-go {areas} --samples 5 --risk 0.2 --legs {len(past['legs'])}",
+        f"{flow} {ASK} --json - --no-go {areas} --samples 5 --risk 0.2 --config {config}",
         code=None,
     )
     wide = json.loads(done.stdout)
@@ -220,7 +224,8 @@ def test_a_list_that_is_withheld_names_the_tolerance_that_helps(flow, tmp_path, 
 
 
 def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(flow, tmp_path):
-    asked = f"{flow} {ASK} --line --samples 0 --legs 4 --json -"
+    (tmp_path / "run.toml").write_text("[planner]\nlegs = 4\n")
+    asked = f"{flow} {ASK} --line --samples 0 --config {tmp_path}/run.toml --json -"
     wide, narrow = (
         json.loads(run(f"{asked} {more}").stdout)
         for more in (f"-o {tmp_path / 'plan.mcap'}", "--line-width 30")

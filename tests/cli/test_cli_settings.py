@@ -1,14 +1,17 @@
-"""Options made from the settings: each setting is an option, means what the key in a file means, and help is quick to have."""
+"""Options made from the settings: each means what the key in a file means, ``config`` lists all keys, and help is quick to have."""
 
+import re
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 
 import pytest
 
 from planners.output.waypoints import FORMS
 from replay_kit.cli.app import app
-from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.cli.settings import Settings, every_setting, takes_settings
+from replay_kit.config.option import Option
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 from tests.command import invoke, succeed
@@ -33,16 +36,14 @@ SAME = [
     ("time.scale", "'static'", "static"),
     ("time.scale", "86400.0", "86400"),
     ("time.oscillators", "['M2', 'inertial']", "M2,inertial"),
-    ("measurements.use_inverted", "false", False),
-    ("measurements.quality.tilt_fail", "'off'", "off"),
+    ("measurements.dead_reckoning", "'through_water'", "through_water"),
     ("planner.depth", "300", "300"),
-    ("output.depths", "[10]", "10"),
     ("plan.goal", "['152,-40,0', '153,-40,0']", ["152,-40,0", "153,-40,0"]),
     ("plan.risk", "0.1", "0.1"),
 ]
 
 
-def given(path: str, value: object) -> Settings:
+def given(path: str, value: object, **more: object) -> Settings:
     """Return the settings of a command whose only option is that of one setting."""
 
     @takes_settings(path)
@@ -50,7 +51,7 @@ def given(path: str, value: object) -> Settings:
         return 0
 
     kind = command.__kwdefaults__["settings"].__class__
-    return kind(**{path.replace(".", "__"): value})
+    return kind(**{path.replace(".", "__"): value}, **more)
 
 
 @pytest.mark.parametrize(("path", "text", "value"), SAME)
@@ -61,62 +62,51 @@ def test_an_option_means_what_the_key_in_a_file_means(path, text, value, tmp_pat
 
 
 def test_options_win_over_the_file_and_leave_its_other_keys(tmp_path):
-    (tmp_path / "run.toml").write_text(
-        "[measurements.quality]\ntilt_fail = 20.0\ntilt_suspect = 15.0\n"
-    )
-
-    @takes_settings("measurements.quality.tilt_fail")
-    def command(settings: Settings) -> int:
-        return 0
-
-    kind = command.__kwdefaults__["settings"].__class__
-    quality = (
-        kind(config=tmp_path / "run.toml", measurements__quality__tilt_fail="25")
-        .load()
-        .measurements.quality
-    )
-    assert (quality.tilt_fail, quality.tilt_suspect) == (25.0, 15.0)
-    with pytest.raises(ConfigError, match=r"'measurements\.quality\.tilt_fail': .* got 'steep'"):
-        kind(measurements__quality__tilt_fail="steep").load()
+    path = tmp_path / "run.toml"
+    path.write_text("[planner]\ndepth = 300.0\nradius = 50.0\n")
+    planner = given("planner.depth", "400", config=path).load().planner
+    assert (planner.depth, planner.radius) == (400.0, 50.0)
+    with pytest.raises(ConfigError, match=r"'planner\.radius': .* got 'wide'"):
+        given("planner.radius", "wide").load()
 
 
-def test_replay_has_an_option_for_every_setting_with_its_help():
-    options = {
-        name: option
-        for option in app["replay"].assemble_argument_collection()
-        for name in option.names
-    }
+def test_config_lists_every_setting_as_a_file_that_can_be_read(tmp_path):
+    said = succeed("config").stdout
+    keys = [path.rpartition(".") for path, _ in every_setting()]
+    tables = tomllib.loads(re.sub(r"(?m)^#(\w+ = .+)$", r"\1", said))
+    for section, _, key in keys:
+        assert f"\n#{key} = " in said.partition(f"[{section}]\n")[2].partition("\n[")[0] + "\n"
+    # what has a default is a line that counts once it is uncommented
+    (tmp_path / "run.toml").write_text(re.sub(r"(?m)^#(\w+ = \S.*)$", r"\1", said))
+    assert load_config(tmp_path / "run.toml") == RunConfig()
+    assert tables["planner"]["kind"] == "auto"
+    assert succeed("config planner gating").stdout.count("\n[") == 1
+    assert "expected sections of logs, measurements" in invoke("config nothing").stderr
 
-    def check(model: type, prefix: str) -> int:
-        count = 0
-        for name, setting in model.model_fields.items():
-            path = f"{prefix}{name}"
-            if hasattr(setting.annotation, "model_fields"):
-                count += check(setting.annotation, f"{path}.")
-            elif path != "measurements.map" and prefix != "plan.":
-                assert options[f"--{path.replace('_', '-')}"].parameter.help.startswith(
-                    setting.description
-                ), path
-                count += 1
-        return count
 
-    assert check(RunConfig, "") > 90
+def test_a_replay_has_sixty_options_at_most_and_their_help_is_that_of_the_settings():
+    options = {option.name: option for option in app["replay"].assemble_argument_collection()}
+    assert len(options) <= 60
+    for path, setting in every_setting():
+        name = f"--{path.rpartition('.')[2].replace('_', '-')}"
+        marked = any(isinstance(part, Option) and part.name is None for part in setting.metadata)
+        if marked and name in options and not path.startswith("plan."):
+            assert options[name].parameter.help.startswith(setting.description), path
 
 
 def test_help_lists_what_the_libraries_have():
-    said = invoke("plan --help-all", columns=400).stdout
+    said = invoke("plan --help", columns=400).stdout
     assert all(name in said for name in FORMS)
 
 
 def test_help_is_as_wide_as_it_is_told_to_be():
     for columns in (60, 100, 240):
-        lines = invoke("replay --help-all", columns=columns).stdout.splitlines()
-        assert columns - 10 < max(map(len, lines)) <= columns
+        lines = invoke("replay --help", columns=columns).stdout.splitlines()
+        assert max(map(len, lines)) == columns
     wide, told = (
-        python("-m", "replay_kit", "qc", "--help-all", env=env) for env in ({}, {"COLUMNS": "80"})
+        python("-m", "replay_kit", "qc", "--help", env=env) for env in ({}, {"COLUMNS": "80"})
     )
-    assert 150 < max(map(len, wide.splitlines())) <= 160
-    assert 70 < max(map(len, told.splitlines())) <= 80
+    assert [max(map(len, said.splitlines())) for said in (wide, told)] == [160, 80]
 
 
 def test_help_and_refusals_load_no_library_that_takes_long():

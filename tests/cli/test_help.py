@@ -1,137 +1,51 @@
-"""The layout of help: it fits a screen, nothing is cut, what is common comes first; --help-all has every option."""
+"""Help: it has every option with its form, default and choices, and fits the terminal."""
 
 import pytest
 
-from replay_kit.cli.app import _COMMANDS, _STUDIES, app
-from replay_kit.cli.help import layout
+from replay_kit.cli.app import FORMS, app
 from tests.command import invoke, succeed
 
-COMMANDS = [(name,) for name in _COMMANDS] + [("experiment", name) for name in _STUDIES]
 
-
-def headings(text: str) -> list[str]:
-    return [line for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
-
-
-def options(text: str) -> list[str]:
-    """Return the first name of each entry."""
-    return [
-        line.split()[0].rstrip(",")
-        for line in text.splitlines()
-        if line.startswith("  ") and line[2] != " "
-    ]
-
-
-def test_names_and_descriptions_stand_in_columns():
-    entries = [
-        ("-o, --out FILE", "Where the result goes, with many words."),
-        ("--a-name-that-is-too-long X", "Below."),
-    ]
-    assert layout("Usage: it", "Does it.", [("Options", entries)], 50).splitlines() == [
-        "Usage: it",
-        "",
-        "Does it.",
-        "",
-        "Options:",
-        "  -o, --out FILE          Where the result goes,",
-        "                          with many words.",
-        "  --a-name-that-is-too-long X",
-        "                          Below.",
-    ]
-    # two spaces at least between a name and its description
-    assert layout("u", "a", [("C", [("x" * 22, "d"), ("y" * 23, "d")])], 50).splitlines()[-3:] == [
-        f"  {'x' * 22}  d",
-        f"  {'y' * 23}",
-        " " * 26 + "d",
-    ]
-
-
-@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_no_line_is_wider_than_the_terminal_and_every_option_is_there(words):
-    done = succeed([*words, "--help-all"], columns=80)
-    assert max(map(len, done.stdout.splitlines())) <= 80
+@pytest.mark.parametrize("words", FORMS)
+def test_every_option_is_there_and_no_line_is_wider_than_the_terminal(words):
+    said = succeed(f"{words} --help", columns=80).stdout
+    assert max(map(len, said.splitlines())) <= 80
     command = app
-    for word in words:
+    for word in words.split():
         command = command[word]
-    with app.app_stack((*words,)):
-        names = {
-            name
-            for argument in command.assemble_argument_collection()
-            if argument.show
-            for name in argument.names
-        }
-    said = done.stdout.replace(",", " ").split()
-    assert names <= set(said)
-    assert headings(done.stdout)[-1] == "Reporting:"
+    with app.app_stack(words.split()):
+        arguments = command.assemble_argument_collection(parse_docstring=True)
+        shown = [each for each in arguments if each.show]
+    assert all(each.parameter.help for each in shown)
+    # names may be folded
+    joined = "".join(said.replace("\u2502", "").split())
+    assert all(name in joined for each in shown for name in each.names)
 
 
-@pytest.mark.parametrize("words", [(), ("experiment",), *COMMANDS], ids=" ".join)
-def test_help_fits_a_screen_and_says_how_to_see_the_rest(words):
-    said, whole = (
-        invoke([*words, option], columns=100).stdout for option in ("--help", "--help-all")
-    )
-    assert len(said.splitlines()) <= 50
-    hidden = len(options(whole)) - len(options(said))
-    assert hidden >= 0
-    assert set(options(said)) <= set(options(whole))
-    last = f"{hidden} more options, and what each accepts: {' '.join(('replay-kit', *words))} --help-all"
-    assert (last in " ".join(said.split())) == (hidden > 0)
-    assert (said == whole) == (hidden == 0)
-
-
-def test_the_common_options_of_a_long_list_come_first():
-    said = invoke("replay --help-all", columns=80).stdout
-    found = headings(said)
-    assert found[:6] == [
-        "Common options:",
-        "Inputs:",
-        "Outputs:",
-        "Options:",
-        "Settings:",
-        "Section logs of the settings:",
-    ]
-    common = options(said[said.index("Common options:") : said.index("Inputs:")])
-    assert common[:3] == ["LOG", "--ensemble", "-o"]
-    expected = (
-        "--goal --members --levels --config --report --follow --json --overwrite --as --depth"
-    )
-    assert set(common[3:]) == {*expected.split(), "--bathymetry", "--radius", "--start"}
-    # a short list has no such heading
-    assert headings(invoke("synthesize --help").stdout) == [
-        "Outputs:",
-        "Options:",
-        "Reporting:",
-    ]
-
-
-def test_of_a_long_list_the_help_has_first_sentences_short_names_and_defaults():
-    said = " ".join(invoke("replay --help", columns=100).stdout.split())
-    assert "--levels Z1,Z2,... Depth levels used [m] --" in said
-    # what must be given is told whole
-    assert "may be repeated. --members defines what a member is. [required]" in said
+def test_commands_stand_under_their_headings():
+    said = succeed("--help", columns=100).stdout
+    place = [said.index(word) for word in (" Estimate and plan ", " replay ", " Logs ", " info ")]
+    assert place == sorted(place)
+    assert all(f" {name} " in said for name in FORMS if " " not in name)
 
 
 def test_forms_choices_and_defaults_are_told():
-    said = " ".join(invoke("twin --help-all", columns=80).stdout.split())
-    assert (
-        "--vehicle vessel|glider A vessel surveys at random positions, a glider dives. [default: vessel]"
-        in said
-    )
-    assert "--pings COUNT Number of ADCP pings. [default: 450]" in said
-    assert (
-        "--noise NUMBER Standard deviation of each velocity component of a bin [m/s]. [default: 0.09]"
-        in said
-    )
-    assert "--truth FILE[#member] The current that the vehicle moves in. [required]" in said
-    assert "--changing The current changes" in said
+    said = " ".join(invoke("twin --help", columns=80).stdout.replace("\u2502", "").split())
+    for words in (
+        "--vehicle CHOICE A vessel surveys at random positions, a glider dives. [choices: vessel, glider] [default: vessel]",
+        "--noise FLOAT Standard deviation of each velocity component of a bin [m/s]. [default: 0.09]",
+        "--truth FILE[#member] The current that the vehicle moves in. [required]",
+        "--changing The current changes",
+    ):
+        assert words in said
 
 
 @pytest.mark.parametrize(
     ("arguments", "code", "begin"),
     [
-        ([], 2, "Usage: replay-kit COMMAND [OPTIONS]\n"),
-        (["-h"], 0, "Usage: replay-kit COMMAND [OPTIONS]\n"),
-        (["experiment"], 2, "Usage: replay-kit experiment COMMAND [OPTIONS]\n"),
+        ([], 2, "Usage: replay-kit COMMAND\n"),
+        (["-h"], 0, "Usage: replay-kit COMMAND\n"),
+        (["experiment"], 2, "Usage: replay-kit experiment COMMAND\n"),
         (
             "experiment paper -h",
             0,

@@ -10,12 +10,13 @@ from tests.command import run_command
 from tests.places import SAMPLES
 
 GLIDER, ENSEMBLE = SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc"
-SHORT = f"--ensemble {ENSEMBLE} --logs.end 2018-11-16T06:00:00Z --estimator.modes 4 --estimator.sample-share 0.5"
+SHORT = f"--ensemble {ENSEMBLE} --end 2018-11-16T06:00:00Z --modes 4 --config run.toml"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("commands")
+    (folder / "run.toml").write_text("[estimator]\nsample_share = 0.5\n")
     settings = {
         "logs": {"end": "2018-11-16T06:00:00Z"},
         "estimator": {"modes": 4, "sample_share": 0.5},

@@ -49,8 +49,8 @@ def test_a_removed_key_is_refused_with_what_to_write_instead(tmp_path, toml, ins
 @pytest.mark.parametrize(
     ("line", "instead"),
     [
-        ("plan flow.nc --policy a.csv", "plan has no --policy any more: it steered a vehicle"),
-        ("plan flow.nc --profile-error 1", "plan has no --profile-error any more: adaptive"),
+        ("plan flow.nc --policy a.csv", "It is gone: it steered a vehicle"),
+        ("plan flow.nc --profile-error 1", "It is gone: adaptive sampling"),
         (
             "plan flow.nc --start=1,2,0 --goal=1,2,0 --objective map",
             "--objective has no map any more: adaptive sampling is gone",

@@ -144,7 +144,7 @@ def test_levels_that_the_paper_s_functions_cannot_tell_apart_are_refused(tmp_pat
     sea = synthetic.dataset(levels=levels, west=152.9, south=-40.5)
     sea.to_netcdf(tmp_path / "close.nc", engine="h5netcdf")
     given = f"{LOG} --ensemble {tmp_path}/close.nc -o {tmp_path}/x.mcap"
-    done = invoke(f"replay {given} --estimator.preset paper")
+    done = invoke(f"replay {given} --preset paper")
     assert isinstance(done.exception, EstimatorError)
     assert "with l_z = 100 m (estimator.length_vertical)" in done.stderr
     assert "levels 0, 10, 20" in done.stderr
@@ -161,15 +161,17 @@ def test_levels_that_the_paper_s_functions_cannot_tell_apart_are_refused(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("members", "stated", "said"), [(3, "", True), (4, "", False), (2, "0.1", False)]
+    ("members", "stated", "said"),
+    [(3, "", True), (4, "", False), (2, "representation_error_std = 0.1", False)],
 )
 def test_too_few_members_to_state_errors_are_said_before_the_replay(
     members, stated, said, tmp_path, caplog
 ):
     data = synthetic.dataset(n_members=members, west=152.9, south=-40.5)
     data.to_netcdf(tmp_path / "few.nc", engine="h5netcdf")
-    command = f"replay {LOG} --ensemble {tmp_path}/few.nc -o {tmp_path}/x.mcap --dry-run"
-    succeed(command + (f" --estimator.representation-error-std {stated}" if stated else ""))
+    (tmp_path / "run.toml").write_text(f"[estimator]\n{stated}")
+    files = f"{LOG} --ensemble {tmp_path}/few.nc --config {tmp_path}/run.toml"
+    succeed(f"replay {files} -o {tmp_path}/x.mcap --dry-run")
     words = f"{members} members are too few to state errors, expected 4 or more"
     advice = "set estimator.representation_error_std to a number from your own measurements"
     assert [text in caplog.text for text in (words, advice)] == [said, said]

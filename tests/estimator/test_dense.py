@@ -197,7 +197,7 @@ def test_a_scale_error_moves_the_estimate_by_the_jacobian_and_smoothing_takes_al
 
     def moved(at, count):
         x, p = twin.joint(seen[:count], at)
-        return x - p[:, -1] * time.scale_bias_std * sum(slopes[:count])
+        return x - p[:, -1] * 0.05 * sum(slopes[:count])
 
     for count, profile in enumerate(log, 1):
         design, value, noise = rows = twin.rows(profile)

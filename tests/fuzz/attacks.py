@@ -264,6 +264,5 @@ ATTACKS: dict[str, Attack] = {
     "MAVLink: 500,000 frames cut short": info_of("log.tlog", _tlog),
     "PD0: 400,000 headers of 65 kB": info_of("log.pd0", _pd0),
     "AD2CP: a million headers of 65 kB": info_of("log.ad2cp", _ad2cp),
-    "threads = 1000000": lambda folder: replay_of(folder, "--output.threads", "1000000"),
     **BOMBS,
 }

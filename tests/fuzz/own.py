@@ -153,9 +153,9 @@ def own_files(folder: Path) -> list[Own]:
     make_ocean(ocean, _CONFIG, 30)
     out, place = ocean / "out.mcap", ocean / "kept"
     place.mkdir()
-    run = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --estimator.modes 4 -q"
+    run = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --modes 4 -q"
     _done(f"replay {run} --goal 152.3,-39.8,100 --save-estimate {place}/flow.nc -o {out}")
-    _done(f"plan {out} {_PLACES} --planner.samples 3 -o {ocean}/plan.mcap -q")
+    _done(f"plan {out} {_PLACES} --samples 3 -o {ocean}/plan.mcap -q")
     job = ReplayJob(
         (ocean / "glider.mcap",),
         ocean / "ensemble.nc",
@@ -234,7 +234,7 @@ def _flow(path: Path) -> Answer:
 
 _ESTIMATE: dict[str, Reader] = {
     "open_estimate": _flow,
-    "plan": lambda path: _ran(f"plan {path} {_PLACES} --planner.samples 3 --json -"),
+    "plan": lambda path: _ran(f"plan {path} {_PLACES} --samples 3 --json -"),
 }
 
 
@@ -250,7 +250,7 @@ def _result_commands(folder: Path) -> dict[str, Reader]:
         "info": lambda path: _ran(f"info {path} --json -"),
         "report": lambda path: _ran(f"report {path} {o['html']}", made["html"]),
         "plot": lambda path: _ran(f"plot {path} map {o['svg']}"),
-        "plan": lambda path: _ran(f"plan {path} {_PLACES} --planner.samples 3 --json -"),
+        "plan": lambda path: _ran(f"plan {path} {_PLACES} --samples 3 --json -"),
         "verify": lambda path: _ran(f"verify {path} --inputs {path.parent} --json -"),
     }
 

@@ -114,7 +114,7 @@ def test_settings_of_0_3_are_read_without_what_is_gone_which_is_refused_by_name(
             lines = [line for line in lines if not re.search(rf'^{gone[-1]} =|"{gone[-1]}"', line)]
     assert settings.gating.gate == "reject"
     assert {"drift", "join_within", "steady", "then", "policy", "soften", "inflate"} <= set(gone)
-    assert len(gone) == 15
+    assert len(gone) == 16
 
 
 def test_samples_are_measured_as_before():

@@ -28,17 +28,17 @@ class Twin:
         self.biases = () if time is None else time.biases
         self.time, self.pairs, tau = time, [], [self.process.tau]
         if time is not None and time.oscillators:
-            deepest, length = flow.levels[-1], time.oscillator_depth_length
+            deepest, length = flow.levels[-1], 100.0
             self.knots = np.linspace(0.0, deepest, max(2, int(np.ceil(2 * deepest / length)) + 1))
             apart = (self.knots[:, None] - self.knots) / length
             cov = np.exp(-0.5 * apart**2) + 1e-9 * np.eye(self.knots.size)
-            self.root = time.oscillator_std * np.linalg.cholesky(cov)
+            self.root = 0.1 * np.linalg.cholesky(cov)
             sine = np.sin(np.deg2rad(flow.grid.projection.latitude))
             for name in time.oscillators:
                 omega = 2 * 7.292115e-5 * sine if name == "inertial" else M2
                 both = [None] if name == "inertial" else [0, 1]
                 self.pairs += [(omega, component) for component in both]
-            tau.append(np.full(2 * len(self.pairs) * self.knots.size, time.oscillator_scale))
+            tau.append(np.full(2 * len(self.pairs) * self.knots.size, 259200.0))
         self.tau = np.concatenate([*tau, np.full(len(self.biases), np.inf)])
 
     def at(self, values, time_ns):
@@ -77,12 +77,12 @@ class Twin:
 
     def erring(self, relative, distance):
         """The effect of one prior standard deviation of each error of an instrument."""
-        (east, north), time = relative, self.time
+        east, north = relative
         speed = max(np.hypot(east, north), 1e-300)
         effects = {
-            "heading": np.deg2rad(time.heading_bias_std) * np.array([north, -east]),
-            "scale": time.scale_bias_std * np.array([east, north]),
-            "shear": -time.shear_bias_std * distance / speed * np.array([east, north]),
+            "heading": np.deg2rad(5.0) * np.array([north, -east]),
+            "scale": 0.05 * np.array([east, north]),
+            "shear": -2e-4 * distance / speed * np.array([east, north]),
         }
         return np.array([effects[name] for name in self.biases]).T
 

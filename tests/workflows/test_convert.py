@@ -181,7 +181,7 @@ def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path):
 
 def test_the_help_names_every_format():
     for command in ("replay", "convert"):
-        said = " ".join(invoke(f"{command} --help-all", columns=400).output.split())
+        said = " ".join(invoke(f"{command} --help", columns=400).output.split())
         assert (
             "MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)" in said
         )

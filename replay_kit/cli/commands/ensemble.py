@@ -1,12 +1,16 @@
-"""``fetch``, ``fit``, ``synthesize`` and ``twin``: forecasts received, the prior fitted to one, one that is made, a log in a truth."""
+"""``fetch``, ``fit``, ``config``, ``synthesize`` and ``twin``: forecasts received, the prior fitted to one, settings, made data."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+from cyclopts import Parameter
+
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import (
+    FLAG,
     INPUTS,
     NETCDF,
     OUTPUTS,
@@ -21,10 +25,9 @@ from replay_kit.cli.options import (
     Processes,
     Replacing,
     argument,
-    flag,
     option,
 )
-from replay_kit.cli.settings import Settings, takes_settings
+from replay_kit.cli.settings import Settings, annotated_toml, takes_settings
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import addresses_in, as_groups, check_paths, truth_path
 
@@ -37,17 +40,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Copied(Answer):
-    """What is written."""
+    """What is written.
 
-    out: Annotated[
-        Path | None,
-        option(
-            "--out -o",
-            "Also copy the part of one address to a file, to be given to --ensemble anywhere.",
-            metavar="FORECAST.nc",
-        ),
-        NETCDF,
-    ] = None
+    Attributes:
+        out: Also copy the part of one address to a file, to be given to --ensemble anywhere.
+    """
+
+    out: Annotated[Path | None, option("FORECAST.nc", alias="-o"), NETCDF] = None
 
 
 @takes_settings("logs", "measurements", "forecast", "estimator.name", "estimator.preset", "time")
@@ -56,11 +55,13 @@ def fetch(
     ensemble: Ensemble,
     outputs: Annotated[Copied, TO_OUTPUTS] = Copied(),
     settings: Settings,
-    dry_run: Annotated[
-        bool, flag("--dry-run", "Only report what would be received, and its size.")
-    ] = False,
+    dry_run: Annotated[bool, FLAG] = False,
 ) -> int:
-    """Return 0."""
+    """Return 0.
+
+    Args:
+        dry_run: Only report what would be received, and its size.
+    """
     addresses = addresses_in(ensemble)
     if not addresses:
         raise ConfigError(
@@ -140,29 +141,29 @@ def local_ensemble(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written."""
+    """What is written.
 
-    out: Annotated[
-        Path,
-        option("--out -o", "Fitted settings, for --config.", metavar="TOML"),
-        Ending((".toml",)),
-    ]
+    Attributes:
+        out: Fitted settings, for --config.
+    """
+
+    out: Annotated[Path, option("TOML", alias="-o"), Ending((".toml",))]
 
 
 @takes_settings(*PART_OF_FORECAST, "estimator.modes", file=False)
 def fit(
-    *ensemble: Annotated[
-        Path,
-        argument("ENSEMBLE", "Ensemble forecast: NetCDF files, Zarr stores, folders or patterns."),
-    ],
+    *ensemble: Annotated[Path, argument("ENSEMBLE")],
     outputs: Annotated[Outputs, TO_OUTPUTS],
     settings: Settings,
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
-    left_out: Annotated[
-        int, option("--left-out", "Number of members left out in turn (cross-validation).", least=1)
-    ] = 12,
+    left_out: Annotated[int, option(least=1)] = 12,
 ) -> int:
-    """Return 0."""
+    """Return 0.
+
+    Args:
+        ensemble: Ensemble forecast: NetCDF files, Zarr stores, folders or patterns.
+        left_out: Number of members left out in turn (cross-validation).
+    """
     check_paths(ensemble, [outputs.out, outputs.json_file], outputs.overwrite)
     config = settings.load()
 
@@ -179,46 +180,47 @@ def fit(
     return 0
 
 
+def config(*sections: Annotated[str, Parameter(name="SECTION", group=INPUTS)]) -> int:
+    """Return 0.
+
+    Args:
+        sections: Tables such as planner. Default: all.
+    """
+    sys.stdout.write(annotated_toml(sections))
+    return 0
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Files(Replacing):
-    """What the log is made of, and where it goes."""
+    """What the log is made of, and where it goes.
 
-    truth: Annotated[
-        str,
-        option(
-            "--truth",
-            "The current that the vehicle moves in.",
-            metavar="FILE[#member]",
-            group=INPUTS,
-        ),
-    ]
-    out: Annotated[
-        Path,
-        option("--out -o", "The log; its ending chooses the format.", metavar="X.mcap|X.tlog"),
-        Ending((".mcap", ".tlog")),
-    ]
+    Attributes:
+        truth: The current that the vehicle moves in.
+        out: The log; its ending chooses the format.
+    """
+
+    truth: Annotated[str, option("FILE[#member]", group=INPUTS)]
+    out: Annotated[Path, option("X.mcap|X.tlog", alias="-o"), Ending((".mcap", ".tlog"))]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """What the vehicle does."""
+    """What the vehicle does.
 
-    vehicle: Annotated[
-        Literal["vessel", "glider"],
-        option("--vehicle", "A vessel surveys at random positions, a glider dives."),
-    ] = "vessel"
-    pings: Annotated[int, option("--pings", "Number of ADCP pings.", least=1)] = 450
-    interval: Annotated[
-        float,
-        option(
-            "--interval", "Time from ping to ping of a glider [s], a multiple of 120.", metavar="S"
-        ),
-    ] = 600.0
-    changing: Annotated[
-        bool, flag("--changing", "The current changes through all leads or times of the truth.")
-    ] = False
+    Attributes:
+        vehicle: A vessel surveys at random positions, a glider dives.
+        pings: Number of ADCP pings.
+        interval: Time from ping to ping of a glider [s], a multiple of 120.
+        changing: The current changes through all leads or times of the truth.
+        seed: The same seed gives the same bytes.
+    """
+
+    vehicle: Literal["vessel", "glider"] = "vessel"
+    pings: Annotated[int, option(least=1)] = 450
+    interval: Annotated[float, option("S", seconds=True)] = 600.0
+    changing: Annotated[bool, FLAG] = False
     noise: Noise = 0.09
-    seed: Annotated[int, option("--seed", "The same seed gives the same bytes.")] = 0
+    seed: int = 0
 
 
 @takes_settings(*PART_OF_FORECAST, file=False)
@@ -253,21 +255,20 @@ def twin(
 
 def synthesize(
     *,
-    ensemble: Annotated[
-        Path, option("--ensemble", "File of the members.", metavar="E.nc", group=OUTPUTS), NETCDF
-    ],
-    truth: Annotated[
-        Path,
-        option(
-            "--truth", "File of one more member, the withheld truth.", metavar="T.nc", group=OUTPUTS
-        ),
-        NETCDF,
-    ],
-    members: Annotated[int, option("--members", "Number of members.", least=2)] = 40,
-    seed: Annotated[int, option("--seed", "The same seed gives the same bytes.")] = 0,
+    ensemble: Annotated[Path, option("E.nc", group=OUTPUTS), NETCDF],
+    truth: Annotated[Path, option("T.nc", group=OUTPUTS), NETCDF],
+    members: Annotated[int, option(least=2)] = 40,
+    seed: int = 0,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0."""
+    """Return 0.
+
+    Args:
+        ensemble: File of the members.
+        truth: File of one more member, the withheld truth.
+        members: Number of members.
+        seed: The same seed gives the same bytes.
+    """
     check_paths([], [ensemble, truth], replacing.overwrite)
 
     from replay_kit.studies.twins.ensemble import write_ensemble

@@ -28,29 +28,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report(Answer):
-    """What is written, a folder at least."""
+    """What is written, a folder at least.
 
-    out: Annotated[
-        Path,
-        option("--out -o", "Folder for a page, report and tables; made if absent.", metavar="DIR"),
-        Ending(),
-    ]
+    Attributes:
+        out: Folder for a page, report and tables; made if absent.
+    """
+
+    out: Annotated[Path, option("DIR", alias="-o"), Ending()]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OneTruth:
-    """The ensemble, and one truth of its own or members withheld."""
+    """The ensemble, and one truth of its own or members withheld.
+
+    Attributes:
+        leave_out: Members that are withheld as truths.
+    """
 
     ensemble: Ensemble
     truth: Truth = None
-    leave_out: Annotated[
-        str | None,
-        option(
-            "--leave-out",
-            "Members that are withheld as truths.",
-            metavar="K,K,...|all|most-distant",
-        ),
-    ] = None
+    leave_out: Annotated[str | None, option("K,K,...|all|most-distant")] = None
 
     @property
     def files(self) -> list[Path | None]:
@@ -73,22 +70,17 @@ class OneTruth:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperSizes:
-    """How much is computed."""
+    """How much is computed.
 
-    modes: Annotated[
-        str | None,
-        option(
-            "--modes",
-            "Most modes per level anywhere. Default: tables to the full rank, plans on 300; all: plans on it too.",
-            metavar="N|all",
-        ),
-    ] = None
-    pairs: Annotated[
-        int, option("--pairs", "Number of starts and targets of the glides.", least=1)
-    ] = 100
-    seed: Annotated[
-        int, option("--seed", "Seed of places, noise, starts and targets.", least=0)
-    ] = 0
+    Attributes:
+        modes: Most modes per level anywhere. Default: tables to the full rank, plans on 300; all: plans on it too.
+        pairs: Number of starts and targets of the glides.
+        seed: Seed of places, noise, starts and targets.
+    """
+
+    modes: Annotated[str | None, option("N|all")] = None
+    pairs: Annotated[int, option(least=1)] = 100
+    seed: Annotated[int, option(least=0)] = 0
 
 
 @takes_settings(*PART_OF_FORECAST, file=False)

@@ -8,6 +8,7 @@ from replay_kit.cli.commands.ensemble import local_forecasts
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
+    FLAG,
     INPUTS,
     SOURCES,
     TO_INPUTS,
@@ -35,60 +36,51 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """What missions have in common that no table states."""
+    """What missions have in common that no table states.
+
+    Attributes:
+        place: Move each mission's ensemble to its log, as in replay.
+    """
 
     ensemble: Annotated[
         tuple[Path, ...],
         option(
-            "--ensemble",
-            f"Ensemble forecast of logs without a table: {ENSEMBLE_HELP}",
-            metavar="FILE...",
+            "FILE...",
             group=INPUTS,
+            help=f"Ensemble forecast of logs without a table: {ENSEMBLE_HELP}",
         ),
         SOURCES,
     ] = ()
     config: ConfigFile = None
-    place: Annotated[
-        bool,
-        flag("--place-ensemble", "Move each mission's ensemble to its log, as in replay."),
-    ] = False
+    place: Annotated[bool, flag(name="--place-ensemble")] = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written."""
+    """What is written.
 
-    out: Annotated[
-        Path,
-        option(
-            "--out -o",
-            "Folder for a result of each mission, a table and a page; made if absent.",
-            metavar="DIR",
-        ),
-        Ending(),
-    ]
+    Attributes:
+        out: Folder for a result of each mission, a table and a page; made if absent.
+    """
+
+    out: Annotated[Path, option("DIR", alias="-o"), Ending()]
 
 
 def fleet(
-    *missions: Annotated[
-        Path,
-        argument(
-            "MISSIONS",
-            "A table (TOML), or patterns of logs, each of which is a mission of its own.",
-        ),
-    ],
+    *missions: Annotated[Path, argument("MISSIONS")],
     inputs: Annotated[Inputs, TO_INPUTS] = Inputs(),
     outputs: Annotated[Outputs, TO_OUTPUTS],
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
-    resume: Annotated[
-        bool,
-        flag("--resume", "Keep existing results of the same inputs; replay the others."),
-    ] = False,
-    dry_run: Annotated[
-        bool, flag("--dry-run", "Only check the inputs, and report the expected memory and time.")
-    ] = False,
+    resume: Annotated[bool, FLAG] = False,
+    dry_run: Annotated[bool, FLAG] = False,
 ) -> int:
-    """Return the gravest exit code of the missions."""
+    """Return the gravest exit code of the missions.
+
+    Args:
+        missions: A table (TOML), or patterns of logs, each of which is a mission of its own.
+        resume: Keep existing results of the same inputs; replay the others.
+        dry_run: Only check the inputs, and report the expected memory and time.
+    """
     out = outputs.out
     check_folder(out)
     check_paths(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from replay_kit.cli.console import write_json
-from replay_kit.cli.options import flag, option
+from replay_kit.cli.options import FLAG, option
 from replay_kit.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
@@ -21,44 +21,21 @@ _LEAST = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Following:
-    """How logs that grow are followed."""
+    """How logs that grow are followed.
 
-    follow: Annotated[
-        bool,
-        flag(
-            "--follow",
-            "Replay new data as logs grow or folders fill, until Ctrl-C; see the README.",
-        ),
-    ] = False
-    interval: Annotated[
-        float,
-        option("--interval", "Polling interval of --follow [s].", least=_LEAST),
-    ] = 60.0
-    until_idle: Annotated[
-        float | None,
-        option(
-            "--until-idle",
-            "Stop --follow after this long without new data [s]. Default: never.",
-            metavar="SECONDS",
-            least=0.0,
-        ),
-    ] = None
-    goal_file: Annotated[
-        Path | None,
-        option(
-            "--goal-file",
-            "File with the goal LON,LAT,DEPTH; it may be edited during --follow.",
-            metavar="FILE",
-        ),
-    ] = None
-    notify: Annotated[
-        str | None,
-        option(
-            "--notify",
-            "Shell command that receives each alarm of --follow as a JSON line on standard input.",
-            metavar="COMMAND",
-        ),
-    ] = None
+    Attributes:
+        follow: Replay new data as logs grow or folders fill, until Ctrl-C; see the README.
+        interval: Polling interval of --follow [s].
+        until_idle: Stop --follow after this long without new data [s]. Default: never.
+        goal_file: File with the goal LON,LAT,DEPTH; it may be edited during --follow.
+        notify: Shell command that receives each alarm of --follow as a JSON line on standard input.
+    """
+
+    follow: Annotated[bool, FLAG] = False
+    interval: Annotated[float, option(least=_LEAST, seconds=True)] = 60.0
+    until_idle: Annotated[float | None, option("SECONDS", least=0.0, seconds=True)] = None
+    goal_file: Annotated[Path | None, option("FILE")] = None
+    notify: Annotated[str | None, option("COMMAND")] = None
 
     def check(self, others: Mapping[str, object]) -> None:
         """Raise ConfigError for options that do not go together.

@@ -1,6 +1,6 @@
 """``info``, ``qc``, ``convert``, ``smooth`` and ``verify``: logs looked at, tested, made one, estimated from anew; a result made again."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +19,7 @@ from replay_kit.cli.options import (
     Log,
     LogIfAny,
     argument,
+    flag,
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
@@ -28,36 +29,23 @@ from replay_kit.core.paths import addresses_in, check_paths
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written."""
+    """What is written.
 
-    suggest: Annotated[
-        Path | None,
-        option(
-            "--suggest",
-            "Write a draft mapping for topics of unknown type; - is standard output.",
-            metavar="FILE.toml",
-        ),
-        Ending((".toml",), stream=True),
-    ] = None
+    Attributes:
+        suggest: Write a draft mapping for topics of unknown type; - is standard output.
+    """
+
+    suggest: Annotated[Path | None, option("FILE.toml"), Ending((".toml",), stream=True)] = None
 
 
 _Ensemble = Annotated[
     tuple[Path, ...],
     option(
-        "--ensemble",
-        f"Ensemble forecast to describe, and to check a log's axes, signs, units and depths against: {ENSEMBLE_HELP}",
-        metavar="FILE...",
+        "FILE...",
         group=INPUTS,
+        help=f"Ensemble forecast to describe, and to check a log's axes, signs, units and depths against: {ENSEMBLE_HELP}",
     ),
     SOURCES,
-]
-_Full = Annotated[
-    bool,
-    option(
-        "--full",
-        "Read all of a large MCAP, not only its index and first messages: profiles, positions, late messages, gaps, damage.",
-        group=INPUTS,
-    ),
 ]
 
 
@@ -67,11 +55,15 @@ _Full = Annotated[
 def info(
     *logs: LogIfAny,
     ensemble: _Ensemble = (),
-    full: _Full = False,
+    full: Annotated[bool, flag(group=INPUTS)] = False,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
     settings: Settings,
 ) -> int:
-    """Return 0, or 4 when bytes of a log were lost; logs of which a replay on the ensemble would end with an error end with it."""
+    """Return 0, or 4 when bytes of a log were lost; logs of which a replay on the ensemble would end with an error end with it.
+
+    Args:
+        full: Read all of a large MCAP, not only its index and first messages: profiles, positions, late messages, gaps, damage.
+    """
     suggest, json_file = outputs.suggest, outputs.json_file
     if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
         raise ConfigError(
@@ -121,12 +113,10 @@ def info(
     print_infos(found, console, outputs.verbose)
     if check is not None:
         print_import_check(check, console)
-    given = [
-        *([] if settings.file is None else ["--config", str(settings.file)]),
-        *settings.words(),
-    ]
     refusal = check.refusal if check is not None and asks_for_replay(found) else None
-    following = next_command(found, logs, ensemble, given) if logs and refusal is None else []
+    following = (
+        next_command(found, logs, ensemble, settings.words()) if logs and refusal is None else []
+    )
     print_lines(console, following)
     if suggest is not None:
         write_text(
@@ -152,8 +142,7 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
     check_paths([*logs, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
-    from replay_kit.workflows.qc.check import check_quality
-    from replay_kit.workflows.qc.report import print_quality, quality_json
+    from replay_kit.workflows.qc import check_quality, print_quality, quality_json
 
     with progress() as advance:
         report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))
@@ -164,13 +153,13 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Copy(Answer):
-    """What is written."""
+    """What is written.
 
-    out: Annotated[
-        Path,
-        option("--out -o", "One log; its ending chooses the format.", metavar="OUT.mcap|OUT.tlog"),
-        Ending((".mcap", ".tlog")),
-    ]
+    Attributes:
+        out: One log; its ending chooses the format.
+    """
+
+    out: Annotated[Path, option("OUT.mcap|OUT.tlog", alias="-o"), Ending((".mcap", ".tlog"))]
 
 
 @takes_settings("logs.remap", "logs.columns", file=False)
@@ -190,46 +179,50 @@ def convert(*logs: Log, outputs: Annotated[Copy, TO_OUTPUTS], settings: Settings
 
 
 def verify(
-    result: Annotated[Path, argument("OUT.mcap", "A result of replay or plan.")],
+    result: Annotated[Path, argument("RESULT")],
     /,
     *,
-    inputs: Annotated[
-        list[Path] | None,
-        option(
-            "--inputs",
-            "Folder of the inputs; may be repeated. Default: the result's folder, then the current one.",
-            metavar="DIR",
-            group=INPUTS,
-        ),
-    ] = None,
+    inputs: Annotated[list[Path] | None, option("DIR", group=INPUTS)] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0, 4 when part of the result was lost, or 5 when it could not be made again."""
+    """Return 0, 4 when part of the result was lost, or 5 when it could not be made again.
+
+    Args:
+        result: A result of replay or plan.
+        inputs: Folder of the inputs; may be repeated. Default: the result's folder, then the current one.
+    """
     check_paths([result, *(inputs or ())], [answer.json_file], answer.overwrite)
 
+    from replay_kit.show.text import print_lines
     from replay_kit.workflows.planning.adapters import planner_of
     from replay_kit.workflows.planning.record import plan_again
     from replay_kit.workflows.sound import sound_result
-    from replay_kit.workflows.verify import print_verdict, verdict_json
     from replay_kit.workflows.verify import verify as verify_result
 
     with progress() as advance, sound_result(result) as sound:
         folders = [*(inputs or ()), result.parent]
         verdict = verify_result(sound.path, folders, planner_of, advance, plan_again)
-    verdict = replace(verdict, result=result, notes=(*sound.lines, *verdict.notes))
-    print_verdict(verdict, console_beside(answer.json_file))
-    write_json(answer.json_file, verdict_json(verdict))
+    notes = [*sound.lines, *verdict.notes]
+    said = [f"{result}: {line}" for line in str(verdict.difference).splitlines()]
+    print_lines(console_beside(answer.json_file), [*said, *(f"note: {note}" for note in notes)])
+    found = verdict.difference.to_json()
+    write_json(answer.json_file, {"result": str(result), **found, "notes": notes})
     return sound.exit_code or (0 if verdict.same else 5)
 
 
 def compare(
-    first: Annotated[Path, argument("A.mcap", "A result of replay or plan.")],
-    second: Annotated[Path, argument("B.mcap", "Another, of the same region and period.")],
+    first: Annotated[Path, argument("A")],
+    second: Annotated[Path, argument("B")],
     /,
     *,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0 when the values are the same, 5 when they differ, 4 when part of a result was lost."""
+    """Return 0 when the values are the same, 5 when they differ, 4 when part of a result was lost.
+
+    Args:
+        first: A result of replay or plan.
+        second: Another, of the same region and period.
+    """
     check_paths([first, second], [answer.json_file], answer.overwrite)
 
     from replay_kit.results import difference
@@ -247,18 +240,16 @@ def compare(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Smoothed(Answer):
-    """What is written."""
+    """What is written.
 
-    out: Annotated[
-        Path,
-        option(
-            "--out -o", "Result, for any MCAP viewer, plot, export and report.", metavar="OUT.mcap"
-        ),
-        MCAP,
-    ]
+    Attributes:
+        out: Result, for any MCAP viewer, plot, export and report.
+    """
+
+    out: Annotated[Path, option("OUT.mcap", alias="-o"), MCAP]
 
 
-@takes_settings("logs", "measurements", "forecast", "estimator", "time", "gating", "output")
+@takes_settings("logs", "measurements", "forecast", "estimator", "time")
 def smooth(
     *logs: Log,
     ensemble: Ensemble,

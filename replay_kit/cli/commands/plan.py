@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 from replay_kit.cli.console import console_beside, progress, write_json, write_text
 from replay_kit.cli.options import (
     CHOICES,
+    FLAG,
     MCAP,
     TO_OUTPUTS,
     Answer,
     Ending,
     argument,
-    flag,
     option,
 )
 from replay_kit.cli.settings import Settings, takes_settings
@@ -31,40 +31,28 @@ _ANGLES = Numbers("MIN,MAX")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written."""
+    """What is written.
 
-    out: Annotated[
-        Path | None,
-        option("--out -o", "Predicted track and legs (MCAP).", metavar="PLAN.mcap"),
-        MCAP,
-    ] = None
-    geojson: Annotated[
-        Path | None,
-        option("--geojson", "Track, surfacings and goals; - is standard output.", metavar="FILE"),
-        Ending((".geojson", ".json"), stream=True),
-    ] = None
-    csv: Annotated[
-        Path | None,
-        option("--csv", "One row per leg; - is standard output.", metavar="FILE"),
-        Ending((".csv",), stream=True),
-    ] = None
+    Attributes:
+        out: Predicted track and legs (MCAP).
+        geojson: Track, surfacings and goals; - is standard output.
+        csv: One row per leg; - is standard output.
+        waypoints: Waypoint file: .csv, .geojson, .json, .kml, .plan for QGroundControl, .ma for a Slocum (yo*.ma: dives), .targets or
+            .science for a Seaglider.
+        write_unsafe: Write files even if the plan or its waypoints violate a constraint more often than accepted.
+    """
+
+    out: Annotated[Path | None, option("PLAN.mcap", alias="-o"), MCAP] = None
+    geojson: Annotated[Path | None, option("FILE"), Ending((".geojson", ".json"), stream=True)] = (
+        None
+    )
+    csv: Annotated[Path | None, option("FILE"), Ending((".csv",), stream=True)] = None
     waypoints: Annotated[
         Path | None,
-        option(
-            "--waypoints",
-            "Waypoint file: .csv, .geojson, .json, .kml, .plan for QGroundControl, .ma for a Slocum (yo*.ma: dives), "
-            ".targets or .science for a Seaglider.",
-            metavar="FILE",
-        ),
+        option("FILE"),
         Ending((".csv", ".geojson", ".json", ".kml", ".plan", ".ma", ".targets", ".science")),
     ] = None
-    write_unsafe: Annotated[
-        bool,
-        flag(
-            "--write-unsafe",
-            "Write files even if the plan or its waypoints violate a constraint more often than accepted.",
-        ),
-    ] = False
+    write_unsafe: Annotated[bool, FLAG] = False
 
     def of(self, name: str) -> "Outputs":
         """Return the files of one of several gliders: its name stands before their ending."""
@@ -78,49 +66,26 @@ class Outputs(Answer):
 
 @takes_settings(
     "plan",
-    "planner",
-    without=[
-        "plan.flows",
-        "plan.waypoints",
-        "plan.of_glider",
-        *(
-            f"planner.{key}"
-            for key in (
-                "kind",
-                "when",
-                "interval",
-                "flow_step",
-                "objective",
-                "min_angle",
-                "max_angle",
-                "bathymetry",
-            )
-        ),
-    ],
-    short="planner",
+    *(
+        f"planner.{key}"
+        for key in (
+            *("speed", "depth", "max_depth", "surface_time", "radius", "hotel", "thrust"),
+            *("margin", "clearance", "max_duration", "max_legs", "samples"),
+        )
+    ),
 )
 def plan(
-    *flows: Annotated[
-        Path,
-        argument(
-            "FLOW",
-            "Estimate: a file of --save-estimate or a result of replay; several hold for increasing times.",
-        ),
-    ],
-    angles: Annotated[
-        str | None,
-        option(
-            "--angles",
-            "Shallowest and steepest glide angle [degrees]. Default: as flown where the speed is, else 15,35.",
-            metavar="MIN,MAX",
-            group=CHOICES,
-        ),
-        _ANGLES,
-    ] = None,
+    *flows: Annotated[Path, argument("FLOW")],
+    angles: Annotated[str | None, option("MIN,MAX", group=CHOICES), _ANGLES] = None,
     settings: Settings,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
-    """Return 0, also where no goal is reached; 4 after a damaged result; 7 where a risk cannot be kept or waypoints are not safe."""
+    """Return 0, also where no goal is reached; 4 after a damaged result; 7 where a risk cannot be kept or waypoints are not safe.
+
+    Args:
+        flows: Estimate: a file of --save-estimate or a result of replay; several hold for increasing times.
+        angles: Shallowest and steepest glide angle [degrees]. Default: as flown where the speed is, else 15,35.
+    """
     streams = outputs.geojson, outputs.csv, outputs.json_file
     if sum(str(path) == "-" for path in streams) > 1:
         raise ConfigError(

@@ -9,6 +9,7 @@ from replay_kit.cli.commands.ensemble import local_forecasts
 from replay_kit.cli.commands.following import Following
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import (
+    FLAG,
     MCAP,
     NETCDF,
     SOURCES,
@@ -19,7 +20,6 @@ from replay_kit.cli.options import (
     Ensemble,
     Log,
     Truth,
-    flag,
     option,
     place,
 )
@@ -39,85 +39,42 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """What is replayed, and what it is scored against."""
+    """What is replayed, and what it is scored against.
+
+    Attributes:
+        against: Competing forecast (file, folder or pattern); the summary reports which fits the log better. May be repeated.
+        vehicles: Logs of one of several vehicles, which share the estimate; once for each vehicle. Default: as the logs state.
+        goal: Goal [degrees, degrees, m]; NAME= sets one vehicle's.
+        truth_radius: Score only grid points within this distance of a used profile [km]. Default: all.
+    """
 
     ensemble: Ensemble
-    against: Annotated[
-        tuple[Path, ...],
-        option(
-            "--against",
-            "Competing forecast (file, folder or pattern); the summary reports which fits the log better. May be repeated.",
-            metavar="FILE",
-        ),
-        SOURCES,
-    ] = ()
-    vehicles: Annotated[
-        tuple[str, ...],
-        option(
-            "--as",
-            "Logs of one of several vehicles, which share the estimate; once for each vehicle. Default: as the logs state.",
-            metavar="NAME=LOG...",
-        ),
-    ] = ()
-    goal: Annotated[
-        tuple[str, ...],
-        option(
-            "--goal",
-            "Goal [degrees, degrees, m]; NAME= sets one vehicle's.",
-            metavar="[NAME=]LON,LAT,DEPTH",
-        ),
-        PLACES,
-    ] = ()
+    against: Annotated[tuple[Path, ...], option("FILE"), SOURCES] = ()
+    vehicles: Annotated[tuple[str, ...], option("NAME=LOG...", name="--as")] = ()
+    goal: Annotated[tuple[str, ...], option("[NAME=]LON,LAT,DEPTH"), PLACES] = ()
     truth: Truth = None
-    truth_radius: Annotated[
-        float | None,
-        option(
-            "--truth-radius",
-            "Score only grid points within this distance of a used profile [km]. Default: all.",
-            metavar="KM",
-        ),
-    ] = None
+    truth_radius: Annotated[float | None, option("KM")] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written."""
+    """What is written.
 
-    out: Annotated[
-        Path, option("--out -o", "Result, for any MCAP viewer.", metavar="OUT.mcap"), MCAP
-    ]
-    netcdf: Annotated[
-        Path | None,
-        option(
-            "--netcdf",
-            "Estimate and standard error on the forecast's grid, CF NetCDF.",
-            metavar="GRID.nc",
-        ),
-        NETCDF,
-    ] = None
-    save_estimate: Annotated[
-        Path | None,
-        option("--save-estimate", "Lossless estimate, for plan and scripts.", metavar="FLOW.nc"),
-        NETCDF,
-    ] = None
-    checkpoint: Annotated[
-        Path | None,
-        option(
-            "--checkpoint",
-            "State from which an interrupted run resumes.",
-            metavar="FILE",
-        ),
-    ] = None
-    include_inputs: Annotated[
-        bool, flag("--include-inputs", "Copy the logs' messages unchanged into the result.")
-    ] = False
-    report: Annotated[
-        bool,
-        flag(
-            "--report",
-            "Also write the report, an HTML page named as the result.",
-        ),
-    ] = False
+    Attributes:
+        out: Result, for any MCAP viewer.
+        netcdf: Estimate and standard error on the forecast's grid, CF NetCDF.
+        save_estimate: Lossless estimate, for plan and scripts.
+        checkpoint: State from which an interrupted run resumes.
+        include_inputs: Copy the logs' messages unchanged into the result.
+        report: Also write the report, an HTML page named as the result.
+    """
+
+    out: Annotated[Path, option("OUT.mcap", alias="-o"), MCAP]
+    netcdf: Annotated[Path | None, option("GRID.nc"), NETCDF] = None
+    save_estimate: Annotated[Path | None, option("FLOW.nc"), NETCDF] = None
+    checkpoint: Annotated[Path | None, option("FILE")] = None
+    include_inputs: Annotated[bool, FLAG] = False
+    report: Annotated[bool, FLAG] = False
 
     @property
     def page(self) -> Path | None:
@@ -126,15 +83,11 @@ class Outputs(Answer):
 
 
 @takes_settings(
-    "logs",
-    "measurements",
-    "forecast",
-    "estimator",
-    "time",
-    "gating",
-    "consistency",
-    "planner",
-    "output",
+    *("logs", "measurements", "forecast", "estimator", "time"),
+    *(
+        f"planner.{key}"
+        for key in ("kind", "speed", "depth", "radius", "bathymetry", "clearance", "samples")
+    ),
 )
 def replay(
     *logs: Log,
@@ -142,14 +95,13 @@ def replay(
     outputs: Annotated[Outputs, TO_OUTPUTS],
     settings: Settings,
     following: Annotated[Following, TO_OPTIONS] = Following(),
-    dry_run: Annotated[
-        bool,
-        flag(
-            "--dry-run", "Only report which data would be used, and the expected memory and time."
-        ),
-    ] = False,
+    dry_run: Annotated[bool, FLAG] = False,
 ) -> int:
-    """Return the exit code of a replay: that of its summary, 0 for a dry run."""
+    """Return the exit code of a replay: that of its summary, 0 for a dry run.
+
+    Args:
+        dry_run: Only report which data would be used, and the expected memory and time.
+    """
     following.check(
         {
             "--dry-run": dry_run,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _Result = Annotated[
     Path,
     argument(
-        "RESULT.mcap", "A result of replay or plan; of a truncated one the readable part is used."
+        "RESULT", help="A result of replay or plan; of a truncated one the readable part is used."
     ),
 ]
 
@@ -49,18 +49,14 @@ def report(
     result: _Result,
     /,
     *,
-    out: Annotated[
-        Path | None,
-        option(
-            "--out -o",
-            "Self-contained HTML page. Default: the result's name with .html.",
-            metavar="REPORT.html",
-        ),
-        HTML,
-    ] = None,
+    out: Annotated[Path | None, option("REPORT.html", alias="-o"), HTML] = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0, or 4 when part of the result was lost."""
+    """Return 0, or 4 when part of the result was lost.
+
+    Args:
+        out: Self-contained HTML page. Default: the result's name with .html.
+    """
     from replay_kit.workflows.report import page_of
     from replay_kit.workflows.report import report as write_report
 
@@ -70,33 +66,18 @@ def report(
 
 
 def status(
-    *results: Annotated[
-        Path,
-        argument(
-            "RESULT.mcap", "Results of replay, also of a running --follow; one after the other."
-        ),
-    ],
-    html: Annotated[
-        Path | None,
-        option(
-            "--html",
-            "Also write it as a page that reloads itself.",
-            metavar="PAGE.html",
-            group=OUTPUTS,
-        ),
-        HTML,
-    ] = None,
-    now: Annotated[
-        str | None,
-        option(
-            "--now",
-            "Time relative to which ages are stated, ISO 8601 UTC, or 'clock'. Default: the end of the result.",
-            metavar="TIME",
-        ),
-    ] = None,
+    *results: Annotated[Path, argument("RESULT")],
+    html: Annotated[Path | None, option("PAGE.html", group=OUTPUTS), HTML] = None,
+    now: Annotated[str | None, option("TIME")] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0, or 4 when part of a result was lost; alarms are shown, and are no failure."""
+    """Return 0, or 4 when part of a result was lost; alarms are shown, and are no failure.
+
+    Args:
+        results: Results of replay, also of a running --follow; one after the other.
+        html: Also write it as a page that reloads itself.
+        now: Time relative to which ages are stated, ISO 8601 UTC, or 'clock'. Default: the end of the result.
+    """
     if len(results) > 1 and html is not None:
         raise ConfigError("--html: expected one result, got several; write a page for each")
     check_paths(results, [html, answer.json_file], answer.overwrite or html is not None)
@@ -152,68 +133,48 @@ _PICTURES = Ending((".png", ".svg", ".pdf"))
 _VEHICLE = Annotated[
     str | None,
     option(
-        "--vehicle",
-        "One of several vehicles of the result. Default: all; of figures only the map shows all.",
-        metavar="NAME",
+        "NAME",
+        help="One of several vehicles of the result. Default: all; of figures only the map shows all.",
     ),
 ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """What a figure shows, and how wide it is."""
+    """What a figure shows, and how wide it is.
+
+    Attributes:
+        at: Place of series; depth of map and plan, and a mark on the map [degrees, degrees, m].
+        depth: Depth of map and plan [m].
+        time: Time of map, ISO 8601 UTC: the current published last before it, and nothing later.
+        columns: Width in journal columns: 85 or 175 mm.
+    """
 
     vehicle: _VEHICLE = None
 
-    at: Annotated[
-        str | None,
-        option(
-            "--at",
-            "Place of series; depth of map and plan, and a mark on the map [degrees, degrees, m].",
-            metavar="LON,LAT,DEPTH",
-        ),
-        PLACE,
-    ] = None
-    depth: Annotated[
-        float | None,
-        option("--depth", "Depth of map and plan [m].", metavar="D"),
-    ] = None
-    time: Annotated[
-        str | None,
-        option(
-            "--time",
-            "Time of map, ISO 8601 UTC: the current published last before it, and nothing later.",
-            metavar="TIME",
-        ),
-    ] = None
-    columns: Annotated[
-        Literal[1, 2],
-        option("--columns", "Width in journal columns: 85 or 175 mm."),
-    ] = 2
+    at: Annotated[str | None, option("LON,LAT,DEPTH"), PLACE] = None
+    depth: Annotated[float | None, option("D")] = None
+    time: Annotated[str | None, option("TIME")] = None
+    columns: Literal[1, 2] = 2
 
 
 def plot(
     result: _Result,
     figure: Annotated[
-        Literal["map", "section", "series", "dac", "trust", "plan"],
-        argument("FIGURE", "Kind of figure."),
+        Literal["map", "section", "series", "dac", "trust", "plan"], argument("FIGURE")
     ],
     /,
     *,
-    out: Annotated[
-        Path,
-        option(
-            "--out -o",
-            "Figure; its ending selects the format.",
-            metavar="F.png|svg|pdf",
-            group=OUTPUTS,
-        ),
-        _PICTURES,
-    ],
+    out: Annotated[Path, option("F.png|svg|pdf", alias="-o", group=OUTPUTS), _PICTURES],
     look: Annotated[Look, TO_OPTIONS] = Look(),
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0, or 4 when part of the result was lost."""
+    """Return 0, or 4 when part of the result was lost.
+
+    Args:
+        figure: Kind of figure.
+        out: Figure; its ending selects the format.
+    """
     check_paths([result], [out], replacing.overwrite)
     longitude, latitude, depth = numbers(look.at or "0,0,0", "--at", PLACE.form)
     at = None if look.at is None else (longitude, latitude, depth)
@@ -250,36 +211,19 @@ def export(
     result: _Result,
     /,
     *,
-    out: Annotated[
-        Path,
-        option(
-            "--out -o",
-            "File; its ending selects the format.",
-            metavar="X.nc|csv|kml|geojson",
-            group=OUTPUTS,
-        ),
-        _FILES,
-    ],
-    at: Annotated[
-        list[str] | None,
-        option(
-            "--at",
-            "Place of a series of the current [degrees, degrees, m]; may be repeated.",
-            metavar="LON,LAT,DEPTH",
-        ),
-        PLACE,
-    ] = None,
-    table: Annotated[
-        _TABLES | None,
-        option(
-            "--table",
-            "Table, or estimate, to export. Default: all tables; in CSV the series with --at, else the track.",
-        ),
-    ] = None,
+    out: Annotated[Path, option("X.nc|csv|kml|geojson", alias="-o", group=OUTPUTS), _FILES],
+    at: Annotated[list[str] | None, option("LON,LAT,DEPTH"), PLACE] = None,
+    table: _TABLES | None = None,
     vehicle: _VEHICLE = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0, or 4 when part of the result was lost."""
+    """Return 0, or 4 when part of the result was lost.
+
+    Args:
+        out: File; its ending selects the format.
+        at: Place of a series of the current [degrees, degrees, m]; may be repeated.
+        table: Table, or estimate, to export. Default: all tables; in CSV the series with --at, else the track.
+    """
     check_paths([result], [out], replacing.overwrite)
     places = [numbers(text, "--at", PLACE.form) for text in at or ()]
 
@@ -297,19 +241,14 @@ def layout(
     result: _Result,
     /,
     *,
-    out: Annotated[
-        Path,
-        option(
-            "--out -o",
-            "Layout file to import into the viewer.",
-            metavar="LAYOUT.json",
-            group=OUTPUTS,
-        ),
-        Ending((".json",)),
-    ],
+    out: Annotated[Path, option("LAYOUT.json", alias="-o", group=OUTPUTS), Ending((".json",))],
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0."""
+    """Return 0.
+
+    Args:
+        out: Layout file to import into the viewer.
+    """
     check_paths([result], [out], replacing.overwrite)
 
     from replay_kit.results.layout.layout import write_layout

@@ -30,6 +30,12 @@ _NS = 1e9
 # rad/s; the Earth's rotation, and the tides of Doodson (1921) as the IHO's list of constituents gives them, degrees an hour
 EARTH_ROTATION = 7.292115e-5
 _TIDES = {"M2": 28.9841042, "S2": 30.0, "K1": 15.0410686, "O1": 13.9430356}
+# Prior of oscillations, round figures of open water that are not fitted: speed of each component [m/s], three days over which the phase is
+# forgotten [s], and correlation length in depth [m].
+_OSCILLATION_STD, _PHASE_SCALE, _DEPTH_LENGTH = 0.1, 259200.0, 100.0
+# Prior standard deviations of errors of the instrument, round figures too: rad, share of the relative velocity, and m/s along
+# the way through water for each metre from the instrument (Todd et al. 2017).
+_BIAS_STD = {"heading": np.deg2rad(5.0), "scale": 0.05, "shear": 2e-4}
 # Knots of an oscillation in each of its depth lengths.
 _KNOTS_A_LENGTH = 2
 # C and S of a vector that turns clockwise, and of both components of a tide, shape (2, u)
@@ -198,26 +204,20 @@ def extras_of(config: TimeConfig, latitude: float, deepest: float, reference_ns:
             rate, kind = np.deg2rad(_TIDES[name]) / 3600.0, _TIDAL
         parts.append((np.full(kind[0].shape[1], rate), *kind))
     omega, cosine, sine = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
-    length = config.oscillator_depth_length
-    n_knots = max(2, int(np.ceil(_KNOTS_A_LENGTH * deepest / length)) + 1)
+    n_knots = max(2, int(np.ceil(_KNOTS_A_LENGTH * deepest / _DEPTH_LENGTH)) + 1)
     knots = np.linspace(0.0, deepest, n_knots if config.oscillators else 0)
-    correlation = np.exp(-0.5 * ((knots[:, None] - knots) / length) ** 2) + 1e-9 * np.eye(
+    correlation = np.exp(-0.5 * ((knots[:, None] - knots) / _DEPTH_LENGTH) ** 2) + 1e-9 * np.eye(
         knots.size
     )
-    std = {
-        "heading": np.deg2rad(config.heading_bias_std),
-        "scale": config.scale_bias_std,
-        "shear": config.shear_bias_std,
-    }
     return Extras(
         knots,
-        np.asarray(config.oscillator_std * np.linalg.cholesky(correlation)),
+        np.asarray(_OSCILLATION_STD * np.linalg.cholesky(correlation)),
         omega,
         cosine,
         sine,
-        config.oscillator_scale,
+        _PHASE_SCALE,
         config.biases,
-        np.array([std[name] for name in config.biases], np.float64),
+        np.array([_BIAS_STD[name] for name in config.biases], np.float64),
         reference_ns,
     )
 

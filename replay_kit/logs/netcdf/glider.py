@@ -66,7 +66,7 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
     if tracked and not (means or pings):
         notes.append(
             f"{NO_MEANS}none is stated; if the dead-reckoned positions include no current, "
-            "--measurements.dead-reckoning through_water computes them"
+            "--dead-reckoning through_water computes them"
         )
     if "heading" in samples:
         unknown = "whether headings are magnetic or true is not known"

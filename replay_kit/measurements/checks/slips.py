@@ -1,7 +1,6 @@
-"""Slips of whoever writes velocities and depths: of axes, signs, units and the declination; and how each is undone.
+"""Slips of whoever writes velocities: of axes, signs, units and the declination; and how each is undone.
 
-Every fault turns true velocities or depths into those logged; ``undo`` is its inverse. What a fault needs to know beside the profile
-is in a ``Sounding``.
+Every fault turns true velocities into those logged; ``undo`` is its inverse.
 """
 
 import math
@@ -69,17 +68,10 @@ def slips() -> tuple[Slip, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sounding:
-    """A profile with what its message and its vehicle state beside.
-
-    Attributes:
-        observation: The profile as it was read.
-        declination: [degrees east], NaN when the log does not say.
-        vehicle_depth: [m], NaN when the log does not say.
-    """
+    """A profile as it was read, and the declination that its message states [degrees east]; NaN when it does not say."""
 
     observation: Observation
     declination: float
-    vehicle_depth: float
 
 
 class Fault(NamedTuple):
@@ -123,15 +115,6 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
     return faults
 
 
-def depth_faults() -> list[Fault]:
-    """Return the faults of the depth's sign: of the cells, of the instrument, and of where the instrument looks."""
-    advice = "check whether depths and z grow downwards, and whether the instrument looks up"
-    return [
-        Fault("the sign of depth is wrong", advice, partial(_at, sign, times))
-        for sign, times in ((-1.0, 0.0), (1.0, 2.0), (-1.0, 2.0))
-    ]
-
-
 def _mapped(matrix: Array, sounding: Sounding) -> Observation:
     return replace(sounding.observation, velocity=sounding.observation.velocity @ matrix.T)
 
@@ -141,10 +124,3 @@ def _turned(turns: float, sounding: Sounding) -> Observation:
     angle = math.radians(turns * np.nan_to_num(sounding.declination))
     cosine, sine = math.cos(angle), math.sin(angle)
     return _mapped(np.array([[cosine, sine], [-sine, cosine]]), sounding)
-
-
-def _at(sign: float, times: float, sounding: Sounding) -> Observation:
-    """Return a profile at other depths; a log that never says how deep the vehicle is, in whatever sign, is a surface vessel's."""
-    vehicle_depth = abs(np.nan_to_num(sounding.vehicle_depth))
-    depth = sign * sounding.observation.depth + times * vehicle_depth
-    return replace(sounding.observation, depth=depth)

@@ -28,7 +28,7 @@ from replay_kit.core.errors import (
 )
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Flag, Observation, Profiles, Reason, VehicleState, usable
+from replay_kit.core.observation import Flag, Observation, Profiles, usable
 from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.update.screening import screen
 from replay_kit.forecast import read_ensemble
@@ -47,7 +47,6 @@ from replay_kit.measurements.checks.slips import (
     Fault,
     Sounding,
     declination_of,
-    depth_faults,
     direction_faults,
 )
 from replay_kit.measurements.observed import blocks, rows
@@ -58,29 +57,13 @@ from replay_kit.workflows.replay.inputs.scan import Logs, open_readers
 
 # profiles examined, spread over the log: their joint covariance is one matrix
 _MOST_PROFILES = 200
-# fewer for depths, where each fault has a matrix of its own and the gains are larger
-_MOST_FOR_DEPTHS = 50
 _LEAST_PROFILES = 3
 # logarithm of the likelihood ratio from which a fault is named: sound twins stay below 7 (DECISIONS.md)
 _LEAST_GAIN = 9.0
 # of faults whose gains differ by less, both are named
 _ALIKE = 3.0
-# m; depths that a fault would have moved less look the same
-_LEAST_SHIFT = 10.0
-# of the bins, in the water with a fault of depth undone as without
-_LEAST_SHARE = 0.1
 # findings after which a comparison with the ensemble says nothing
 _GROSS = {UNIT, SURFACE, DEAD}
-_POSSIBLE = REPAIRABLE | Reason.ABOVE_SURFACE
-
-
-@dataclass(frozen=True, slots=True)
-class _Trial:
-    """One fault undone: the log-likelihood gained, and the misfit left, the normalised innovation squared per degree of freedom."""
-
-    fault: Fault
-    log_ratio: float
-    misfit: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +134,7 @@ def _checked(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig
 def soundings(
     messages: Iterable[Message], config: MeasurementConfig, speeds: EnsembleSpeeds | None = None
 ) -> tuple[list[Sounding], Checked]:
-    """Return the profiles among messages, each with the declination and the vehicle's depth as stated, and the checks of a replay.
+    """Return the profiles among messages, each with the declination as stated, and the checks of a replay.
 
     Args:
         messages: In order of time.
@@ -163,7 +146,7 @@ def soundings(
     """
     found: list[Sounding] = []
     declinations: dict[tuple[int, str], float] = defaultdict(lambda: math.nan)
-    depth, state = math.nan, Checked()
+    state = Checked()
 
     def noted() -> Iterator[Message]:
         """Yield the messages, each after its declination is known."""
@@ -176,11 +159,9 @@ def soundings(
     for block in blocks(noted(), config):
         state, block, _ = check(state, block, speeds, config.dead_reckoning == "through_water")
         for event in rows(block):
-            if isinstance(event, VehicleState):
-                depth = event.depth
-            elif isinstance(event, Observation):
+            if isinstance(event, Observation):
                 stated = declinations[event.source.input, event.source.topic]
-                found.append(Sounding(event, stated, depth))
+                found.append(Sounding(event, stated))
     return found, state
 
 
@@ -196,32 +177,28 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
         return ImportCheck(
             0, (), note=f"fewer than {_LEAST_PROFILES} profiles lie in the ensemble's water"
         )
-    widened = [_widened(sounding, estimator) for sounding in _spread(inside, _MOST_PROFILES)]
-    trials = _trials(widened, direction_faults(widened), estimator)
-    trials += _trials(_spread(widened, _MOST_FOR_DEPTHS), depth_faults(), estimator, _LEAST_SHIFT)
+    chosen = inside[:: math.ceil(len(inside) / _MOST_PROFILES)]
+    widened = [_widened(sounding, estimator) for sounding in chosen]
+    logged, _ = _likelihood(estimator, [sounding.observation for sounding in widened])
+    trials = [
+        (fault, *_likelihood(estimator, [fault.undo(sounding) for sounding in widened]))
+        for fault in direction_faults(widened)
+    ]
     # where the ensemble misfits the log even with the likeliest fault undone, all gains count for less in proportion
-    ranked = sorted(trials, key=lambda trial: -trial.log_ratio)
-    best = ranked[0]
-    gains: dict[str, tuple[float, Fault]] = {}
-    for trial in ranked:
-        gains.setdefault(trial.fault.name, (trial.log_ratio / max(1.0, best.misfit), trial.fault))
-    least = max(_LEAST_GAIN, gains[best.fault.name][0] - _ALIKE)
-    named = tuple(_warning(fault, gain) for gain, fault in gains.values() if gain >= least)
-    undetermined = (
-        ()
-        if named
-        else tuple(name for name, (gain, _) in reversed(gains.items()) if gain > -_LEAST_GAIN)
+    _, _, misfit = max(trials, key=lambda trial: trial[1])
+    gains = sorted(
+        (((log - logged) / max(1.0, misfit), fault) for fault, log, _ in trials),
+        key=lambda each: -each[0],
     )
+    least = max(_LEAST_GAIN, gains[0][0] - _ALIKE)
+    named = tuple(_warning(fault, gain) for gain, fault in gains if gain >= least)
+    undetermined = () if named else tuple(f.name for gain, f in gains[::-1] if gain > -_LEAST_GAIN)
     return ImportCheck(min(len(inside), _MOST_PROFILES), named, undetermined, _blind_spot(inside))
 
 
 def _warning(fault: Fault, gain: float) -> Finding:
     evidence = f"with this undone the profiles are e^{gain:.0f} times as likely under the ensemble"
     return Finding(ENSEMBLE, 0, evidence, fault.name, fault.advice, "warning")
-
-
-def _spread(found: Sequence[Sounding], most: int) -> Sequence[Sounding]:
-    return found[:: math.ceil(len(found) / most)]
 
 
 def _blind_spot(chosen: Sequence[Sounding]) -> str:
@@ -243,38 +220,13 @@ def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
     )
 
 
-def _trials(
-    chosen: Sequence[Sounding],
-    faults: Sequence[Fault],
-    estimator: ReducedBasisEstimator,
-    least_shift: float = 0.0,
-) -> list[_Trial]:
-    """Return what undoing each fault gains that moves a bin far enough in depth [m], over the bins that are in the water either way."""
-    as_is, found = [sounding.observation for sounding in chosen], list[_Trial]()
-    before, logged, compared = [_usable(each, estimator) for each in as_is], 0.0, [b""]
-    for fault in faults:
-        undone = [fault.undo(sounding) for sounding in chosen]
-        shifts = (np.abs(b.depth - a.depth) for a, b in zip(as_is, undone, strict=True))
-        if max(np.nanmax(each, initial=0.0) for each in shifts) < least_shift:
-            continue
-        bins = [
-            np.intersect1d(used, _usable(each, estimator))
-            for used, each in zip(before, undone, strict=True)
-        ]
-        if sum(map(len, bins)) >= _LEAST_SHARE * sum(map(len, before)):
-            if compared != (same := [used.tobytes() for used in bins]):
-                compared, (logged, _) = same, _likelihood(estimator, map(_offered, as_is, bins))
-            log, misfit = _likelihood(estimator, map(_offered, undone, bins))
-            found.append(_Trial(fault, log - logged, misfit))
-    return found
-
-
 def _likelihood(
-    estimator: ReducedBasisEstimator, profiles: Iterable[Observation]
+    estimator: ReducedBasisEstimator, profiles: Sequence[Observation]
 ) -> tuple[float, float]:
     """Return the logarithm of the density of all profiles under the prior, and the normalised innovation squared per value."""
     trusting = replace(estimator, evidence=None, probability=None)
-    _, steps = trusting.assimilate(trusting.initial(), list(profiles))
+    offered = [_offered(profile, _usable(profile, estimator)) for profile in profiles]
+    _, steps = trusting.assimilate(trusting.initial(), offered)
     # one bin relative to a platform of unknown velocity says nothing
     said = [step.innovation for step in steps if step.innovation.accepted]
     log, nis, dof = np.sum([(each.log_likelihood, each.nis, each.dof) for each in said], axis=0)
@@ -291,7 +243,7 @@ def _offered(observation: Observation, bins: NDArray[Any]) -> Observation:
 def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArray[np.intp]:
     """Return the bins in the ensemble's water that are good, or bad only in a way that a fault could have made them."""
     possible = (
-        (usable(observation.flags) | ((observation.reasons & ~np.int32(_POSSIBLE)) == 0))
+        (usable(observation.flags) | ((observation.reasons & ~np.int32(REPAIRABLE)) == 0))
         & np.isfinite(observation.velocity).all(axis=1)
         & (observation.depth >= 0.0)
     )

@@ -1,6 +1,5 @@
 """How much of a log is read to say what is in it, its index and first messages or all; and the order of its messages in time."""
 
-import heapq
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -19,6 +18,8 @@ from replay_kit.logs.tables.suggest import NAMED
 
 # of a topic's mean time between messages, and at least so long [ns], is a gap that is reported
 _TIMES_MEAN, _LEAST_GAP_NS = 10, 60_000_000_000
+# before every time
+_NEVER = -(2**63)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +102,7 @@ class Order:
         self._window_ns = round(window_s * 1e9)
         self._topics: dict[str, TopicInfo] = {}
         self._held = np.empty(0, np.int64)
-        self._yielded: int | None = None
+        self._yielded = _NEVER
         self._settling: Settling[tuple[str, str]] = Settling()
 
     @property
@@ -150,34 +151,17 @@ class Order:
 
         These are older than one that it has let go, as all have that are a window old.
         """
-        held = np.append(self._held, time_ns)
-        newest = np.maximum.accumulate(held)
-        # for a message to be late it must be older than the newest before it by more than the window
-        if not np.any(held[1:] < newest[:-1] - self._window_ns):
-            let_go = held < newest[-1] - self._window_ns
-            self._held = held[~let_go]
-            if np.any(let_go):
-                self._yielded = max(
-                    int(held[let_go].max()),
-                    self._yielded if self._yielded is not None else -(2**63),
-                )
-            return np.zeros(time_ns.size, np.int64)
-        return self._late_one_by_one(time_ns)
-
-    def _late_one_by_one(self, time_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        held, late = self._held.tolist(), np.zeros(time_ns.size, np.int64)
-        newest = max(held, default=-(2**63))
-        heapq.heapify(held)
-        yielded = -(2**63) if self._yielded is None else self._yielded
-        for k, time in enumerate(time_ns.tolist()):
-            if time < yielded:
-                late[k] = newest - time
-                continue
-            heapq.heappush(held, time)
-            newest = max(newest, time)
-            while newest - held[0] > self._window_ns:
-                yielded = heapq.heappop(held)
-        self._held, self._yielded = np.array(held, np.int64), yielded
+        times, late = np.append(self._held, time_ns), np.zeros(time_ns.size, np.int64)
+        newest = np.maximum.accumulate(times)
+        held = self._held.size
+        for k in np.flatnonzero(times[1:] < newest[:-1] - self._window_ns) + 1:
+            gone = times[:k][times[:k] < newest[k - 1] - self._window_ns]
+            if k >= held and times[k] < max(self._yielded, int(gone.max(initial=_NEVER))):
+                late[k - held] = newest[k - 1] - times[k]
+        if times.size:
+            let_go = times < newest[-1] - self._window_ns
+            self._yielded = max(self._yielded, int(times[let_go].max(initial=_NEVER)))
+            self._held = times[~let_go]
         return late
 
 

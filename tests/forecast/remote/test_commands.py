@@ -23,7 +23,8 @@ QUICK = "--end 2018-11-16T01:00Z --modes 5 --levels 5,50"
 
 
 @pytest.fixture(autouse=True)
-def quiet(here):
+def quiet(here, tmp_path):
+    (tmp_path / "run.toml").write_text(f'[forecast]\ncache = "{tmp_path}/cache"\n')
     logging.disable(logging.WARNING)
     yield
     logging.disable(logging.NOTSET)
@@ -41,7 +42,7 @@ def ensemble():
 def replayed(folder, name, forecast, more=""):
     """Replay on a forecast; return the bytes of the result and of the lossless estimate."""
     out, flow = folder / f"{name}.mcap", folder / f"{name}.nc"
-    files = f"--ensemble {forecast} -o {out} --save-estimate {flow} --forecast.cache={folder}/cache"
+    files = f"--ensemble {forecast} -o {out} --save-estimate {flow} --config {folder}/run.toml"
     succeed(f"replay {LOG} {files} {QUICK} {more}")
     return out.read_bytes(), flow.read_bytes()
 
@@ -77,7 +78,7 @@ def test_a_replay_over_opendap_and_griddap_is_that_of_the_file(tmp_path, ensembl
 
 
 def test_fetch_says_what_it_costs_and_gives_a_file_for_the_boat(tmp_path, ensemble):
-    cache, out = f"--forecast.cache={tmp_path}/cache", tmp_path / "boat.nc"
+    cache, out = f"--config {tmp_path}/run.toml", f"{tmp_path}/boat.nc"
     with serving(Files(zarr_objects(ensemble, zarr_format=2))) as files:
         part = f"--ensemble {files.url} --region 152,-40.2,153,-39.8 {cache}"
         priced = invoke(f"fetch {part} --dry-run --json -")
@@ -116,7 +117,7 @@ def test_another_year_or_ocean_is_said_before_the_margin_is_measured(tmp_path):
             time=np.array([f"{year}-11-16", f"{year}-11-17"], "M8[ns]"),
         )
         with serving(Files(zarr_objects(ds, zarr_format=2))) as files:
-            done = invoke(f"fetch {LOG} --ensemble {files.url} --forecast.cache={tmp_path}")
+            done = invoke(f"fetch {LOG} --ensemble {files.url} --config {tmp_path}/run.toml")
         assert done.exit_code == 3
         assert words in done.stderr
         assert not [path for path in files.asked if re.match(r"[uv]o/\d", path)]

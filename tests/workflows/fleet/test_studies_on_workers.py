@@ -18,5 +18,5 @@ def test_fit(cluster):
 
 def test_the_switch_is_on_every_command_of_the_studies():
     for command in ("experiment paper", "fit"):
-        words = invoke([*command.split(), "--help-all"]).stdout.split()
+        words = invoke([*command.split(), "--help"]).stdout.split()
         assert {"--scheduler", "--workers"} <= set(words)

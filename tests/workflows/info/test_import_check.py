@@ -20,7 +20,6 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks.profile import ensemble_speeds
 from replay_kit.measurements.checks.slips import (
     declination_of,
-    depth_faults,
     direction_faults,
 )
 from replay_kit.show.text import SafeConsole
@@ -153,19 +152,6 @@ def test_undoing_a_fault_gives_what_was_measured(surveys, fault):
             ours.velocity, theirs.observation.velocity, rtol=1e-9, atol=1e-12
         )
         np.testing.assert_allclose(ours.error_std, theirs.observation.error_std, rtol=1e-9)
-
-
-def test_undoing_a_wrong_depth_gives_the_true_one(glider):
-    sound, wrong = (
-        max(
-            soundings(planted(glider[:40], fault), CONFIG.measurements)[0],
-            key=lambda sounding: sounding.vehicle_depth,
-        )
-        for fault in ("sound", "the sign of depth is wrong: orientation")
-    )
-    assert sound.vehicle_depth > 100.0
-    undone = [fault.undo(wrong).depth for fault in depth_faults()]
-    np.testing.assert_allclose(undone[2], sound.observation.depth, atol=0.1)
 
 
 def test_what_a_ping_says_of_the_declination():

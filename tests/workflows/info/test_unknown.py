@@ -97,16 +97,11 @@ def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
     assert said.rstrip().endswith(
         f"Next: replay-kit replay {log} --ensemble {forecast} -o RESULT.mcap"
     )
-    # and the settings, under the names that do not depend on the command
-    options = [
-        "--levels",
-        "5,150",
-        "--measurements.no-use-inverted",
-        "--measurements.no-flight-bias",
-    ]
+    # and the settings
+    options = ["--levels", "5,150", "--dead-reckoning", "through_water"]
     remaps = ["--remap", "/a b=/c", "--remap", "/d=/e"]
     said = invoke(["info", str(log), "--ensemble", str(forecast), *options, *remaps]).stdout
-    words = ["--forecast.levels=5,150", *options[2:], "--logs.remap=/a b=/c", "--logs.remap=/d=/e"]
+    words = ["--levels=5,150", "--dead-reckoning=through_water", "--remap=/a b=/c", "--remap=/d=/e"]
     last = said.rstrip().splitlines()[-1]
     assert last.startswith(f"Next: replay-kit replay {log} --ensemble {forecast} ")
     assert sorted(shlex.split(last)[6:-2]) == sorted(words)

@@ -408,7 +408,7 @@ def test_a_mission_begins_within_a_month_of_the_only_time_that_is_known(tmp_path
 
 
 def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
-    config = TimeConfig(scale=1e6, oscillators=("inertial", "M2"), oscillator_scale=3e5)
+    config = TimeConfig(scale=1e6, oscillators=("inertial", "M2"))
     members = replace(synthetic.ensemble(), time_ns=NOON)
     estimator = build([members], EstimatorConfig(modes=8), time=config)
     state, extras = replace(estimator.initial(), time_ns=NOON), estimator.observer.extras
@@ -429,7 +429,7 @@ def test_oscillations_that_the_estimate_knows_carry_a_mission(tmp_path):
             seconds = (through[k].time_ns - NOON) / 1e9
             # its twin: each unknown's column, with its amplitude as the filter predicts it
             column = extras.column(through[k].time_ns, None)
-            later = x[part] * np.exp(-seconds / config.oscillator_scale)
+            later = x[part] * np.exp(-seconds / 259200.0)
             expected = (extras.functions(flow.levels) @ column @ later).T
             slow = flow.at(through[k].time_ns)
             here = flow.nodes[len(flow.nodes) // 2]

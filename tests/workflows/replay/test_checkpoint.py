@@ -132,7 +132,7 @@ def test_a_state_of_another_run_or_damaged_is_told_and_the_run_begins_anew(
     part = out.with_name("out.mcap.part")
     file = part if what.startswith("result") else checkpoint
     data = bytearray(file.read_bytes())
-    data[len(data) // 3] ^= 4
+    data[2 * len(data) // 5] ^= 4
     if what == "settings":
         config = CONFIG.model_copy(update={"consistency": ConsistencyConfig(on_failure="ignore")})
     elif what == "parts":

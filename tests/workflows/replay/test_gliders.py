@@ -18,21 +18,23 @@ from tests.logs.netcdf import glider_samples as made
 from tests.places import DATA, needs
 from tests.results.result_samples import metadata_of
 
-FAST = "--modes 20 --place-ensemble --estimator.sample-share 0.5 --estimator.shift-distance 0"
+FAST = "--modes 20 --place-ensemble --config"
+PRIOR = "[estimator]\nsample_share = 0.5\nshift_distance = 0.0\n"
 
 
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("ocean")
+    (folder / "fast.toml").write_text(PRIOR)
     synthetic.dataset(seed=4, n_members=12, shape=(5, 5)).to_netcdf(
         folder / "E.nc", engine="h5netcdf"
     )
     return folder
 
 
-def replay(ocean: Path, arguments: str | Path) -> tuple[dict, str]:
+def replay(ocean: Path, arguments: str | Path, settings: Path | None = None) -> tuple[dict, str]:
     files = f"--ensemble {ocean}/E.nc -o {ocean}/out.mcap --json {ocean}/out.json --overwrite"
-    done = succeed(f"replay {arguments} {files} {FAST}")
+    done = succeed(f"replay {arguments} {files} {FAST} {settings or ocean / 'fast.toml'}")
     return json.loads((ocean / "out.json").read_text()), done.output
 
 
@@ -106,8 +108,8 @@ def test_a_summary_begins_with_the_pings_that_a_setting_would_keep(ocean, tmp_pa
     lost = "8 of 10 pings on /adcp were not used: no position within 600 s; a larger measurements.position_max_age, or positions after"
     assert answer["lost_pings"].startswith(lost)
     assert said.startswith("WITH CARE  8 of 10 pings on /adcp were not used: no position")
-    (tmp_path / "c.toml").write_text("[measurements]\nposition_max_age = 4000.0\n")
-    answer, said = replay(ocean, f"{tmp_path}/a.mcap --config {tmp_path}/c.toml")
+    (tmp_path / "c.toml").write_text(f"{PRIOR}[measurements]\nposition_max_age = 4000.0\n")
+    answer, said = replay(ocean, tmp_path / "a.mcap", tmp_path / "c.toml")
     assert answer["lost_pings"] == ""
     assert answer["observations"]["used"] == 10
     assert "8 of 10 pings" not in said
@@ -115,7 +117,9 @@ def test_a_summary_begins_with_the_pings_that_a_setting_would_keep(ocean, tmp_pa
 
 def test_an_unknown_reference_ends_with_the_line_to_set(ocean, tmp_path):
     log = _log(tmp_path / "a.mcap", None)
-    done = invoke(f"replay {log} --ensemble {ocean}/E.nc -o {tmp_path}/o.mcap {FAST}")
+    done = invoke(
+        f"replay {log} --ensemble {ocean}/E.nc -o {tmp_path}/o.mcap {FAST} {ocean}/fast.toml"
+    )
     assert done.exit_code == 3
     assert (
         "10 of 10 pings on /adcp were not used: ping: expected reference to be one of earth, platform, got none"

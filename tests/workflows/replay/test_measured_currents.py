@@ -17,7 +17,8 @@ from tests.show.report.html_of import figures
 from tests.workflows.replay.test_flight_bias import dive
 
 DIVES = 8
-FAST = "--modes 10 --place-ensemble --estimator.sample-share 0.5 --estimator.shift-distance 0"
+FAST = "--modes 10 --place-ensemble --config {}/fast.toml"
+PRIOR = "[estimator]\nsample_share = 0.5\nshift_distance = 0.0\n"
 
 
 def messages(mean):
@@ -56,10 +57,11 @@ def replayed(tmp_path_factory) -> Path:
     synthetic.dataset(seed=4, n_members=12, shape=(5, 5)).to_netcdf(
         folder / "E.nc", engine="h5netcdf"
     )
+    (folder / "fast.toml").write_text(PRIOR)
     write_mcap_log(
         folder / "log.mcap", [message for k in range(DIVES) for message in messages(dive(k))]
     )
-    inputs = f"{folder}/log.mcap --ensemble {folder}/E.nc {FAST}"
+    inputs = f"{folder}/log.mcap --ensemble {folder}/E.nc {FAST.format(folder)}"
     done = invoke(f"replay {inputs} -o {folder}/out.mcap --json {folder}/out.json")
     assert done.exit_code in (0, 6), done.output
     again = invoke(f"smooth {inputs} -o {folder}/smooth.mcap")

@@ -313,7 +313,8 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
     start = f"--start={last.start_longitude},{last.start_latitude},{last.start_depth}"
     goal = f"--goal={GOAL.longitude},{GOAL.latitude},{GOAL.depth}"
     began = f"{plans.index[-1].isoformat()}Z"
-    dives = "--speed=0.3 --depth=300 --surface-time=240 --tolerance=100"
+    (tmp_path / "run.toml").write_text("[planner]\ntolerance = 100.0\n")
+    dives = f"--speed=0.3 --depth=300 --surface-time=240 --config {tmp_path}/run.toml"
     done = succeed(f"plan {out} {start} {goal} --start-time {began} {dives} --json -")
     said = json.loads(done.stdout)
     samples = said["samples"]

@@ -8,7 +8,7 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.workflows.qc.check import check_quality
+from replay_kit.workflows.qc import check_quality
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
@@ -131,9 +131,10 @@ def test_sound_logs_lose_nothing(logs):
     for topic in report.topics.values():
         assert topic.pings > 0
         assert topic.flags[Flag.FAIL] == 0
-        suspect = sum(count.suspect for name, count in topic.tests.items() if name != "at_surface")
-        assert suspect <= 1e-3 * topic.tests["max_speed"].evaluated
-        assert topic.lost == ()
+        tests = {name: test.flags for name, test in topic.tests.items()}
+        suspect = sum(flags[Flag.SUSPECT] for name, flags in tests.items() if name != "at_surface")
+        assert suspect <= 1e-3 * tests["max_speed"].total()
+        assert topic.lost == []
 
 
 def test_settings_are_checked_and_come_back_from_a_result(tmp_path):

@@ -1,1 +1,0 @@
-"""The quality control of a mission's logs."""
