@@ -1,11 +1,11 @@
-"""The compact form of a flow, as results hold it: what is large in float32, all else as it is.
+"""Compact form of a flow in a result file: large arrays in float32, all others unchanged.
 
 Float32 are the modes and the unknowns' patterns, and of the covariance P, in which only some directions differ from the prior's,
 
     P = I - V (I - M) V',    V' V = I,    M diagonal,
 
-the directions V of all variances M that differ from 1 by more than 1e-6. A pattern that is a product of one in depth and one of the modes
-is held as these two. The velocity at the estimate's own time is kept to the last bit.
+the directions V of all variances M that differ from 1 by more than 1e-6. A pattern that is a product of a depth function and modes is
+stored as its factors. The velocity at the estimate's time is exact.
 """
 
 import io
@@ -49,11 +49,11 @@ def unpack(data: bytes, name: str) -> FlowEstimate:
     """Return the flow of the bytes of ``pack``.
 
     Args:
-        data: The bytes.
-        name: What to call them in errors.
+        data: Bytes of ``pack``.
+        name: Name of the data in errors.
 
     Raises:
-        ForecastError: They are damaged, or of something else.
+        ForecastError: The data are damaged or of another kind.
     """
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
@@ -85,7 +85,7 @@ def unpack(data: bytes, name: str) -> FlowEstimate:
 
 
 def _apart(p: Array) -> tuple[Array, Array]:
-    """Return M and V of a covariance, shapes (n,) and (k, n)."""
+    """Return M, shape (n,), and V, shape (k, n), of a covariance."""
     less = np.eye(len(p)) - p
     # loads slowly, and what reads an estimate needs none
     from scipy.linalg.lapack import dpstrf
@@ -104,14 +104,14 @@ def _apart(p: Array) -> tuple[Array, Array]:
 
 
 def _together(variances: Array, directions: Array) -> Array:
-    """Return the covariance, shape (k, k), of variances, shape (n,), and directions, shape (k, n), which float32 left nearly orthogonal."""
+    """Return the covariance, shape (k, k), of M, shape (n,), and V, shape (k, n), which float32 left nearly orthogonal."""
     orthogonal, _ = np.linalg.qr(directions)
     p = np.eye(len(directions)) - orthogonal * (1.0 - variances) @ orthogonal.T
     return np.asarray((p + p.T) / 2.0)
 
 
 def _factors(patterns: Array) -> dict[str, Array]:
-    """Return patterns, shape (B, K, r), by the names that they are held under: each as a product where all are that."""
+    """Return patterns, shape (B, K, r), by their stored names: as factors if all are products."""
     rows, largest = np.arange(len(patterns)), np.abs(patterns).max(axis=2).argmax(axis=1)
     of_modes = patterns[rows, largest]
     norm = np.maximum(np.sum(of_modes**2, axis=1), 1e-300)
