@@ -1,7 +1,6 @@
-"""Slips of whoever writes velocities and depths: of axes, signs, units and the declination; and how each is undone.
+"""Errors of axes, signs, units and declination in logged velocities and depths; and their correction.
 
-Every fault turns true velocities or depths into those logged; ``undo`` is its inverse. What a fault needs to know beside the profile
-is in a ``Sounding``.
+Every fault maps true velocities or depths to logged ones; ``undo`` is its inverse. Further inputs of a fault are in ``Sounding``.
 """
 
 import math
@@ -46,10 +45,10 @@ _DECLINATION = (
 
 
 class Slip(NamedTuple):
-    """What velocities are instead of the true ones.
+    """Linear error of logged velocities.
 
     Attributes:
-        name: In words.
+        name: Description.
         matrix: M, shape (2, 2), with true = M logged.
     """
 
@@ -58,7 +57,7 @@ class Slip(NamedTuple):
 
 
 def slips() -> tuple[Slip, ...]:
-    """Return the slips of axes and signs, and of units in which velocities are too fast."""
+    """Return the errors of axes and signs, and of units that are too fast."""
     scales = {f"in {name}": factor for name, factor in UNITS.items()}
     scales |= {f"{factor:g} times too fast": factor for factor in _OTHERS}
     return (
@@ -69,12 +68,12 @@ def slips() -> tuple[Slip, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sounding:
-    """A profile with what its message and its vehicle state beside.
+    """Profile with further statements of its message and vehicle.
 
     Attributes:
-        observation: The profile as it was read.
-        declination: [degrees east], NaN when the log does not say.
-        vehicle_depth: [m], NaN when the log does not say.
+        observation: Profile as read.
+        declination: Magnetic declination [degrees east]; NaN if not stated.
+        vehicle_depth: Depth of the vehicle [m]; NaN if not stated.
     """
 
     observation: Observation
@@ -83,12 +82,12 @@ class Sounding:
 
 
 class Fault(NamedTuple):
-    """One way in which a log can be wrong.
+    """Possible fault of a log.
 
     Attributes:
-        name: A few words that tell it from the others.
-        advice: What a person should look at.
-        undo: The profile as it would be without the fault.
+        name: Short unique description.
+        advice: What to check.
+        undo: Returns the profile without the fault.
     """
 
     name: str
@@ -97,7 +96,7 @@ class Fault(NamedTuple):
 
 
 def declination_of(message: Message) -> float:
-    """Return the magnetic declination [degrees east] that a ping states; NaN for any other message, and for a malformed one."""
+    """Return the magnetic declination [degrees east] in a ping; NaN for other or malformed messages."""
     if message.schema == SCHEMA:
         return declination_in(message.payload)
     held = message.payload if isinstance(message.payload, Mapping) else {}
@@ -105,10 +104,10 @@ def declination_of(message: Message) -> float:
 
 
 def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
-    """Return the faults that leave speeds as they are: axes, signs, and the declination where the log states one.
+    """Return the faults that keep speeds: axes, signs, and the declination if stated.
 
     Args:
-        soundings: The log's profiles.
+        soundings: Profiles of the log.
     """
     faults = [
         Fault(name, advice, partial(_mapped, np.reshape(matrix, (2, 2))))
@@ -124,7 +123,7 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
 
 
 def depth_faults() -> list[Fault]:
-    """Return the faults of the depth's sign: of the cells, of the instrument, and of where the instrument looks."""
+    """Return the faults of the sign of depth: of the cells, of the instrument, and of its orientation."""
     advice = "check whether depths and z grow downwards, and whether the instrument looks up"
     return [
         Fault("the sign of depth is wrong", advice, partial(_at, sign, times))
@@ -137,14 +136,14 @@ def _mapped(matrix: Array, sounding: Sounding) -> Observation:
 
 
 def _turned(turns: float, sounding: Sounding) -> Observation:
-    """Return a profile turned clockwise, from magnetic to true axes, by the declination; by none where it is not stated."""
+    """Return a profile rotated clockwise from magnetic to true axes by the declination, if stated."""
     angle = math.radians(turns * np.nan_to_num(sounding.declination))
     cosine, sine = math.cos(angle), math.sin(angle)
     return _mapped(np.array([[cosine, sine], [-sine, cosine]]), sounding)
 
 
 def _at(sign: float, times: float, sounding: Sounding) -> Observation:
-    """Return a profile at other depths; a log that never says how deep the vehicle is, in whatever sign, is a surface vessel's."""
+    """Return a profile at other depths; without a vehicle depth the log counts as a surface vessel's."""
     vehicle_depth = abs(np.nan_to_num(sounding.vehicle_depth))
     depth = sign * sounding.observation.depth + times * vehicle_depth
     return replace(sounding.observation, depth=depth)
