@@ -97,7 +97,7 @@ def is_objective(name: str) -> bool:
 
 
 def objective_names() -> tuple[str, ...]:
-    """Return the names of all objectives: the project's own, then those that installed packages add."""
+    """Return the names of all objectives: the project's own, then additions."""
     return (*get_args(ObjectiveName), *names_of("objectives"))
 
 

@@ -1,6 +1,6 @@
 """Positions out of the vehicle's reach: single outliers, or a permanent displacement.
 
-A position out of reach waits for later ones. If one of them is within reach again, those that waited are outliers and excluded; five
+A position out of reach waits for later ones. If one of them is within reach again, the waiting ones are outliers and excluded; five
 consecutive ones move the vehicle there. A fix is compared with the previous dead-reckoned position, given the accuracy of earlier ones, or
 with the previous fix.
 """

@@ -44,7 +44,7 @@ class Grouping:
         return replace(self, change=0.0, seconds=seconds, of_mean=False)
 
     def fit(self, pings: Columns, first: Indices, other: Indices, number: Array) -> Mask:
-        """Return which profiles may join a group, shape (n,).
+        """Return the mask of profiles that may join a group, shape (n,).
 
         Args:
             pings: Pings as in ``core.block.Block``.

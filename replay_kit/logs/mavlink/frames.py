@@ -151,7 +151,7 @@ def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
 
 
 def _sound(frames: Frames, size: int, at_end: bool) -> NDArray[np.bool_]:
-    """Return which entries are valid: the checksum matches, or another candidate follows an unknown message."""
+    """Return the mask of valid entries: the checksum matches, or another candidate follows an unknown message."""
     view = np.frombuffer(frames.data, dtype=np.uint8)
     check = frames.payload + frames.length
     stated = view[check].astype(np.uint16) | view[check + 1].astype(np.uint16) << 8

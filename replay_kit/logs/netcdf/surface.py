@@ -58,7 +58,7 @@ def depth_of(frequency: float) -> float:
 def _totals(
     files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
 ) -> Entries:
-    """Return the vectors of each time in SI units and degrees, without those that lack an error or fail their flags.
+    """Return the vectors of each time in SI units and degrees, without missing errors or failed flags.
 
     Raises:
         LogError: A file has no time.

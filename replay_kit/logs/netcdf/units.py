@@ -241,7 +241,7 @@ UNUSABLE = re.compile(r"bad|fail|miss|suspect|question|unsampled|reject|spike|st
 
 
 def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
-    """Return which values have bad flags, by the meanings of the flags, never by number.
+    """Return the mask of bad values by the meanings of their flags, never by number.
 
     Args:
         name: Name of the flags in notes.

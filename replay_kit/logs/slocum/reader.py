@@ -190,7 +190,7 @@ def _rank(path: Path) -> int:
 
 
 def _completeness(segments: Sequence[Segment]) -> list[str]:
-    """Return which segments lack the files of one computer as a sentence; empty if none."""
+    """Return a sentence on segments without files of one computer; empty if none."""
     flight, science = (
         {s.header.segment for s in segments if s.header.is_science == which}
         for which in (False, True)

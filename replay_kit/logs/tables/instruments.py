@@ -148,7 +148,7 @@ def _alike(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
 
 
 def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:
-    """Return values with empty lists for those that are no lists or too short."""
+    """Return values with empty lists for other types and lists that are too short."""
     kinds = (list, tuple)
     if not least and {*map(type, values)} <= {*kinds}:
         return [*values]

@@ -186,7 +186,7 @@ def added_checks() -> dict[str, Fold]:
 
 
 def unknowable(state: Checked) -> tuple[str, ...]:
-    """Return which faults of the profiles the log cannot show, and what would, as sentences; empty without profiles."""
+    """Return sentences on faults of the profiles that the log cannot show, and how to show them; empty without profiles."""
     if not state.instruments:
         return ()
     said, of_means = list[str](), list[dict[str, float]]()

@@ -88,7 +88,7 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
 def separate(memory: Memory, positions: Rows) -> Judged:
     """Check for positions of two missions beyond the reach of one vehicle.
 
-    Of positions out of reach of the first track, only the latest connected ones are kept.
+    Only the latest connected positions out of reach of the first track are kept.
 
     Args:
         memory: ``last`` (1 or 2, 5), last position of the first track and of another out of its reach; ``number`` (2,) of positions in
@@ -168,7 +168,7 @@ class LogTracks:
     def after(self, positions: Columns) -> "LogTracks":
         """Return the tracks after positions, columns ``COLUMNS``; repeated positions are ignored.
 
-        Of consecutive positions of a log only the first, the last and those for its speed are used.
+        Only the first, the last and speed-defining positions of a run of one log are used.
         """
         tracks, time, every = self, positions["time"], places(positions)
         ends = np.append(np.flatnonzero(np.diff(positions["input"])) + 1, len(time))

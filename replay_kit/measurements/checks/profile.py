@@ -99,7 +99,7 @@ def odd_ensemble_speeds(velocity: Values) -> str:
 
 
 def repairable(pings: Rows) -> Mask:
-    """Return which bins are good, or bad in a way that a wrong unit or axis explains, shape (n, m)."""
+    """Return the mask of bins that are good, or bad in a way that a wrong unit or axis explains, shape (n, m)."""
     known = every(np.isfinite(pings["velocity"]))
     return np.asarray(known & ((pings["reasons"] & ~np.int32(REPAIRABLE)) == 0))
 

@@ -107,7 +107,7 @@ def _middle(values: Array) -> float:
 
 
 def fault_of_units(layers: Array, profiles: Sequence[Profile]) -> str:
-    """Return which stated unit is wrong as text; empty if none is."""
+    """Return the wrong stated unit as text; empty if none is wrong."""
     depth, conductivity, pressure = layers[:, [3, 6, 7]].T
     if _middle(conductivity) > _MOST_CONDUCTIVITY:
         return f"conductivity above {_MOST_CONDUCTIVITY:g} S/m: it looks like mS/cm"

@@ -89,9 +89,9 @@ class GlideRow:
         upper_quartile: Upper quartile [m].
         median_low: Lower end of the bootstrap 90 % interval of the median [m].
         median_high: Upper end [m].
-        within_250: Number of pairs that pass the target within 250 m.
+        within_250: Number of pairs within 250 m.
         seconds: Wall time of all plans and flights [s].
-        closest_approach: Closest approach of each pair [m].
+        closest_approach: By pair [m].
         note: Reason for missing figures.
     """
 

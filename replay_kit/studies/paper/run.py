@@ -73,11 +73,11 @@ class PaperTables:
         shown_truth: Truth of Table III.
         members: Number of members.
         truths: Number of truths in Tables I and II.
-        grid: Number of points along the grid's two directions.
+        grid: Points along the grid's two directions.
         levels: Levels [m].
-        plan_modes: Largest number of modes of the estimates for plans; None for the full rank.
+        plan_modes: Largest number of modes for plans; None for the full rank.
         seed: Seed of positions, noise and pairs.
-        noise: Noise of each component of a bin in Table II [m/s].
+        noise: Noise of a component in Table II [m/s].
         target_depth: Depth of the targets of Table III [m].
         seconds: Wall time of each stage [s].
         unfinished: Whether the study was still running.

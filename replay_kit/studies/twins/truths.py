@@ -245,7 +245,7 @@ def fly_steadily(
 
 
 def in_water(grid: Grid, longitude: Array, latitude: Array, depth: Array) -> NDArray[np.bool_]:
-    """Return which paths, shape (steps, n), stay inside a grid's outline and over its wet points, shape (n,)."""
+    """Return the mask of paths, shape (steps, n), that stay inside a grid's outline and over its wet points, shape (n,)."""
     east, north = to_local(grid.projection, longitude, latitude)
     nearest = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])).query(
         np.stack([east, north], axis=-1)
