@@ -160,7 +160,7 @@ class AsFlown:
         """Return notes for the user of a plan: number and spread of the dives, and quantities that the log does not show."""
         if self.speed_std is None or self.depth_std is None or self.duration_std is None:
             return (
-                ("the vehicle is known from a single dive: its spread is not known",)
+                ("flight parameters from a single dive, without a spread",)
                 if self.dives == 1
                 else ()
             )
@@ -197,7 +197,7 @@ class AsFlown:
             return cls(**numbers | whole)
         except (KeyError, TypeError, ValueError) as error:
             raise LogError(
-                f"{AS_FLOWN}: expected numbers of how the vehicle flew, got {dict(record)}; replay the log again"
+                f"{AS_FLOWN}: expected numbers as flight parameters, got {dict(record)}; replay the log again"
             ) from error
 
 

@@ -37,11 +37,7 @@ def why_no_input(path: Path) -> str:
             return ""
         return f"{error.strerror}; give the name of a file"
     kind = next((name for holds, name in _KINDS if holds(mode)), "")
-    return (
-        f"it is {kind}, not a file; write what comes from it to a file, and give that"
-        if kind
-        else ""
-    )
+    return f"it is {kind}, not a file; save its output to a file, and give that" if kind else ""
 
 
 def open_input(path: str | Path) -> BinaryIO:
@@ -211,7 +207,7 @@ def check_unchanged(before: Mapping[Path, Stamp], may_grow: bool = False) -> Non
     for path, stamp in before.items():
         if not path.is_file():
             raise LogError(
-                f"{path}: expected to stay as it was while it is read, but it is gone; keep it until the run ends, and run again"
+                f"{path}: changed while it was read: it is gone; keep it until the run ends, and run again"
             )
         now = _stamp(path.stat())
         if now == stamp or (may_grow and now[:2] == stamp[:2] and now[2] > stamp[2]):
@@ -223,7 +219,7 @@ def check_unchanged(before: Mapping[Path, Stamp], may_grow: bool = False) -> Non
         else:
             what = "was written to"
         raise LogError(
-            f"{path}: expected to stay as it was while it is read, but it {what}; "
+            f"{path}: changed while it was read: it {what}; "
             "if it is still being recorded, give a copy of it, and run again"
         )
 

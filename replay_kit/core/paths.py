@@ -128,7 +128,7 @@ def check_inputs(inputs: Iterable[Path | None]) -> None:
     for path in inputs:
         if path is not None and not path.exists():
             raise PlanError(
-                f"{path}: expected a file to plan with, there is none of this name; check the path"
+                f"{path}: expected an input of the plan, file not found; check the path"
             )
 
 

@@ -271,7 +271,7 @@ class ReducedBasisEstimator(Estimator[State]):
         extras, found = self.observer.extras, list[str]()
         if state.scale != 1.0:
             words = f"the variance of the ensemble was multiplied by {state.scale:.2g}, as the measurements show"
-            narrow = "; the ensemble hardly holds this water" if state.scale > 4.0 else ""
+            narrow = "; the ensemble hardly covers this current" if state.scale > 4.0 else ""
             found.append(words + narrow)
         if extras is None:
             return found

@@ -162,7 +162,7 @@ def _bag(path: Path) -> list[Path]:
     missing = [file.name for file in files if not file.is_file()]
     if missing or not files:
         raise LogError(
-            f"{path}: expected the files of {_BAG}, missing: {', '.join(missing) or 'all'}; give those there are one by one"
+            f"{path}: expected the files of {_BAG}, missing: {', '.join(missing) or 'all'}; give the existing ones one by one"
         )
     return files
 

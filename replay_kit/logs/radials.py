@@ -103,7 +103,7 @@ def header(path: Path) -> Mapping[str, str]:
     missing += [name for name in _COLUMNS if name not in names]
     if missing:
         raise LogError(
-            f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the file as it was made"
+            f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the original file"
         )
     if not _numbers(path, found, "TransmitCenterFreqMHz")[0] > 0.0:
         raise LogError(
@@ -197,7 +197,7 @@ def _radials(path: Path, head: Mapping[str, str]) -> tuple[dict[str, Array], Cou
                 (failed & (flag == 0)).sum()
             ),
             "without an error": int((~known & (flag == 0) & ~failed).sum()),
-            "in lines that are not whole": left_out,
+            "in incomplete lines": left_out,
         }
     )
     columns = {"longitude": east, "latitude": north, "direction": heading, "flag": quality}
@@ -219,7 +219,7 @@ def _check_station(
     if away.size and float(np.median(away)) > 1e3 * _NEAR:
         raise LogError(
             f"{path}: radials of another station: they lie {np.median(away) / 1e3:.0f} km from their range and bearing about "
-            f"{station(head)} at {latitude:.4f} N, {longitude:.4f} E; give the file as it was made"
+            f"{station(head)} at {latitude:.4f} N, {longitude:.4f} E; give the original file"
         )
 
 

@@ -215,9 +215,11 @@ class ResultFile:
             with source.open("rb") as file:
                 self._write_again(file, written)
         except (OSError, *DAMAGED) as error:
-            raise LogError(f"{source}: what the run had written is damaged: {error!r}") from error
+            raise LogError(
+                f"{source}: the part written by the run is damaged: {error!r}"
+            ) from error
         if (self._digests, self._digest.hexdigest()) != written[:2]:
-            raise LogError(f"{source}: is not what the run had written")
+            raise LogError(f"{source}: differs from what the run wrote")
         self._held = {topic: (definition, data, ns) for topic, definition, data, ns in written.held}
         self._file.flush()
         self._file.truncate()
@@ -298,7 +300,7 @@ class ResultFile:
 
     def _full(self, what: str, error: OSError) -> ReplayKitError:
         return ReplayKitError(
-            f"{self.part}: cannot {what}: {error}; is the disk full? What was written so far stays there"
+            f"{self.part}: cannot {what}: {error}; is the disk full? The part written so far is kept"
         )
 
     def _check_target(self) -> None:

@@ -192,8 +192,8 @@ class ResultReader:
         held = self.attachments((ESTIMATE_NAME, EARLIER_ESTIMATE).__contains__)
         if not held:
             raise ForecastError(
-                f"{self.path}: carries no {ESTIMATE_NAME}, as a result written without its estimate, of an unfinished run or of a plan "
-                "alone; its fixes, innovations and plans can be read, but no current: replay the log for an estimate"
+                f"{self.path}: carries no {ESTIMATE_NAME} (written without an estimate, unfinished, or a plan "
+                "alone); its fixes, innovations and plans can be read, but no current: replay the log for an estimate"
             )
         return _estimate(self.path, *held.popitem())
 

@@ -243,7 +243,7 @@ def test_a_track_farther_from_its_line_than_the_width_does_not_reach_the_goal(fl
         ("--max-depth 200", 3, "deeper than the vehicle's limit, 200 m"),
         ("--max-depth 0", 2, "max_depth"),
         ("--goal=170,-40,0", 3, "outside the forecast"),
-        ("--no-go nowhere.geojson", 3, "nowhere.geojson: expected a file to plan with"),
+        ("--no-go nowhere.geojson", 3, "nowhere.geojson: expected an input of the plan"),
     ],
 )
 def test_what_it_refuses(flow, more, code, words):

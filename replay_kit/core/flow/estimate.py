@@ -437,7 +437,7 @@ class FlowEstimate:
     def _uncertain(self, what: str = "standard_error") -> Unknowns:
         if self.unknowns is None or not self.n_modes:
             raise EstimatorError(
-                f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none"
+                f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) has none"
             )
         return self.unknowns
 

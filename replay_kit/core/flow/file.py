@@ -66,7 +66,7 @@ FIELDS = [
         "north | grid.north | y x | m, local north",
         # CF wants dimensions that are no axes, as a curvilinear grid's, before the depth
         "wet | grid.wet | y x depth | 1 where the forecast has a velocity",
-        "latent | latent | function depth | latent values, one a horizontal function",
+        "latent | latent | function depth | latent values, one per horizontal function",
         "potential | potential | function depth | latent values of the part with divergence",
         "modes | modes | function mode | latent values of the modes",
         "node_east | horizontal.nodes.T.0 | node | m, local, of the nodes of the kernel",
@@ -74,7 +74,7 @@ FIELDS = [
         "offset | unknowns.offset | function depth | latent values where all weights are 0",
         "unknowns | unknowns.x | unknown | mean of the unknowns",
         "unknowns_covariance | unknowns.p | pair | covariance of the unknowns; its lower half, row by row",
-        "error | unknowns.error | level wet_node | m/s, what the unknowns do not hold",
+        "error | unknowns.error | level wet_node | m/s, representation error",
         "measured | unknowns.measured | level | 1 for levels among those whose depths were measured",
         "mean | unknowns.process.mean | forecast level mode | mean of the weights",
         "moving | unknowns.process.moving | forecast moving_unknown vertical mode | weights of one unit of each unknown that moves",
@@ -87,12 +87,12 @@ FIELDS = [
         "oscillation_omega | unknowns.oscillation.omega | oscillation | rad/s, angular velocity",
         "oscillation_cosine | unknowns.oscillation.cosine | oscillation component depth | m/s, local, of its cosine",
         "oscillation_sine | unknowns.oscillation.sine | oscillation component depth | m/s, local, of its sine",
-        "local_probability | local.probability | local | probability of each process of the current beside the flow",
-        "local_std | local.std | local | m/s, of a component in the long run",
+        "local_probability | local.probability | local | probability of each process of the local correction",
+        "local_std | local.std | local | m/s, stationary, of a component",
         "local_scale | local.scale | local | s, decorrelation time",
         "local_mean | local.mean | local component | m/s, local east and north, after the last dive",
         "local_cov | local.cov | local component component_2 | m2/s2, its covariance",
-        "surface_east | surface.east | surface_x | m, local east, of the current at the surface beside the flow",
+        "surface_east | surface.east | surface_x | m, local east, of the surface correction",
         "surface_north | surface.north | surface_y | m, local north",
         "surface_velocity | surface.velocity | surface_y surface_x component | m/s, local east and north",
         "surface_error | surface.error | surface_y surface_x | m/s, its standard error",
@@ -225,7 +225,7 @@ def load(path: str | Path) -> FlowEstimate:
     path = as_path(path, "estimate")
     try:
         if why := exceeds_claim(path, path.stat().st_size):
-            raise ForecastError(f"{path}: cannot read the flow: {why}; was it written whole?")
+            raise ForecastError(f"{path}: cannot read the flow: {why}; is it complete?")
         with open_input(path) as file:
             return load_bytes(file.read(), str(path))
     except OSError as error:

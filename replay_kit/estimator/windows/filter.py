@@ -177,7 +177,7 @@ class WindowedEstimator(Estimator[WindowedState]):
 
     def remarks(self, state: WindowedState) -> list[str]:
         """Return notes on the number of windows, the loss between them, and failed windows."""
-        lost = f"up to {100.0 * state.loss:.1f} cm/s RMS of what one had learnt was not handed over"
+        lost = f"up to {100.0 * state.loss:.1f} cm/s RMS of the information was not handed over"
         vehicles = "vehicles" if len(state.where) > 1 else "vehicle"
         followed = f"{state.number} windows followed the {vehicles}; {lost}"
         refused = (

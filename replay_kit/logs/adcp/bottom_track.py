@@ -28,7 +28,7 @@ _MOST_MERIT = 1000
 # A ping and the bottom ping beside it are fractions of a second apart [ns].
 _BESIDE_NS = 3_000_000_000
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-NOT_FOUND = "bottom not found: velocity, distance or figure of merit says so"
+NOT_FOUND = "bottom not found: by velocity, distance or figure of merit"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -121,9 +121,9 @@ def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: in
         .reshape(-1, 2)
         .T
     )
-    last = lose_gaps(statistics, "bad bytes between two sound records, skipped", 0, start, end)
+    last = lose_gaps(statistics, "bad bytes between two valid records, skipped", 0, start, end)
     if last < size:
-        statistics.lose("at the end: a cut record or bad bytes, skipped", last, size - last)
+        statistics.lose("at the end: a truncated record or bad bytes, skipped", last, size - last)
 
 
 def _pd0(values: Bytes, sums: "_Sums", start: Indices) -> Found:
@@ -219,9 +219,7 @@ _AVERAGE, BURST = 0x16, 0x15
 _CLOCK_LINE = re.compile(rb"GETCLOCKSTR[^\r\n]*")
 #: Where a record's kind is in its head, and a profile's ensemble counter in its data [bytes].
 _KIND, _ENSEMBLE = 2, 72
-NO_ENSEMBLE = (
-    "no sound ensemble of velocities is in it (checksums); copy it from the instrument again"
-)
+NO_ENSEMBLE = "no valid ensemble of velocities (checksums); copy it from the instrument again"
 
 
 def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:

@@ -157,7 +157,7 @@ class _Walk:
                 following = self._next(at + 1, self._size)
                 end = self._size if following is None else following
                 what = (
-                    "at the end: a cut record or bad bytes, skipped"
+                    "at the end: a truncated record or bad bytes, skipped"
                     if following is None
                     else "bad bytes, or records of an unknown type, skipped"
                 )

@@ -95,7 +95,7 @@ def read_frames(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Frames]:
         at_end = not block
         data += block
         frames, used = scan(data, offset, at_end)
-        gap = "bad bytes between two sound frames, skipped"
+        gap = "bad bytes between two valid frames, skipped"
         sound_end = lose_gaps(
             statistics, gap, sound_end, frames.start + offset, frames.end + offset
         )
@@ -103,7 +103,7 @@ def read_frames(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Frames]:
         data, offset = data[used:], offset + used
     if offset > sound_end:
         statistics.lose(
-            "at the end: a cut frame or bad bytes, skipped", sound_end, offset - sound_end
+            "at the end: a truncated frame or bad bytes, skipped", sound_end, offset - sound_end
         )
 
 

@@ -95,15 +95,13 @@ class TlogFrames:
             why = (
                 error
                 if isinstance(error, _UnfitError)
-                else "a field is not of the kind that is expected, or out of a frame's range"
+                else "a field is not of the expected type, or out of a frame's range"
             )
             self.left_out[message.topic, f"no frame can be made: {why}"] += 1
             return
         lost = _not_held(message.payload) if message.schema == "replay_kit.AdcpPing" else ()
         if lost:
-            self.left_out[
-                message.topic, f"of each its {', '.join(lost)}, for which a frame has no field"
-            ] += 1
+            self.left_out[message.topic, f"{', '.join(lost)}: a frame has no field for each"] += 1
         yield from packed
 
     def _packed(self, frame: Any) -> bytes:

@@ -238,7 +238,7 @@ def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]
     decided = abs(np.log(ratio)) > _ERRORS * error
     found = "down" if decided and ratio < 1.0 else "up"
     notes.append(
-        f"ADCP: looks {found} by its shears, whose variance is {max(ratio, 1.0 / ratio):.2f} times smaller than the other way"
+        f"ADCP: looks {found} by its shears: variance {max(ratio, 1.0 / ratio):.2f} times smaller than for the opposite"
         if decided
         else "ADCP: assumed to look up; neither the file nor its shears show its orientation"
     )
@@ -357,6 +357,6 @@ def seaexplorer_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     """Yield nothing and add a note: in real time a SeaExplorer sends one cell of its AD2CP."""
     if any(name.lower().startswith("ad2cp_v") for name in file.variables):
         notes.append(
-            "AD2CP in real time: one cell, relative to the glider, which alone says nothing of the current; add the MIDAS export"
+            "AD2CP in real time: one cell, relative to the glider, without information on the current; add the MIDAS export"
         )
     return iter(())

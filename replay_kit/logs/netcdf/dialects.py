@@ -188,7 +188,7 @@ class Dialect:
             if stated in (["north", "east"], ["north", ""], ["", "east"]):
                 found |= dict(zip(keys, reversed(named), strict=True))
                 notes.append(
-                    f"{' and '.join(named)}: read as their standard names state, northward and eastward; their names say the contrary"
+                    f"{' and '.join(named)}: read as their standard names state, northward and eastward; their names state the opposite"
                 )
             elif stated in (["north"] * 2, ["east"] * 2):
                 notes.append(

@@ -69,7 +69,7 @@ def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
             raise ValueError(f"{left_out} rows that are not as long as the names")
     except _UNREADABLE as error:
         raise LogError(
-            f"{path}: expected a table: names, perhaps units, rows as long; got: {error}; is the file whole?"
+            f"{path}: expected a table: names, perhaps units, rows as long; got: {error}; is the file complete?"
         ) from error
     begin = [np.isfinite([as_number(text) for text in row]).sum() for row in cells.T[:2]]
     in_row = exact and len(begin) == 2 and 2 * begin[0] < begin[1]

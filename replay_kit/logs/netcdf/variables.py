@@ -185,7 +185,9 @@ def open_netcdf(path: Path, choose: Choose, rows: slice = slice(None)) -> Netcdf
             classic = file.read(3) == b"CDF"
         return (_read_classic if classic else _read_hdf5)(path, choose, rows)
     except _UNREADABLE as error:
-        raise LogError(f"{path}: cannot be read as NetCDF: {error}; is the file whole?") from error
+        raise LogError(
+            f"{path}: cannot be read as NetCDF: {error}; is the file complete?"
+        ) from error
 
 
 def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:

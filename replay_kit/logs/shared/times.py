@@ -54,7 +54,7 @@ def doubtful_times(
     if first_ns < EARLIEST_NS:
         odd = f"{begin}, before 1990"
     elif last_ns > latest:
-        odd = f"the log ends {time_text(last_ns)}, which is yet to come"
+        odd = f"the log ends {time_text(last_ns)}, in the future"
     elif abs(apart) > _APART_NS:
         odd = f"{begin}, {abs(apart) / 86_400e9:.0f} days {'before' if apart > 0 else 'after'} the stamps in its messages"
     else:

@@ -38,7 +38,7 @@ _IMC_COORDINATES = {
     "NED": ("earth", _NED),
     "ENU": ("earth", _ENU),
 }
-_BOTTOM_ALONE = "bottom track alone: how the vehicle moves, and no current"
+_BOTTOM_ALONE = "bottom track alone: motion of the vehicle, no current"
 
 
 def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:

@@ -228,7 +228,9 @@ def _place(scalars: Sequence[Leaf]) -> list[str]:
     elif "rad" in found["latitude"].name or (abs(y) <= math.pi / 2.0 and 0.0 < abs(x) <= math.pi):
         unit, why = "rad", f"{why}; write deg if these are degrees"
     lines = [*_lines(found), _line("angle_unit", unit, why)]
-    return lines if here else [f"# {text}: by its name not where the vehicle is" for text in lines]
+    return (
+        lines if here else [f"# {text}: by its name not the vehicle's position" for text in lines]
+    )
 
 
 def _velocity(scalars: Sequence[Leaf]) -> list[str]:

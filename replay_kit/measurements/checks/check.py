@@ -199,20 +199,20 @@ def unknowable(state: Checked) -> tuple[str, ...]:
     if not of_means:
         why = "an offset cancels in profiles relative to the platform"
         if state.pings[1]:
-            why = f"{pairs.CURRENT.least} mean currents of dives beside them would tell"
+            why = f"{pairs.CURRENT.least} mean currents of dives would show them"
         said.append(f"an offset, a drift or a scale of the profiles ({why})")
     elif (left := min(of_means, key=len)) and not state.of_directions:
         listed = ", ".join(f"{name} e^{gain:z.0f}" for name, gain in left.items())
         said.append(
-            f"some faults of the profiles (odds to none by mean currents or drifts: {listed}; more of them, or other currents, would tell)"
+            f"some faults of the profiles (odds by mean currents or drifts: {listed}; more of them, or other currents, would show them)"
         )
     vehicle = state.memory["vehicle", ""]
     lag = min(sensors.least_lag(state.memory["sensors", of], vehicle) for of in state.instruments)
     said.append(
         f"a lag of the instrument's clock below {lag:.0f} s"
         if np.isfinite(lag)
-        else "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell; "
-        "headings beside a way with turns, the clock)"
+        else "the clock and the depth of the instrument (pressure in its pings and depths of a diving vehicle would show both; "
+        "headings on a track with turns, the clock)"
     )
     if any("along" in name for name in state.instruments):
         said.append(

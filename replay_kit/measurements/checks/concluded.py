@@ -48,8 +48,8 @@ def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
     return Finding(
         TRACKS,
         0,
-        f"{names[one.log]} and {names[other.log]}; of {passages.number} ways from a position of the one to the next "
-        f"of the other {passages.beyond} are longer than a vehicle travels in that time, the last one "
+        f"{names[one.log]} and {names[other.log]}; {passages.beyond} of {passages.number} steps between them are "
+        f"too long for one vehicle, the last one "
         f"{one.way(other) / 1e3:.0f} km ({', '.join(placed)})",
         "two vehicles, or a clock or receiver that was wrong most of the time",
         'name the vehicles (--as NAME=LOG), or replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
@@ -88,7 +88,7 @@ def preferred(rejected: str, kept: str, evidence: str) -> Finding:
         PREFERRED,
         0,
         f"{words[rejected]} were rejected and {words[kept]} kept: {evidence}",
-        f"{words[rejected]} and {words[kept]} are not of one current: either may be wrong, or its stated error is too small",
+        f"{words[rejected]} and {words[kept]} are inconsistent: either may be wrong, or its stated error too small",
         f"check both, and withhold the wrong one (--without {rejected} or {kept})",
     )
 
@@ -99,7 +99,7 @@ def source_misfit(kind: str, nis: float, values: int) -> Finding:
         PREFERRED,
         0,
         f"{_SOURCE[kind]}: normalised innovation squared {nis:.1f} per value, of {values}",
-        f"{_SOURCE[kind]} and the estimate are not of one current, or their stated errors are too small",
+        f"{_SOURCE[kind]} and the estimate are inconsistent, or their stated errors too small",
         f"compare the results with and without them (--without {kind})",
         "warning",
     )

@@ -185,7 +185,7 @@ def _of_motion(rows: Rows, name: str) -> list[Found]:
         rows,
         scale,
         SCALE,
-        f"beside that of its positions the platform's stated velocity looks {scale.names}",
+        f"against its positions the platform's stated velocity looks {scale.names}",
         "a wrong unit or scale of the platform's velocity, and of the profiles that it is in",
         "state measurements.velocity_unit, or correct the platform's velocity",
         OF_SOURCES,
@@ -354,7 +354,7 @@ def _cause(pairs: Memory, mean: Rows) -> list[Found]:
         mean,
         best,
         UNDECIDED,
-        "profiles and mean currents of dives are not of one current",
+        "profiles and mean currents of dives are inconsistent",
         f"not known yet, as the current and the heading hardly change; {listed}",
         _CHECK_BOTH.format("both"),
         _KNOWN,
@@ -429,7 +429,7 @@ def _of_sources(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
     size = abs(best.value)
     if best.kind in TURNED:
         name = CONTRADICTION
-        evidence = f"beside mean currents of dives the profiles look {best.names}"
+        evidence = f"against mean currents of dives the profiles look {best.names}"
         cause = "the axes or signs of the profiles, or those of the mean currents of dives"
         advice = _CHECK_BOTH.format("their frames")
     elif best.kind in ("scale", "unit"):
@@ -486,7 +486,7 @@ def of_means(memory: Memory, means: Rows) -> Judged:
                 rows,
                 explained,
                 RECKONED,
-                f"beside fixes and dead-reckoned positions the mean currents look {explained.names}",
+                f"against fixes and dead-reckoned positions the mean currents look {explained.names}",
                 "the axes or signs of the mean currents",
                 'check which variable is east; withhold them (--without dac), or compute them (dead_reckoning = "through_water")',
             )

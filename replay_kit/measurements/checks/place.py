@@ -75,7 +75,7 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
         bad_at & ~fixes,
         REPEATED,
         evidence,
-        "a vehicle that does not reckon its way under water, and logs its last fix until the next one",
+        "a vehicle without dead reckoning under water, which logs its last fix until the next one",
         advice,
         "warning",
     )
@@ -118,7 +118,7 @@ def separate(memory: Memory, positions: Rows) -> Judged:
                 f"{place_text(each.longitude, each.latitude)} at {time_text(int(each.time_ns))} (log {each.log:.0f})"
                 for each in last
             )
-            at, words = i, f"one vehicle was not at {one} and at {other}"
+            at, words = i, f"one vehicle cannot have been at {one} and at {other}"
     found = positions.first(
         np.arange(len(positions)) == at,
         PLACES,

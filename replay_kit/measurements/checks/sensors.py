@@ -203,7 +203,7 @@ def _late(
         CLOCK,
         time_ns,
         f"{what} are those of the vehicle {apart} {'earlier' if lag > 0.0 else 'later'} ({late[1]:.0f} pings, "
-        f"likelihood ratio e^{gain:.0f}; a vehicle that does alike again leaves other lags possible)",
+        f"likelihood ratio e^{gain:.0f}; repeated dives leave other lags possible)",
         f"the clock of the instrument is {apart} {'late' if lag < 0.0 else 'ahead'}, or that of the vehicle the other way",
         "correct the clock of one log; --clock chooses among the times that a log states",
     )

@@ -79,7 +79,7 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
     pictures = _split("map!track", _split("3D!speed", errors, "row", 60), "row", 36)
     plots: Any = "Plot!innovations"
     if "/plan/outcome" in has:
-        title = "Surfacings beside their predictions: distance [m], delay [s]"
+        title = "Surfacings against predictions: distance [m], delay [s]"
         panels["Plot!surfacings"] = _plot(title, "/plan/outcome", "distance", "delay")
         plots = _split(plots, "Plot!surfacings", "row", 66)
     words = _split("RosOut!log", "Table!consistency", "row", 50)
