@@ -141,12 +141,12 @@ def unit_of_clock(time_ns: "NDArray[np.int64]") -> str:
 
 def metres(unit: str) -> float | None:
     """Return the length of a unit [m], by symbol or name in any case; None if unknown."""
-    return _SYMBOLS.get(unit, _named(unit.lower().replace("meter", "metre"), _METRES))
+    return _SYMBOLS.get(unit, _factor_of(unit.lower().replace("meter", "metre"), _METRES))
 
 
 def seconds(unit: str) -> float | None:
     """Return the duration of a unit [s], in any case; None if unknown."""
-    return _named(unit, _SECONDS)
+    return _factor_of(unit, _SECONDS)
 
 
 def metres_per_second(unit: str) -> float | None:
@@ -160,10 +160,10 @@ def metres_per_second(unit: str) -> float | None:
 
 def decibars(unit: str) -> float | None:
     """Return a unit of pressure [dbar], in any case; None if unknown."""
-    return _named(unit, _DECIBARS)
+    return _factor_of(unit, _DECIBARS)
 
 
-def _named(unit: str, factors: dict[str, float]) -> float | None:
+def _factor_of(unit: str, factors: dict[str, float]) -> float | None:
     """Return the factor of a unit, in any case, singular or plural; None if unknown."""
     name = unit.lower()
     return factors.get(name, factors.get(name.removesuffix("s")))

@@ -43,16 +43,16 @@ class Ellipse:
 
     def holds(self, longitude: float, latitude: float) -> bool:
         """Return whether a position lies inside."""
-        along, across = self._apart(longitude, latitude)
+        along, across = self._axis_distances(longitude, latitude)
         # an ellipse without width holds what lies on it
         return hypot(along * self.minor, across * self.major) <= self.major * self.minor
 
     def radius_of(self, longitude: float, latitude: float) -> float:
         """Return the scale factor for the ellipse to reach a position; infinite if it has no width."""
-        along, across = self._apart(longitude, latitude)
+        along, across = self._axis_distances(longitude, latitude)
         return hypot(along / self.major, across / self.minor) if self.minor > 0.0 else inf
 
-    def _apart(self, longitude: float, latitude: float) -> tuple[float, float]:
+    def _axis_distances(self, longitude: float, latitude: float) -> tuple[float, float]:
         """Return the distances of a position from the centre along and across the major axis [m]."""
         east, north = apart(self, Fix(0, longitude, latitude))
         bearing = radians(self.bearing_deg)

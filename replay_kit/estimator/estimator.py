@@ -136,7 +136,7 @@ class ReducedBasisEstimator(Estimator[State]):
         for begin, end in pairwise([0, *ends, len(block)]):
             state, waiting = self._screened(state, block[begin:end])
             while waiting:
-                n = self._together(state, waiting)
+                n = self._batch_length(state, waiting)
                 some, waiting = waiting[:n], waiting[n:]
                 columns = self.observer.columns(some, state.scale)
                 after, updates = self._assimilated(state, columns)
@@ -171,7 +171,7 @@ class ReducedBasisEstimator(Estimator[State]):
             state = replace(state, last=last, measured=measured)
         return state, groups
 
-    def _together(self, state: State, waiting: list[Screened]) -> int:
+    def _batch_length(self, state: State, waiting: list[Screened]) -> int:
         """Return the number of groups that are assimilated together."""
         most, tau = _TOGETHER, self.observer.tau
         if self._has_scale_error or state.doubt is not None:

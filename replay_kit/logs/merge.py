@@ -138,13 +138,13 @@ class Settling(Generic[_Item]):
     def take(self, item: _Item, stamp_ns: int, topic: str) -> Iterator[Settled[_Item]]:
         """Add the next message of the log, and yield those that wait no longer."""
         self._waiting.append((item, stamp_ns, topic))
-        return self._judged(LOOK_AHEAD)
+        return self._checked(LOOK_AHEAD)
 
     def finish(self) -> Iterator[Settled[_Item]]:
         """Yield the waiting messages at the end of the log."""
-        return self._judged(0)
+        return self._checked(0)
 
-    def _judged(self, following: int) -> Iterator[Settled[_Item]]:
+    def _checked(self, following: int) -> Iterator[Settled[_Item]]:
         """Yield the messages that are decided, or that ``following`` others follow."""
         while self._waiting:
             item, stamp_ns, topic = self._waiting[0]

@@ -94,9 +94,9 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
     if along_beams:
         gain = frames.noise_gain(vectors)
         ground = frames.solve_beams(ground[..., : len(vectors)], vectors)
-    added = _believed(np.column_stack([columns["platform"], columns["platform_std"]]), config)
+    added = _plausible(np.column_stack([columns["platform"], columns["platform_std"]]), config)
     if relative:
-        others = _believed(last_triple(motions, ping, BOTTOM_AGE, BOTTOM_AGE), config)
+        others = _plausible(last_triple(motions, ping, BOTTOM_AGE, BOTTOM_AGE), config)
         added = np.where((np.isnan(added[:, 0]) & ~here)[:, None], others, added)
         ground, std = -frames.turned(ground, rotation)[:, 0, :2], columns["bottom_std"]
         std = np.where((std > 0.0) & (std <= config.max_speed), std, _BOTTOM_STD)
@@ -117,7 +117,7 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
     return replace(ping, columns=columns)
 
 
-def _believed(motion: Array, config: MeasurementConfig) -> Array:
+def _plausible(motion: Array, config: MeasurementConfig) -> Array:
     """Return velocities with errors, shape (n, 3) [m/s]; NaN without an error or with one above the greatest speed."""
     good = every(np.isfinite(motion)) & (motion[:, 2] > 0.0)
     return np.where((good & (motion[:, 2] <= config.max_speed))[:, None], motion, np.nan)

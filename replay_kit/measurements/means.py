@@ -163,7 +163,7 @@ def path_mean(path: Path, end: Spot, velocity: ArrayLike, error_std: float) -> d
     the fixes the path is a straight line, down to the greatest depth and up again at constant speed.
     """
     start, here = path.start, path.last
-    seconds, since, longitude, latitude, depth = _closed(path, end).T
+    seconds, since, longitude, latitude, depth = _segments_to(path, end).T
     projection = Projection(start.longitude, start.latitude)
     east, north = to_local(projection, longitude, latitude)
     # the last stretch ends where the dead reckoning does: at the surface nothing drives the vehicle
@@ -193,7 +193,7 @@ def path_mean(path: Path, end: Spot, velocity: ArrayLike, error_std: float) -> d
     }
 
 
-def _closed(path: Path, end: Spot) -> Array:
+def _segments_to(path: Path, end: Spot) -> Array:
     """Return the segments of a path up to a fix, before its adjustment."""
     start, last = path.start, path.last
     if path.reckoned:
@@ -265,7 +265,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
             one, source = messages[number]
             row = chosen(one.columns, 0)
             way = path(int(np.searchsorted(ends, due, side="right")), due)
-            ways, found, why = _taken(ways, way, row, step, due)
+            ways, found, why = _match_stated(ways, way, row, step, due)
             velocity, time = row["velocity"], source.time_ns
             std = float(row["error_std"])
             stated = {name: float(row[name]) for name in _KEPT}
@@ -311,7 +311,7 @@ _SOURCE = ("input", "topic", "ordinal", "order", "dive")
 _KEPT = ("radius", "declination")
 
 
-def _taken(
+def _match_stated(
     ways: Ways, path: Path | None, row: Columns, step: Step, due: int
 ) -> tuple[Ways, Any, str]:
     """Return the state after a stated mean current, its path and end fix, and the reason for exclusion."""

@@ -107,7 +107,7 @@ def measure(
     found = [made for one in decided for made in pings.profiled(one, step)]
     profiles, tests = pings.stacked(found)
     ways, means = means_of(memory.ways, of["mean"], step)
-    line, linear = _of_ctd(memory.line, of, step)
+    line, linear = _ctd_measurements(memory.line, of, step)
     drifters = dict(memory.drifters)
     linear += of_others(drifters, of["radar"] + of["drifter"] + of["sensor"], step)
     linear.sort(key=lambda pair: pair[0])
@@ -156,7 +156,9 @@ def _events(positions: Rows, profiles: Rows, means: Rows, linear: Found) -> Inte
     return events[np.lexsort((events[:, 3], events[:, 1], events[:, 0]))][:, [0, 2, 3]]
 
 
-def _of_ctd(line: Any, of: Mapping[str, Sequence[Table]], step: Step) -> tuple[Any, Found]:
+def _ctd_measurements(
+    line: Any, of: Mapping[str, Sequence[Table]], step: Step
+) -> tuple[Any, Found]:
     """Return the CTD's line after a block, and the completed measurements."""
     if line is None and not of["ctd"]:
         return None, []

@@ -88,8 +88,8 @@ def located(
         of: Tables by kind: positions, poses, origins and GPS states.
         step: Block.
     """
-    stated = _stated(frames.stated, [*of["gps"], *of["origin"], *of["position"]], step)
-    direct = in_order(no_rows(), *(_direct(one, stated, step) for one in of["position"]))
+    stated = _system_statements(frames.stated, [*of["gps"], *of["origin"], *of["position"]], step)
+    direct = in_order(no_rows(), *(_geographic(one, stated, step) for one in of["position"]))
     known = in_order(frames.place, direct)
     fixes = direct["order"][~direct["dead_reckoned"]]
     origins = {} if fixes.size else dict(frames.origins)
@@ -104,7 +104,7 @@ def located(
     for _, number, one in sorted(runs, key=lambda run: run[0]):
         begun = None if number else frames.origins.get(one.topic)
         origin = _origins(one, begun, known, stated, step)
-        rows, lacks = _posed(one, origin, step)
+        rows, lacks = _pose_positions(one, origin, step)
         made.append(rows)
         known = in_order(known, rows)
         depths.append((one.order[lacks], one["depth"][lacks], True))
@@ -116,7 +116,9 @@ def located(
     return after, positions, [(positions["order"], positions["depth"], True), *depths]
 
 
-def _stated(known: Mapping[tuple[str, str], Any], tables: Sequence[Table], step: Step) -> Stated:
+def _system_statements(
+    known: Mapping[tuple[str, str], Any], tables: Sequence[Table], step: Step
+) -> Stated:
     """Return the statements of MAVLink systems after earlier ones; notes the messages that state nothing else."""
     parts = {key: [(np.array([-1]), np.array([value]))] for key, value in known.items()}
     for one in tables:
@@ -138,7 +140,7 @@ def _stated(known: Mapping[tuple[str, str], Any], tables: Sequence[Table], step:
     return found
 
 
-def _direct(table: Table, stated: Stated, step: Step) -> Rows:
+def _geographic(table: Table, stated: Stated, step: Step) -> Rows:
     """Return the rows of a table of positions.
 
     A filter's positions count as dead-reckoned if its system's last GPS fix is more than five seconds old or missing; without a GPS so far
@@ -201,7 +203,7 @@ def _origins(
     return np.where((at >= 0)[:, None], begun, np.nan)
 
 
-def _posed(table: Table, origin: Array, step: Step) -> tuple[Rows, Mask]:
+def _pose_positions(table: Table, origin: Array, step: Step) -> tuple[Rows, Mask]:
     """Return the positions of poses, and which poses have no origin; notes their messages."""
     x, y, east, north = origin.T
     longitude, latitude = moved(x, y, table["east"] - east, table["north"] - north)

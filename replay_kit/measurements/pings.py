@@ -79,7 +79,7 @@ def decided(
             groups.setdefault((one.fixed["layout"], one.topic, one.input), []).append(one)
     left, found = list[Table](), list[Table]()
     for parts in groups.values():
-        one = parts[0] if len(parts) == 1 else _together(parts)
+        one = parts[0] if len(parts) == 1 else _joined(parts)
         due, rank = _due(one, step)
         waits = (due == NEVER) & (not step.last)
         if waits.all():
@@ -90,7 +90,7 @@ def decided(
     return tuple(left), found
 
 
-def _together(parts: Sequence[Table]) -> Table:
+def _joined(parts: Sequence[Table]) -> Table:
     """Return joined tables of one layout and topic."""
     one = parts[0]
     time, order, position = (

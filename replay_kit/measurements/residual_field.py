@@ -43,8 +43,8 @@ class ResidualField:
             times: Total vectors of each time, and their residuals, shape (n, 2) [m/s]; NaN without an estimate.
         """
         seen = [
-            (_apart(places, places), errors, residual)
-            for places, errors, residual in (_known(*each) for each in times)
+            (_distances(places, places), errors, residual)
+            for places, errors, residual in (_with_residuals(*each) for each in times)
         ]
         number = sum(residual.size for *_, residual in seen)
         usual = float(np.median(np.concatenate([vectors.error_std for vectors, _ in times])))
@@ -76,9 +76,9 @@ class ResidualField:
             longitude: shape (m,) [degrees].
             latitude: shape (m,) [degrees].
         """
-        places, errors, known = _known(seen, residual)
-        cross = self.std**2 * np.exp(-_apart((longitude, latitude), places) / self.length)
-        lower = np.linalg.cholesky(self._covariance(_apart(places, places), errors))
+        places, errors, known = _with_residuals(seen, residual)
+        cross = self.std**2 * np.exp(-_distances((longitude, latitude), places) / self.length)
+        lower = np.linalg.cholesky(self._covariance(_distances(places, places), errors))
         white, crossed = (
             solve_triangular(lower, each, lower=True, check_finite=False)
             for each in (known, cross.T)
@@ -92,14 +92,16 @@ class ResidualField:
         return self.std**2 * field + self.error_factor**2 * errors
 
 
-def _known(seen: LinearMeasurement, residual: Array) -> tuple[tuple[Array, Array], Array, Array]:
+def _with_residuals(
+    seen: LinearMeasurement, residual: Array
+) -> tuple[tuple[Array, Array], Array, Array]:
     """Return the positions of vectors with residuals, their error covariance [m2/s2], and the residuals."""
     known = np.flatnonzero(np.isfinite(residual).all(axis=1))
     longitude, latitude = seen.value_places
     return (longitude[known], latitude[known]), seen.covariance(known), residual[known]
 
 
-def _apart(places: tuple[Array, Array], others: tuple[Array, Array]) -> Array:
+def _distances(places: tuple[Array, Array], others: tuple[Array, Array]) -> Array:
     """Return the distances between positions (longitudes, latitudes), shape (m, n) [m]."""
     middle = Projection(float(others[0][0]), float(others[1][0]))
     (x, y), (to_x, to_y) = (to_local(middle, *each) for each in (places, others))

@@ -69,7 +69,14 @@ def of_others(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step)
         tables: Tables of their messages.
         step: Block.
     """
-    found, of = Found(), {"radar": _of_radar, "drifter": _of_drifter, "sensor": _of_sensor}
+    found, of = (
+        Found(),
+        {
+            "radar": _radar_measurements,
+            "drifter": _drifter_measurement,
+            "sensor": _sensor_measurement,
+        },
+    )
     for one, source in step.messages(tables):
         label = Label(int(step.dived(one.order)["dive"][0]), source)
         made, reason = of[one.kind](chosen(one.columns, 0), label, step.config, fixes)
@@ -92,7 +99,9 @@ def _tide_of(config: MeasurementConfig) -> float:
     return _USUAL_TIDE if config.surface_tide_std is None else config.surface_tide_std
 
 
-def _of_radar(row: Vectors, label: Label, config: MeasurementConfig, _: Any) -> tuple[Linear, str]:
+def _radar_measurements(
+    row: Vectors, label: Label, config: MeasurementConfig, _: Any
+) -> tuple[Linear, str]:
     """Return the measurements of radar vectors of one time, or the reason for exclusion."""
     good = np.abs(row["value"]).max(axis=1) <= config.max_speed
     good &= config.quality.use_suspect | ~row["suspect"]
@@ -103,7 +112,9 @@ def _of_radar(row: Vectors, label: Label, config: MeasurementConfig, _: Any) -> 
     return superobservations(_part(row, good), label, spacing, _tide_of(config)), ""
 
 
-def _of_sensor(row: Mapping[str, Any], label: Label, _: Any, __: Any) -> tuple[Linear, str]:
+def _sensor_measurement(
+    row: Mapping[str, Any], label: Label, _: Any, __: Any
+) -> tuple[Linear, str]:
     """Return the measurement of another package's sensor at the time of its message."""
     stated = _with_places(row["measurement"])
     own = replace(stated.label, dive=label.dive, source=label.source)
@@ -111,7 +122,7 @@ def _of_sensor(row: Mapping[str, Any], label: Label, _: Any, __: Any) -> tuple[L
     return [replace(stated, time_ns=label.source.time_ns, label=own)], ""
 
 
-def _of_drifter(
+def _drifter_measurement(
     row: Mapping[str, Any], label: Label, config: MeasurementConfig, fixes: dict[str, DrifterFix]
 ) -> tuple[Linear, str]:
     """Return the mean current since a drifter's fix some hours earlier, if any, or the reason for exclusion."""

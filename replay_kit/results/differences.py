@@ -165,14 +165,14 @@ def difference(one: Path, other: Path) -> Difference:
         findings += [f"{name}: {text}" if name else text for text in _findings(first, second)]
     levels = [level for pair in _estimates(*files) for level in _levels(*pair)]
     return Difference(
-        tuple(_made(*records)),
+        tuple(_input_differences(*records)),
         tuple(each for each in levels if max(each.largest, each.standard_error) > TOLERANCE),
         tuple(tables),
         tuple(findings),
     )
 
 
-def _made(one: Recorded, other: Recorded) -> Iterator[str]:
+def _input_differences(one: Recorded, other: Recorded) -> Iterator[str]:
     """Yield different inputs, options and settings."""
     held = []
     for each in (one, other):
@@ -232,13 +232,15 @@ def _tables(vehicle: str, one: ResultFile, other: ResultFile) -> Iterator[TableD
         a, b = (getattr(each, name).reset_index() for each in (one, other))
         columns = dict[str, float]()
         if len(a) == len(b):
-            each = {str(column): _apart(a[column], b[column]) for column in a if column in b}
+            each = {
+                str(column): _column_difference(a[column], b[column]) for column in a if column in b
+            }
             columns = {column: value for column, value in each.items() if value > 0.0}
         if columns or len(a) != len(b):
             yield TableDifference(f"{vehicle} {name}".strip(), (len(a), len(b)), columns)
 
 
-def _apart(one: Any, other: Any) -> float:
+def _column_difference(one: Any, other: Any) -> float:
     """Return the largest difference of two columns beyond the tolerance, times in seconds; for texts and flags the unequal rows."""
     if one.dtype.kind in "mM":
         return float(np.abs((one - other).dt.total_seconds()).max() if len(one) else 0.0)

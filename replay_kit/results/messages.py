@@ -141,7 +141,7 @@ def plan_controls(plan: Plan) -> bytes:
     """Return ``replay_kit.Plan``."""
     east, north, depth = plan.track.T
     statistics = sorted({**plan.statistics, **leg_statistics(plan.legs)}.items())
-    return _own(
+    return _table_message(
         "Plan",
         plan,
         track_east=east,
@@ -156,7 +156,7 @@ def plan_controls(plan: Plan) -> bytes:
 def plan_outcome(outcome: SurfacingOutcome) -> bytes:
     """Return ``replay_kit.PlanOutcome``; a missing ellipse is NaN."""
     ellipse = outcome.predicted.ellipse or Ellipse(*[math.nan] * 5)
-    return _own(
+    return _table_message(
         "PlanOutcome",
         outcome,
         actual=outcome,
@@ -169,10 +169,10 @@ def plan_outcome(outcome: SurfacingOutcome) -> bytes:
 
 def surfacing_message(outcome: DiveOutcome) -> bytes:
     """Return ``replay_kit.Surfacing``; figures of persistence are NaN before it has a spread."""
-    return _own("Surfacing", outcome)
+    return _table_message("Surfacing", outcome)
 
 
-def _own(name: str, value: Any, **more: Any) -> bytes:
+def _table_message(name: str, value: Any, **more: Any) -> bytes:
     """Return a message of the table from the attributes of a value and further fields; positions and times are converted."""
     kinds, held = {TIME: _time, ".replay_kit.Place": _place}, dict[str, Any]()
     for field in MESSAGES[name]:

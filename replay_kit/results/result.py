@@ -181,7 +181,7 @@ class ResultFile:
     @cached_property
     def plans(self) -> "pd.DataFrame":
         """Plans, one row each: the single values of ``replay_kit.Plan``."""
-        return self._own("/plan/controls", "Plan")
+        return self._single_values("/plan/controls", "Plan")
 
     @cached_property
     def plan_tracks(self) -> "pd.DataFrame":
@@ -213,7 +213,7 @@ class ResultFile:
     @cached_property
     def surfacings(self) -> "pd.DataFrame":
         """Surfacings predicted by plans and the actual ones, one row each: the values of ``replay_kit.PlanOutcome``."""
-        return self._own("/plan/outcome", "PlanOutcome")
+        return self._single_values("/plan/outcome", "PlanOutcome")
 
     @cached_property
     def events(self) -> "pd.DataFrame":
@@ -229,7 +229,7 @@ class ResultFile:
     def _decoded(self, topic: str, name: str) -> Iterator[Any]:
         return (decode(name, data) for _, data in self.reader.messages(topic))
 
-    def _own(self, topic: str, name: str) -> "pd.DataFrame":
+    def _single_values(self, topic: str, name: str) -> "pd.DataFrame":
         """Return the single values of the messages of a topic, one column each, also for parts of nested messages.
 
         Missing parts are NaN.

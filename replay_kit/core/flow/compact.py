@@ -35,7 +35,7 @@ def pack(flow: FlowEstimate) -> bytes:
     if flow.span_ns is not None:
         arrays["data_span"] = np.array("{} {}".format(*flow.span_ns))
     if _COVARIANCE in arrays:
-        arrays["variances"], arrays["directions"] = _apart(arrays.pop(_COVARIANCE))
+        arrays["variances"], arrays["directions"] = _eigen_parts(arrays.pop(_COVARIANCE))
     if _FIXED in arrays:
         arrays |= _factors(arrays.pop(_FIXED))
     for name in {"modes", "moving", "directions", _FIXED, "fixed_modes"} & arrays.keys():
@@ -62,7 +62,7 @@ def unpack(data: bytes, name: str) -> FlowEstimate:
                 for key, each in file.items()
             }
         if "variances" in arrays:
-            arrays[_COVARIANCE] = _together(arrays["variances"], arrays["directions"])
+            arrays[_COVARIANCE] = _from_eigen_parts(arrays["variances"], arrays["directions"])
         if "fixed_modes" in arrays:
             arrays[_FIXED] = arrays["fixed_depths"][..., None] * arrays["fixed_modes"][:, None]
         attributes = {
@@ -84,7 +84,7 @@ def unpack(data: bytes, name: str) -> FlowEstimate:
         ) from error
 
 
-def _apart(p: Array) -> tuple[Array, Array]:
+def _eigen_parts(p: Array) -> tuple[Array, Array]:
     """Return M, shape (n,), and V, shape (k, n), of a covariance."""
     less = np.eye(len(p)) - p
     # loads slowly, and what reads an estimate needs none
@@ -103,7 +103,7 @@ def _apart(p: Array) -> tuple[Array, Array]:
     return 1.0 - values[kept], vectors[:, kept]
 
 
-def _together(variances: Array, directions: Array) -> Array:
+def _from_eigen_parts(variances: Array, directions: Array) -> Array:
     """Return the covariance, shape (k, k), of M, shape (n,), and V, shape (k, n), which float32 left nearly orthogonal."""
     orthogonal, _ = np.linalg.qr(directions)
     p = np.eye(len(directions)) - orthogonal * (1.0 - variances) @ orthogonal.T

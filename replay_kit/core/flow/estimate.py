@@ -282,7 +282,7 @@ class FlowEstimate:
             EstimatorError: The flow has no uncertainty.
         """
         variance = self.variance(east, north, depth, true_axes)
-        return np.sqrt(np.where(self._known(east, north, depth)[..., None], variance, np.nan))
+        return np.sqrt(np.where(self._is_inside(east, north, depth)[..., None], variance, np.nan))
 
     def variance(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
@@ -295,7 +295,9 @@ class FlowEstimate:
             covariance = rows @ rows.swapaxes(2, 3)
             own, levels = self._in_functions(depths), depth_weights(_LINEAR, depths, self.levels)
             of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
-            beside = np.einsum("pz,cpz->pc", levels, self._beside(places, covariance)[:, at])
+            beside = np.einsum(
+                "pz,cpz->pc", levels, self._additional_error(places, covariance)[:, at]
+            )
             found = np.maximum(of_flow + beside**2, 0.0)
             shown = self.surface
             return np.asarray(found if shown is None else shown.variance(found, places[at], depths))
@@ -322,7 +324,7 @@ class FlowEstimate:
         at = np.broadcast_arrays(east, north, checked_depth(depth))
         points, depths = np.column_stack([axis.ravel() for axis in at[:2]]), at[2].ravel()
         rows = np.einsum("pk,qkcp->qcp", self._in_functions(depths), self._rows(points, true_axes))
-        rows[..., ~self._known(points[:, 0], points[:, 1], depths)] = np.nan
+        rows[..., ~self._is_inside(points[:, 0], points[:, 1], depths)] = np.nan
         rows = rows.reshape(len(rows), -1)
         return np.asarray(rows.T @ rows)
 
@@ -386,7 +388,7 @@ class FlowEstimate:
         weights = depth_weights(self.depth_functions, depths, self.levels)
         return np.asarray(weights @ self._uncertain().process.functions.T)
 
-    def _beside(self, places: Array, covariance: Array) -> Array:
+    def _additional_error(self, places: Array, covariance: Array) -> Array:
         """Return the error in addition to that of the unknowns at levels and points, shape (2, P, Z) [m/s].
 
         Args:
@@ -428,7 +430,7 @@ class FlowEstimate:
         turned = rotate_to_geographic(self.grid.projection, lon[:, None], lat[:, None], *rows)
         return np.stack(turned)
 
-    def _known(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
+    def _is_inside(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
         """Return whether points lie inside the grid's outline and above the last level."""
         return np.asarray(
             inside_grid(self.grid, east, north) & (np.asarray(depth) <= self.levels[-1])

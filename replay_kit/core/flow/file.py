@@ -128,7 +128,7 @@ _STANDARD = {
 }
 
 
-def _whole(half: Array) -> Array:
+def _symmetric(half: Array) -> Array:
     """Return a symmetric matrix from its lower triangle, row by row."""
     size = int(np.sqrt(2 * half.size))
     p, lower = np.empty((size, size)), np.tril_indices(size)
@@ -143,7 +143,7 @@ _CODED: dict[str, tuple[Callable[[Any], Array], Callable[[Any], Any]]] = {
         lambda wet: np.ascontiguousarray(np.moveaxis(wet, -1, 0).astype(bool)),
     ),
     "measured": (lambda seen: seen.astype(np.int8), lambda seen: seen.astype(bool)),
-    "unknowns_covariance": (lambda p: p[np.tril_indices(len(p))], _whole),
+    "unknowns_covariance": (lambda p: p[np.tril_indices(len(p))], _symmetric),
 }
 
 

@@ -75,7 +75,7 @@ class Process:
     def loading(self, time_ns: int) -> Array:
         """Return L at a time [ns, UTC], shape (k, K, r)."""
         if self.times_ns.size == 1:
-            return self._only
+            return self._constant_loading
         (shares,) = self.shares(np.array([time_ns]))
         return np.concatenate([self._at(time_ns, self.moving), (shares @ self.spread) * self.fixed])
 
@@ -129,7 +129,7 @@ class Process:
         return replace(self, **{name: getattr(self, name)[first:] for name in changing})
 
     @cached_property
-    def _only(self) -> Array:
+    def _constant_loading(self) -> Array:
         """Loading of a forecast at one time."""
         return np.concatenate([self.moving[0], self.spread[0] * self.fixed])
 

@@ -87,8 +87,10 @@ class Column:
         Args:
             column: shape (..., q), unknowns of the column.
         """
-        known = [part.layout.known(self._off(part, column)) @ self.axes for part in self.parts]
-        return self._among(known, column.shape[:-1])
+        known = [
+            part.layout.known(self._differences(part, column)) @ self.axes for part in self.parts
+        ]
+        return self._to_all_values(known, column.shape[:-1])
 
     def measured(self, column: Array) -> Array:
         """Return the measured current: estimate plus innovation; argument and shape as in ``misfit``."""
@@ -96,12 +98,12 @@ class Column:
         for part in self.parts:
             value = values[part.at][:, part.used]
             if part.layout.unwhiten is not None:
-                off = self._off(part, column)
+                off = self._differences(part, column)
                 value = value - off + part.layout.known(off)
             each.append(value @ self.axes)
-        return self._among(each)
+        return self._to_all_values(each)
 
-    def _off(self, part: Part, column: Array) -> Array:
+    def _differences(self, part: Part, column: Array) -> Array:
         """Return measured minus predicted values, including an unknown constant of relative ones, shape (..., n, m', c) [m/s]."""
         by_component = column.reshape(*column.shape[:-1], self.axes.shape[1], -1)
         predicted = (self.axes @ by_component).swapaxes(-1, -2)[..., None, :, :]
@@ -117,14 +119,14 @@ class Column:
             functions = layout.known(layout.functions)
             variance = np.sum((functions @ along) * functions, axis=2).T
             each.append(np.maximum(variance, 0.0) @ self.axes**2)
-        return self._among(each)
+        return self._to_all_values(each)
 
     def stated_variance(self) -> Array:
         """Return the error variance of values, shape (n, m, a) [m^2/s^2]; NaN where not used."""
         noise = np.sum(self.axes**2, axis=0)
-        return self._among([np.outer(layout.std**2, noise) for layout, *_ in self.parts])
+        return self._to_all_values([np.outer(layout.std**2, noise) for layout, *_ in self.parts])
 
-    def _among(self, each: Sequence[Array], first: tuple[int, ...] = ()) -> Array:
+    def _to_all_values(self, each: Sequence[Array], first: tuple[int, ...] = ()) -> Array:
         """Return values of the parts, shape (..., m', a) or (..., n, m', a), in the order of all values."""
         # one component of sums along a path stands for both
         out = np.full((*first, len(self.at), self.screened.flags.shape[1], 2), np.nan)
@@ -213,7 +215,7 @@ class Observer:
             design, time_ns = designs[g], int(times[g])
             if self.extras is not None:
                 more = self.extras.column(time_ns, group.relative_velocity())
-                design = _beside(design, more)
+                design = _block_diagonal(design, more)
             design = design.reshape(-1, self.size)
             yield Column(group, at, time_ns, design, axes, tuple(parts))
 
@@ -318,7 +320,7 @@ class Observer:
         return error_covariance(*own, *shared) + np.diag(extra**2)
 
 
-def _beside(design: Array, more: Array) -> Array:
+def _block_diagonal(design: Array, more: Array) -> Array:
     """Return the block-diagonal design of two sets of functions and unknowns, of shapes (2, K, k)."""
     (_, n, size), (_, n_more, size_more) = design.shape, more.shape
     both = np.zeros((2, n + n_more, size + size_more))

@@ -36,7 +36,7 @@ def outcomes(
         against: See ``Stepped``.
     """
     unused = np.flatnonzero(~group.used.any(axis=1)).tolist()
-    found = [Stepped(_some(group, [i]), before, before, group.unused(i)) for i in unused]
+    found = [Stepped(_subset(group, [i]), before, before, group.unused(i)) for i in unused]
     if update is None:
         return found
     assert update.after is not None
@@ -46,7 +46,7 @@ def outcomes(
         # nothing changes
         moments: Any = {"mean_after": update.before, "covariance_after": update.covariance}
         same = replace(update, **moments, signal=0.0, log_likelihood=np.nan)
-        event = _some(group, [int(at[i])])
+        event = _subset(group, [int(at[i])])
         found.append(Stepped(event, before, before, _innovation(same, np.array([i]))))
     if accepted.size:
         known = against if accepted.size == len(at) else None
@@ -56,11 +56,11 @@ def outcomes(
             decision="accepted",
             error_inflation=float(accepted.size / np.sum(1.0 / judgements.error_factor[accepted])),
         )
-        found.append(Stepped(_some(group, at[accepted]), before, update.after, innovation, known))
+        found.append(Stepped(_subset(group, at[accepted]), before, update.after, innovation, known))
     return found
 
 
-def _some(group: Screened, at: Any) -> Any:
+def _subset(group: Screened, at: Any) -> Any:
     """Return the event of a subset of a group."""
     event = group.event
     return event.rows(at) if isinstance(event, Profiles) and len(at) < len(event) else event

@@ -51,7 +51,7 @@ def hand_over(
     Returns:
         State, and RMS of the information lost [m/s], per component.
     """
-    begun = _begun(state, before, after)
+    begun = _initial_state(state, before, after)
     points = overlap(before.grid, after.grid)
     if not len(points):
         return begun, 0.0
@@ -82,7 +82,9 @@ def hand_over(
     return replace(after_rows, profiles=state.profiles), float(np.sqrt(np.mean(lost**2)))
 
 
-def _begun(state: State, before: ReducedBasisEstimator, after: ReducedBasisEstimator) -> State:
+def _initial_state(
+    state: State, before: ReducedBasisEstimator, after: ReducedBasisEstimator
+) -> State:
     """Return the next window's state before the hand-over, under the prior of the same members as revised by the log."""
     first = after.initial()
     begun = replace(first, time_ns=state.time_ns, last=state.last, measured=state.measured)

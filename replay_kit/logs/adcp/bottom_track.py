@@ -145,7 +145,7 @@ def with_bottom(profiles: RawProfiles, tracks: Mapping[str, BottomTracks]) -> Ra
     """
     system, vectors = profiles.common["coordinate_system"], profiles.common["beam_unit_vectors"]
     for own, track in tracks.items():
-        velocity = _turned(track.velocity, own, system, vectors)
+        velocity = _converted(track.velocity, own, system, vectors)
         if velocity is not None:
             after = np.clip(
                 np.searchsorted(track.time_ns, profiles.time_ns), 1, max(track.time_ns.size - 1, 1)
@@ -165,7 +165,7 @@ def with_bottom(profiles: RawProfiles, tracks: Mapping[str, BottomTracks]) -> Ra
     return profiles
 
 
-def _turned(velocity: Array, own: str, wanted: str, vectors: Any) -> Array | None:
+def _converted(velocity: Array, own: str, wanted: str, vectors: Any) -> Array | None:
     """Return velocities in other coordinates, shape (n, components); None if no conversion exists."""
     if own == wanted:
         return velocity

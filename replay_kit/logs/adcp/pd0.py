@@ -108,7 +108,7 @@ def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
     order: list[tuple[int, Configuration]] = []
     for ordinal, record in enumerate(records):
         types = _types(data, record)
-        if reason := _lacks(types):
+        if reason := _missing_types(types):
             unreadable[reason] += 1
             continue
         configuration = _configuration(types[_FIXED], len(types[_VARIABLE]))
@@ -141,7 +141,7 @@ def _types(data: bytes, record: Record) -> dict[int, bytes]:
     }
 
 
-def _lacks(types: Mapping[int, bytes]) -> str:
+def _missing_types(types: Mapping[int, bytes]) -> str:
     """Return the missing data types of an ensemble as text; empty if complete."""
     # a narrow-band instrument's first profile has other identifiers; MHKiT knows them
     if _FIXED not in types:

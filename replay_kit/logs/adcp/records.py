@@ -333,7 +333,7 @@ def _numbered(pings: Sequence[bytes]) -> Iterator[bytes]:
 
 def _read(path: Path, content: bytes, read: Callable[[str], list[Any]]) -> list[Any]:
     """Return the result of MHKiT for a file of this content."""
-    with tempfile.TemporaryDirectory() as folder, _quiet():
+    with tempfile.TemporaryDirectory() as folder, _without_output():
         copy = Path(folder) / "records"
         copy.write_bytes(content)
         # MHKiT raises whatever its arithmetic raises on settings it does not know, bare Exception too
@@ -347,7 +347,7 @@ def _read(path: Path, content: bytes, read: Callable[[str], list[Any]]) -> list[
 
 def _readers(path: Path) -> tuple[Any, Any]:
     try:
-        with _quiet():
+        with _without_output():
             from mhkit.dolfyn.io.nortek2 import read_signature
             from mhkit.dolfyn.io.rdi import read_rdi
     except ImportError as error:
@@ -358,7 +358,7 @@ def _readers(path: Path) -> tuple[Any, Any]:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _without_output() -> Iterator[None]:
     """Suppress output, log records and warnings of MHKiT."""
     # without a handler of its own the root logger would be configured for the whole program by the first warning
     handler, disabled = logging.NullHandler(), logging.root.manager.disable

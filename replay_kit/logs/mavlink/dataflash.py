@@ -148,9 +148,9 @@ class _Walk:
         """Yield the records; bytes between them and a truncated last record are losses."""
         data, at = self._data, 0
         while at < self._size:
-            form = self._begins(at)
+            form = self._format_at(at)
             if form is None or not (
-                self._followed(at + form.length)
+                self._is_followed(at + form.length)
                 # the next one is damaged, unless a sound one begins in this one
                 or self._next(at + 1, at + form.length) is None
             ):
@@ -172,14 +172,14 @@ class _Walk:
             )
             at += form.length
 
-    def _begins(self, at: int) -> Format | None:
+    def _format_at(self, at: int) -> Format | None:
         """Return the format of the record at an offset; None without a whole record."""
         if self._data[at : at + 2] != MAGIC or at + _HEAD > self._size:
             return None
         form = self._formats.get(self._data[at + 2])
         return form if form is not None and at + form.length <= self._size else None
 
-    def _followed(self, end: int) -> bool:
+    def _is_followed(self, end: int) -> bool:
         """Return whether a record or the end of the log follows at an offset; the second magic byte may be missing."""
         return MAGIC.startswith(self._data[end : end + 2])
 
@@ -187,8 +187,8 @@ class _Walk:
         """Return the offset of the next record that another record or the end of the log follows; None without one."""
         at = first - 1
         while (at := self._data.find(MAGIC, at + 1, min(last + 1, self._size))) >= 0:
-            form = self._begins(at)
-            if form is not None and self._followed(at + form.length):
+            form = self._format_at(at)
+            if form is not None and self._is_followed(at + form.length):
                 return at
         return None
 

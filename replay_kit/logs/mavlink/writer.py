@@ -99,7 +99,7 @@ class TlogFrames:
             )
             self.left_out[message.topic, f"no frame can be made: {why}"] += 1
             return
-        lost = _not_held(message.payload) if message.schema == "replay_kit.AdcpPing" else ()
+        lost = _dropped_fields(message.payload) if message.schema == "replay_kit.AdcpPing" else ()
         if lost:
             self.left_out[message.topic, f"{', '.join(lost)}: a frame has no field for each"] += 1
         yield from packed
@@ -225,7 +225,7 @@ def _columns(payload: Mapping[str, Any]) -> list[list[float]]:
     ]
 
 
-def _not_held(payload: Mapping[str, Any]) -> list[str]:
+def _dropped_fields(payload: Mapping[str, Any]) -> list[str]:
     """Return the fields of a ping that its frames cannot hold."""
     lost = sorted(
         key

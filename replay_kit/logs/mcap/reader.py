@@ -53,7 +53,7 @@ class McapReader(LogFile):
         Raises:
             LogError: The file cannot be read or is no MCAP file.
         """
-        yield from self._made(self._decoded)
+        yield from self._each(self._decoded)
 
     def blocks(self, wanted: Callable[[str, str], bool]) -> Iterator[Block]:
         """Yield a block per chunk, decoding wanted topics and the first message of others; see ``LogFile.blocks``."""
@@ -82,7 +82,7 @@ class McapReader(LogFile):
         Raises:
             LogError: The file cannot be read or is no MCAP file.
         """
-        yield from self._made(self._raw, on_extra)
+        yield from self._each(self._raw, on_extra)
 
     def frames(self) -> Iterator[RawMessage]:
         """Yield the entries of a telemetry log converted to this file."""
@@ -116,7 +116,7 @@ class McapReader(LogFile):
             return any(schema.name == DIVE_MEAN for schema in schemas.values())
         return any(message.schema == DIVE_MEAN for message in self.messages())
 
-    def _made(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
+    def _each(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
         """Yield the result of ``make`` for each message."""
         for channels, part in self._parts(on_extra):
             for row in part.rows():
@@ -192,7 +192,7 @@ class McapReader(LogFile):
             which, named, tried = kind == number, (sink.topic, sink.schema), 0
             count = int(np.count_nonzero(which))
             if callable(sink.decode):
-                decoded = self._begins(channels, part, which)
+                decoded = self._decodable(channels, part, which)
                 before = self.statistics.read[sink.topic]
                 if wanted(*named) or not possible[which].all():
                     made += decoded
@@ -211,7 +211,7 @@ class McapReader(LogFile):
             [message for _, message in made],
         )
 
-    def _begins(
+    def _decodable(
         self, channels: Channels, part: Part, which: NDArray[np.bool_]
     ) -> Iterator[tuple[int, Message]]:
         """Yield decodable messages of a selection with their offsets."""

@@ -38,7 +38,7 @@ def fixes_of(columns: Columns, told: Told) -> Positions:
     """
     samples = columns.samples
     parts = ((columns.gps, "gps_"), (samples, "start_"), (samples, "end_"))
-    found = [*map(np.concatenate, zip(*(_stated(*part) for part in parts), strict=True))]
+    found = [*map(np.concatenate, zip(*(_fixes_in(*part) for part in parts), strict=True))]
     whole = _whole(found)
     # files repeat the fix, or write none, at each sample of a dive: only a time without a place in a table of fixes is a loss
     own = columns.gps.get("gps_time", np.empty(0)).size
@@ -46,8 +46,8 @@ def fixes_of(columns: Columns, told: Told) -> Positions:
     flagged = sum(n for (topic, _), n in told.skipped.items() if topic == "/vehicle/fix")
     told.skipped["/vehicle/fix", "GPS fix without time or position"] += max(lost - flagged, 0)
     if not whole.any():
-        marked = _marked(samples, told.notes)
-        found = [*_stated({key: held[marked] for key, held in samples.items()}, "")]
+        marked = _measured_samples(samples, told.notes)
+        found = [*_fixes_in({key: held[marked] for key, held in samples.items()}, "")]
         whole = _whole(found)
     _, first = np.unique(found[0][whole], return_index=True)
     repeated = int(whole.sum()) - first.size
@@ -60,7 +60,7 @@ def _whole(fixes: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
     return np.asarray((fixes[0] > 0) & np.isfinite(fixes[1] + fixes[2]))
 
 
-def _stated(table: Table, part: str) -> tuple[NDArray[Any], ...]:
+def _fixes_in(table: Table, part: str) -> tuple[NDArray[Any], ...]:
     """Return time, longitude, latitude and error of the fixes in a table; empty if one of the first three is missing."""
     time_ns = table.get(f"{part}time", np.empty(0, np.int64))
     if not {f"{part}longitude", f"{part}latitude"} <= set(table):
@@ -72,7 +72,7 @@ def _stated(table: Table, part: str) -> tuple[NDArray[Any], ...]:
     return time_ns, *columns
 
 
-def _marked(samples: Table, notes: list[str]) -> NDArray[np.intp]:
+def _measured_samples(samples: Table, notes: list[str]) -> NDArray[np.intp]:
     """Return the first and last sample of each period marked as measured by a flag or state."""
     measured = np.zeros(samples.get("time", np.empty(0)).size, np.bool_)
     if "dead_reckoning" in samples:
@@ -227,9 +227,9 @@ def _with_ends(
     farthest = int(time[np.argmax(np.diff(time)) + 1]) if time.size > 1 else 0
     ends = (
         _stated_ends(candidate, ascent_share)
-        or _about(inside or farthest, time, fixes.longitude, fixes.latitude)
+        or _around(inside or farthest, time, fixes.longitude, fixes.latitude)
         or _outer_samples(candidate)
-        or _about(inside, *_at_surface(samples))
+        or _around(inside, *_at_surface(samples))
     )
     if ends is None or not 0 < ends[1].time_ns - ends[0].time_ns <= _LONGEST_NS:
         return None
@@ -266,17 +266,17 @@ def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[Fix, Fix] 
     way = [at - mid for at, mid in zip(other._replace(longitude=near), middle, strict=True)]
     # from the middle to the profile's place is the ascent's share of the way, less a half
     step = way if end else [0.5 * part / (ascent_share - 0.5) for part in way]
-    return _moved(middle, [-part for part in step]), end or _moved(middle, step)
+    return _displaced(middle, [-part for part in step]), end or _displaced(middle, step)
 
 
-def _moved(middle: Fix, step: Sequence[float]) -> Fix:
+def _displaced(middle: Fix, step: Sequence[float]) -> Fix:
     """Return a displaced fix with its longitude wrapped at the antimeridian."""
     time_ns, longitude, latitude = (mid + part for mid, part in zip(middle, step, strict=True))
     turns = 360.0 * (longitude < -180.0) - 360.0 * (longitude > 360.0)
     return Fix(round(time_ns), longitude + turns, latitude)
 
 
-def _about(
+def _around(
     inside: int, time_ns: NDArray[np.int64], longitude: Array, latitude: Array
 ) -> tuple[Fix, Fix] | None:
     """Return the positions before and at or after a time within the dive; None without them."""

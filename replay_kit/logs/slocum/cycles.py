@@ -87,7 +87,7 @@ def read_cycles(data: bytes, at: int, sensors: Sequence[Sensor], wanted: Collect
     return Cycles(
         {sensors[k].name: written for k, (written, _) in columns.items()},
         {
-            sensors[k].name: _held(values, written == 2, runs)
+            sensors[k].name: _last_values(values, written == 2, runs)
             for k, (written, values) in columns.items()
         },
         lost,
@@ -183,7 +183,7 @@ def _read_block(
             values[new] = raw[at[:, None] + np.arange(size)].view(order + _KINDS[size])[:, 0]
 
 
-def _held(values: Array, new: NDArray[np.bool_], runs: NDArray[np.int64]) -> Array:
+def _last_values(values: Array, new: NDArray[np.bool_], runs: NDArray[np.int64]) -> Array:
     """Return the last new value at each cycle; NaN before the first one of each run."""
     cycle = np.arange(values.size)
     last = np.maximum.accumulate(np.where(new, cycle, -1)) if values.size else cycle

@@ -139,7 +139,7 @@ def open_slocum(
     segments.sort(key=lambda segment: (segment.header.number, segment.header.segment))
     losses = [loss for segment in segments for loss in segment.losses]
     losses += [Loss(f"{error}; not used", 0, file.stat().st_size) for file, error in errors.items()]
-    notes += _completeness(segments)
+    notes += _missing_files(segments)
     parts = [
         part
         for is_science in (False, True)
@@ -189,7 +189,7 @@ def _rank(path: Path) -> int:
     )
 
 
-def _completeness(segments: Sequence[Segment]) -> list[str]:
+def _missing_files(segments: Sequence[Segment]) -> list[str]:
     """Return a sentence on segments without files of one computer; empty if none."""
     flight, science = (
         {s.header.segment for s in segments if s.header.is_science == which}
@@ -203,7 +203,7 @@ def _completeness(segments: Sequence[Segment]) -> list[str]:
     ]
 
 
-def _lacking(parts: Sequence[Segment], units: Mapping[str, str]) -> Iterator[str]:
+def _missing_sensors(parts: Sequence[Segment], units: Mapping[str, str]) -> Iterator[str]:
     """Yield sentences on sensors that some files of a computer lack and others have."""
     without: dict[tuple[str, ...], list[str]] = {}
     for part in parts:
@@ -226,7 +226,7 @@ def _joined(segments: Sequence[Segment], is_science: bool, notes: list[str]) -> 
     if not parts:
         return None
     units = {name: unit for segment in parts for name, unit in segment.units.items()}
-    notes += _lacking(parts, units)
+    notes += _missing_sensors(parts, units)
     rows = Rows.joined([segment.rows for segment in parts], list(units))
     if late := sum(segment.out_of_time for segment in parts):
         notes.append(

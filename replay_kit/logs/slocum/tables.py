@@ -125,7 +125,7 @@ def flight_table(rows: Rows, units: Mapping[str, str], notes: list[str]) -> dict
     at = np.flatnonzero(rows.any_written((*_PLACE, *_DEPTHS, *_ATTITUDE, *_OTHERS, *_WAYPOINT)))
     time = rows.time[at]
     samples: dict[str, Array] = {name: rows.now(name)[at] for name in _OTHERS if name in rows.held}
-    samples |= {name: _held(rows, name)[at] for name in _ATTITUDE if name in rows.held}
+    samples |= {name: _recent_values(rows, name)[at] for name in _ATTITUDE if name in rows.held}
     if depth := next((name for name in _DEPTHS if name in rows.held), ""):
         known = np.isfinite(rows.now(depth))
         samples[depth] = _between(time, rows.time[known], rows.held[depth][known], _BETWEEN_DEPTHS)
@@ -220,7 +220,7 @@ def _between(time: Array, known: Array, values: Array, longest: float) -> Array:
     return np.where(near, np.interp(time, known, values), np.nan)
 
 
-def _held(rows: Rows, name: str) -> Array:
+def _recent_values(rows: Rows, name: str) -> Array:
     """Return the last value of a sensor written within a minute; NaN without one."""
     cycle = np.arange(rows.time.size)
     last = np.maximum.accumulate(np.where(rows.written[name] > 0, cycle, -1))

@@ -63,14 +63,14 @@ def joined(pending: Open, raws: Sequence[Raw], config: MeasurementConfig) -> tup
     """
     held, found = dict(pending), Tables()
     order = sorted((place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order))
-    taken = {(r, k): _taken(held, raws[r].topic, raws[r].payloads[k]) for _, r, k in order}
+    taken = {(r, k): _add_frame(held, raws[r].topic, raws[r].payloads[k]) for _, r, k in order}
     for r, raw in enumerate(raws):
         payloads, counts = zip(*(taken[r, k] for k in range(len(raw.time))), strict=True)
         found += pings(raw, payloads, config, counts)
     return held, found
 
 
-def _taken(held: dict[Any, Any], topic: str, payload: Payload) -> tuple[Payload | str, int]:
+def _add_frame(held: dict[Any, Any], topic: str, payload: Payload) -> tuple[Payload | str, int]:
     """Add a frame; return the completed ping or the reason for exclusion, and the number of frames."""
     name, data = payload["name"], payload.get("data")
     key = topic, *(whole_number(payload.get(part)) for part in ("array_id", "time_usec"))

@@ -110,13 +110,13 @@ def pings(
     reasons = [one if isinstance(one, str) else "" for one in payloads]
     counts, place = np.full(n, messages, np.int64), np.full((n, 3), places, np.float64)
     at = [k for k in range(n) if not reasons[k]]
-    held, found = _of(payloads, at), list[Table]()
+    held, found = _subset(payloads, at), list[Table]()
     said = (field(held, name) for name in _LISTS)
     sizes = [[*map(len, _lists(one))] for one in said if {list, tuple} & {*map(type, one)}]
-    left = _alike(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)]) if at else []
+    left = _grouped(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)]) if at else []
     while left:
         at = left.pop()
-        held = _of(payloads, at)
+        held = _subset(payloads, at)
         try:
             columns, fixed = _columns(held, config)
         except (MeasurementError, ValueError, TypeError, OverflowError) as error:
@@ -131,12 +131,12 @@ def pings(
     return found + unused(raw, reasons, counts)
 
 
-def _of(payloads: Sequence[Any], at: Sequence[int]) -> Sequence[Any]:
+def _subset(payloads: Sequence[Any], at: Sequence[int]) -> Sequence[Any]:
     """Return some payloads."""
     return payloads if len(at) == len(payloads) else Held(payloads[k] for k in at)
 
 
-def _alike(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
+def _grouped(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
     """Return the indices of pings grouped by equal values in all columns."""
     unlike = [one for one in columns if one.count(one[0]) < len(one)]
     if not unlike:

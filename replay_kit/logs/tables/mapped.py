@@ -50,7 +50,7 @@ def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
         raw: Messages.
         config: See ``pings``.
     """
-    found = [guarded(partial(_said, entry), payload) for payload in raw.payloads]
+    found = [guarded(partial(_mapped_values, entry), payload) for payload in raw.payloads]
     words = [one if isinstance(one, str) else "" for one in found]
     tables, raw = unused(raw, words), some(raw, np.equal(words, ""))
     said = [one for one in found if not isinstance(one, str)]
@@ -79,7 +79,7 @@ def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
     return tables + pings(raw, payloads, config, places=there)
 
 
-def _said(entry: Any, payload: Payload) -> dict[str, Any]:
+def _mapped_values(entry: Any, payload: Payload) -> dict[str, Any]:
     """Return the values at the mapping's paths, by setting."""
     asked = {name: getattr(entry, name, None) for name in _PATHS}
     return {k: look_up(payload, path) for k, path in asked.items() if isinstance(path, str)}

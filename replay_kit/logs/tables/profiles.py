@@ -59,7 +59,7 @@ def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     return pings(raw, said, config, places=np.column_stack([*place, depth]))
 
 
-def _of(
+def _reader_of(
     read: Callable[[Payload], Payload | str],
 ) -> Callable[[Raw, MeasurementConfig], list[Table]]:
     """Return the reader of profiles whose payloads are converted one by one."""
@@ -108,7 +108,7 @@ def _current_profile(payload: Payload) -> Payload | str:
     return "CurrentProfile has neither velocity_data (Nortek Nucleus) nor profile (IMC)"
 
 
-ds_adcps, current_profiles = _of(_ds_adcp), _of(_current_profile)
+ds_adcps, current_profiles = _reader_of(_ds_adcp), _reader_of(_current_profile)
 
 
 def _nucleus(payload: Payload) -> Payload | str:

@@ -125,7 +125,7 @@ def check(
             run(check_name, fold, living, context)
         number += len(pings)
         absolute += int(np.isfinite(pings["common_std"]).sum())
-    named, new, since = _named(state.named, found)
+    named, new, since = _new_findings(state.named, found)
     for name, pings in instruments.items():
         # by the position before
         bad = frozen[np.searchsorted(positions.event, pings.event)]
@@ -156,7 +156,7 @@ def _instruments(block: Block, known: Mapping[str, Rows]) -> dict[str, Rows]:
     return found
 
 
-def _named(
+def _new_findings(
     named: Mapping[str, frozenset[str]], found: list[tuple[str, Found]]
 ) -> tuple[dict[str, frozenset[str]], list[tuple[int, Finding, bool]], dict[str, int]]:
     """Return the names of findings, the new unexplained findings, and the first event without each excluded instrument.

@@ -136,7 +136,7 @@ def _pairs_of(a: Complex, b: Complex, weight: float, time: Times) -> Array:
     return np.column_stack(columns)
 
 
-def _moved(memory: Memory, near: Rows, through_water: bool) -> Judged:
+def _check_motion(memory: Memory, near: Rows, through_water: bool) -> Judged:
     """Check changes of motion, and the stated velocity of the platform against that from its positions.
 
     Args:
@@ -166,15 +166,15 @@ def _moved(memory: Memory, near: Rows, through_water: bool) -> Judged:
         pairs, held = history(memory, new, ("time", "pair"), 0.0, _MOST, name)
         after |= held
         for event in pairs.due(_JUDGED_EACH):
-            found += _of_motion(pairs.until(event, _MOST), name)
+            found += _motion_findings(pairs.until(event, _MOST), name)
     return after, found
 
 
-def _of_motion(rows: Rows, name: str) -> list[Found]:
+def _motion_findings(rows: Rows, name: str) -> list[Found]:
     """Return the finding of a rotation from pairs of motion, or of a scale of the stated velocity as the likeliest cause."""
     pairs = rows["pair"]
     if turned := explanation(pairs, _MOTION, TURNED):
-        return _turned(rows, turned, _OF_MOTION[name])
+        return _rotation_finding(rows, turned, _OF_MOTION[name])
     if name == "motion" or not (scale := explanation(pairs, _MOTION, ("scale",))):
         return []
     # positions may lack the current
@@ -296,7 +296,7 @@ def beside(memory: Memory, pings: Rows, context: Context) -> Judged:
     """
     new, start = _near_means(pings), 0
     near, held = history(memory, new, _COLUMNS, _APART, _PINGS)
-    of_motion, found = _moved(memory, new, context.through_water)
+    of_motion, found = _check_motion(memory, new, context.through_water)
     after = {**memory, **held, **of_motion}
     for at, event in enumerate(context.means.event.tolist()):
         mean = context.means.take(slice(at, at + 1))
@@ -319,7 +319,7 @@ def _cause(pairs: Memory, mean: Rows) -> list[Found]:
     """
     current, vehicle = pairs["current"], pairs["vehicle"]
     if turned := explanation(pairs["blocks"], _MOTION, TURNED):
-        return _turned(mean, turned, _OF_MEANS, _KNOWN)
+        return _rotation_finding(mean, turned, _OF_MEANS, _KNOWN)
     found = causes(current, CURRENT, KINDS)
     for cause, gain in causes(vehicle, _OF_DIVES, RELATIVE).items():
         # a scale is one, whatever it is relative to
@@ -333,7 +333,7 @@ def _cause(pairs: Memory, mean: Rows) -> list[Found]:
         best = explanation(vehicle, _OF_DIVES, TURNED, _TURN_GAIN)
         # what excludes an instrument must be certain
         if best is not None and share >= _LIKELY:
-            return _turned(mean, best, _OF_MEANS, _KNOWN)
+            return _rotation_finding(mean, best, _OF_MEANS, _KNOWN)
     else:
         best = _best(current, vehicle, cause)
     if best is None:
@@ -347,7 +347,7 @@ def _cause(pairs: Memory, mean: Rows) -> list[Found]:
     chances = (f"{one} {100.0 * each:.0f} %" for one, each in rivals if each >= _LEAST_SHARE)
     listed = f"odds of the causes: {', '.join(chances)}"
     if share >= _LIKELY:
-        return _of_sources(mean, best, "" if rivals[0][1] >= _SURE else f"; {listed}")
+        return _source_finding(mean, best, "" if rivals[0][1] >= _SURE else f"; {listed}")
     if best.pairs < _ENOUGH:
         return []
     return finding_of(
@@ -408,7 +408,7 @@ def finding_of(
     )
 
 
-def _turned(
+def _rotation_finding(
     rows: Rows, explained: Explanation, what: str, unless: Iterable[str] = ()
 ) -> list[Found]:
     """Return the finding of a rotated instrument from pairs of a kind."""
@@ -424,7 +424,7 @@ def _turned(
     )
 
 
-def _of_sources(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
+def _source_finding(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
     """Return the finding that profiles contradict mean currents or drifts, of which either may be wrong."""
     size = abs(best.value)
     if best.kind in TURNED:

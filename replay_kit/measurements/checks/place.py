@@ -105,10 +105,10 @@ def separate(memory: Memory, positions: Rows) -> Judged:
             number[0] += 1
             continue
         here = every(i)
-        if not last or (short[i] and len(last) == 1) or _goes(last[0], here):
+        if not last or (short[i] and len(last) == 1) or _is_reachable(last[0], here):
             last[:1], number[0] = [here], number[0] + 1
             continue
-        goes_on = len(last) > 1 and _goes(last[1], here)
+        goes_on = len(last) > 1 and _is_reachable(last[1], here)
         last[1:], number[1] = [here], number[1] + 1 if goes_on else 1
         if number[0] < _LEAST <= number[1]:
             # what came first was wrong fixes
@@ -129,7 +129,7 @@ def separate(memory: Memory, positions: Rows) -> Judged:
     return {"last": np.array(last, np.float64), "number": np.array(number)}, found
 
 
-def _goes(start: Place, end: Place) -> bool:
+def _is_reachable(start: Place, end: Place) -> bool:
     """Return whether any vehicle can move from one position to another in the time between them."""
     seconds = abs(start.seconds(end))
     return seconds <= _LONGEST and start.way(end) <= _FAR + _FASTEST * seconds
@@ -198,12 +198,12 @@ class LogTracks:
             return tracks
         pair = min(log, last.log), max(log, last.log)
         number, beyond, example = self.passages.get(pair, Passages())
-        if not tracks._reaches(last, here):
+        if not tracks._is_within_reach(last, here):
             beyond, example = beyond + 1, (last, here)
         passages = {**self.passages, pair: Passages(number + 1, beyond, example)}
         return replace(tracks, passages=passages)
 
-    def _reaches(self, start: Place, end: Place) -> bool:
+    def _is_within_reach(self, start: Place, end: Place) -> bool:
         """Return whether one vehicle can move from one position to another in the time between them."""
         speed = min(self.speed, _FASTEST)
         fastest = min(max(_FASTER * speed, _LEAST_SPEED), _FASTEST) if speed else _FASTEST

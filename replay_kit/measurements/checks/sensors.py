@@ -82,13 +82,13 @@ def of_sensors(memory: Memory, pings: Rows, context: Context) -> Judged:
     own, after = history(memory, pings.take(known), names, _SPACING, _MOST_OF_PINGS)
     for event in own.due(_EVERY) if _EXPLAINED.isdisjoint(context.known) else ():
         both = own.until(event, _MOST_OF_PINGS), context.vehicle.until(event, _MOST_OF_VEHICLE)
-        found = (_of_depths if _can_compare(*both) else _of_headings)(*both)
+        found = (_depth_finding if _can_compare(*both) else _heading_finding)(*both)
         if found is not None:
             return after, [Found(event, found, _EXPLAINED)]
     return after, []
 
 
-def _known(rows: Columns, name: str) -> tuple[Array, Array]:
+def _known_values(rows: Columns, name: str) -> tuple[Array, Array]:
     """Return times since 1970 [s] and known values of a column."""
     known = np.isfinite(rows[name])
     return rows["time"][known] * 1e-9, rows[name][known]
@@ -96,7 +96,7 @@ def _known(rows: Columns, name: str) -> tuple[Array, Array]:
 
 def _can_compare(own: Columns, vehicle: Columns) -> bool:
     """Return whether a log has both depths, one of which varies as in a dive."""
-    both = _known(own, "pressure_depth")[1], _known(vehicle, "depth")[1]
+    both = _known_values(own, "pressure_depth")[1], _known_values(vehicle, "depth")[1]
     return min(map(len, both)) >= _LEAST and bool(max(map(np.ptp, both)) >= _DIVES)
 
 
@@ -123,9 +123,9 @@ def _best_lag(
     return min(fits, key=lambda lag: (abs(lag), lag), default=math.nan)
 
 
-def _of_depths(own: Rows, vehicle: Rows) -> Finding | None:
+def _depth_finding(own: Rows, vehicle: Rows) -> Finding | None:
     """Return the finding that a depth is stuck, or the instrument's are in another unit or late."""
-    (t, p), (times, depths) = _known(own, "pressure_depth"), _known(vehicle, "depth")
+    (t, p), (times, depths) = _known_values(own, "pressure_depth"), _known_values(vehicle, "depth")
     time_ns = int(t[-1] * 1e9)
     reckoned = vehicle["dead_reckoned"][np.isfinite(vehicle["depth"])] & (times >= t[0])
     known = reckoned & (times <= t[-1])
@@ -170,7 +170,9 @@ def _of_depths(own: Rows, vehicle: Rows) -> Finding | None:
         best = max(best, (_gain(none, unit, floor, max(scale, 1.0)), unit[0], scale, cause))
     gain, left, scale, cause = best
     if abs(lag) >= least and _gain(none, late, floor) > gain:
-        return _late(f"{own.topic}: the depths of the pings", time_ns, lag, none, late, floor)
+        return _lag_finding(
+            f"{own.topic}: the depths of the pings", time_ns, lag, none, late, floor
+        )
     if gain < LEAST_GAIN or none[0] < _RATIO * left:
         return None
     return Finding(
@@ -182,7 +184,7 @@ def _of_depths(own: Rows, vehicle: Rows) -> Finding | None:
     )
 
 
-def _late(
+def _lag_finding(
     what: str, time_ns: int, lag: float, none: Misfit, late: Misfit, floor: float
 ) -> Finding | None:
     """Return the finding of late depths or headings, if a lag explains them much better than equality.
@@ -233,9 +235,9 @@ def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, f
     return float(slope @ left) / squares, max(_LEAST_LAG, _SIGMAS * error)
 
 
-def _of_headings(own: Rows, vehicle: Rows) -> Finding | None:
+def _heading_finding(own: Rows, vehicle: Rows) -> Finding | None:
     """Return the finding of a late clock, if it explains the headings much better than none."""
-    t, degrees = _known(own, "heading")
+    t, degrees = _known_values(own, "heading")
     # a constant turn is free
     heading, course = np.exp(-1j * np.radians(degrees)), _course_of(vehicle)
 
@@ -247,7 +249,7 @@ def _of_headings(own: Rows, vehicle: Rows) -> Finding | None:
         return None
     lag = _best_lag(misfit, 0.5 * t.size, lambda least: least + 0.1 * _HEADING_ERROR)
     what, time_ns = f"{own.topic}: the headings of the pings", int(t[-1] * 1e9)
-    return _late(what, time_ns, lag, none, misfit(lag), _HEADING_ERROR)
+    return _lag_finding(what, time_ns, lag, none, misfit(lag), _HEADING_ERROR)
 
 
 def least_lag(own: Memory, vehicle: Memory) -> float:
@@ -259,9 +261,9 @@ def least_lag(own: Memory, vehicle: Memory) -> float:
     """
     found = list[float]()
     if _can_compare(own, vehicle):
-        depths = *_known(own, "pressure_depth"), *_known(vehicle, "depth")
+        depths = *_known_values(own, "pressure_depth"), *_known_values(vehicle, "depth")
         found.append(_lag_step(*depths)[1])
-    (t, _), course = _known(own, "heading"), _course_of(vehicle)
+    (t, _), course = _known_values(own, "heading"), _course_of(vehicle)
     for lag in _ASKED.tolist():
         none = _turns(course(t), course(t - lag))
         if _gain(none, (0.0, none[1]), _HEADING_ERROR) >= LEAST_GAIN:

@@ -116,7 +116,7 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
     stated = [abs(one.declination) for one in soundings if math.isfinite(one.declination)]
     if stated and float(np.median(stated)) >= _LEAST_DECLINATION:
         faults += [
-            Fault(f"the declination was {what}", advice, partial(_turned, turns))
+            Fault(f"the declination was {what}", advice, partial(_rotated, turns))
             for what, advice, turns in _DECLINATION
         ]
     return faults
@@ -135,7 +135,7 @@ def _mapped(matrix: Array, sounding: Sounding) -> Observation:
     return replace(sounding.observation, velocity=sounding.observation.velocity @ matrix.T)
 
 
-def _turned(turns: float, sounding: Sounding) -> Observation:
+def _rotated(turns: float, sounding: Sounding) -> Observation:
     """Return a profile rotated clockwise from magnetic to true axes by the declination, if stated."""
     angle = math.radians(turns * np.nan_to_num(sounding.declination))
     cosine, sine = math.cos(angle), math.sin(angle)

@@ -100,7 +100,7 @@ _FOULED, _SAME_WATER, _DEEP = 0.15, 0.5, 0.1
 LAG = "salinity spikes of the legs down and up: the lag of the cell is not corrected"
 
 
-def _middle(values: Array) -> float:
+def _known_median(values: Array) -> float:
     """Return the median of the known values; NaN without any."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else np.nan
@@ -109,9 +109,9 @@ def _middle(values: Array) -> float:
 def fault_of_units(layers: Array, profiles: Sequence[Profile]) -> str:
     """Return the wrong stated unit as text; empty if none is wrong."""
     depth, conductivity, pressure = layers[:, [3, 6, 7]].T
-    if _middle(conductivity) > _MOST_CONDUCTIVITY:
+    if _known_median(conductivity) > _MOST_CONDUCTIVITY:
         return f"conductivity above {_MOST_CONDUCTIVITY:g} S/m: it looks like mS/cm"
-    ratio = _middle((pressure / depth)[depth > 20.0])
+    ratio = _known_median((pressure / depth)[depth > 20.0])
     if ratio <= _SAME_DEPTH[0] or ratio >= _SAME_DEPTH[1]:
         bar = "; it looks like bar" if 0.08 < ratio < 0.125 else ""
         return f"pressure [dbar] that is not the vehicle's depth{bar}"

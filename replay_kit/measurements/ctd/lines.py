@@ -104,7 +104,7 @@ def of_ctd(
         line = _after_dive(line, own, int(min(due, surfaced)), int(fix), step, found)
     else:
         line = line._replace(samples=_NO_SAMPLES)
-    return (_closed(line, NEVER, step, found) if step.last and line.dives else line), found
+    return (_close_line(line, NEVER, step, found) if step.last and line.dives else line), found
 
 
 def _samples(table: Table, step: Step) -> Columns:
@@ -157,10 +157,10 @@ def _after_dive(
     if section is None and len(longer.profiles) >= _LEAST_PROFILES:
         # it turned here, or came into other water
         if line.dives:
-            _closed(line, due, step, found)
+            _close_line(line, due, step, found)
         return SectionLine(dives=(dive,))
     if section is not None and _radii(section) >= COMPLETE:
-        return _closed(longer, due, step, found)
+        return _close_line(longer, due, step, found)
     return longer
 
 
@@ -169,7 +169,7 @@ def _radii(section: Section) -> float:
     return float(np.ptp(section.along)) / radius_of(section)
 
 
-def _closed(line: SectionLine, due: int, step: Step, found: Found) -> SectionLine:
+def _close_line(line: SectionLine, due: int, step: Step, found: Found) -> SectionLine:
     """Close a line: measure its shear, or note the reason for exclusion."""
     profiles, dives, reason = line.profiles, line.dives, ""
     section = section_of(profiles)
@@ -191,13 +191,15 @@ def _closed(line: SectionLine, due: int, step: Step, found: Found) -> SectionLin
         whole = section_of(line.earlier + profiles)
         whole = section if whole is None or whole.is_mixed else whole
         if not reason:
-            found.append((due, _measured(whole, profiles[0], label, step)))
+            found.append((due, _shear_measurement(whole, profiles[0], label, step)))
     for dive in dives:
         step.add(np.full(dive.messages, due), step.topic(dive.source.topic), reason)
     return SectionLine(earlier=profiles)
 
 
-def _measured(section: Section, first: Profile, label: Label, step: Step) -> LinearMeasurement:
+def _shear_measurement(
+    section: Section, first: Profile, label: Label, step: Step
+) -> LinearMeasurement:
     """Return the shear across a line from a profile on, relative to an unknown current, at some levels."""
     begun_s = (int(first.time_ns.mean()) - section.time_ns) * 1e-9
     part = np.flatnonzero(section.time >= begun_s - 1.0)

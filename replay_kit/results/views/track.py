@@ -150,17 +150,17 @@ class LastPlan:
     @property
     def energy(self) -> float | None:
         """Energy used [J]; None if not in the result."""
-        return _known(self.row["energy"])
+        return _positive(self.row["energy"])
 
     @property
     def battery(self) -> float | None:
         """Energy of the battery [J]; None if not stated."""
-        return _known(self.row["battery"])
+        return _positive(self.row["battery"])
 
     @property
     def odds(self) -> Mapping[str, float] | None:
         """Figures of its simulated flights: ``n_samples``, fractions and misses [m]; None without samples."""
-        count = _known(self.row["odds_n_samples"])
+        count = _positive(self.row["odds_n_samples"])
         return (
             None
             if count is None
@@ -223,6 +223,6 @@ def _areas(geojson: Mapping[str, Any]) -> list[Area]:
     ]
 
 
-def _known(value: float) -> float | None:
+def _positive(value: float) -> float | None:
     """Return a number above 0; None if unknown, 0 in results of earlier versions."""
     return float(value) if np.isfinite(value) and value > 0.0 else None
