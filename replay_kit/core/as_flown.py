@@ -31,7 +31,7 @@ class FlownDive:
         along: Magnitude of the mean horizontal velocity through the water [m/s].
         vertical: Mean vertical speed, down and up alike [m/s].
         begin_ns: Time of the fix before it [ns, UTC]; 0 if unknown.
-        yos: Number of descents and ascents.
+        yos: Number of yos, each a descent and an ascent.
         radius: Radius of its goal [m]; NaN if not stated.
         declination: Magnetic declination [degrees east]; NaN if not stated.
     """
@@ -96,7 +96,7 @@ class AsFlown:
         duration_std: Spread of the duration [s].
         surface_time: Time between dives [s]; None if the log does not show it.
         longest: Duration of the longest dive [s]; None in results of earlier versions.
-        yos: Number of descents and ascents in a dive.
+        yos: Number of yos in a dive.
         radius: Radius of the last goal [m]; None if not stated.
         declination: Magnetic declination at the last dive that states it [degrees east]; None if none does.
     """

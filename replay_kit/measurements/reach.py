@@ -94,7 +94,7 @@ class Reach(NamedTuple):
     doubted: Columns = no_rows() | {"until": np.empty(0, np.int64)}
 
     def doubts(self, fix: tuple[int, float, float], at: int) -> bool:
-        """Return whether a fix, time [ns], longitude and latitude [degrees], is an uncounted position at a point of the stream."""
+        """Return whether a fix, time [ns], longitude and latitude [degrees], is excluded at a position in the stream."""
         of, (time_ns, longitude, latitude) = self.doubted, fix
         same = np.abs(of["time"] - time_ns) <= _SAME_TIME
         same &= np.hypot(of["longitude"] - longitude, of["latitude"] - latitude) <= _STEP

@@ -111,7 +111,7 @@ class Unknowns:
         return vars(replace(self, scaled=self.scale))
 
     def latent(self, modes: Array, time_ns: int) -> Array:
-        """Return the latent values of the flow at a time [ns, UTC] for the unknowns unchanged, shape (M, Z)."""
+        """Return the latent values of the flow at a time [ns, UTC] for the present unknowns, shape (M, Z)."""
         return np.asarray(self.offset + modes @ self.process.weights(self.x, time_ns).T)
 
     def at(self, time_ns: int) -> Unknowns:
@@ -551,7 +551,7 @@ def gradient(turned: Array) -> Array:
 
 
 def warn_outside(flows: Sequence[FlowEstimate], times: NDArray[Any], stacklevel: int) -> None:
-    """Warn of times outside the span of the data of constant estimates, which are windows of one run.
+    """Warn of times outside the data of constant estimates, the windows of one run.
 
     Args:
         flows: Estimates; changing ones and those of unknown span do not warn.

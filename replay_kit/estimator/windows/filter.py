@@ -160,7 +160,7 @@ class WindowedEstimator(Estimator[WindowedState]):
             yield self.build(region).flow(last)
 
     def without_left(self, state: WindowedState) -> WindowedState:
-        """Return a state with the windows of vehicles alone, so that its size does not grow along tracks."""
+        """Return a state without windows that vehicles have left, so that its size does not grow along tracks."""
         return replace(state, left=()) if state.left else state
 
     def of_own(self, state: WindowedState) -> WindowedState:

@@ -225,7 +225,7 @@ def cost_of(descriptor: Descriptor, known: dict[str, Cost]) -> Cost:
 
 
 def longest_cheap(cost: Cost) -> int:
-    """Return the payload length [bytes] up to which any contents keep the budget: a nested message takes two bytes."""
+    """Return the payload length [bytes] below which the budget cannot be exceeded: a nested message takes two bytes."""
     dearest, found, left = 2, {id(cost)}, [cost]
     while left:
         for part in left.pop().parts.values():

@@ -80,7 +80,7 @@ def _entries(
     fixed: Mapping[str, Array],
     at: NDArray[np.intp],
 ) -> Iterator[Entry]:
-    """Yield the messages of rows in batches, as those of a long file exceed its memory many times."""
+    """Yield the messages of rows in batches, to limit memory."""
     for_all = {
         name: numbers(values) if values.ndim else float(values) for name, values in fixed.items()
     }

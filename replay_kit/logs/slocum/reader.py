@@ -221,7 +221,7 @@ def _missing_sensors(parts: Sequence[Segment], units: Mapping[str, str]) -> Iter
 
 
 def _joined(segments: Sequence[Segment], is_science: bool, notes: list[str]) -> NetcdfFile | None:
-    """Return the files of one computer joined in order of time; None without files."""
+    """Return the joined files of one computer in order of time; None without files."""
     parts = [segment for segment in segments if segment.header.is_science == is_science]
     if not parts:
         return None

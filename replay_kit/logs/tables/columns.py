@@ -235,7 +235,7 @@ def dive_number(value: Any) -> int:
 
 
 def word(value: Any, known: Sequence[str]) -> str:
-    """Return a known word, given as text or number; a shortened text of anything else."""
+    """Return a known word, given as text or number; other values as shortened text."""
     code = whole_number(value)
     if code is not None and 0 <= code < len(known):
         return known[code]

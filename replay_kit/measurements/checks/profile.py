@@ -105,7 +105,7 @@ def repairable(pings: Rows) -> Mask:
 
 
 def _scatter(pings: Rows, among: Holds = np.True_) -> tuple[Array, Holds]:
-    """Return the standard deviation of bins from second differences, which remove the current, shape (n,) [m/s], and which are known.
+    """Return the standard deviation of bins from second differences, which remove the current, shape (n,) [m/s], and their mask.
 
     Second differences of white noise have six times its variance.
 
