@@ -26,8 +26,8 @@ class LogFormat:
         endings: Pattern of file names in a folder; empty if a folder's files are ignored.
         unchecked: Part of each message without a checksum; empty if all is covered or the reader counts it.
         grows: Whether it is written message by message, and may grow while it is read.
-        log_of: Returns the common names of the files of one log; an empty tuple joins no others, None is a log of its own. None for formats
-            of single files.
+        log_of: Returns names common to the files of one log; an empty tuple joins another log of the format, None is a separate log. None
+            for formats of single files.
         damaged_by_name: Whether a file with a damaged beginning is recognised by its name.
     """
 
