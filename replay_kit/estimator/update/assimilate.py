@@ -42,7 +42,7 @@ class Update:
         mean_after: shape (q,), mean after accepted measurements.
         covariance_after: shape (q, q).
         signal: Degrees of freedom for signal.
-        log_likelihood: Log density of accepted values under the prediction, without the constant of 2 pi.
+        log_likelihood: Log density of accepted values under the prediction, without the constant of 2 pi, else NaN.
         rows: shape (m, q), R of all accepted together; empty without any.
         lower: shape (m, m), A.
         gain: shape (m, k), rows of G.

@@ -40,7 +40,7 @@ _KNOWN = "json, protobuf, cdr with ros2msg, ros1 with ros1msg"
 
 
 def channel_decoder(message_encoding: str, schema: Schema | None) -> Decoder | str:
-    """Return the decoder of a channel's payloads, or the reason for a missing one.
+    """Return the decoder of a channel's payloads, or the reason why none exists.
 
     Args:
         message_encoding: Encoding in the channel record.
