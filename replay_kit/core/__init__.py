@@ -1,1 +1,1 @@
-"""Values that flow from a log to a plan, and the geometry and statistics that all stages share."""
+"""Shared data types, geometry and statistics."""

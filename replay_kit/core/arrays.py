@@ -1,4 +1,4 @@
-"""What frozen values are made of: arrays of float64, never written to after they are made, large ones on disk; and a value changed."""
+"""Arrays of frozen values: read-only float64, large ones on disk; and a fast ``replace``."""
 
 import dataclasses
 import math
@@ -27,7 +27,7 @@ IN_MEMORY = 1 << 30
 
 
 def every(holds: Any) -> Mask:
-    """Return where something holds of all along the last axis, which are few; numpy's own ``all`` takes far longer of few."""
+    """Return the logical and along a short last axis, faster than numpy's ``all``."""
     return np.asarray(reduce(and_, np.moveaxis(holds, -1, 0)))
 
 
@@ -57,14 +57,14 @@ def large_array(shape: tuple[int, ...], dtype: np.dtype[np.floating]) -> Values:
 
 
 def one_by_one(array: Values) -> Iterator[Values]:
-    """Yield the parts of an array along its first axis; of one on disk, each is let go before the next."""
+    """Yield the parts of an array along its first axis; releases each part of an array on disk before the next."""
     for part in array:
         yield part
         release(array)
 
 
 def release(array: Values) -> None:
-    """Let the memory go that holds parts of an array on disk; they are read again when needed. Of one in memory nothing changes."""
+    """Release the memory of the parts of an array on disk that were read; no effect on an array in memory."""
     base: object = array
     while isinstance(base, np.ndarray):
         base = base.base
@@ -79,14 +79,14 @@ if TYPE_CHECKING:
 else:
 
     def replace(value, /, **changes):
-        """Return a dataclass' value with other values of some fields.
+        """Return a dataclass instance with some fields changed.
 
-        In a sixth of the time of ``dataclasses.replace``, as a log's loop makes many a ping: a frozen class sets its fields one by one past
-        its own refusal; here they are set in an open class of the same slots, whose instance then becomes one of the frozen class.
+        Six times as fast as ``dataclasses.replace``: the fields are set in a mutable class of the same slots, whose instance then becomes
+        one of the frozen class.
 
         Args:
-            value: Of a class with slots, or of any other at the standard library's pace.
-            changes: By name.
+            value: Instance; one of a class without slots takes as long as in the standard library.
+            changes: New values by field.
         """
         kind = type(value)
         parts = _parts(kind)
@@ -102,7 +102,7 @@ else:
 
 @cache
 def _parts(kind: type[Any]) -> tuple[Callable[[Any], tuple[Any, ...]], type[Any]] | None:
-    """Return what reads all fields of a class, and its open class; None where constructing a value does more than hold them."""
+    """Return the getter of all fields of a class and its mutable twin; None where construction does more than store the fields."""
     names = tuple(field.name for field in dataclasses.fields(kind) if field.init)
     own = kind.__bases__ == (object,) and vars(kind).get("__slots__") == names
     # of one name ``attrgetter`` returns no tuple

@@ -1,4 +1,4 @@
-"""How a vehicle flew its dives: the speed, depth and glide angle that plans assume unless they are set, and the flight model's error."""
+"""Speed, depth and glide angle of a vehicle's dives, the defaults of a plan; and the flight-model error."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -23,17 +23,17 @@ _OF_MAD = 1.4826
 
 @dataclass(frozen=True, slots=True)
 class FlownDive:
-    """A dive from surfacing to surfacing.
+    """Flight of one dive, from surfacing to surfacing.
 
     Attributes:
-        seconds: Between the fixes before and after it [s].
-        depth: Its greatest depth [m].
-        along: Horizontal speed through the water [m/s]: of the mean velocity, turns shorten it.
+        seconds: Time between the fixes before and after it [s].
+        depth: Greatest depth [m].
+        along: Magnitude of the mean horizontal velocity through the water [m/s].
         vertical: Mean vertical speed, down and up alike [m/s].
-        begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
-        yos: How often it goes down and up between the two.
-        radius: Of its goal [m]; NaN where none is stated.
-        declination: Of the Earth's magnetic field [degrees east]; NaN where none is stated.
+        begin_ns: Time of the fix before it [ns, UTC]; 0 if unknown.
+        yos: Number of yos, each a descent and an ascent.
+        radius: Radius of its goal [m]; NaN if not stated.
+        declination: Magnetic declination [degrees east]; NaN if not stated.
     """
 
     seconds: float
@@ -55,16 +55,16 @@ def flown_dive(
     radius: float = nan,
     declination: float = nan,
 ) -> FlownDive | None:
-    """Return a dive; None for one that does not show how the vehicle makes its way: its numbers are not known, or it goes up and down only.
+    """Return the flight of a dive; None if a value is unknown or the vehicle moved only vertically.
 
     Args:
-        seconds: Between the fixes before and after it.
+        seconds: Time between the fixes before and after it [s].
         way: shape (2,) [m/s], mean horizontal velocity through the water.
         depths: shape (n,) [m], along its path.
-        deepest: Its greatest depth [m], which ``depths`` need not hold.
-        begin_ns: Time of the fix before it [ns, UTC]; 0 where it is not known.
-        radius: Of its goal [m]; NaN where none is stated.
-        declination: Of the Earth's magnetic field [degrees east]; NaN where none is stated.
+        deepest: Greatest depth [m]; ``depths`` need not reach it.
+        begin_ns: Time of the fix before it [ns, UTC]; 0 if unknown.
+        radius: Radius of its goal [m]; NaN if not stated.
+        declination: Magnetic declination [degrees east]; NaN if not stated.
     """
     depths = list(depths)
     # from the surface and back
@@ -83,22 +83,22 @@ def flown_dive(
 
 @dataclass(frozen=True, slots=True)
 class AsFlown:
-    """How a vehicle flew: the median of its dives, rounded as displayed.
+    """Median flight parameters of a vehicle's dives, rounded as displayed.
 
     Attributes:
-        speed: Through the water, along the glide, to 1 cm/s [m/s].
-        glide_angle_deg: Below the horizontal in descents, to a degree.
+        speed: Speed through the water along the glide, to 1 cm/s [m/s].
+        glide_angle_deg: Glide angle of descents below the horizontal, to a degree.
         depth: Greatest depth of a dive, to 10 m, or to 1 m below 100 m [m].
-        duration: Of a dive, from surfacing to surfacing [s].
-        dives: Their number.
-        speed_std: Spread of the speed [m/s]; None, as the next two, of a single dive.
+        duration: Duration of a dive [s].
+        dives: Number of dives.
+        speed_std: Spread of the speed [m/s]; None, as the next two, for a single dive.
         depth_std: Spread of the depth [m].
         duration_std: Spread of the duration [s].
-        surface_time: Between dives [s]; None where the log does not show it.
-        longest: Of the dives [s]; None in results of earlier versions.
-        yos: How often a dive goes down and up.
-        radius: Of the last goal [m]; None where none is stated.
-        declination: Of the last dive that states it [degrees east]; None where none does.
+        surface_time: Time between dives [s]; None if the log does not show it.
+        longest: Duration of the longest dive [s]; None in results of earlier versions.
+        yos: Number of yos in a dive.
+        radius: Radius of the last goal [m]; None if not stated.
+        declination: Magnetic declination at the last dive that states it [degrees east]; None if none does.
     """
 
     speed: float
@@ -117,7 +117,7 @@ class AsFlown:
 
     @classmethod
     def of(cls, dives: Sequence[FlownDive]) -> Self | None:
-        """Return how a vehicle flew some dives; None without any."""
+        """Return the flight parameters of some dives; None without dives."""
         if not dives:
             return None
         along, vertical, depth = (
@@ -148,19 +148,19 @@ class AsFlown:
         return self.speed * sin(radians(self.glide_angle_deg))
 
     def magnetic(self, heading: float) -> float | None:
-        """Return a true heading as the vehicle's compass shows it [degrees]; None where its declination is not known."""
+        """Return the magnetic heading of a true heading [degrees]; None if the declination is unknown."""
         return None if self.declination is None else (heading - self.declination) % 360.0
 
     @property
     def is_plausible(self) -> bool:
-        """Whether a glider flies at this speed."""
+        """Whether the speed is plausible for a glider."""
         return _SLOWEST <= self.speed <= _FASTEST
 
     def notes(self) -> tuple[str, ...]:
-        """Return what of the dives a user of a plan should know: their number and spread, and what the log does not show."""
+        """Return notes for the user of a plan: number and spread of the dives, and quantities that the log does not show."""
         if self.speed_std is None or self.depth_std is None or self.duration_std is None:
             return (
-                ("the vehicle is known from a single dive: its spread is not known",)
+                ("flight parameters from a single dive, without a spread",)
                 if self.dives == 1
                 else ()
             )
@@ -176,12 +176,12 @@ class AsFlown:
         )
 
     def to_record(self) -> dict[str, str]:
-        """Return it as results hold it."""
+        """Return the flight parameters as a record of a result."""
         return {name: str(value) for name, value in asdict(self).items() if value is not None}
 
     @classmethod
     def in_metadata(cls, metadata: Mapping[str, Mapping[str, str]]) -> Self | None:
-        """Return how the vehicle of a result flew, from the result's records by name; None where they do not say it.
+        """Return the flight parameters in the records of a result; None if they are absent.
 
         Raises:
             LogError: The record is damaged.
@@ -197,12 +197,12 @@ class AsFlown:
             return cls(**numbers | whole)
         except (KeyError, TypeError, ValueError) as error:
             raise LogError(
-                f"{AS_FLOWN}: expected numbers of how the vehicle flew, got {dict(record)}; replay the log again"
+                f"{AS_FLOWN}: expected numbers as flight parameters, got {dict(record)}; replay the log again"
             ) from error
 
 
 def _spread(values: Sequence[float]) -> float | None:
-    """Return the standard deviation of values by their median absolute deviation; None of fewer than two."""
+    """Return the standard deviation estimated from the median absolute deviation; None for fewer than two values."""
     if len(values) < 2:
         return None
     middle = median(values)
@@ -210,7 +210,7 @@ def _spread(values: Sequence[float]) -> float | None:
 
 
 def _surface_time(dives: Sequence[FlownDive]) -> float | None:
-    """Return the median time between dives that follow each other [s]; None where fixes are shared or no times are known."""
+    """Return the median time between consecutive dives [s]; None if fixes are shared or times unknown."""
     gaps = [
         (after.begin_ns - before.begin_ns) / 1e9 - before.seconds
         for before, after in pairwise(dives)
@@ -223,16 +223,16 @@ def _surface_time(dives: Sequence[FlownDive]) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class FlightCorrection:
-    """The correction of a log's mean currents, as its dives show it at the end.
+    """Flight-model correction of a log's DACs at its end.
 
     Attributes:
-        sizes: Magnitude of the correction of each mean current that was corrected and used [m/s].
-        along: Error of the flight model along the way through the water, as a share of it.
-        across: The same across the way, to the left.
-        along_std: Its standard deviation.
-        across_std: Its standard deviation.
-        dives: Number of dives from which it is known.
-        evidence: Log evidence of the error over none, without the dive on which it rests most [nats].
+        sizes: Magnitude of the correction of each corrected and used DAC [m/s].
+        along: Flight-model error along the velocity through the water, relative to it.
+        across: Relative error across it, to the left.
+        along_std: Standard error of ``along``.
+        across_std: Standard error of ``across``.
+        dives: Number of dives that determine it.
+        evidence: Log evidence for the error without the most influential dive [nats].
     """
 
     sizes: tuple[float, ...]

@@ -16,7 +16,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file, text as UTF-8, completely or not at all; errors are those of ``atomic_file``."""
+    """Write a file completely or not at all, text as UTF-8; raises the errors of ``atomic_file``."""
     with atomic_file(path) as file:
         file.write(content.encode() if isinstance(content, str) else content)
 
@@ -28,12 +28,12 @@ def atomic_file(path: Path, check: Callable[[Path], None] | None = None) -> Iter
     An error or interrupt leaves the part; on a full disk it is removed, which makes room.
 
     Args:
-        path: The final name; a file of that name is replaced.
-        check: Called with the complete part on the disk; if it raises, the part is not renamed.
+        path: Final name; an existing file is replaced.
+        check: Called with the complete part; if it raises, the part is not renamed.
 
     Raises:
-        ConfigError: As of ``open_part``.
-        ReplayKitError: It cannot be written to its end, as on a full disk.
+        ConfigError: See ``open_part``.
+        ReplayKitError: Writing fails, for example on a full disk.
     """
     part = part_of(path)
     with stored(part), open_part(path) as file:
@@ -55,10 +55,10 @@ def atomic_file(path: Path, check: Callable[[Path], None] | None = None) -> Iter
 
 @contextmanager
 def stored(path: Path) -> Iterator[None]:
-    """Turn an error of the disk in the block into one that names the file; one that names another file passes through.
+    """Convert an OSError in the block into an error that names the file, unless it names another one.
 
     Args:
-        path: The file that is written.
+        path: File being written.
 
     Raises:
         ReplayKitError: It cannot be written.
@@ -79,21 +79,19 @@ def stored(path: Path) -> Iterator[None]:
 
 
 def part_of(path: Path) -> Path:
-    """Return the name that an output has until it is complete."""
+    """Return the name of an incomplete output."""
     return path.with_name(path.name + ".part")
 
 
 def claim(file: BinaryIO, path: Path) -> None:
-    """Take the lock of an open file, which is free again once the file is closed or the process has ended.
-
-    On a file system without locks nothing is locked.
+    """Lock an open file until it is closed or the process ends; no effect on file systems without locks.
 
     Args:
-        file: Open for writing.
-        path: What is written, for the error.
+        file: File open for writing.
+        path: Output named in the error.
 
     Raises:
-        ConfigError: Another process has it.
+        ConfigError: Another process holds the lock.
     """
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -107,14 +105,14 @@ def claim(file: BinaryIO, path: Path) -> None:
 
 @contextmanager
 def claimed(lock: Path, path: Path) -> Iterator[None]:
-    """Hold the lock of what one process at a time may write.
+    """Hold the lock of an output that one process at a time may write.
 
     Args:
-        lock: A file for this alone.
-        path: What is written, for the error.
+        lock: Lock file.
+        path: Output named in the error.
 
     Raises:
-        ConfigError: As of ``claim``.
+        ConfigError: See ``claim``.
     """
     with lock.open("wb") as file:
         claim(file, path)
@@ -122,14 +120,16 @@ def claimed(lock: Path, path: Path) -> Iterator[None]:
 
 
 def open_part(path: Path, kept: bool = False) -> BinaryIO:
-    """Return the part of an output, a new file that is open for writing and locked; one left over by an interrupted run is replaced.
+    """Return the part file of an output, new, open for writing and locked; a part of an interrupted run is replaced.
 
-    Or it is kept, to be written over from its beginning.
+    Symbolic links are not followed and only regular files are written, so that other users of the folder cannot redirect the output.
 
-    Links are not followed, and what is no file is not written to: who may write in the folder may not choose what else is overwritten.
+    Args:
+        path: The output.
+        kept: Whether an existing part is overwritten from its beginning instead.
 
     Raises:
-        ConfigError: The output, or its part, exists and is no file, the part cannot be created, or another process is writing it.
+        ConfigError: The output or its part exists and is no file, cannot be created, or is being written by another process.
     """
     part = part_of(path)
     if path.exists() and not path.is_file():
@@ -161,7 +161,7 @@ def open_part(path: Path, kept: bool = False) -> BinaryIO:
 
 
 def sync(path: Path) -> None:
-    """Force a file or folder to the disk, so that a rename never outlives its content after a power cut."""
+    """Flush a file or folder to disk, so that a rename survives a power cut only with its content."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,8 +1,7 @@
-"""The colours of everything shown: a palette of roles for each medium, and scales that colour-blind people read and print keeps.
+"""Colours of figures and pages: a palette by role for each medium, and colour scales for colour-blind readers and print.
 
 The scales are those of cmocean (Thyng et al., 2016, "True colors of oceanography", doi:10.5670/oceanog.2016.66; MIT licence), at equal
-steps; ``speed`` is its ``ice`` from pale to deep, as slow water has the tone of the page. The package itself is no dependency: it uses
-what matplotlib 3.13 no longer has.
+steps; ``speed`` is its ``ice`` reversed. The package itself is no dependency: it needs functions that matplotlib 3.13 removed.
 """
 
 #: By role, on a light page and on paper that a page is printed on; also of exported files.
@@ -41,13 +40,13 @@ _SCALES = {
 
 
 def scale(name: str) -> list[tuple[float, str]]:
-    """Return a colour scale: positions in 0..1, each with its colour."""
+    """Return a colour scale as pairs of position in [0, 1] and colour."""
     colors = _SCALES[name].split()
     return [(k / (len(colors) - 1), f"#{color}") for k, color in enumerate(colors)]
 
 
 def palette_css() -> str:
-    """Return the palettes as variables of a page's style, such as ``--one``."""
+    """Return the palettes as CSS variables, such as ``--one``."""
 
     def rule(selector: str, palette: dict[str, str]) -> str:
         return f"{selector} {{ {' '.join(f'--{role}: {color};' for role, color in palette.items())} }}\n"

@@ -1,7 +1,7 @@
-"""The tree of errors that replay-kit raises for bad input, and findings: contradictions in the inputs.
+"""Errors that replay-kit raises for bad input, and findings of inconsistent inputs.
 
-Every message states what was expected, what was found, where, and what to do about it. ``exit_code`` is what the
-command line returns for the error; 3 means that an input is unusable, 2 that an option or the configuration is wrong.
+Every message states what was expected, what was found, where, and what to do. ``exit_code`` is the exit code of the command line: 3 for an
+unusable input, 2 for a wrong option or configuration.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,16 +17,16 @@ Severity = Literal["warning", "misfit", "inconsistent", "unusable"]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A contradiction.
+    """A failed check: two inputs that contradict each other.
 
     Attributes:
-        name: What contradicts what, in a few words that are the same for all such findings.
-        since_ns: Time of the message with which it was established [ns, UTC]; 0 when it holds for the whole run.
-        evidence: The figures.
-        cause: The likely cause.
+        name: Name of the check, equal for all such findings.
+        since_ns: Time of the message that established it [ns, UTC]; 0 if it holds for the whole run.
+        evidence: Figures that show it.
+        cause: Likely cause.
         advice: What to check or set.
-        severity: What follows.
-        distrusts: Whether the instrument's profiles are not used: neither later ones nor those before.
+        severity: Consequence.
+        distrusts: Whether all profiles of the instrument are excluded, earlier ones too.
     """
 
     name: str
@@ -38,12 +38,12 @@ class Finding:
     distrusts: bool = False
 
     def __str__(self) -> str:
-        """Return it as a sentence."""
+        """Return the finding as a sentence."""
         return finding_text(finding_json(self))
 
 
 def finding_json(finding: Finding) -> dict[str, Any]:
-    """Return a finding for JSON; a time that is not known is null."""
+    """Return a finding for JSON; an unknown time is null."""
     return {
         "name": finding.name,
         "since": time_text(finding.since_ns) if finding.since_ns else None,
@@ -55,18 +55,26 @@ def finding_json(finding: Finding) -> dict[str, Any]:
 
 
 def severity_word(severity: str) -> str:
-    """Return what a finding of some severity is called."""
+    """Return the word for a severity."""
     return severity if severity in ("warning", "misfit") else "contradiction"
 
 
 def finding_text(found: Mapping[str, Any]) -> str:
-    """Return a finding, as ``finding_json`` has it, as a sentence."""
+    """Return a finding as a sentence.
+
+    Args:
+        found: Finding in the form of ``finding_json``.
+    """
     since = f" (since {found['since']})" if found["since"] else ""
     return f"{found['name']}{since}: {found['evidence']}; likely cause: {found['likely_cause']}; {found['set']}"
 
 
 def finding_line(found: Mapping[str, Any]) -> str:
-    """Return a finding, as ``finding_json`` has it, as a line of an answer on the terminal."""
+    """Return a finding as a line on the terminal.
+
+    Args:
+        found: Finding in the form of ``finding_json``.
+    """
     return f"{severity_word(found['severity']).upper()}: {finding_text(found)}"
 
 
@@ -74,8 +82,8 @@ class ReplayKitError(Exception):
     """Root of every error that replay-kit raises on purpose.
 
     Attributes:
-        findings: The contradictions in the inputs that led to it.
-        answer: What ``--json`` says of the run that it ended.
+        findings: Findings that led to it.
+        answer: Output of ``--json`` for the run that it ended.
     """
 
     exit_code = 1
@@ -86,7 +94,7 @@ class ReplayKitError(Exception):
         self.answer: dict[str, Any] = {}
 
     def _render_traceback_(self) -> list[str]:
-        """Return what a notebook shows of it: one line, as on the command line; ``%debug`` has the frames."""
+        """Return the error's line in a notebook, as on the command line; ``%debug`` has the traceback."""
         return [f"{type(self).__name__}: {self}"]
 
 

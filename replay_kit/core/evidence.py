@@ -1,6 +1,6 @@
 """Log evidence (marginal likelihood) of forecasts, their comparison, bootstrap intervals, and scores of Gaussian predictions.
 
-Results are read with what is here, so that scipy is imported where a score is computed.
+scipy is imported only where a score is computed, so that results can be read without it.
 """
 
 import math
@@ -23,10 +23,10 @@ def bootstrap_interval(
     Source: Efron and Tibshirani (1993), An Introduction to the Bootstrap, section 13.3.
 
     Args:
-        statistic: Takes the positions of the drawn cases, shape (resamples, cases), and returns its value of each row, shape (resamples,).
+        statistic: Function of the indices of the drawn cases, shape (resamples, cases), that returns a value per row, shape (resamples,).
         cases: Number of cases, at least 1.
-        resamples: Number of times that as many cases are drawn.
-        share: Of the resampled values inside the interval.
+        resamples: Number of resamples.
+        share: Fraction of the resampled values inside the interval.
     """
     drawn = np.random.default_rng(0).integers(cases, size=(resamples, cases))
     low, high = np.quantile(statistic(drawn), [0.5 - 0.5 * share, 0.5 + 0.5 * share])
@@ -41,11 +41,11 @@ _RESAMPLES, _LEAST = 4000, 3
 
 @dataclass(frozen=True, slots=True)
 class BlockEvidence:
-    """The log evidence of the measurements of one dive, or of one hour of a log without dives.
+    """Log evidence of one dive, or of one hour of a log without dives.
 
     Attributes:
-        log_density: Sum of the logarithms of the measurements' densities, each given those before; without the constant of 2 pi.
-        values: Number of values measured: components of bins.
+        log_density: Sum of the log densities of the measurements, each given the earlier ones, without the constant of 2 pi.
+        values: Number of measured components of bins.
         measurements: Number of profiles and mean currents.
     """
 
@@ -54,7 +54,7 @@ class BlockEvidence:
     measurements: int = 0
 
     def __add__(self, other: "BlockEvidence") -> "BlockEvidence":
-        """Return the sums of both."""
+        """Return the sums of two blocks."""
         return BlockEvidence(
             self.log_density + other.log_density,
             self.values + other.values,
@@ -69,40 +69,40 @@ class BlockEvidence:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """The log evidence of a log under one forecast.
+    """Log evidence of a forecast by the measurements of a log.
 
     Attributes:
-        blocks: By number of the dive; before the first dive and without dives by hour, as minus the hours since 1970.
+        blocks: Evidence by dive number; before the first dive and without dives by hour, as minus the hours since 1970.
     """
 
     blocks: Mapping[int, BlockEvidence]
 
     @property
     def total(self) -> BlockEvidence:
-        """Of the whole log."""
+        """Log evidence of the whole log."""
         return sum(self.blocks.values(), BlockEvidence())
 
     @property
     def by_dive(self) -> dict[int, BlockEvidence]:
-        """Of each dive, in order."""
+        """Log evidence by dive, in order."""
         return {dive: self.blocks[dive] for dive in sorted(self.blocks) if dive > 0}
 
 
 def block_of(dive: int, time_ns: int) -> int:
-    """Return the key of a measurement's block."""
+    """Return the key of the block of a measurement."""
     return dive if dive > 0 else -(time_ns // _HOUR_NS)
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two forecasts compared by the same measurements.
+    """Comparison of two forecasts by the same measurements.
 
     Attributes:
-        blocks: Number of dives, or of hours, compared.
-        skipped: Number of those that were not, because the two forecasts do not cover the same measurements of them.
-        gain: Log evidence of the first less that of the second, in all.
-        mean: The same a block.
-        interval: Ends of the 90 % interval of the mean, from resampling the blocks; NaN with fewer than three.
+        blocks: Number of dives or hours compared.
+        skipped: Number of dives or hours in which the two forecasts do not cover the same measurements.
+        gain: Log evidence of the first minus that of the second.
+        mean: Mean of this difference per block.
+        interval: Ends of the 90 % bootstrap interval of the mean; NaN with fewer than three blocks.
     """
 
     blocks: int
@@ -113,16 +113,16 @@ class Comparison:
 
     @property
     def verdict(self) -> str:
-        """Which explained the log better: ``first``, ``second``, or ``undecided`` where the interval holds zero or there is none."""
+        """Better forecast: ``first``, ``second``, or ``undecided`` if the interval contains zero or is NaN."""
         low, high = self.interval
         return "first" if low > 0.0 else "second" if high < 0.0 else "undecided"
 
 
 def compare(one: Evidence, other: Evidence) -> Comparison:
-    """Return the comparison of two forecasts, block by block; a block counts where both have as many values of it.
+    """Return the comparison of two forecasts over the blocks in which both have equally many values.
 
     The interval is the percentile bootstrap's of the mean over blocks (Efron and Tibshirani 1993, chapter 13): measurements of one dive
-    share the errors of the estimate, and one dive that a forecast misses altogether must not decide alone.
+    share the errors of the estimate, and one dive must not decide alone.
     """
     keys = sorted(one.blocks.keys() | other.blocks.keys())
     nothing = BlockEvidence()
@@ -146,13 +146,13 @@ def _interval(gains: Sequence[float]) -> tuple[float, float]:
 
 
 def coverage(error: Array, std: Array, share: float, scatter: Array | None = None) -> float:
-    """Return the share of errors inside the central interval that has a probability of ``share``.
+    """Return the fraction of errors inside the central interval of probability ``share``.
 
     Args:
         error: Predicted mean minus the outcome, any shape.
         std: Predicted standard deviation, broadcast against it.
-        share: The probability.
-        scatter: Standard deviation of a Gaussian noise of the errors, whose mean is taken; None for none.
+        share: Probability of the interval.
+        scatter: Standard deviation of Gaussian noise in the errors, over which the fraction is averaged; None for no noise.
     """
     from scipy.special import ndtr, ndtri
 
@@ -166,13 +166,12 @@ def coverage(error: Array, std: Array, share: float, scatter: Array | None = Non
 def crps_gaussian(error: Array, std: Array, scatter: Array | float = 0.0) -> Array:
     """Return the continuous ranked probability score of Gaussian predictions (Gneiting et al. 2005, Mon. Wea. Rev. 133, eq. 5).
 
-    It is the mean distance to the prediction less half of the mean distance of two predictions, and the mean of the first over a noise
-    of the errors is that of a wider prediction.
+    The score is the mean distance to the prediction less half of the mean distance between two predictions. Noise widens the first.
 
     Args:
         error: Predicted mean minus the outcome, any shape.
         std: Predicted standard deviation, broadcast against it; where it is 0 the score is the absolute error.
-        scatter: Standard deviation of a Gaussian noise of the errors, whose mean is taken.
+        scatter: Standard deviation of Gaussian noise in the errors, over which the score is averaged.
     """
     from scipy.special import ndtr
 

@@ -1,7 +1,7 @@
-"""Additions by installed packages: entry points in groups named ``replay_kit.KIND``; and the names of objectives, with those added.
+"""Entry points of installed packages, in groups named ``replay_kit.KIND``; and the names of all objectives.
 
-A package adds a value of a kind under a name of its choice. It is loaded when a value of its kind is first needed, and a package that
-cannot be loaded ends the run: a result must not depend on whether an addition happened to load.
+A package adds a value of a kind under a name of its choice, loaded when first needed. A package that cannot be loaded ends the run: a
+result must not depend on it silently.
 """
 
 import ast
@@ -29,17 +29,17 @@ Kind = Literal["logs", "dialects", "sensors", "estimators", "checks", "sections"
 
 
 def names_of(kind: Kind) -> tuple[str, ...]:
-    """Return the names of the additions of a kind; none of them is loaded."""
+    """Return the names of the additions of a kind without loading them."""
     return tuple(point.name for point in _points(kind))
 
 
 def additions(kind: Kind, fits: Callable[[Any], bool], expected: str) -> Mapping[str, Any]:
-    """Return the additions of a kind by their names.
+    """Return the additions of a kind by name.
 
     Args:
-        kind: What they are.
-        fits: Whether a value is of the kind.
-        expected: What it should be, for the error.
+        kind: Kind of the additions.
+        fits: Returns whether a value is of the kind.
+        expected: Description of the kind in the error.
 
     Raises:
         ConfigError: A package cannot be loaded, or adds something else, or a name that another one adds.
@@ -61,7 +61,7 @@ def additions(kind: Kind, fits: Callable[[Any], bool], expected: str) -> Mapping
 
 @cache
 def _points(kind: Kind) -> "tuple[EntryPoint, ...]":
-    """Return the entry points of a kind in the order of their names: that of installed packages is not the same everywhere."""
+    """Return the entry points of a kind, sorted, as the order of installed packages varies."""
     # here, because it takes as long to load as the whole command line
     from importlib.metadata import entry_points
 
@@ -92,21 +92,21 @@ ObjectiveName = Literal["time", "energy", "odds", "closest"]
 
 
 def is_objective(name: str) -> bool:
-    """Return whether an objective has a name."""
+    """Return whether an objective of this name exists."""
     return name in objective_names()
 
 
 def objective_names() -> tuple[str, ...]:
-    """Return the names of all objectives: the project's own, then those that installed packages add."""
+    """Return the names of all objectives: the project's own, then additions."""
     return (*get_args(ObjectiveName), *names_of("objectives"))
 
 
 def on_demand(package: str, file: str) -> Callable[[str], object]:
-    """Return the function ``__getattr__`` of a package, by the imports that its file holds for types alone.
+    """Return the function ``__getattr__`` of a package that imports on demand.
 
     Args:
         package: Its ``__name__``.
-        file: Its ``__file__``, of which each import below ``if TYPE_CHECKING`` is done when its name is first asked for.
+        file: Its ``__file__``; each import below ``if TYPE_CHECKING`` is executed when its name is first used.
     """
 
     @cache
@@ -122,7 +122,7 @@ def on_demand(package: str, file: str) -> Callable[[str], object]:
         }
 
     def get(name: str) -> object:
-        """Return the value of a name.
+        """Return the object of a name.
 
         Raises:
             AttributeError: The package has no such name.

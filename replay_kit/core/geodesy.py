@@ -1,7 +1,7 @@
-"""Longitude and latitude to the local east-north frame and back, and the rotation of vectors between them.
+"""Transformation between geographic coordinates and the local east-north frame, of positions and vectors.
 
-The local frame is the azimuthal equidistant projection (WGS84) about a region's centre. Away from the centre its axes
-are not true east and north: the angle between them is the meridian convergence, and vectors turn by it.
+The local frame is the azimuthal equidistant projection (WGS84) about a region's centre. Away from the centre its axes deviate from true
+east and north by the meridian convergence, by which vectors are rotated.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ def _proj(projection: Projection) -> Proj:
 def to_local(
     projection: Projection, longitude: ArrayLike, latitude: ArrayLike
 ) -> tuple[Array, Array]:
-    """Return local (east, north) [m] of places given in degrees; the shapes are kept, any longitude convention is read."""
+    """Return local (east, north) [m] of geographic positions [degrees] in any longitude convention; shapes are kept."""
     place: Any = longitude, latitude
     if not (isinstance(longitude, float) and isinstance(latitude, float)):
         # of plain numbers an array takes longer than the projection
@@ -41,7 +41,7 @@ def to_local(
 
 
 def to_geographic(projection: Projection, east: ArrayLike, north: ArrayLike) -> tuple[Array, Array]:
-    """Return (longitude, latitude) [degrees] of local points [m]; longitudes in -180..180."""
+    """Return (longitude, latitude) [degrees] of local points [m]; longitudes in [-180, 180]."""
     longitude, latitude = _proj(projection)(
         np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64), inverse=True
     )
@@ -51,7 +51,7 @@ def to_geographic(projection: Projection, east: ArrayLike, north: ArrayLike) -> 
 def grid_bearing_of_true_north(
     projection: Projection, longitude: ArrayLike, latitude: ArrayLike
 ) -> Array:
-    """Return the angle [rad], clockwise from the local north axis, in which true north points at each place; NaN where a place is NaN."""
+    """Return the bearing of true north [rad], clockwise from local north; NaN where a position is NaN."""
     longitude = np.fmod(np.asarray(longitude, dtype=np.float64), 360.0)
     latitude = np.asarray(latitude, dtype=np.float64)
     known = np.isfinite(longitude) & np.isfinite(latitude)
@@ -73,9 +73,9 @@ def _bearing_at(projection: Projection, longitude: float, latitude: float) -> fl
 
 
 def true_north_halfway(projection: Projection, begins: Array, ends: Array) -> Array:
-    """Return the angles [rad], shape (L,), by which true north is turned from local north halfway between places, clockwise.
+    """Return the bearing of true north [rad], shape (L,), clockwise from local north, halfway between positions.
 
-    With this angle a straight line of the local frame ends where one that a compass holds does, to the second order in its length.
+    With it a straight local line and a course of constant heading end at the same point to second order in their length.
 
     Args:
         projection: The local frame.
@@ -100,9 +100,9 @@ def rotate_to_local(
 
     Args:
         projection: The local frame.
-        longitude: Places [degrees].
-        latitude: Places [degrees].
-        east: Components towards true east, broadcast against the places.
+        longitude: Positions [degrees east].
+        latitude: Positions [degrees north].
+        east: Components towards true east, broadcast against the positions.
         north: Components towards true north.
     """
     return _rotate(grid_bearing_of_true_north(projection, longitude, latitude), east, north)
@@ -132,18 +132,17 @@ def rate_in_frame(
     through_water: tuple[Any, Any],
     current: tuple[Any, Any],
 ) -> tuple[Any, Any]:
-    """Return how fast the local coordinates (east, north) of a vehicle change [m/s], for NumPy arrays and CasADi expressions.
+    """Return the rate of a vehicle's local coordinates (east, north) [m/s], for NumPy arrays and CasADi expressions.
 
-    True north is turned against local north, and the projection stretches lengths across its radius: by 4e-4 at 300 km. Azimuths are those
-    on the auxiliary sphere of the ellipsoid, whose arc to the place is taken with the radius halfway: 4e-7 of the rate within 300 km at 60
-    degrees of latitude, 2e-6 near the pole.
+    True north deviates from local north, and the projection stretches lengths across its radius: by 4e-4 at 300 km. Azimuths are on the
+    auxiliary sphere, with the ellipsoid's radius halfway: relative error 4e-7 within 300 km at 60 degrees of latitude, 2e-6 near the pole.
 
     Args:
         projection: The local frame.
-        east: Where the vehicle is, local [m].
-        north: The same.
-        through_water: Its velocity towards true east and true north [m/s].
-        current: The water's, along the local axes as ``rotate_to_local`` returns it [m/s].
+        east: Position of the vehicle, local [m].
+        north: Position of the vehicle, local [m].
+        through_water: Velocity through the water, true east and north [m/s].
+        current: Current along the local axes, as from ``rotate_to_local`` [m/s].
 
     References:
         Karney (2013), Algorithms for geodesics, doi:10.1007/s00190-012-0578-z; Snyder (1987), USGS Professional Paper 1395, p. 195.
@@ -170,7 +169,7 @@ def rate_in_frame(
 
 
 def _azimuth_of_true_north(projection: Projection, east: Any, north: Any) -> tuple[Any, Any]:
-    """Return sine and cosine of the angle, clockwise from local north, of true north at local places [m]: its azimuth less the radius's."""
+    """Return sine and cosine of the bearing of true north, clockwise from local north, at local positions [m]."""
     reduced = atan((1.0 - _ELLIPSOID.f) * tan(radians(projection.latitude)))
     sine, cosine = sin(reduced), cos(reduced)
     halfway = sine + 0.5 * cosine * north / _ELLIPSOID.a
@@ -189,7 +188,7 @@ def _azimuth_of_true_north(projection: Projection, east: Any, north: Any) -> tup
 def distance(
     longitude: ArrayLike, latitude: ArrayLike, other_longitude: ArrayLike, other_latitude: ArrayLike
 ) -> Array:
-    """Return geodesic distances [m] on WGS84 between places given in degrees."""
+    """Return geodesic distances [m] on WGS84 between positions [degrees]."""
     x0, y0, x1, y1 = np.broadcast_arrays(longitude, latitude, other_longitude, other_latitude)
     _, _, metres = _ELLIPSOID.inv(x0, y0, x1, y1)
     return np.asarray(metres, dtype=np.float64)
@@ -198,21 +197,21 @@ def distance(
 def offset(
     longitude: Array, latitude: Array, to_longitude: Array, to_latitude: Array
 ) -> tuple[Array, Array]:
-    """Return east and north [m], shapes (n,), of places in the local frames about others: ``to_local`` with a projection a row."""
+    """Return east and north [m], shapes (n,), of positions in the local frames about others: ``to_local`` with a projection per row."""
     azimuth, _, metres = _ELLIPSOID.inv(longitude, latitude, to_longitude, to_latitude)
     angle = np.deg2rad(azimuth)
     return np.asarray(metres * np.sin(angle)), np.asarray(metres * np.cos(angle))
 
 
 def moved(longitude: Array, latitude: Array, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return longitudes and latitudes [degrees], shapes (n,), of local points [m] about places: ``to_geographic`` with one a row."""
+    """Return longitudes and latitudes [degrees], shapes (n,), of local points [m] about positions: ``to_geographic`` by row."""
     azimuth, metres = heading_deg(east, north), np.hypot(east, north)
     to_longitude, to_latitude, _ = _ELLIPSOID.fwd(longitude, latitude, azimuth, metres)
     return np.asarray(to_longitude), np.asarray(to_latitude)
 
 
 def heading_deg(east: ArrayLike, north: ArrayLike) -> Array:
-    """Return the compass direction [degrees clockwise from north, in [0, 360)] that a vector points to."""
+    """Return the direction of a vector [degrees clockwise from north, in [0, 360)]."""
     return np.mod(np.rad2deg(np.arctan2(east, north)), 360.0)
 
 
@@ -223,13 +222,13 @@ def unwrap_longitude(longitude: ArrayLike, near: float) -> Array:
 
 
 def inside_grid(grid: Grid, east: ArrayLike, north: ArrayLike) -> Mask:
-    """Return whether local points [m] lie inside the grid's outline, its edge included to a millimetre; the shape is kept."""
+    """Return whether local points [m] lie inside the grid's outline or within 1 mm of it; the shape is kept."""
     return np.asarray(_contains(grid)(east, north))
 
 
 @lru_cache(maxsize=8)
 def _contains(grid: Grid) -> Callable[..., Any]:
-    """Return whether a grid's outline and a millimetre around it contain local points."""
+    """Return the function that tests whether local points lie inside a grid's outline or within 1 mm of it."""
     # loads slowly, and many commands ask nothing of an outline
     import shapely
 
@@ -239,7 +238,7 @@ def _contains(grid: Grid) -> Callable[..., Any]:
 
 
 def nearest(grid: Grid, places: Array, wet: bool = False) -> Indices:
-    """Return the number of the grid's point, or of its ``nodes``, nearest to each place; ``places`` of shape (..., 2) [m]."""
+    """Return the index of the grid point nearest to each position, shape (..., 2) [m]; of ``nodes`` with ``wet``."""
     found = _points(grid, wet)(np.nan_to_num(places).reshape(-1, 2))
     return np.asarray(found).reshape(places.shape[:-1])
 
@@ -255,13 +254,13 @@ def _points(grid: Grid, wet: bool) -> Callable[[Array], Any]:
 
 
 def outline(grid: Grid) -> Array:
-    """Return the grid points around the grid, shape (n, 2) [m], local east and north, the first not repeated."""
+    """Return the boundary points of the grid, shape (n, 2) [m], local east and north, the first not repeated."""
     points = np.stack([grid.east, grid.north], axis=-1)
     return np.concatenate([points[0, :-1], points[:-1, -1], points[-1, :0:-1], points[:0:-1, 0]])
 
 
 def metres_per_degree(latitude: float) -> tuple[float, float]:
-    """Return the lengths of a degree of longitude and of latitude on WGS84 [m] at a latitude [degrees north]: exact for short ways."""
+    """Return the lengths of a degree of longitude and of latitude on WGS84 [m] at a latitude [degrees north]."""
     squared = 1.0 - _ELLIPSOID.es * sin(radians(latitude)) ** 2
     across = _ELLIPSOID.a / sqrt(squared)
     along = across * (1.0 - _ELLIPSOID.es) / squared

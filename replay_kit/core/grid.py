@@ -1,4 +1,4 @@
-"""The local frame, the forecast's grid in it, the members on the grid, and the seabed around it."""
+"""Local frame, forecast grid, ensemble members on it, and seabed."""
 
 from dataclasses import dataclass
 
@@ -44,7 +44,7 @@ class Grid:
     wet: Mask
 
     def __repr__(self) -> str:
-        """Return its shape and what it covers."""
+        """Return shape and extent as text."""
         z, j, i = self.wet.shape
         region = f"longitude {span_text(self.longitude)}, latitude {span_text(self.latitude)} degrees, depth {span_text(self.levels)} m"
         return (
@@ -64,17 +64,16 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Ensemble:
-    """Forecast members on one grid. A truth is an ensemble of one.
+    """Forecast members on one grid; a truth is an ensemble of one.
 
     Attributes:
-        grid: Where the members are given.
-        velocity: shape (E, 2, Z, J, I) [m/s], along the local frame's axes; NaN where dry; in the
-            file's precision; on disk where it is larger than memory.
-        time_ns: Time [ns, UTC]; None when the file gives none.
-        source: Path of the file, with ``#member`` when one was chosen.
-        notes: What a user should know of how it was read.
-        members: Where each comes from; empty for what was not read.
-        representation_error_std: What doubtful labels add to the error of each component [m/s].
+        grid: Grid of the members.
+        velocity: shape (E, 2, Z, J, I) [m/s], along the local axes; NaN where dry; in the file's precision; on disk if larger than memory.
+        time_ns: Time [ns, UTC]; None if the file gives none.
+        source: Path of the file, with ``#member`` if one was chosen.
+        notes: Notes for the user on how it was read.
+        members: Source of each member; empty if not read.
+        representation_error_std: Error of each component added for ambiguous labels [m/s].
         made_from: ``lags``, ``times`` or ``models`` where the members' spread is not their error.
     """
 
@@ -88,7 +87,7 @@ class Ensemble:
     made_from: str = ""
 
     def __repr__(self) -> str:
-        """Return its source, size and time, and its grid."""
+        """Return source, size, time and grid as text."""
         speed = self.component_rms
         first = f"Ensemble of {self.n_members} members from {self.source}, {time_text(self.time_ns)}, RMS component speed {speed:.3f} m/s"
         return f"{first}\n  {self.grid}"
@@ -104,12 +103,12 @@ class Ensemble:
         return component_rms(self.velocity)
 
     def rows(self, start: int, stop: int, level: int | None = None) -> Array:
-        """Return the velocities in some rows of the grid, a copy, shape (E, 2, Z, rows, I).
+        """Return a copy of the velocities in some rows of the grid, shape (E, 2, Z, rows, I).
 
         Args:
             start: First row.
             stop: After the last row.
-            level: The only level, Z = 1; None for all.
+            level: Index of a single level, Z = 1; None for all.
         """
         levels = slice(None) if level is None else slice(level, level + 1)
         copy = np.array(self.velocity[:, :, levels, start:stop], dtype=np.float64)
@@ -118,7 +117,7 @@ class Ensemble:
 
 
 def component_rms(velocity: Values) -> float:
-    """Return the root mean square of a component [m/s], member by member; ``velocity`` of shape (E, ...), NaN where dry."""
+    """Return the root mean square of a component [m/s] over ``velocity``, shape (E, ...), NaN where dry."""
     square, count = 0.0, 0
     for member in one_by_one(velocity):
         wet = member[np.isfinite(member)]
@@ -133,7 +132,7 @@ class Seabed:
     Attributes:
         east: shape (I,) [m], cell centres, evenly spaced.
         north: shape (J,) [m], cell centres, evenly spaced.
-        depth: shape (J, I) [m], positive down; land is 0 or less, NaN where it is unknown.
+        depth: shape (J, I) [m], positive down; 0 or less on land, NaN if unknown.
     """
 
     east: Array

@@ -1,4 +1,4 @@
-"""Inputs: what may be one, whether it stays as it was while it is read, and how large it claims to be."""
+"""Checks of input files: kind, changes while they are read, and claimed size."""
 
 import errno
 import os
@@ -26,9 +26,9 @@ _KINDS = (
 
 
 def why_no_input(path: Path) -> str:
-    """Return why a path can be no input; empty for a file or folder, that a link leads to too, and where there is nothing.
+    """Return why a path cannot be an input; empty for a file or folder, also by a link, and for a missing one.
 
-    Inputs are read several times and from any place on. Nobody may ever write to a pipe, and a device need not end.
+    Inputs are read several times from any offset, which pipes and devices do not allow.
     """
     try:
         mode = os.stat(path).st_mode
@@ -37,18 +37,14 @@ def why_no_input(path: Path) -> str:
             return ""
         return f"{error.strerror}; give the name of a file"
     kind = next((name for holds, name in _KINDS if holds(mode)), "")
-    return (
-        f"it is {kind}, not a file; write what comes from it to a file, and give that"
-        if kind
-        else ""
-    )
+    return f"it is {kind}, not a file; save its output to a file, and give that" if kind else ""
 
 
 def open_input(path: str | Path) -> BinaryIO:
-    """Return a file opened to be read; what is no file is not waited for.
+    """Return a file opened for reading; pipes and devices are refused without waiting.
 
     Raises:
-        OSError: It cannot be opened, or can be no input.
+        OSError: The file cannot be opened or is no regular file.
     """
     if why := why_no_input(Path(path)):
         raise OSError(errno.EINVAL, why, str(path))
@@ -60,11 +56,11 @@ _FREE, _RATIO = 1 << 25, 100
 
 
 def exceeds_claim(path: Path, size: int) -> str:
-    """Return why arrays of that many bytes cannot be what a file is meant to hold; empty where they can.
+    """Return why a file cannot hold arrays of a size; empty if it can.
 
     Args:
-        path: The file, or the folder of a store.
-        size: What its arrays take in memory [bytes].
+        path: File or folder of a store.
+        size: Size of its arrays in memory [bytes].
     """
     needed = (size - _FREE) / _RATIO
     # what is on a server has limits of its own
@@ -72,14 +68,14 @@ def exceeds_claim(path: Path, size: int) -> str:
 
 
 def claim_text(size: int, held: int) -> str:
-    """Return why arrays of that many bytes cannot be held by so many of a file; empty where they can."""
+    """Return why a file of ``held`` bytes cannot hold arrays of ``size`` bytes; empty if it can."""
     if size <= _FREE + _RATIO * held:
         return ""
     return f"it claims {size / 1e6:.0f} MB of values in a file of {held / 1e6:.3f} MB, more than {_RATIO} times its bytes"
 
 
 def held(path: str | os.PathLike[str], enough: float) -> int:
-    """Return the bytes of a file, or of the files below a folder, of which no more are counted than are enough."""
+    """Return the bytes of a file, or of the files below a folder, counted up to ``enough``."""
     if not os.path.isdir(path):
         status = os.stat(path)
         # of a file whose bytes were never written all; a file system that says nothing of it says zero
@@ -98,7 +94,7 @@ _NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable"
 
 
 def plain_attribute(value: Any) -> Any:
-    """Return an attribute of HDF5 as NetCDF means it: an array of one is that one, and bytes are text."""
+    """Return an HDF5 attribute as NetCDF means it: arrays of length one as scalars, bytes as text."""
     import numpy as np
 
     value = np.ravel(value)[0] if np.size(value) == 1 else value
@@ -108,16 +104,16 @@ def plain_attribute(value: Any) -> Any:
 
 
 def packed_fill(fill: Any, dtype: Any, factor: float, offset: float) -> Any:
-    """Return a missing value as packed values have it; some writers state it as it is unpacked.
+    """Return a fill value in packed form, also where the writer states it unpacked.
 
-    CF has it packed. A number that is not stated in the type of the values is taken as unpacked where it is no integer, or where its packed
-    form is one of the few values that 16 bits can hold.
+    CF states it packed. A number in another type than the values' counts as unpacked if it is no integer, or if its packed form fits in 16
+    bits.
 
     Args:
-        fill: As stated.
-        dtype: Of the packed values.
-        factor: By which they are multiplied.
-        offset: Which is added then.
+        fill: Stated fill value.
+        dtype: Type of the packed values.
+        factor: Scale factor of the packed values.
+        offset: Offset added after scaling.
     """
     import numpy as np
 
@@ -134,7 +130,7 @@ def packed_fill(fill: Any, dtype: Any, factor: float, offset: float) -> Any:
 
 
 def is_dimension(item: "h5py.Dataset") -> bool:
-    """Return whether a dataset of HDF5 is a dimension of NetCDF without a variable."""
+    """Return whether an HDF5 dataset is a NetCDF dimension without a variable."""
     return str(plain_attribute(item.attrs.get("NAME", ""))).startswith(_NO_VARIABLE)
 
 
@@ -148,13 +144,13 @@ _before, _changing = list[tuple[int, int]](), threading.Lock()
 
 @contextmanager
 def unpacking(size: int = 0, threads: int = 0) -> Iterator[None]:
-    """Let this process grow by no more than a decoder needs, since no header says what compressed bytes become.
+    """Limit the growth of this process's memory to the needs of a decoder, as no header states the size of unpacked data.
 
-    One that needs more ends with an ``OSError`` or a ``MemoryError``. Only Linux tells what a process has; elsewhere nothing is limited.
+    Beyond the limit an ``OSError`` or a ``MemoryError`` is raised. No effect except on Linux.
 
     Args:
-        size: What is read takes in memory [bytes].
-        threads: How many may be started for it.
+        size: Size of the data in memory [bytes].
+        threads: Number of threads that may be started.
     """
     if sys.platform != "linux":
         yield
@@ -185,7 +181,7 @@ def unpacking(size: int = 0, threads: int = 0) -> Iterator[None]:
 
 
 def _unlimited() -> None:
-    """Let a reader's limit go; what another one still needs stays."""
+    """Remove a reader's limit; those of other readers remain."""
     with _changing:
         before = _before.pop()
         if not _before:
@@ -197,21 +193,21 @@ Stamp = tuple[int, int, int, int]
 
 
 def stamps_of(paths: Iterable[Path]) -> dict[Path, Stamp]:
-    """Return what tells each file from a changed one; folders, and names that are no file, are left out."""
+    """Return stamps that identify unchanged files; folders and missing files are skipped."""
     return {path: _stamp(path.stat()) for path in paths if path.is_file()}
 
 
 def check_unchanged(before: Mapping[Path, Stamp], may_grow: bool = False) -> None:
-    """Raise LogError when a file is no longer what it was.
+    """Raise LogError if a file has changed.
 
     Args:
-        before: What ``stamps_of`` returned before the files were read.
-        may_grow: Whether a file may have become longer, as a log that is being recorded.
+        before: Result of ``stamps_of`` before the files were read.
+        may_grow: Whether files may have grown, as a log being recorded.
     """
     for path, stamp in before.items():
         if not path.is_file():
             raise LogError(
-                f"{path}: expected to stay as it was while it is read, but it is gone; keep it until the run ends, and run again"
+                f"{path}: changed while it was read: it is gone; keep it until the run ends, and run again"
             )
         now = _stamp(path.stat())
         if now == stamp or (may_grow and now[:2] == stamp[:2] and now[2] > stamp[2]):
@@ -223,7 +219,7 @@ def check_unchanged(before: Mapping[Path, Stamp], may_grow: bool = False) -> Non
         else:
             what = "was written to"
         raise LogError(
-            f"{path}: expected to stay as it was while it is read, but it {what}; "
+            f"{path}: changed while it was read: it {what}; "
             "if it is still being recorded, give a copy of it, and run again"
         )
 

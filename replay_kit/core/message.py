@@ -1,4 +1,4 @@
-"""A log's messages, decoded or as stored, and a reader's report on the log as a whole."""
+"""Decoded and raw messages of a log, and a reader's report on it."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -9,16 +9,15 @@ from replay_kit.core.text import time_text
 
 
 class Message(NamedTuple):
-    """One decoded message of a log; a tuple, as a log has millions and a frozen dataclass takes four times as long to make.
+    """Decoded message of a log; a tuple, four times as fast as a frozen dataclass.
 
     Attributes:
-        time_ns: The time that orders the replay [ns, UTC], by the clock the reader was asked for.
+        time_ns: Time that orders the replay [ns, UTC], by the reader's chosen clock.
         topic: Channel name; for MAVLink ``mavlink/{system}/{component}/{NAME}``.
-        schema: Schema name as in the file (``foxglove.LocationFix``, ``sensor_msgs/msg/NavSatFix``); for MAVLink the
-            message's name.
-        payload: Plain mapping of field names to numbers, strings, bytes, lists and mappings, whatever the encoding was.
+        schema: Schema name as in the file (``foxglove.LocationFix``, ``sensor_msgs/msg/NavSatFix``); for MAVLink the message's name.
+        payload: Mapping of field names to numbers, strings, bytes, lists and mappings, independent of the encoding.
         input: Position of the log among the run's inputs.
-        position: Ordinal or byte offset in that log; grows through the file.
+        position: Ordinal or byte offset in that log, increasing.
     """
 
     time_ns: int
@@ -29,21 +28,21 @@ class Message(NamedTuple):
     position: int
 
     def __repr__(self) -> str:
-        """Return what it is and the names of its fields, without their values."""
+        """Return time, topic, schema and field names as text."""
         return f"Message {time_text(self.time_ns)} {self.topic} ({self.schema}): {', '.join(map(str, self.payload))}"
 
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """Part of a damaged log that is lost.
+    """Lost part of a damaged log.
 
     Attributes:
-        what: For a person: where the damage is and what was done.
-        offset: Byte offset in the file at which whole records end.
-        bytes: Number of bytes that could not be used.
-        messages: Number of messages in them; None when the file does not state it.
-        first_ns: Earliest time that they may have [ns, UTC]; None when the file does not state it.
-        last_ns: Latest.
+        what: Description of the damage and its handling.
+        offset: Byte offset of the end of the last whole record.
+        bytes: Number of unusable bytes.
+        messages: Number of messages in them; None if not stated.
+        first_ns: Earliest possible time of them [ns, UTC]; None if not stated.
+        last_ns: Latest possible time of them [ns, UTC].
     """
 
     what: str
@@ -56,18 +55,18 @@ class Loss:
 
 @dataclass(frozen=True, slots=True)
 class LogReport:
-    """What a reader found in one log, complete once its messages were read to the end.
+    """Reader's report on one log, complete once all messages were read.
 
     Attributes:
         path: The log.
         format: ``mcap``, ``tlog``, ``dataflash``, ``pd0``, ``ad2cp``, or a dialect of glider files, such as ``seaglider``.
-        read: Messages found, by topic, decoded or not.
-        undecodable: Topic to (count, reason) for what no decoder could read.
-        losses: Damage found; empty for a sound file.
-        without_stamp: Messages ordered by their log time although the clock is ``header``, because they carry no stamp.
-        unchecked: What no checksum covers, so that damage to it cannot be detected: kind to count.
-        notes: What a user should know about its clocks, and what was assumed of its units, signs and names.
-        mission: Name of the mission that it is of; empty when it does not state it.
+        read: Number of messages by topic, decoded or not.
+        undecodable: Topic to (count, reason) of undecodable messages.
+        losses: Lost parts; empty for an intact file.
+        without_stamp: Number of messages without a header stamp, ordered by log time.
+        unchecked: Counts of records without a checksum, by kind.
+        notes: Notes on its clocks and on assumed units, signs and names.
+        mission: Name of the mission; empty if not stated.
     """
 
     path: str
@@ -82,18 +81,18 @@ class LogReport:
 
 
 class LogReader(AbstractContextManager["LogReader"], Protocol):
-    """A log opened for reading, a context whose end closes the passes that were not finished."""
+    """A log opened for reading, a context manager that closes unfinished passes."""
 
     path: str
     format: str
     input: int
 
     def messages(self) -> Iterator[Message]:
-        """Yield the decoded messages in the file's order; ``merge`` puts them in the order of their times."""
+        """Yield the decoded messages in file order; ``merge`` sorts them by time."""
         ...
 
     def report(self) -> LogReport:
-        """Return what was found so far."""
+        """Return the report on the messages read so far."""
         ...
 
 
@@ -108,11 +107,11 @@ class RawChannel:
     """A channel as an MCAP file declares it.
 
     Attributes:
-        number: Tells it from others of the same topic in its file.
-        topic: Its name.
-        encoding: Of its messages.
-        metadata: Keys and values.
-        schema: Name, encoding and data; None when it has none.
+        number: Number that distinguishes channels of one topic in its file.
+        topic: Topic name.
+        encoding: Encoding of its messages.
+        metadata: Pairs of key and value.
+        schema: Name, encoding and data; None without a schema.
     """
 
     number: int
@@ -123,17 +122,17 @@ class RawChannel:
 
 
 class RawMessage(NamedTuple):
-    """A message, its bytes untouched; a tuple for the same reason as ``Message``.
+    """Message with its bytes unchanged.
 
     Attributes:
-        time_ns: The time that orders it, by the clock asked for [ns].
+        time_ns: Time that orders it, by the chosen clock [ns].
         input: Position of the log among the run's inputs.
         position: Ordinal in that log.
-        channel: Where it was sent.
-        sequence: As in the file.
-        log_ns: As in the file.
-        publish_ns: As in the file.
-        data: The payload.
+        channel: Its channel.
+        sequence: Sequence number in the file.
+        log_ns: Log time in the file [ns].
+        publish_ns: Publish time in the file [ns].
+        data: Payload.
     """
 
     time_ns: int
@@ -147,18 +146,18 @@ class RawMessage(NamedTuple):
 
     @property
     def topic(self) -> str:
-        """The channel's topic."""
+        """Topic of the channel."""
         return self.channel.topic
 
 
 class OutChannels:
-    """Gives the numbers of channels in the file being written; each is declared once, before its first message."""
+    """Registry of the channels of the file being written; each is declared once, before its first message."""
 
     def __init__(self, writer: Any) -> None:
-        """Begin with none.
+        """Create an empty registry.
 
         Args:
-            writer: Where new ones are declared, by ``register_schema`` and ``register_channel`` as MCAP's own writer has them.
+            writer: Writer with ``register_schema`` and ``register_channel``, as in the package mcap.
         """
         self._writer = writer
         # without a schema its number is 0
@@ -166,10 +165,10 @@ class OutChannels:
         self._channels: dict[tuple[int, RawChannel], int] = {}
 
     def number(self, input: int, channel: RawChannel) -> int:
-        """Return a channel's number in the file, declared when it is new.
+        """Return a channel's number in the file; declares new ones.
 
         Args:
-            input: Tells the channels of one log from those of another.
+            input: Number of the channel's log.
             channel: The channel.
         """
         key: tuple[int, RawChannel] = (input, channel)

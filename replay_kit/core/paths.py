@@ -1,4 +1,4 @@
-"""Paths and addresses as users give them, and checks of all of a command's files before any work begins."""
+"""Paths and addresses given by users, and checks of all files of a command before it starts."""
 
 import os
 import re
@@ -19,18 +19,18 @@ _SCHEME = re.compile(r"(?:[a-z][a-z0-9.+-]+::)?[a-z][a-z0-9.+-]+://", re.IGNOREC
 
 
 class Address(PosixPath):
-    """The address of a forecast on a server; no such file exists, so that checks of paths leave it out.
+    """Address of a forecast on a server; checks of paths skip it.
 
-    As text it has neither a login nor a query, which may hold a key: messages, logs and results show no more.
+    Its text in messages, logs and results has neither login nor query, which may hold a key.
 
     Attributes:
-        url: The address as it was given.
+        url: Complete address.
     """
 
     url: str = ""
 
     def __new__(cls, url: str) -> "Address":
-        """Return the address of a text that ``path_of`` takes for one."""
+        """Return the address of a text."""
         made = super().__new__(cls, public(url))
         made.url = url
         return made
@@ -52,11 +52,11 @@ class Address(PosixPath):
         return hash(self.url)
 
     def resolve(self, strict: bool = False) -> "Address":
-        """Return itself."""
+        """Return the address itself."""
         return self
 
     def absolute(self) -> "Address":
-        """Return itself."""
+        """Return the address itself."""
         return self
 
 
@@ -70,7 +70,7 @@ def path_of(text: str) -> Path:
     """Return the path, or the ``Address``, that a text names; ``file://`` stands for a path.
 
     Raises:
-        ConfigError: It is an address that nothing here reads.
+        ConfigError: The scheme of the address is not supported.
     """
     if _ADDRESS.fullmatch(text):
         return Address(text)
@@ -89,13 +89,13 @@ def check_paths(
     overwrite: bool,
     may_exist: Iterable[Path | None] = (),
 ) -> None:
-    """Raise ConfigError when an input can be none, or an output cannot or may not be written; the contents of no file are read.
+    """Raise ConfigError if an input is no file or folder, or an output cannot or may not be written; no contents are read.
 
     Args:
         inputs: Files and stores (folders) to read; None and names that do not exist are ignored.
-        outputs: Files to write, each first as ``NAME.part``; None and ``-``, standard output, are ignored.
+        outputs: Files to write, first as ``NAME.part``; None and ``-`` (standard output) are ignored.
         overwrite: Whether an existing output is replaced; an input never is.
-        may_exist: Outputs that may exist because a run continues from them.
+        may_exist: Outputs from which a run continues.
     """
     kept = [path for path in may_exist if path is not None]
     read = [path for path in inputs if path is not None]
@@ -124,11 +124,11 @@ def check_paths(
 
 
 def check_inputs(inputs: Iterable[Path | None]) -> None:
-    """Raise PlanError for the first input of a plan that is not there; None is ignored."""
+    """Raise PlanError for the first missing input of a plan; None is ignored."""
     for path in inputs:
         if path is not None and not path.exists():
             raise PlanError(
-                f"{path}: expected a file to plan with, there is none of this name; check the path"
+                f"{path}: expected an input of the plan, file not found; check the path"
             )
 
 
@@ -137,10 +137,10 @@ def as_path(value: object, what: str) -> Path:
 
     Args:
         value: The path.
-        what: What it is the path of, for the error.
+        what: Name of the argument in the error.
 
     Raises:
-        ConfigError: It is something else.
+        ConfigError: The value is neither.
     """
     if isinstance(value, str):
         return path_of(value)
@@ -152,10 +152,10 @@ def as_path(value: object, what: str) -> Path:
 
 
 def as_paths(value: object, what: str) -> tuple[Path, ...]:
-    """Return the paths of one or of several given as in ``as_path``.
+    """Return one or several paths given as in ``as_path``.
 
     Raises:
-        ConfigError: As in ``as_path``, or there is none.
+        ConfigError: See ``as_path``, or there is no path.
     """
     if isinstance(value, list | tuple):
         if not value:
@@ -165,23 +165,23 @@ def as_paths(value: object, what: str) -> tuple[Path, ...]:
 
 
 def as_groups(value: object, what: str) -> tuple[tuple[Path, ...], ...]:
-    """Return the paths of one or of several given as in ``as_paths``, where one may be several that belong together.
+    """Return groups of paths; each item is a path or a list of paths.
 
     Raises:
-        ConfigError: As in ``as_paths``.
+        ConfigError: See ``as_paths``.
     """
     each = value if isinstance(value, list | tuple) and value else as_paths(value, what)
     return tuple(as_paths(one, what) for one in each)
 
 
 def addresses_in(given: Paths) -> tuple[Address, ...]:
-    """Return the addresses among paths, also in groups."""
+    """Return the addresses among paths or groups of paths."""
     groups = as_groups(given, "ensemble")
     return tuple(path for group in groups for path in group if isinstance(path, Address))
 
 
 def check_folder(out: Path) -> None:
-    """Raise ConfigError when a folder for results cannot be made."""
+    """Raise ConfigError if a folder for results cannot be created."""
     if out.exists() and not out.is_dir():
         raise ConfigError(f"{out}: is a file; give the name of a folder")
     _check_parent(out)
@@ -195,7 +195,7 @@ def _check_parent(path: Path) -> None:
 
 
 def is_stream(path: Path) -> bool:
-    """Return whether a path is a pipe or a device, which is written to and not replaced."""
+    """Return whether a path is a pipe or device, which is written in place."""
     return path.is_fifo() or path.is_char_device()
 
 
@@ -205,7 +205,7 @@ def truth_path(spec: str | None) -> Path | None:
 
 
 def _same(path: Path, other: Path) -> bool:
-    """Return whether two names are one file, also by links or by a file system that ignores case."""
+    """Return whether two names are one file, also through links or a file system that ignores case."""
     # unlike ``Path.resolve`` of a link that leads back to itself
     return os.path.realpath(path) == os.path.realpath(other) or (
         path.exists() and other.exists() and path.samefile(other)
@@ -213,7 +213,7 @@ def _same(path: Path, other: Path) -> bool:
 
 
 def _touches(path: Path, source: Path) -> bool:
-    """Return whether writing a path changes an input: it is the input, or lies in it, as in a Zarr store."""
+    """Return whether writing a path changes an input: the path is the input or lies in it, as in a Zarr store."""
     return _same(path, source) or (
         source.is_dir() and path.resolve().is_relative_to(source.resolve())
     )

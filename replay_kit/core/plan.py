@@ -1,4 +1,4 @@
-"""Where to go, and how to get there."""
+"""Plans: positions, areas, odds, and the result of a planner."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -33,13 +33,13 @@ PlanStatus = Literal["reached", "uncertain", "partial", "unreachable", "unsafe",
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """An area that a plan keeps out of, or a fence that it does not leave.
+    """Area that a plan avoids, or fence that it does not leave.
 
     Attributes:
-        name: Its name.
-        surface_only: Whether only surfacing is forbidden in it.
-        corners: Longitude and latitude [degrees] of each, the first not repeated.
-        holes: Those of its holes.
+        name: Name.
+        surface_only: Whether only surfacing is forbidden.
+        corners: Longitude and latitude [degrees] of the corners, the first not repeated.
+        holes: Corners of its holes.
         fence: Whether it is a fence.
     """
 
@@ -55,7 +55,7 @@ _NINETY = NormalDist().inv_cdf(0.95)
 
 
 def share_interval(share: float, count: int) -> tuple[float, float]:
-    """Return the interval of 90 % of a probability that was estimated by the share of some independent trials, one at least.
+    """Return the 90 % interval of a probability from the fraction of successes in at least one independent trial.
 
     References:
         Wilson (1927), Probable inference, the law of succession, and statistical inference.
@@ -71,12 +71,12 @@ class Odds:
 
     Attributes:
         n_samples: Number of flights.
-        reached: Fraction that comes up within the radius of each goal in time.
+        reached: Fraction that surfaces within the radius of each goal in time.
         safe: Fraction that violates no constraint.
-        radius: [m].
-        deadline: Since the start [s].
-        arrival_median: When half have arrived, since the start [s]; infinite where fewer do.
-        arrival_90_percent: When nine of ten have.
+        radius: Radius of the goals [m].
+        deadline: Time limit since the start [s].
+        arrival_median: Time since the start at which half have arrived [s]; infinite if fewer do.
+        arrival_90_percent: Time at which nine of ten have arrived [s].
     """
 
     n_samples: int
@@ -90,31 +90,31 @@ class Odds:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Plan:
-    """A glide at one constant velocity through water, and where it is predicted to go.
+    """Plan of a glide at constant velocity through water, or of a mission, with its predicted track.
 
     Attributes:
-        status: ``reached`` when the predicted path passes the goal within the tolerance, ``unreachable`` when the best path found
-            does not, ``unsafe`` when it or too many samples violate a constraint, ``uncertain`` when too few samples arrive, ``partial``
-            when it ends at a horizon before the goal, ``failed`` when the solver gave no usable path.
-        start: Where it begins.
-        goal: Where it should pass.
+        status: ``reached`` when the predicted path passes the goal within the tolerance, ``unreachable`` when the best path found does not,
+            ``unsafe`` when it or too many samples violate a constraint, ``uncertain`` when too few samples arrive, ``partial`` when it ends
+            at a horizon before the goal, ``failed`` when the solver gave no usable path.
+        start: Start.
+        goal: Goal.
         start_time_ns: [ns, UTC].
-        heading_deg: Through water, clockwise from true north at the start, in [0, 360).
-        glide_angle_deg: Below the horizontal, positive down.
-        speed: Through water [m/s].
+        heading_deg: Heading, clockwise from true north at the start, in [0, 360).
+        glide_angle_deg: Glide angle, positive down.
+        speed: Speed through water [m/s].
         velocity_through_water: shape (3,) [m/s], local east, local north, down.
-        duration: To the closest approach [s].
+        duration: Time to the closest approach [s].
         closest_approach: Least predicted distance to the goal [m].
-        track_time: shape (n,) [s] since the start.
+        track_time: shape (n,) [s], time since the start.
         track: shape (n, 3) [m], predicted local east, north, depth.
-        message: Words for a person, with the limit that binds if any.
-        statistics: What the solver did: iterations, starts, return status.
-        legs: Of a mission, each by name: commands, times, place of the surfacing and its ellipse; none of a glide.
-        energy: [J]; NaN when it is not known.
-        battery: Energy that the vehicle has [J]; NaN when it is not stated.
-        odds: Of arriving; None without samples.
-        areas: That the plan keeps out of.
-        bottom: shape (n,) [m], depth of the bottom under the track; NaN where it is not known, None without a bathymetry.
+        message: Text for the user, with the binding limit if any.
+        statistics: Solver statistics: iterations, starts, return status.
+        legs: Legs of a mission: commands, times, surfacing and its ellipse; empty for a glide.
+        energy: Energy used [J]; NaN if unknown.
+        battery: Energy of the battery [J]; NaN if not stated.
+        odds: Odds of arrival; None without samples.
+        areas: Areas and fences of the plan.
+        bottom: shape (n,) [m], seabed depth under the track; NaN if unknown, None without a bathymetry.
     """
 
     status: PlanStatus
@@ -139,7 +139,7 @@ class Plan:
     bottom: Array | None = None
 
     def __repr__(self) -> str:
-        """Return its ends, what to steer and how it turns out."""
+        """Return ends, commands and outcome as text."""
         ends = " to ".join(
             f"{place_text(end.longitude, end.latitude)}, {end.depth:g} m"
             for end in (self.start, self.goal)
@@ -155,10 +155,10 @@ class Plan:
 
 
 def leg_statistics(legs: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """Return the legs of a mission as a result holds them among the statistics of its plan: JSON by number."""
+    """Return the legs of a mission as entries of a plan's statistics: JSON by number."""
     return {f"leg_{leg['leg']:03d}": json.dumps(leg) for leg in legs}
 
 
 def plan_legs(statistics: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the legs of a mission from the statistics of its plan in a result, in order; none of a glide."""
+    """Return the legs of a mission from a plan's statistics, in order; empty for a glide."""
     return [json.loads(statistics[name]) for name in sorted(statistics) if name.startswith("leg_")]

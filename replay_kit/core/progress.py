@@ -1,4 +1,4 @@
-"""Work whose caller decides how its stages are shown, and where its independent calls are made: here, or on a pool of workers."""
+"""Progress of stages, and calls that may run on a pool of workers; the caller decides both."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -13,7 +13,7 @@ Progress = Callable[[float, float, str], None]
 
 
 def silent(done: float, total: float, what: str) -> None:
-    """Report nothing."""
+    """Ignore progress."""
 
 
 _SHOWN: ContextVar[Progress] = ContextVar("progress", default=silent)
@@ -21,7 +21,7 @@ _SHOWN: ContextVar[Progress] = ContextVar("progress", default=silent)
 
 @contextmanager
 def shown_by(progress: Progress) -> Iterator[None]:
-    """Show what is announced in this context by a function; results never depend on it."""
+    """Report progress in this context to a function; results do not depend on it."""
     token = _SHOWN.set(progress)
     try:
         yield
@@ -30,12 +30,12 @@ def shown_by(progress: Progress) -> Iterator[None]:
 
 
 def announce(what: str, done: float = 0, total: float = 0) -> None:
-    """Report a stage to the function that shows progress; without one nothing happens."""
+    """Report a stage to the function that shows progress, if any."""
     _SHOWN.get()(done, total, what)
 
 
 def counted(what: str, total: float) -> Callable[[], None]:
-    """Return a function that is called after each of some steps and announces how many are done."""
+    """Return a function that reports one more step done at each call."""
     done = count(1)
     return lambda: announce(what, next(done), total)
 
@@ -50,7 +50,7 @@ _CALLER: ContextVar[Caller] = ContextVar("caller", default=starmap)
 
 @contextmanager
 def called_by(caller: Caller) -> Iterator[None]:
-    """Make the calls of ``each_call`` in this context by another function, such as a pool's; results never depend on it."""
+    """Execute the calls of ``each_call`` in this context by another function, such as a pool's; results do not depend on it."""
     token = _CALLER.set(caller)
     try:
         yield
@@ -62,8 +62,8 @@ def each_call(function: Callable[..., Value], rows: Iterable[tuple[Any, ...]]) -
     """Yield the values of a function for rows of arguments, in their order; each may be computed in another process.
 
     Args:
-        function: Without side effects; it and its arguments can be pickled.
-        rows: Its arguments; one that stands in several rows is sent once. Here each row is asked for after the call before it.
+        function: Function without side effects that can be pickled, as its arguments.
+        rows: Its arguments; one used in several rows is sent once. Without a pool rows are drawn lazily.
     """
     return _CALLER.get()(function, rows)
 
@@ -72,17 +72,17 @@ def each_call(function: Callable[..., Value], rows: Iterable[tuple[Any, ...]]) -
 class Stopwatch:
     """Wall time spent in each stage.
 
-    It is mutable, because a stage adds its time also when it raises; no result depends on it.
+    Mutable, as a stage adds its time also when it raises.
 
     Attributes:
-        seconds: By stage.
+        seconds: Wall time by stage [s].
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Add the time that a block takes to a stage."""
+        """Add the time of the block to a stage."""
         began = time.perf_counter()
         try:
             yield

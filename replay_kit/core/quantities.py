@@ -1,4 +1,4 @@
-"""Quantities as texts and files state them: times as nanoseconds since 1970 (UTC), durations, and units by their names."""
+"""Parsing of times (ns since 1970, UTC), durations and unit names."""
 
 import re
 from datetime import UTC, date, datetime, timedelta
@@ -38,10 +38,10 @@ _SPEED = re.compile(r"([a-z]+?)(?:(?:/|per)(?:s|sec|second)|(?:s|second)-1)")
 
 
 def parse_time(text: str) -> int:
-    """Return a time [ns, UTC] written in ISO 8601; without an offset it is UTC, with one it is converted.
+    """Return a time [ns, UTC] from ISO 8601 text; UTC without an offset.
 
     Raises:
-        ConfigError: The text is no such time, or lies outside 1970..2262, the years that 64 bits of nanoseconds hold.
+        ConfigError: The text is no such time, or lies outside 1970..2262, the range of 64-bit nanoseconds.
     """
     try:
         moment = datetime.fromisoformat(text.strip())
@@ -63,7 +63,7 @@ def parse_time(text: str) -> int:
 
 
 def parse_duration(text: str) -> float:
-    """Return a duration [s] written as a number and its unit: ``90s``, ``30min``, ``6h`` or ``3d``.
+    """Return a duration [s] from a number and its unit: ``90s``, ``30min``, ``6h`` or ``3d``.
 
     Raises:
         ConfigError: The text is no such duration.
@@ -111,10 +111,10 @@ def to_time_ns(time: Any) -> "NDArray[np.int64]":
 
 
 def measured_at(time: Any, what: str) -> "NDArray[np.int64]":
-    """Return times of measurements as of ``to_time_ns``.
+    """Return times of measurements as ``to_time_ns``, with a check of their unit.
 
     Raises:
-        ConfigError: A value is none, or looks like another unit of a clock; the message begins with ``what``.
+        ConfigError: A value is no time or seems to be in another unit; the message begins with ``what``.
     """
     try:
         time_ns = to_time_ns(time)
@@ -128,7 +128,7 @@ def measured_at(time: Any, what: str) -> "NDArray[np.int64]":
 
 
 def unit_of_clock(time_ns: "NDArray[np.int64]") -> str:
-    """Return the unit in which times [ns, UTC] would be of 1990 to 2100, where they are not as nanoseconds; empty where none would."""
+    """Return the unit in which times [ns, UTC] would lie in 1990..2100 if not in nanoseconds; empty without one."""
     return next(
         (
             unit
@@ -140,17 +140,17 @@ def unit_of_clock(time_ns: "NDArray[np.int64]") -> str:
 
 
 def metres(unit: str) -> float | None:
-    """Return the metres of a unit of length, a symbol or a name in any case; None for others."""
-    return _SYMBOLS.get(unit, _named(unit.lower().replace("meter", "metre"), _METRES))
+    """Return the length of a unit [m], by symbol or name in any case; None if unknown."""
+    return _SYMBOLS.get(unit, _factor_of(unit.lower().replace("meter", "metre"), _METRES))
 
 
 def seconds(unit: str) -> float | None:
-    """Return the seconds of a unit of time, in any case; None for others."""
-    return _named(unit, _SECONDS)
+    """Return the duration of a unit [s], in any case; None if unknown."""
+    return _factor_of(unit, _SECONDS)
 
 
 def metres_per_second(unit: str) -> float | None:
-    """Return the metres per second of a unit of speed, in any case; None for others."""
+    """Return a unit of speed [m/s], in any case; None if unknown."""
     name = re.sub(r"\s|\*\*|[.^]", "", unit.lower())
     if name in _KNOTS:
         return 1852.0 / 3600.0
@@ -159,11 +159,11 @@ def metres_per_second(unit: str) -> float | None:
 
 
 def decibars(unit: str) -> float | None:
-    """Return the decibars of a unit of pressure, in any case; None for others."""
-    return _named(unit, _DECIBARS)
+    """Return a unit of pressure [dbar], in any case; None if unknown."""
+    return _factor_of(unit, _DECIBARS)
 
 
-def _named(unit: str, factors: dict[str, float]) -> float | None:
-    """Return the factor of a unit, in any case and perhaps in the plural; None for others."""
+def _factor_of(unit: str, factors: dict[str, float]) -> float | None:
+    """Return the factor of a unit, in any case, singular or plural; None if unknown."""
     name = unit.lower()
     return factors.get(name, factors.get(name.removesuffix("s")))

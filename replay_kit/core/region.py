@@ -1,6 +1,6 @@
-"""Boxes, and GeoJSON after RFC 7946, in degrees and across the antimeridian.
+"""Boxes and GeoJSON (RFC 7946) in degrees, also across the antimeridian.
 
-A box is (west, south, east, north), west > east across the antimeridian; positions are continuous there.
+A box is (west, south, east, north), west > east across the antimeridian.
 """
 
 import json
@@ -25,11 +25,11 @@ _FARTHEST = 89.0
 
 
 def around(places: ArrayLike, margin: float) -> Region:
-    """Return the smallest box that holds places and a margin around them.
+    """Return the smallest box around positions and a margin.
 
     Args:
-        places: shape (n, 2), n > 0, longitude and latitude [degrees]; places on both sides of the antimeridian give a box across it.
-        margin: [m].
+        places: shape (n, 2), n > 0, longitude and latitude [degrees], on either or both sides of the antimeridian.
+        margin: Margin [m].
     """
     longitude, latitude = np.asarray(places, dtype=np.float64).T
     directions = np.exp(1j * np.deg2rad(longitude))
@@ -44,7 +44,7 @@ def around(places: ArrayLike, margin: float) -> Region:
 
 
 def bounds_of(grid: Grid) -> Region:
-    """Return the smallest box that holds the points of a grid."""
+    """Return the smallest box around the points of a grid."""
     return around(np.column_stack([grid.longitude.ravel(), grid.latitude.ravel()]), 0.0)
 
 
@@ -66,17 +66,17 @@ def _wrapped(longitude: float) -> float:
 
 
 def centre(region: Region) -> tuple[float, float]:
-    """Return the longitude and latitude in the middle of a box [degrees]."""
+    """Return longitude and latitude of the centre of a box [degrees]."""
     return _wrapped(region[0] + 0.5 * width(region)), 0.5 * (region[1] + region[3])
 
 
 def width(region: Region) -> float:
-    """Return how far a box reaches from west to east [degrees]."""
+    """Return the extent of a box in longitude [degrees]."""
     return (region[2] - region[0]) % 360.0 or 360.0
 
 
 def depth_inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> Array:
-    """Return how far places lie inside a box, from its nearest side [m]; negative outside it.
+    """Return the distance of positions from the nearest side of a box [m]; negative outside it.
 
     Args:
         region: The box.
@@ -90,12 +90,12 @@ def depth_inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> A
 
 
 def inside(region: Region, longitude: ArrayLike, latitude: ArrayLike) -> Mask:
-    """Return whether places lie in a box; arguments as in ``depth_inside``."""
+    """Return whether positions lie in a box; arguments as in ``depth_inside``."""
     return np.asarray(depth_inside(region, longitude, latitude) >= 0.0)
 
 
 def text(region: Region) -> str:
-    """Return a box in words."""
+    """Return a box as text."""
     west, south, east, north = region
     return f"{west:g}..{east:g} E, {south:g}..{north:g} N"
 
@@ -106,7 +106,7 @@ _DIGITS = 7
 
 
 def positions(longitude: ArrayLike, latitude: ArrayLike, near: float) -> list[list[float]]:
-    """Return positions, their longitudes within 180 degrees of ``near``, or a map draws a line around the world."""
+    """Return GeoJSON positions with longitudes within 180 degrees of ``near``, so that no line runs around the world."""
     places = np.column_stack([unwrap_longitude(longitude, near), np.asarray(latitude, np.float64)])
     return cast(list[list[float]], places.round(_DIGITS).tolist())
 
@@ -121,10 +121,10 @@ def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Featu
 
 
 def cut_at_antimeridian(one: Feature) -> Feature:
-    """Return a feature whose longitudes are within 180 degrees: a line or a polygon across the antimeridian is cut there.
+    """Return a feature with longitudes in [-180, 180]; lines and polygons are cut at the antimeridian.
 
     Args:
-        one: Of continuous positions: a point, several, a line or a polygon.
+        one: Feature with continuous longitudes: points, a line or a polygon.
 
     References: RFC 7946, 3.1.9.
     """
@@ -157,12 +157,12 @@ def cut_at_antimeridian(one: Feature) -> Feature:
 
 
 def collection_file(features: Sequence[Feature]) -> str:
-    """Return features as the text of a file: those across the antimeridian are cut there."""
+    """Return the text of a GeoJSON file, its features cut at the antimeridian."""
     return collection_text([cut_at_antimeridian(one) for one in features]) + "\n"
 
 
 def collection_text(features: Sequence[Feature], indent: int | None = None) -> str:
-    """Return features as a text; figures that are not numbers raise ValueError."""
+    """Return features as GeoJSON text; ValueError for numbers that are not finite."""
     return json.dumps(
         {"type": "FeatureCollection", "features": features}, indent=indent, allow_nan=False
     )

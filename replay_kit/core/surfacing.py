@@ -1,4 +1,4 @@
-"""Where a dive or a plan's first leg is predicted to surface, and where the vehicle did."""
+"""Predicted and actual surfacings of dives and of a plan's first leg."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,21 +14,21 @@ from replay_kit.core.observation import Fix, VehicleState
 
 
 def apart(begin: Any, end: Any) -> tuple[float, float]:
-    """Return how far towards true east and north a place lies from another [m]; both have longitude and latitude."""
+    """Return the offset between two positions, true east and north [m]; both have longitude and latitude."""
     east, north = to_local(Projection(begin.longitude, begin.latitude), end.longitude, end.latitude)
     return float(east), float(north)
 
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """An ellipse of predicted surfacings.
+    """Ellipse of predicted surfacings.
 
     Attributes:
-        longitude: Of its centre [degrees east].
-        latitude: Of its centre [degrees north].
-        major: Semi-axis [m].
-        minor: Semi-axis [m].
-        bearing_deg: Of the major axis, clockwise from true north, in [0, 180).
+        longitude: Centre [degrees east].
+        latitude: Centre [degrees north].
+        major: Semi-major axis [m].
+        minor: Semi-minor axis [m].
+        bearing_deg: Bearing of the major axis, clockwise from true north, in [0, 180).
     """
 
     longitude: float
@@ -38,22 +38,22 @@ class Ellipse:
     bearing_deg: float
 
     def scaled(self, factor: float) -> "Ellipse":
-        """Return an ellipse about the same place with other axes."""
+        """Return the ellipse with its axes scaled."""
         return replace(self, major=factor * self.major, minor=factor * self.minor)
 
     def holds(self, longitude: float, latitude: float) -> bool:
-        """Return whether a place lies inside."""
-        along, across = self._apart(longitude, latitude)
+        """Return whether a position lies inside."""
+        along, across = self._axis_distances(longitude, latitude)
         # an ellipse without width holds what lies on it
         return hypot(along * self.minor, across * self.major) <= self.major * self.minor
 
     def radius_of(self, longitude: float, latitude: float) -> float:
-        """Return the factor by which the ellipse is to be scaled to reach a place; infinite for one without width."""
-        along, across = self._apart(longitude, latitude)
+        """Return the scale factor for the ellipse to reach a position; infinite if it has no width."""
+        along, across = self._axis_distances(longitude, latitude)
         return hypot(along / self.major, across / self.minor) if self.minor > 0.0 else inf
 
-    def _apart(self, longitude: float, latitude: float) -> tuple[float, float]:
-        """Return how far a place is from the centre along the major axis and across it [m]."""
+    def _axis_distances(self, longitude: float, latitude: float) -> tuple[float, float]:
+        """Return the distances of a position from the centre along and across the major axis [m]."""
         east, north = apart(self, Fix(0, longitude, latitude))
         bearing = radians(self.bearing_deg)
         return (
@@ -62,10 +62,7 @@ class Ellipse:
         )
 
     def outline(self, projection: Projection) -> Array:
-        """Return its outline in a local frame, shape (37, 2) [m], the last point the first.
-
-        It runs counter-clockwise, as RFC 7946 asks of the outer ring of a polygon.
-        """
+        """Return the outline in a local frame, shape (37, 2) [m], counter-clockwise (RFC 7946), the last point equal to the first."""
         # the last point is the first to the last bit
         angle = np.deg2rad(10.0 * (np.arange(37) % 36))
         turn = grid_bearing_of_true_north(projection, self.longitude, self.latitude)
@@ -78,7 +75,7 @@ class Ellipse:
 
 
 def planned_ellipses(legs: Sequence[Mapping[str, float]]) -> list[Ellipse]:
-    """Return the ellipses of the surfacings of a plan's legs, of those that have one."""
+    """Return the ellipses of a plan's surfacings, of legs that have one."""
     names = ("longitude", "latitude", "major_m", "minor_m", "bearing_deg")
     return [
         Ellipse(*(leg[f"ellipse_{name}"] for name in names))
@@ -89,13 +86,13 @@ def planned_ellipses(legs: Sequence[Mapping[str, float]]) -> list[Ellipse]:
 
 @dataclass(frozen=True, slots=True)
 class Surfacing:
-    """Where and when a plan's first leg ends at the surface.
+    """Predicted surfacing at the end of a plan's first leg.
 
     Attributes:
         time_ns: [ns, UTC].
         longitude: [degrees east].
         latitude: [degrees north].
-        ellipse: Holds nine of ten samples of the estimate; None without samples.
+        ellipse: Ellipse of 90 % of the samples; None without samples.
     """
 
     time_ns: int
@@ -106,16 +103,16 @@ class Surfacing:
 
 @dataclass(frozen=True, slots=True)
 class SurfacingOutcome:
-    """A plan's next surfacing beside the vehicle's.
+    """Predicted surfacing of a plan and the vehicle's next surfacing.
 
     Attributes:
-        planned_ns: When the plan begins [ns, UTC].
-        predicted: The predicted surfacing.
-        time_ns: When the vehicle surfaced [ns, UTC].
-        longitude: Where [degrees east].
-        latitude: Where [degrees north].
-        distance: From the predicted place to the actual one [m].
-        direction_deg: From the predicted place to the actual one, clockwise from true north.
+        planned_ns: Start of the plan [ns, UTC].
+        predicted: Predicted surfacing.
+        time_ns: Time of the surfacing [ns, UTC].
+        longitude: Position of the surfacing [degrees east].
+        latitude: Position of the surfacing [degrees north].
+        distance: Distance from the predicted position [m].
+        direction_deg: Direction from the predicted position, clockwise from true north.
     """
 
     planned_ns: int
@@ -128,7 +125,7 @@ class SurfacingOutcome:
 
     @property
     def late(self) -> float:
-        """How much later than predicted the vehicle surfaced [s]."""
+        """Delay of the surfacing against its prediction [s]."""
         return (self.time_ns - self.predicted.time_ns) / 1e9
 
     @property
@@ -139,12 +136,12 @@ class SurfacingOutcome:
 
 
 def surfacing_outcome(planned_ns: int, predicted: Surfacing, fix: VehicleState) -> SurfacingOutcome:
-    """Return a predicted surfacing beside the fix at which the vehicle surfaced.
+    """Return the outcome of a predicted surfacing.
 
     Args:
-        planned_ns: When the plan begins [ns, UTC].
-        predicted: The predicted surfacing.
-        fix: The vehicle's.
+        planned_ns: Start of the plan [ns, UTC].
+        predicted: Predicted surfacing.
+        fix: Fix at which the vehicle surfaced.
     """
     off, place = apart(predicted, fix), (fix.time_ns, fix.longitude, fix.latitude)
     return SurfacingOutcome(planned_ns, predicted, *place, hypot(*off), float(heading_deg(*off)))
@@ -160,23 +157,22 @@ SHARES = (0.5, 0.9)
 
 @dataclass(frozen=True, slots=True)
 class DiveForecast:
-    """The predicted end of a dive.
+    """Predicted surfacing of a dive.
 
     Attributes:
-        dive: Its number.
-        earlier: Number of dives that it is predicted from.
-        start: The fix before it.
-        time_ns: When it ends [ns, UTC].
-        longitude: Where it is predicted to surface [degrees east].
-        latitude: The same [degrees north].
-        inner: The ellipse that should hold half of such surfacings.
-        outer: The ellipse that should hold nine in ten.
-        persistence_radius: Radius of the circle about the place with the last dive's mean current that should hold nine in ten, given how
-            much mean currents have changed from dive to dive [m]; NaN before a first change. Without mean currents it is their velocity
-            over ground.
-        basis: What it is predicted from.
-        scored: Number of earlier forecasts by which it may be calibrated; 0 where that was not tried.
-        factor: Of its outer ellipse by that; NaN where it is not calibrated.
+        dive: Number of the dive.
+        earlier: Number of dives used for the prediction.
+        start: Fix before the dive.
+        time_ns: End of the dive [ns, UTC].
+        longitude: Predicted surfacing [degrees east].
+        latitude: Predicted surfacing [degrees north].
+        inner: Ellipse of 50 % probability.
+        outer: Ellipse of 90 % probability.
+        persistence_radius: Radius of the 90 % circle of persistence [m], from changes of the DAC, or of the velocity over ground, between
+            dives; NaN before the first change.
+        basis: Basis of the prediction.
+        scored: Number of earlier forecasts for calibration; 0 if not tried.
+        factor: Calibration factor of the outer ellipse; NaN without calibration.
     """
 
     dive: int
@@ -194,20 +190,20 @@ class DiveForecast:
 
     @property
     def radius(self) -> float:
-        """Radius of the circle as large as the outer ellipse [m]."""
+        """Radius of the circle with the area of the outer ellipse [m]."""
         return float(np.sqrt(self.outer.major * self.outer.minor))
 
 
 @dataclass(frozen=True, slots=True)
 class DiveOutcome:
-    """A predicted end of a dive beside the actual one.
+    """Predicted and actual surfacing of a dive.
 
     Attributes:
-        forecast: Made with nothing measured in the dive, but its way through the water.
-        fix: At which the vehicle surfaced.
-        log_score: Logarithm of the density of the dive's mean current, or velocity over ground, under the forecast [m^-2 s^2].
-        persistence_log_score: The same of the last dive's mean current, or velocity, with its spread; NaN before a first change.
-        persistence_distance: From the place with the last dive's mean current, or velocity, to the fix [m]; NaN without one.
+        forecast: Prediction from the motion through water alone, without the dive's measurements.
+        fix: Fix at which the vehicle surfaced.
+        log_score: Log density of the dive's DAC, or velocity over ground, under the forecast [m^-2 s^2].
+        persistence_log_score: Log score of persistence; NaN before the first change.
+        persistence_distance: Distance of the fix from the prediction by persistence [m]; NaN without one.
     """
 
     forecast: DiveForecast
@@ -218,37 +214,37 @@ class DiveOutcome:
 
     @property
     def distance(self) -> float:
-        """From the predicted place to the actual one [m]."""
+        """Distance from the predicted to the actual position [m]."""
         return hypot(*self.off)
 
     @property
     def direction_deg(self) -> float:
-        """From the predicted place to the actual one, clockwise from true north."""
+        """Direction from the predicted to the actual position, clockwise from true north."""
         return float(heading_deg(*self.off))
 
     @property
     def off(self) -> tuple[float, float]:
-        """From the predicted place to the actual one, true east and north [m]."""
+        """Offset of the actual from the predicted position, true east and north [m]."""
         return apart(self.forecast, self.fix)
 
     @property
     def in_inner(self) -> bool:
-        """Whether the inner ellipse holds it."""
+        """Whether the vehicle surfaced in the inner ellipse."""
         return self.forecast.inner.holds(self.fix.longitude, self.fix.latitude)
 
     @property
     def in_outer(self) -> bool:
-        """Whether the outer ellipse holds it."""
+        """Whether the vehicle surfaced in the outer ellipse."""
         return self.forecast.outer.holds(self.fix.longitude, self.fix.latitude)
 
 
 def record(off: Array, late: Array, errors: Array) -> float:
-    """Return the log score of predictions made one after the other, their stated errors scaled by those made before.
+    """Return the log score of sequential predictions, their stated errors scaled by earlier ones.
 
     Args:
-        off: shape (n,), distances from the predicted places [m].
+        off: shape (n,), distances from the predicted positions [m].
         late: shape (n,), delays [s].
-        errors: shape (n, 2), stated standard errors of a component of the place [m] and of the time [s].
+        errors: shape (n, 2), stated standard errors of a position component [m] and of the time [s].
 
     References:
         Dawid (1984), Statistical theory: the prequential approach.
@@ -270,9 +266,9 @@ _EDGE, _LAST, _ALIKE = 2.146, 3, 0.25
 def records(
     dives: Sequence[DiveOutcome], plans: Sequence[SurfacingOutcome]
 ) -> tuple[int, float, float]:
-    """Return the number of surfacings that habit and plans both predicted, and the record of each.
+    """Return the number of surfacings predicted both by habit and by plans, and the log scores of habit and plans.
 
-    By habit a dive goes on with the last one's velocity over ground for the mean duration of the last three.
+    Habit: the last dive's velocity over ground for the mean duration of the last three.
     """
     rows = list[tuple[float, ...]]()
     for k in range(1, len(dives)):
@@ -295,7 +291,7 @@ def records(
 
 
 def usual_seconds(dives: Sequence[DiveOutcome]) -> float:
-    """Return the mean duration of the last three of some dives [s], one at least."""
+    """Return the mean duration of the last three of at least one dive [s]."""
     lasts = [_flown(one)[1] for one in dives[-_LAST:]]
     return sum(lasts) / len(lasts)
 
@@ -313,15 +309,15 @@ _HALF_LIFE_NS = 10 * 86_400_000_000_000
 
 
 def calibrated(forecast: DiveForecast, outcomes: Sequence[DiveOutcome]) -> DiveForecast:
-    """Return a forecast whose ellipses are as large as those before it had to be to hold the shares that they should.
+    """Return a forecast with ellipses scaled by the outcomes of earlier forecasts.
 
-    Each ellipse is scaled to a quantile of the factors that would have let it reach the surfacings so far, later ones counting more, and
-    the coming one counting as beyond them all: in exchangeable dives it holds its share or more whatever their distribution. With fewer
-    than 19 of them, which the forecast names by ``scored``, it is as it was.
+    Each ellipse is scaled by a weighted quantile of the factors that reach earlier surfacings, recent ones weighing more and the next one
+    counting as infinite. For exchangeable dives it has at least its nominal coverage for any distribution. With fewer than 19 outcomes
+    (``scored``) it is unchanged.
 
     Args:
-        forecast: Of the coming surfacing.
-        outcomes: Of earlier ones.
+        forecast: Forecast of the next surfacing.
+        outcomes: Outcomes of earlier forecasts.
 
     References:
         Tibshirani et al. (2019), Conformal prediction under covariate shift.
@@ -348,7 +344,7 @@ def calibrated(forecast: DiveForecast, outcomes: Sequence[DiveOutcome]) -> DiveF
 
 
 def _quantile(values: Array, weights: Array, share: float) -> float:
-    """Return the least value at or below which lies a share of the weight, with a weight of 1 beyond them all; infinite where none does."""
+    """Return the weighted quantile of values, with an added weight of 1 at infinity."""
     order = np.argsort(values)
     reached = np.cumsum(weights[order]) >= share * (weights.sum() + 1.0) - 1e-12
     return float(values[order][np.argmax(reached)]) if reached.any() else inf
@@ -363,11 +359,11 @@ def forecast_place(start: Fix, seconds: float, velocity: Array) -> tuple[float, 
 
 
 def ellipse_of(longitude: float, latitude: float, cov: Array, radius: float) -> Ellipse:
-    """Return an ellipse about a place.
+    """Return the ellipse of a covariance about a position.
 
     Args:
-        longitude: Of its centre [degrees east].
-        latitude: Of its centre [degrees north].
+        longitude: Centre [degrees east].
+        latitude: Centre [degrees north].
         cov: shape (2, 2) [m^2], true east and north.
         radius: Semi-axes in standard deviations.
     """
@@ -378,6 +374,6 @@ def ellipse_of(longitude: float, latitude: float, cov: Array, radius: float) -> 
 
 
 def held_shares(outcomes: Sequence[DiveOutcome]) -> tuple[float, float]:
-    """Return the shares of surfacings, one at least, in their inner and outer ellipses."""
+    """Return the fractions of at least one surfacing inside the inner and outer ellipses."""
     inner, outer = np.mean([(one.in_inner, one.in_outer) for one in outcomes], axis=0).tolist()
     return inner, outer

@@ -1,4 +1,4 @@
-"""Messages of a topic as a reader gave them, and rows of one kind in SI columns: what passes from logs to measurements."""
+"""Raw messages of a topic, and tables of one kind in SI units: output of the log readers, input of the measurements."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ Kind = Literal[
 
 
 def chosen(rows: Columns, at: Any) -> Rows:
-    """Return some rows; nothing is copied where these are all, in order."""
+    """Return a subset of the rows, without a copy if it is all of them in order."""
     if isinstance(at, np.ndarray) and rows and _are_all(at, len(next(iter(rows.values())))):
         return dict(rows)
     return {name: column[at] for name, column in rows.items()}
@@ -50,7 +50,7 @@ class Raw:
         schema: Name of the schema, as in the log.
         input: Position of the log among the run's inputs.
         time: shape (n,) [ns, UTC].
-        order: shape (n,), each message's place in the stream of all topics and logs.
+        order: shape (n,), position of each message in the stream of all topics and logs.
         position: shape (n,), ordinal or byte offset in the log.
         payloads: Fields of each message.
     """
@@ -66,9 +66,9 @@ class Raw:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Rows of one kind in SI units: one row a message, or of MAVLink's pings one row for several.
+    """Rows of one kind in SI units, one per message; a MAVLink ping may join several messages.
 
-    A number that a message does not state is NaN. Columns by kind, with shapes after (n,):
+    Numbers not stated are NaN. Columns by kind, with shapes after (n,):
 
     * position: longitude, latitude [degrees], depth [m] or pressure [dbar], dead_reckoned (bool). ``fixed["system"]``: MAVLink system whose
       GPS says whether they are dead-reckoned; ``fixed["beside"]``: True where the same messages are pings and count as those.
@@ -84,21 +84,21 @@ class Table:
     * mean: velocity (2), error_std [m/s], start, end (2: longitude, latitude of the fixes), start_time, end_time [ns, UTC], long ago where
       not stated, dive (-1 for none), deepest [m], inverted (bool: profiles were computed from it, among other things).
     * ctd: depth [m], temperature [degrees C], salinity, conductivity [S/m], pressure [dbar].
-    * radar: arrays of v vectors as objects: longitude, latitude, value (v, c), error_std, direction (or None), suspect; depth [m],
-      averaged [s], error_length [m], kind (radar or sensors).
+    * radar: arrays of v vectors as objects: longitude, latitude, value (v, c), error_std, direction (or None), suspect; depth [m], averaged
+      [s], error_length [m], kind (radar or sensors).
     * drifter: name (text), longitude, latitude, depth, error [m].
     * sensor: measurement (``LinearMeasurement``).
     * unused: reason (text), why the message cannot be used.
 
     Attributes:
-        kind: What the rows are.
+        kind: Kind of the rows.
         topic: Channel name.
         input: Position of the log among the run's inputs.
         time: shape (n,) [ns, UTC].
-        order: shape (n,), place of the message, or of the one that completes the row, in the stream.
+        order: shape (n,), position in the stream of the message that completes the row.
         position: shape (n,), ordinal or byte offset in the log.
-        columns: By name.
-        fixed: What is the same for all rows; ``sender`` is the MAVLink system and component of messages of which one sender counts.
+        columns: Columns by name.
+        fixed: Values common to all rows; ``sender`` is the MAVLink system and component where only one sender counts.
     """
 
     kind: Kind
@@ -115,7 +115,7 @@ class Table:
         return len(self.time)
 
     def rows(self, at: NDArray[Any] | slice) -> "Table":
-        """Return some rows."""
+        """Return a subset of the rows."""
         columns = chosen(self.columns, at)
         places = self.time[at], self.order[at], self.position[at]
         return Table(self.kind, self.topic, self.input, *places, columns, self.fixed)

@@ -1,4 +1,4 @@
-"""Short texts of values (times, places, ranges), rows as CSV, and foreign texts made safe for a terminal and a spreadsheet.
+"""Text of values (times, positions, ranges), CSV, and escaping of foreign text for terminals and spreadsheets.
 
 Source: OWASP, "CSV Injection" (owasp.org/www-community/attacks/CSV_Injection).
 """
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def time_text(time_ns: int | None) -> str:
-    """Return a time [ns, UTC] to the second, such as ``2018-11-16 03:20:00Z``; without one ``no time``."""
+    """Return a time [ns, UTC] to the second, such as ``2018-11-16 03:20:00Z``; ``no time`` for None."""
     return (
         "no time"
         if time_ns is None
@@ -22,18 +22,18 @@ def time_text(time_ns: int | None) -> str:
 
 
 def count_text(count: int, noun: str) -> str:
-    """Return a number of things, such as ``1 file`` or ``3 files``."""
+    """Return a count with its noun, such as ``1 file`` or ``3 files``."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def some_text(names: Sequence[str], most: int = 6) -> str:
-    """Return the first names of a list, and how many more there are."""
+    """Return the first names of a list and the number of the others."""
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
 
 def span_text(values: "ArrayLike", digits: int = 4) -> str:
-    """Return the least and the greatest value that is a number, such as ``5..750``; one alone where they are equal."""
+    """Return the range of the finite values, such as ``5..750``; one number if they are equal."""
     # most commands show no range
     import numpy as np
 
@@ -46,7 +46,7 @@ def span_text(values: "ArrayLike", digits: int = 4) -> str:
 
 
 def place_text(longitude: float, latitude: float) -> str:
-    """Return a place [degrees] such as ``152.6000 E, 40.1000 S``."""
+    """Return a position [degrees] as text, such as ``152.6000 E, 40.1000 S``."""
     return f"{abs(longitude):.4f} {'W' if longitude < 0.0 else 'E'}, {abs(latitude):.4f} {'S' if latitude < 0.0 else 'N'}"
 
 
@@ -56,10 +56,7 @@ _CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u206
 
 
 def printable(text: str) -> str:
-    r"""Return a text that a terminal shows and does not obey: controls and ends of lines as ``\x1b`` or ``\n``.
-
-    Names of topics, files, frames, units and attributes are what a log's author wrote.
-    """
+    r"""Return text with control characters and line ends escaped, as ``\x1b`` or ``\n``, safe for a terminal."""
     return _CONTROLS.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
 
 
@@ -68,17 +65,14 @@ _FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d",
 
 
 def csv_cell(value: Any) -> Any:
-    """Return a value for a CSV file: a text that a spreadsheet would run begins with an apostrophe, a list is a text with spaces between.
-
-    Names of topics, sensors, frames and missions are what a log's author wrote.
-    """
+    """Return a value for a CSV file: text that a spreadsheet would execute begins with an apostrophe, a list is joined by spaces."""
     if isinstance(value, list):
         return " ".join(map(str, value))
     return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULAS) else value
 
 
 def csv_text(rows: Iterable[Mapping[str, Any]], names: Collection[str]) -> str:
-    """Return rows as CSV with a header line of names, which are unlike each other; see ``csv_cell``."""
+    """Return rows as CSV with a header line of unique names; see ``csv_cell``."""
     # most commands write none
     import csv
     import io

@@ -1,8 +1,8 @@
-"""What the paper compares with: its naive 3D basis, and the member nearest to the measurements.
+"""Baselines of the paper: the naive 3D basis, and the member nearest to the measurements.
 
-Both see whole three-dimensional flows, one unknown each, where the 2.5D basis divides them into depth slices with weights of their own: the
-naive basis has the singular vectors of whole members with a diagonal prior of variances, so that the estimate never leaves the members'
-span. The nearest member has the least sum of squared differences from the measurements so far.
+Both have one unknown per three-dimensional flow, where the 2.5D basis has weights per depth slice. The naive basis has the singular vectors
+of members with a diagonal prior, so that the estimate stays in the members' span. The nearest member has the least sum of squared
+differences from the measurements so far.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,9 +33,9 @@ from replay_kit.estimator.update.screening import screened
 
 
 def naive_3d(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
-    """Return the naive 3D estimator of an ensemble, with ``config.modes`` modes or as many as there are members.
+    """Return the naive 3D estimator of an ensemble, with ``config.modes`` modes or one per member.
 
-    Velocities and hats in depth take the place of the paper's latents and Gaussians, as in the default preset.
+    Velocities and hats in depth replace the paper's latents and Gaussians, as in the default preset.
     """
     slices = ensemble_slices(ensemble)
     members = slices.reshape(ensemble.n_members, -1)
@@ -50,12 +50,12 @@ def naive_3d(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimat
 def _of_flows(
     ensemble: Ensemble, flows: Array, prior: tuple[Array, Array], config: EstimatorConfig
 ) -> ReducedBasisEstimator:
-    """Return the filter with one unknown for each whole flow.
+    """Return the filter with one unknown per whole flow.
 
     Args:
-        ensemble: Its grid and time.
+        ensemble: Ensemble, for grid and time.
         flows: shape (m, Z, 2N) [m/s], at the nodes.
-        prior: Mean and variance of their weights, shapes (m,).
+        prior: Mean and variance of the weights, shapes (m,).
         config: Kernel and error model.
     """
     n, n_levels, size = flows.shape
@@ -87,11 +87,11 @@ def _of_flows(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MemberErrors:
-    """The distance of each member from the measurements so far.
+    """Distance of each member from the measurements so far.
 
     Attributes:
-        sum_of_squares: shape (E,), of measured minus member over the errors.
-        time_ns: Of the last observation used [ns, UTC]; None before the first.
+        sum_of_squares: shape (E,), squares of measured minus member over the errors.
+        time_ns: Time of the last observation used [ns, UTC]; None before the first.
     """
 
     sum_of_squares: Array
@@ -100,11 +100,11 @@ class MemberErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestMember(Estimator[MemberErrors]):
-    """Chooses among the members; without a measurement, the one nearest to their mean.
+    """Estimator that selects the nearest member; without a measurement, the one nearest to the mean.
 
     Attributes:
-        members: The filter whose unknowns are the members' weights.
-        distance: shape (E,), of each member from the mean, for the choice before any measurement and between equals.
+        members: Filter whose unknowns are the members' weights.
+        distance: shape (E,), distance of each member from the mean, for the choice before any measurement and between ties.
     """
 
     members: ReducedBasisEstimator
@@ -115,12 +115,12 @@ class NearestMember(Estimator[MemberErrors]):
         return MemberErrors(np.zeros(self.distance.size))
 
     def usable(self, observation: Measurement) -> bool:
-        """Return whether a measurement has a value that would be used."""
+        """Return whether a measurement has a usable value."""
         ((one,), _) = screened([observation], self.members.grid, relative=False)
         return one.is_used
 
     def chosen(self, state: MemberErrors) -> Array:
-        """Return the weights of the members, shape (E,): one of the nearest, zero of the others."""
+        """Return the weights of the members, shape (E,): one for the nearest, zero for the others."""
         nearest = np.lexsort((self.distance, state.sum_of_squares))[0]
         return np.asarray(np.eye(self.distance.size)[nearest])
 
@@ -151,7 +151,7 @@ class NearestMember(Estimator[MemberErrors]):
         return state, found
 
     def flow(self, state: MemberErrors) -> FlowEstimate:
-        """Return the chosen member."""
+        """Return the nearest member."""
         own = self.members.flow(self.members.initial())
         assert own.unknowns is not None
         weights = self.members.observer.process.weights(self.chosen(state), 0)
@@ -186,10 +186,10 @@ BASELINES: dict[str, Callable[[Ensemble, EstimatorConfig], Estimator[Any]]] = {
 
 
 def build_named(ensemble: Ensemble, config: EstimatorConfig) -> Estimator[Any]:
-    """Return the baseline, or the estimator of another package, of the configured name.
+    """Return the configured baseline or estimator of another package.
 
     Raises:
-        ConfigError: The name is unknown, or what it names is no estimator.
+        ConfigError: The name is unknown, or its value is no estimator.
     """
     if config.name in BASELINES:
         return BASELINES[config.name](ensemble, config)

@@ -1,4 +1,4 @@
-"""The estimator of a forecast: one build for a current that is constant and for one that changes."""
+"""Construction of the estimator of a forecast, for constant and changing currents."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -35,10 +35,10 @@ def build(
     """Return the estimator of a forecast.
 
     Args:
-        forecasts: The same members on the same grid, one a time, in order; one alone may have no time.
-        config: Preset, basis and prior.
-        gating: Gate; None accepts every observation with its stated errors.
-        time: How the current changes; None for a constant one.
+        forecasts: Ensembles of equal members and grid, one per time, in order; a single one may have no time.
+        config: Settings of preset, basis and prior.
+        gating: Settings of the gate; None accepts every observation with its stated errors.
+        time: Settings of the change in time; None for a constant current.
     """
     if config.preset == "paper":
         return _paper(forecasts[0], config)
@@ -90,7 +90,7 @@ def build(
 
 
 def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
-    """The paper's: independent weights about their mean, every level its own function, one error for all bins."""
+    """Return the paper's estimator: independent weights about their mean, one depth function per level, one error for all bins."""
     basis = build_basis(ensemble, config)
     mean, variance = basis.member_weights.mean(axis=0), basis.member_weights.var(axis=0, ddof=1)
     factor = config.spread if isinstance(config.spread, float) else 1.0
@@ -101,12 +101,12 @@ def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator
 
 
 def independent(time_ns: int | None, mean: Array, patterns: Array) -> Process:
-    """Return the process of constant unknowns, each level its own function of depth.
+    """Return the process of constant unknowns with one depth function per level.
 
     Args:
-        time_ns: Of the forecast [ns, UTC].
-        mean: shape (Z, r), weights of unknowns that are zero.
-        patterns: shape (k, Z, r), of the unknowns.
+        time_ns: Time of the forecast [ns, UTC].
+        mean: shape (Z, r), weights for zero unknowns.
+        patterns: shape (k, Z, r), patterns of the unknowns.
     """
     return Process(
         np.array([time_ns or 0], np.int64),
@@ -120,12 +120,12 @@ def independent(time_ns: int | None, mean: Array, patterns: Array) -> Process:
 
 
 def scales_of(weights: Array, times_ns: NDArray[np.int64], time: TimeConfig) -> tuple[float, float]:
-    """Return the decorrelation times of mixtures of the members and of local corrections [s]; inf for constants.
+    """Return the decorrelation times of member mixtures and of local directions [s]; inf for constants.
 
     Args:
-        weights: shape (T, E, Z, r).
-        times_ns: shape (T,) [ns].
-        time: May state them.
+        weights: shape (T, E, Z, r), weights of the members.
+        times_ns: shape (T,) [ns], forecast times.
+        time: Settings, which may state them.
     """
     local = np.inf if time.scale == "static" else time.scale
     if local == "auto":
@@ -134,11 +134,11 @@ def scales_of(weights: Array, times_ns: NDArray[np.int64], time: TimeConfig) -> 
 
 
 def decorrelation_time(anomalies: Array, times_ns: NDArray[np.int64]) -> float:
-    """Return the decorrelation time of anomalies [s], from their correlation between neighbouring times, pooled; inf for one time.
+    """Return the decorrelation time of anomalies [s], from the pooled correlation of neighbouring times; inf for one time.
 
     Args:
-        anomalies: shape (T, E, Z, r).
-        times_ns: shape (T,) [ns].
+        anomalies: shape (T, E, Z, r), anomalies of the weights.
+        times_ns: shape (T,) [ns], forecast times.
     """
     size = np.linalg.norm(anomalies.reshape(len(anomalies), -1), axis=1)
     apart = times_with_spread(size)

@@ -1,12 +1,10 @@
-"""The estimator: one filter for a current that is constant and for one that changes.
+"""The estimator: one filter for constant and changing currents.
 
-    state = estimator.initial()
-    state = estimator.predict(state, time_ns)
-    state, outcomes = estimator.assimilate(state, block)
-    flow = estimator.flow(state)
+    state = estimator.initial() state = estimator.predict(state, time_ns) state, outcomes = estimator.assimilate(state, block) flow =
+    estimator.flow(state)
 
-States are immutable values. The state has the posterior under the Gaussian prior; what the log says of that prior, after few profiles above
-all, is applied to what is published of it, after the rows (``update/evidence.py``).
+States are immutable values. The state is the posterior under the Gaussian prior; revisions of the prior by the log are applied to the
+published estimate (``update/evidence.py``).
 """
 
 from collections.abc import Iterator, Sequence
@@ -42,15 +40,15 @@ _NS = 1e9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedBasisEstimator(Estimator[State]):
-    """The 2.5D estimator, in both presets, constant or through time.
+    """2.5D estimator for both presets, constant or changing in time.
 
     Attributes:
-        observer: Makes rows of measurements; has the basis, the process and the error of what they do not hold.
-        evidence: What the log may say of the prior; None where that holds as it is.
-        probability: That sound measurements exceed the gate; None accepts all with their stated errors.
-        time_ns: Of the forecast [ns, UTC].
-        grouping: Which profiles are combined; None combines none.
-        made: Notes on how the prior was made, for the user.
+        observer: Observation operator with basis, process and representation error.
+        evidence: Revision of the prior by the log; None for a fixed prior.
+        probability: Probability that valid measurements exceed the gate; None accepts all with their stated errors.
+        time_ns: Time of the forecast [ns, UTC].
+        grouping: Rule for combining profiles; None for no groups.
+        made: Notes on the prior for the user.
     """
 
     observer: Observer
@@ -65,7 +63,7 @@ class ReducedBasisEstimator(Estimator[State]):
 
     @property
     def grid(self) -> Grid:
-        """The region."""
+        """Grid of the region."""
         return self.observer.basis.grid
 
     @property
@@ -74,16 +72,16 @@ class ReducedBasisEstimator(Estimator[State]):
         return self.observer.size
 
     def notes(self) -> list[str]:
-        """Return notes on how the prior was made, for the user."""
+        """Return notes on the prior for the user."""
         return list(self.made)
 
     def usable(self, observation: Measurement) -> bool:
-        """Return whether a measurement has a value that would be used."""
+        """Return whether a measurement has a usable value."""
         ((one,), _) = screened([observation], self.grid)
         return one.is_used
 
     def innovation(self, state: State, event: Measurement) -> Array:
-        """Return measured minus predicted, shape (n, 2) [m/s], local axes; NaN, or 0 of several, for values that are not usable."""
+        """Return measured minus predicted, shape (n, 2) [m/s], local axes; unusable values are NaN, or 0 in a group."""
         (group,), _ = screened([event], self.grid)
         columns = self.observer.columns([group])
         if not columns:
@@ -91,7 +89,7 @@ class ReducedBasisEstimator(Estimator[State]):
         return self._against(group, columns[0], state)
 
     def _against(self, group: Screened, column: Column, state: State) -> Array:
-        """Return measured minus predicted values of a group by an earlier state."""
+        """Return measured minus predicted values of a group for an earlier state."""
         seconds = 0.0 if state.time_ns is None else max(column.time_ns - state.time_ns, 0) / _NS
         return misfits(
             group, column, column.design @ (np.exp(-seconds / self.observer.tau) * state.x)
@@ -104,17 +102,17 @@ class ReducedBasisEstimator(Estimator[State]):
         return replace(begun, doubt=Doubt()) if doubted else begun
 
     def predict(self, state: State, time_ns: int) -> State:
-        """Return the state at a later time [ns, UTC] without observations in between; unchanged for an earlier time."""
+        """Return the state at a later time [ns, UTC] without observations; unchanged for an earlier time."""
         return predict(state, self.observer.tau, time_ns)
 
     def assimilate(
         self, state: State, block: Sequence[Measurement]
     ) -> tuple[State, list[Stepped[State]]]:
-        """Return the state after measurements, and the outcome of each: several of a group where some of it is not used.
+        """Return the state after measurements, and the outcome of each; several for a partly used group.
 
         Args:
-            state: Before them.
-            block: In order; groups as ``grouping`` allows. However it is cut, a constant estimate is the same to rounding.
+            state: State before them.
+            block: Measurements in order, grouped by ``grouping``; a constant estimate depends on the division only by rounding.
         """
         found, now = list[Stepped[State]](), state
         for groups, columns, updates, after in self.blocks(state, block):
@@ -132,13 +130,13 @@ class ReducedBasisEstimator(Estimator[State]):
     def blocks(
         self, state: State, block: Sequence[Measurement]
     ) -> Iterator[tuple[list[Screened], list[Column], list[Update], State]]:
-        """Yield groups that are assimilated together, the columns that they see, what these did, and the state after them."""
+        """Yield groups that are assimilated together, their columns and updates, and the state after them."""
         # whether one that comes late counts depends on the state that it meets
         ends = [i for i in range(1, len(block)) if block[i].time_ns < block[i - 1].time_ns]
         for begin, end in pairwise([0, *ends, len(block)]):
             state, waiting = self._screened(state, block[begin:end])
             while waiting:
-                n = self._together(state, waiting)
+                n = self._batch_length(state, waiting)
                 some, waiting = waiting[:n], waiting[n:]
                 columns = self.observer.columns(some, state.scale)
                 after, updates = self._assimilated(state, columns)
@@ -173,8 +171,8 @@ class ReducedBasisEstimator(Estimator[State]):
             state = replace(state, last=last, measured=measured)
         return state, groups
 
-    def _together(self, state: State, waiting: list[Screened]) -> int:
-        """Return how many of the groups are assimilated together."""
+    def _batch_length(self, state: State, waiting: list[Screened]) -> int:
+        """Return the number of groups that are assimilated together."""
         most, tau = _TOGETHER, self.observer.tau
         if self._has_scale_error or state.doubt is not None:
             return 1
@@ -190,7 +188,7 @@ class ReducedBasisEstimator(Estimator[State]):
         return most
 
     def _assimilated(self, state: State, columns: list[Column]) -> tuple[State, list[Update]]:
-        """Return the state after columns, at the time of the last, or where it changes at their mean time; and what they did."""
+        """Return the state after columns, at the time of the last or, for a changing current, their mean time; and the updates."""
         tau, times = self.observer.tau, [column.time_ns for column in columns]
         if not columns:
             return state, []
@@ -225,7 +223,7 @@ class ReducedBasisEstimator(Estimator[State]):
         return self.observer.extras is not None and "scale" in self.observer.extras.names
 
     def gradient(self, update: Update) -> Array:
-        """Return the gradient in the unknowns, shape (k,), by which a scale error's Jacobian moves the estimate after an update."""
+        """Return the gradient in the unknowns, shape (k,), of a scale error's Jacobian after an update."""
         out, extras = np.zeros(self.observer.size), self.observer.extras
         if extras is not None and self._has_scale_error:
             at = extras.names.index("scale") - len(extras.names)
@@ -235,7 +233,7 @@ class ReducedBasisEstimator(Estimator[State]):
     # ---- what is published
 
     def flow(self, state: State) -> FlowEstimate:
-        """Return the current estimate of a state, at its time; its standard error is computed when first asked for."""
+        """Return the current estimate of a state at its time; the standard error is computed on demand."""
         basis, observer, extras = self.observer.basis, self.observer, self.observer.extras
         own, known = slice(0, observer.process.size), None
         x, p, scale = (
@@ -269,11 +267,11 @@ class ReducedBasisEstimator(Estimator[State]):
         )
 
     def remarks(self, state: State) -> list[str]:
-        """Return notes on the instrument's errors, where they are estimated."""
+        """Return notes on estimated instrument errors."""
         extras, found = self.observer.extras, list[str]()
         if state.scale != 1.0:
             words = f"the variance of the ensemble was multiplied by {state.scale:.2g}, as the measurements show"
-            narrow = "; the ensemble hardly holds this water" if state.scale > 4.0 else ""
+            narrow = "; the ensemble hardly covers this current" if state.scale > 4.0 else ""
             found.append(words + narrow)
         if extras is None:
             return found

@@ -1,4 +1,4 @@
-"""The interface of an estimator: four functions of an immutable state, and what may be known of it beside them."""
+"""Interface of estimators: four functions of an immutable state, and optional ones."""
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, Self, TypeVar
@@ -19,14 +19,14 @@ _FUNCTIONS = ("initial", "predict", "assimilate", "flow")
 
 
 class Stepped(NamedTuple, Generic[State]):
-    """The outcome of one measurement, or of several combined profiles.
+    """Outcome of one measurement or group.
 
     Attributes:
-        event: The measurement or the group.
-        before: The estimator's state before it.
-        after: The estimator's state after it.
-        innovation: To publish.
-        against: Returns measured minus predicted of an earlier state, as ``Estimator.innovation``; None where nothing is used.
+        event: Measurement or group.
+        before: State before it.
+        after: State after it.
+        innovation: Innovation to publish.
+        against: Returns measured minus predicted for an earlier state, as ``Estimator.innovation``; None if nothing is used.
     """
 
     event: Measurement
@@ -37,11 +37,11 @@ class Stepped(NamedTuple, Generic[State]):
 
 
 def require_estimator(value: object, what: str) -> "Estimator[Any]":
-    """Return an estimator that comes from elsewhere.
+    """Return an external estimator after a check.
 
     Args:
-        value: The estimator.
-        what: Where it comes from, for the error.
+        value: Estimator.
+        what: Source of it in the error.
 
     Raises:
         ConfigError: It lacks one of the four functions.
@@ -57,13 +57,13 @@ def require_estimator(value: object, what: str) -> "Estimator[Any]":
 
 
 class Estimator(Protocol[State]):
-    """An estimator whose state is an immutable value that it alone reads.
+    """Estimator with an immutable state that only it reads.
 
-    ``initial``, ``assimilate`` and ``flow`` are all that one of your own needs, and ``predict`` where its current changes.
+    A custom estimator needs ``initial``, ``assimilate`` and ``flow``, and ``predict`` for a changing current.
 
     Attributes:
-        supports_path_means: Whether it assimilates all kinds of measurements; if not, it is given profiles alone.
-        block_size: Number of measurements that it takes together at little more cost than one.
+        supports_path_means: Whether it assimilates all kinds of measurements; otherwise only profiles.
+        block_size: Number of measurements that it assimilates at little more cost than one.
     """
 
     supports_path_means: ClassVar[bool] = False
@@ -74,13 +74,13 @@ class Estimator(Protocol[State]):
         ...
 
     def predict(self, state: State, time_ns: int) -> State:
-        """Return the state at a time [ns, UTC] without observations in between; unchanged for a constant current or an earlier time."""
+        """Return the state at a time [ns, UTC] without observations; unchanged for a constant current or an earlier time."""
         return state
 
     def assimilate(
         self, state: State, block: Sequence[Measurement]
     ) -> tuple[State, list[Stepped[State]]]:
-        """Return the state after measurements, and the outcome of each: several of a group where some of it is not used.
+        """Return the state after measurements, and the outcome of each; several for a partly used group.
 
         A measurement without a usable value leaves the state unchanged. Without ``grouping`` there are no groups.
         """
@@ -94,20 +94,20 @@ class Estimator(Protocol[State]):
 
     @property
     def grouping(self) -> Grouping | None:
-        """Which profiles are combined before they are given; None combines none."""
+        """Rule for combining profiles; None for no groups."""
         return None
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns in a state; 0 where it is not known."""
+        """Number of unknowns in a state; 0 if unknown."""
         return 0
 
     def usable(self, observation: Measurement) -> bool:
-        """Return whether a measurement has a value that would be used."""
+        """Return whether a measurement has a usable value."""
         return bool(usable(columns_of(observation)["flags"]).any())
 
     def innovation(self, state: State, event: Measurement) -> Array:
-        """Return measured minus predicted, shape (n, 2) [m/s], local axes; NaN, or 0 of several, for values that are not usable."""
+        """Return measured minus predicted, shape (n, 2) [m/s], local axes; unusable values are NaN, or 0 in a group."""
         flow = self.flow(state)
         ((one,), _), projection = screened([event], flow.grid), flow.grid.projection
         value, axes = one.local(np.arange(len(one.flags)))
@@ -123,25 +123,25 @@ class Estimator(Protocol[State]):
         return np.asarray(off.reshape(-1, 2))
 
     def notes(self) -> list[str]:
-        """Return notes on how the prior was made, for the user."""
+        """Return notes on the prior for the user."""
         return []
 
     def remarks(self, state: State) -> list[str]:
-        """Return notes on what was estimated beside the current, for the user."""
+        """Return notes on further estimated quantities for the user."""
         return []
 
     # ---- windows that follow vehicles
 
     def of_vehicle(self, number: int, first: Region) -> Self:
-        """Return the estimator of one of several vehicles with one state, with the window in which it begins [degrees]."""
+        """Return the estimator of one of several vehicles with a common state, with its first window [degrees]."""
         return self
 
     def window(self, state: State) -> Hashable:
-        """Return what tells the vehicle's window from those of other vehicles; None where one window holds all."""
+        """Return the key of the vehicle's window; None for a single window."""
         return None
 
     def moved(self, state: State, measurement: Measurement) -> State:
-        """Return the state with the vehicle where a measurement is, of which nothing is used."""
+        """Return the state with the vehicle at an unused measurement."""
         return state
 
     def of_own(self, state: State) -> State:
@@ -149,9 +149,9 @@ class Estimator(Protocol[State]):
         return state
 
     def left_flows(self, state: State) -> Iterator[FlowEstimate]:
-        """Yield the last estimates of windows that vehicles have left, in order; none where one window holds all."""
+        """Yield the last estimates of windows left by vehicles, in order; empty for a single window."""
         return iter(())
 
     def without_left(self, state: State) -> State:
-        """Return a state without the windows that vehicles have left, once their estimates were published."""
+        """Return a state without windows left by vehicles, after their estimates were published."""
         return state

@@ -1,14 +1,14 @@
-"""The smoother: estimates from observations before and after a time, for analysis once a mission is over.
+"""Smoother: estimates from observations before and after a time, for post-mission analysis.
 
-The filter runs forward, one observation after another, and keeps the gain of each. Backward, the adjoint l and its covariance A accumulate
-the information of later observations (modified Bryson-Frazier; Bierman 1973, Automatica 9; Sage and Melsa 1971, section 9.5). With h the
-rows over their error, S = h P h' + 1, K = P h' S^-1, innovation e and the transition f = exp(-dt / tau):
+The filter runs forward by observation and keeps the gains. Backward, the adjoint l and its covariance A accumulate the information of later
+observations (modified Bryson-Frazier; Bierman 1973, Automatica 9; Sage and Melsa 1971, section 9.5). With h the rows over their error, S =
+h P h' + 1, K = P h' S^-1, innovation e and the transition f = exp(-dt / tau):
 
-    through an observation:   l <- C' (l + g) - h' S^-1 e,    A <- C' A C + h' S^-1 h,    C = 1 - K h,
-    through a time:           l <- f l,    A <- f A f,
+    through an observation:   l <- C' (l + g) - h' S^-1 e,    A <- C' A C + h' S^-1 h,    C = 1 - K h, through a time:           l <- f l, A
+    <- f A f,
 
-and the state at a time is x - P l, with covariance P - P A P. No covariance is inverted. Where a scale error of the instrument is part of
-the state, the filter moves the mean after an observation by -P g more, g that of the Jacobian (``ReducedBasisEstimator.gradient``).
+and the state at a time is x - P l, with covariance P - P A P. No covariance is inverted. With an instrument's scale error in the state, the
+filter adds -P g to the mean after an observation, with g the gradient of the Jacobian (``ReducedBasisEstimator.gradient``).
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,12 +27,12 @@ _NS = 1e9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Adjoint:
-    """The information of later observations on a state.
+    """Information of later observations on a state.
 
     Attributes:
         mean: shape (k,), l.
         cov: shape (k, k), A.
-        time_ns: Of the state [ns, UTC].
+        time_ns: Time of the state [ns, UTC].
     """
 
     mean: Array
@@ -40,7 +40,7 @@ class Adjoint:
     time_ns: int
 
     def at(self, tau: Array, time_ns: int) -> "Adjoint":
-        """Return it for an earlier time; ``tau`` of shape (k,) [s]."""
+        """Return the adjoint at an earlier time; ``tau`` of shape (k,) [s]."""
         seconds = (self.time_ns - time_ns) / _NS
         if seconds == 0.0:
             return self
@@ -48,7 +48,7 @@ class Adjoint:
         return Adjoint(kept * self.mean, self.cov * np.outer(kept, kept), time_ns)
 
     def before(self, update: Update, gradient: Array) -> "Adjoint":
-        """Return the adjoint before an observation at its time, which is then one of the later ones; ``gradient`` is g, shape (k,)."""
+        """Return the adjoint before an observation at its time; ``gradient`` is g, shape (k,)."""
         # with S = A A': h' S^-1 is B' A^-1 with B = A^-1 h, and K' = A'^-1 G
         rows = lower_solved(update.lower, update.rows @ update.column.design)
         mean = self.mean + gradient
@@ -60,7 +60,7 @@ class Adjoint:
         return Adjoint(mean, cov, self.time_ns)
 
     def smoothed(self, state: State) -> State:
-        """Return a state, which contains observations up to its time, after the later ones."""
+        """Return a state, with observations up to its time, updated by the later ones."""
         p = state.covariance
         after = p - p @ self.cov @ p
         return state.with_moments(state.x - p @ self.mean, 0.5 * (after + after.T))
@@ -69,11 +69,11 @@ class Adjoint:
 def smooth(
     estimator: ReducedBasisEstimator, observations: Iterable[Measurement], times_ns: Sequence[int]
 ) -> list[State]:
-    """Return the estimator's states at times, from the observations before and after them.
+    """Return the estimator's states at times from all observations.
 
     Args:
-        estimator: Its gate decides in the forward pass, as in a replay.
-        observations: In the order of the forward pass; late ones count at the time for which they count there.
+        estimator: Estimator; its gate applies in the forward pass, as in a replay.
+        observations: Observations in the order of the forward pass; late ones count at the time used there.
         times_ns: Times of the estimates [ns, UTC], in any order.
     """
     wanted, tau = sorted(set(times_ns)), estimator.observer.tau
@@ -92,7 +92,7 @@ def smooth(
 def _forward(
     estimator: ReducedBasisEstimator, observations: Iterable[Measurement], wanted: Sequence[int]
 ) -> tuple[dict[int, State], list[tuple[int, Update]]]:
-    """Return the filter's states at wanted times, after the observations that counted up to each, and every update with its time."""
+    """Return the filter's states at wanted times, and every update with its time."""
     state, left = estimator.initial(), list(wanted)
     states, found = dict[int, State](), list[tuple[int, Update]]()
     for observation in observations:

@@ -1,7 +1,7 @@
-"""The state of an estimate: mean and covariance of its unknowns.
+"""State of an estimate: mean and covariance of its unknowns.
 
-The covariance is kept as P - G'G. Measurements add rows to G, and P is written again once these are many: a measurement alone then costs
-the products with P, and not a copy of it. Of P only the lower half has a meaning.
+The covariance is stored as P - G'G. Measurements add rows to G, which are folded into P once they are many, to avoid copies of P. Only the
+lower triangle of P is used.
 """
 
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ _NS = 1e9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doubt:
-    """The first columns that were judged.
+    """Gate decisions on the first columns.
 
     Attributes:
-        rejected: Of each whether something of it was rejected.
-        columns: Those of which something was.
+        rejected: Whether a part of each was rejected.
+        columns: Columns with a rejected part.
     """
 
     rejected: tuple[bool, ...] = ()
@@ -38,17 +38,17 @@ class State:
 
     Attributes:
         x: shape (k,), mean.
-        p: shape (k, k), lower half of the covariance before the gains, in Fortran order.
+        p: shape (k, k), lower triangle of the covariance before the gains, in Fortran order.
         gains: shape (m, k), G; the covariance is P - G'G.
-        time_ns: Of both [ns, UTC]; None before any observation.
+        time_ns: Time of both [ns, UTC]; None before any observation.
         profiles: Number of profiles and means assimilated.
-        centre: shape (F,), prior mean of the members' unknowns once it no longer changes; None until then.
-        last: The last measurement with a usable value, as of ``screening.Last``; an equal one that follows is a duplicate.
+        centre: shape (F,), final prior mean of the members' unknowns; None until fixed.
+        last: Last measurement with a usable value, see ``screening.Last``, to detect duplicates.
         rows: Number of rows of unit noise assimilated.
-        square: Sum of the squares of their values.
-        measured: shape (Z,), levels among those whose depths were measured; None before any.
-        doubt: What speaks against the prior's variance; None where nothing is kept of that.
-        scale: Factor on the prior variance of members and local directions, as the first measurements showed it.
+        square: Sum of squares of their values.
+        measured: shape (Z,), whether levels lie among measured depths; None before any.
+        doubt: Evidence against the prior variance; None if not recorded.
+        scale: Factor on the prior variance of members and local directions from the first measurements.
     """
 
     x: Array
@@ -66,7 +66,7 @@ class State:
 
     @staticmethod
     def initial(size: int) -> "State":
-        """Return the state before any observation: every unknown has mean 0 and variance 1."""
+        """Return the state before any observation: all unknowns with mean 0 and variance 1."""
         return State(np.zeros(size), np.asfortranarray(np.eye(size)), np.empty((0, size)))
 
     def products(self, rows: Array) -> Array:
@@ -76,24 +76,24 @@ class State:
 
     @property
     def covariance(self) -> Array:
-        """The covariance, shape (k, k)."""
+        """Covariance, shape (k, k)."""
         lower = np.tril(self.folded().p)
         return lower + np.tril(lower, -1).T
 
     def folded(self, least: int = 1) -> "State":
-        """Return the state with the gains in P where they have so many rows at least."""
+        """Return the state with at least ``least`` rows of gains folded into P."""
         if len(self.gains) < least:
             return self
         p = dsyrk(-1.0, self.gains.T, beta=1.0, c=self.p, trans=0, lower=1)
         return self.with_moments(self.x, p)
 
     def with_moments(self, x: Array, p: Array) -> "State":
-        """Return the state with another mean, shape (k,), and covariance, shape (k, k), of which the lower half counts."""
+        """Return the state with another mean, shape (k,), and covariance, shape (k, k), of which the lower triangle is used."""
         return replace(self, x=x, p=np.asfortranarray(p), gains=self.gains[:0])
 
 
 def conditioned(state: State, rows: Array, values: Array) -> State:
-    """Return the state after rows of unit noise; ``rows`` of shape (m, k), ``values`` of shape (m,)."""
+    """Return the state conditioned on rows of unit noise; ``rows`` of shape (m, k), ``values`` of shape (m,)."""
     cross = state.products(rows)
     lower = np.linalg.cholesky(cross @ rows.T + np.eye(len(rows)))
     both = np.column_stack([cross, values - rows @ state.x])
@@ -110,14 +110,14 @@ def conditioned(state: State, rows: Array, values: Array) -> State:
 
 
 def predict(state: State, tau: Array, time_ns: int) -> State:
-    """Return a state at a later time without observations in between: unknowns decay, and their variance returns to 1.
+    """Return a state at a later time without observations: unknowns decay, and their variance returns to 1.
 
         x <- f x,    P <- f P f + 1 - f^2,    f = exp(-dt / tau).
 
     Args:
-        state: At an earlier time; one at a later time is returned as it is.
+        state: State at an earlier time; a later one is returned unchanged.
         tau: shape (k,), decorrelation times [s]; inf for constants.
-        time_ns: [ns, UTC].
+        time_ns: Later time [ns, UTC].
     """
     if state.time_ns is None or time_ns <= state.time_ns or not np.isfinite(tau).any():
         later = state.time_ns is None or time_ns > state.time_ns

@@ -1,4 +1,4 @@
-"""Log formats: ``open_logs`` chooses readers by what files and folders hold, ``merge`` puts several logs in one order."""
+"""Log formats: ``open_logs`` selects readers by the contents of files and folders, ``merge`` orders several logs in time."""
 
 from replay_kit.logs.formats import FORMATS, LogFormat
 from replay_kit.logs.merge import Merge, merge

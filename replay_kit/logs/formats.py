@@ -1,4 +1,4 @@
-"""The table of log formats: who reads what, and what is true of each; errors, documentation and the tests of damage follow it."""
+"""Table of log formats with their readers and properties; errors, documentation and damage tests use it."""
 
 import re
 import zlib
@@ -15,20 +15,20 @@ _FIRST_COLUMNS = frozenset(("timestamp", "pld_realtimeclock"))
 
 @dataclass(frozen=True, slots=True)
 class LogFormat:
-    """A format of logs. Functions of our own are named as ``module:name``: their libraries may take longer to load than a log to read.
+    """Log format. Functions are given as ``module:name``, imported on demand.
 
     Attributes:
-        name: As ``info`` says it; a reader may say more exactly which.
-        title: What such a file is, in words.
-        reader: Makes the reader of a log: its files, input, configuration and what is wanted, as of ``open_log``.
-        magic: Pattern of the bytes with which a file begins; empty where they say nothing.
-        recognises: Whether a file that begins with these bytes, at most 64 kB, is of the format; None where the magic bytes say all.
-        endings: Pattern of the names that such files have in a folder; without one a folder's files are not taken.
-        unchecked: What of each message no checksum of the format covers; empty where all is covered, or the reader counts it.
-        grows: Whether it is written message by message, and may grow while it is read; others come whole.
-        log_of: Names what the files of one log have in common: none goes with any others of its format, None is a log of its own.
-            None for formats whose logs are single files.
-        damaged_by_name: Whether a file whose beginning is damaged is told by its name.
+        name: Name in ``info``; a reader may be more specific.
+        title: Description of such a file.
+        reader: Creates the reader from files, input, configuration and wanted messages, as ``open_log``.
+        magic: Pattern of the first bytes of a file; empty if not specific.
+        recognises: Returns whether the first 64 kB of a file are of the format; None if the magic bytes suffice.
+        endings: Pattern of file names in a folder; empty if a folder's files are ignored.
+        unchecked: Part of each message without a checksum; empty if all is covered or the reader counts it.
+        grows: Whether it is written message by message, and may grow while it is read.
+        log_of: Returns names common to the files of one log; an empty tuple joins another log of the format, None is a separate log. None
+            for formats of single files.
+        damaged_by_name: Whether a file with a damaged beginning is recognised by its name.
     """
 
     name: str
@@ -43,12 +43,12 @@ class LogFormat:
     damaged_by_name: bool = False
 
     def named(self, path: Path) -> bool:
-        """Return whether a file has a name as those of this format."""
+        """Return whether a file name matches the format."""
         return re.fullmatch(self.endings, path.name, re.IGNORECASE) is not None
 
 
 def _is_csv(head: bytes) -> bool:
-    """Return whether a file that begins so is a table in text: names with commas, semicolons or tabs between them."""
+    """Return whether a file is a text table: names separated by commas, semicolons or tabs."""
     lines = head.split(b"\n")
     first = next((line for line in lines[:-1] if not line.startswith(b"#")), b"")
     try:
@@ -59,7 +59,7 @@ def _is_csv(head: bytes) -> bool:
 
 
 def is_seaexplorer(head: bytes) -> bool:
-    """Return whether a file that begins with these bytes is a SeaExplorer's, compressed or not."""
+    """Return whether a file that begins with these bytes is from a SeaExplorer, compressed or not."""
     if head.startswith(GZIP_MAGIC):
         try:
             head = zlib.decompressobj(wbits=31).decompress(head, 256)

@@ -1,6 +1,6 @@
-"""Messages of several logs in one order of time, with a bounded window for reordering.
+"""Merge of several logs in order of time, with a bounded reorder window.
 
-Stamps far from their neighbours are set aside, and after a jump of a log's clock its times continue: ``settle`` decides.
+Outlier stamps are excluded, and times continue after a jump of a log's clock; see ``settle``.
 """
 
 import heapq
@@ -27,11 +27,11 @@ _ALONE_NS = 366 * FAR_NS
 
 @dataclass(frozen=True, slots=True)
 class LogClock:
-    """Where one log's clock stands.
+    """State of one log's clock.
 
     Attributes:
-        last_ns: Time of the last message [ns, UTC], corrected.
-        offset_ns: What is added to stamps [ns]: the jumps back so far.
+        last_ns: Corrected time of the last message [ns, UTC].
+        offset_ns: Correction of stamps [ns]: sum of the backward jumps so far.
     """
 
     last_ns: int
@@ -40,13 +40,13 @@ class LogClock:
 
 @dataclass(frozen=True, slots=True)
 class ClockJump:
-    """A jump of one log's clock, after which a new segment begins.
+    """Jump of one log's clock.
 
     Attributes:
         input: Position of the log among the run's inputs.
         before_ns: Corrected time of the last message before it [ns, UTC].
         stamp_ns: Stamp of the first message after it [ns].
-        offset_ns: What is added to the stamps of the new segment [ns].
+        offset_ns: Correction of the later stamps [ns].
     """
 
     input: int
@@ -65,15 +65,15 @@ class ClockJump:
 
 
 def settle(clock: LogClock | None, stamp_ns: int, following: Sequence[int]) -> LogClock | None:
-    """Return the clock after a message, whose time is its ``last_ns``; None when the stamp is far from its neighbours and set aside.
+    """Return the clock after a message, with its time in ``last_ns``; None if its stamp is an outlier.
 
-    A stamp more than a day from the one before is believed when most of those that follow are nearer to it than to the one before. One
-    that goes back begins a new segment: it continues at the time of the message before, or at its own where that is within a day.
+    A stamp more than a day from the previous one is accepted if most following stamps are nearer to it. One that goes back begins a new
+    segment, which continues at the previous time, or at its own if that is within a day.
 
     Args:
-        clock: After the message before; None at the log's first.
-        stamp_ns: The message's stamp [ns].
-        following: The next stamps, at most ``LOOK_AHEAD`` of them; fewer only where the log ends [ns].
+        clock: Clock after the previous message; None at the first.
+        stamp_ns: Stamp of the message [ns].
+        following: Next stamps, at most ``LOOK_AHEAD``, fewer at the end of the log [ns].
     """
     if clock is None:
         astray = sum(
@@ -94,7 +94,7 @@ def settle(clock: LogClock | None, stamp_ns: int, following: Sequence[int]) -> L
 
 
 def is_latched(topic: str) -> bool:
-    """Return whether a topic is latched: its messages (static transforms, parameters, configuration) stay valid from then on."""
+    """Return whether a topic is latched: its messages (static transforms, parameters, configuration) stay valid."""
     last = topic.rsplit("/", 1)[-1]
     return last in _LATCHED_TOPICS or any(word in last.lower() for word in _LATCHED_WORDS)
 
@@ -103,12 +103,12 @@ _Item = TypeVar("_Item")
 
 
 class Settled(NamedTuple, Generic[_Item]):
-    """A message whose stamp was judged.
+    """Message with a checked stamp.
 
     Attributes:
-        item: The message.
-        time_ns: Its time [ns, UTC]; None when its stamp is far from its neighbours' and it is set aside.
-        jump: Corrected time of the message before and what is added to stamps from this one on [ns], where the clock jumps; else None.
+        item: Message.
+        time_ns: Its time [ns, UTC]; None for an outlier.
+        jump: Corrected time of the previous message and correction of stamps from this one on [ns], if the clock jumps; else None.
     """
 
     item: _Item
@@ -117,10 +117,9 @@ class Settled(NamedTuple, Generic[_Item]):
 
 
 class Settling(Generic[_Item]):
-    """The stamps of one log, judged in its order by ``settle``: one far from those before waits for those that follow.
+    """Check of the stamps of one log in file order by ``settle``; a distant stamp waits for those that follow.
 
-    It is mutable, as a stream of messages goes through it. What comes once may be older than the recording: where the stamp of a latched
-    topic is far, it stays as it is.
+    Mutable, as messages are streamed. A latched message may precede the recording: its distant stamp is kept.
     """
 
     def __init__(self) -> None:
@@ -129,24 +128,24 @@ class Settling(Generic[_Item]):
         self._waiting: deque[tuple[_Item, int, str]] = deque()
 
     def steady_since(self) -> int | None:
-        """Return the time of the last message [ns, UTC] where none waits and no stamp is corrected; else None."""
+        """Return the time of the last message [ns, UTC] if none waits and no stamp is corrected; else None."""
         return None if self._waiting or self._offset_ns else self._last_ns
 
     def go_on(self, time_ns: int) -> None:
-        """Take a message that ``steady_since`` shows to be near those before it."""
+        """Accept a message that ``steady_since`` shows to be near earlier ones."""
         self._last_ns = time_ns
 
     def take(self, item: _Item, stamp_ns: int, topic: str) -> Iterator[Settled[_Item]]:
-        """Take the next message of the log, and yield those that wait no longer."""
+        """Add the next message of the log, and yield those that wait no longer."""
         self._waiting.append((item, stamp_ns, topic))
-        return self._judged(LOOK_AHEAD)
+        return self._checked(LOOK_AHEAD)
 
     def finish(self) -> Iterator[Settled[_Item]]:
-        """Yield what still waits when the log ends."""
-        return self._judged(0)
+        """Yield the waiting messages at the end of the log."""
+        return self._checked(0)
 
-    def _judged(self, following: int) -> Iterator[Settled[_Item]]:
-        """Yield the messages that need no more of those that follow than there are, or that so many follow."""
+    def _checked(self, following: int) -> Iterator[Settled[_Item]]:
+        """Yield the messages that are decided, or that ``following`` others follow."""
         while self._waiting:
             item, stamp_ns, topic = self._waiting[0]
             time_ns, last_ns, jump = stamp_ns + self._offset_ns, self._last_ns, None
@@ -181,7 +180,7 @@ _Read = TypeVar("_Read", bound=Message | RawMessage, covariant=True)
 
 
 class Source(Protocol[_Read]):
-    """A log opened for reading."""
+    """Log opened for reading."""
 
     def messages(self) -> Iterator[_Read]:
         """Yield the messages in the file's order."""
@@ -190,19 +189,18 @@ class Source(Protocol[_Read]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Merge(Generic[_T]):
-    """Several logs as one stream, ordered by (time, input, position).
+    """Stream of several logs, ordered by (time, input, position).
 
-    Each log is sorted on its own: a message is held back until one comes that is newer by more than the window. A late message,
-    older than one of the same log that was already yielded, is left out and counted. Before that, stamps far from their neighbours are
-    set aside and counted, and after a jump back of a log's clock its messages continue where it stood (``settle``). Each iteration reads
-    the logs anew.
+    Each log is sorted on its own: a message waits until one is newer by more than the window. A late message, older than one of the same
+    log already yielded, is excluded and counted. Outlier stamps are excluded and counted too, and after a backward jump of a log's clock
+    its times continue (``settle``). Each iteration reads the logs again.
 
     Attributes:
-        readers: The logs; each has an ``input`` of its own in its messages.
-        reorder_window_s: How long a message is held back [s, in the logs' time].
-        start_ns: Earlier messages are left out [ns, UTC], save those of latched topics, ``is_latched``; None for no limit.
-        end_ns: Later messages are left out [ns, UTC]; the logs are still read to their end, so that reports are complete.
-        keep_late: Yield late messages as they come, out of order, with their own stamps: for copies, which must lose nothing.
+        readers: Logs with distinct ``input`` numbers.
+        reorder_window_s: Reorder window [s, in the logs' time].
+        start_ns: First time [ns, UTC], except for latched topics, ``is_latched``; None for no limit.
+        end_ns: Last time [ns, UTC]; the logs are still read to their end, for complete reports.
+        keep_late: Whether late messages are yielded out of order with their own stamps, for complete copies.
     """
 
     readers: Sequence[Source[_T]]
@@ -218,17 +216,17 @@ class Merge(Generic[_T]):
 
     @property
     def late(self) -> Mapping[str, int]:
-        """Late messages left out, by topic; complete once the iteration is."""
+        """Number of excluded late messages by topic; complete after the iteration."""
         return dict(self._late)
 
     @property
     def late_by_s(self) -> float:
-        """Largest time by which a late message is older than the newest before it [s]: a window as long keeps all."""
+        """Largest delay of a late message behind the newest before it [s]: a window as long keeps all."""
         return 1e-9 * self._late_by[0]
 
     @property
     def doubtful_times(self) -> str:
-        """What is odd about the times of the logs' first messages; empty when nothing is."""
+        """Anomaly of the times of the logs' first messages as text; empty without one."""
         known = [(one.time_ns, one.payload) for one in self._firsts if isinstance(one, Message)]
         return next(
             (said for one in known if (said := doubtful_times((one[0], one[0]), [one], None))), ""
@@ -236,16 +234,16 @@ class Merge(Generic[_T]):
 
     @property
     def astray(self) -> Mapping[str, int]:
-        """Messages set aside because their stamps are far from their neighbours', by topic; complete once the iteration is."""
+        """Number of messages excluded for outlier stamps, by topic; complete after the iteration."""
         return dict(self._astray)
 
     @property
     def jumps(self) -> tuple[ClockJump, ...]:
-        """Jumps of the logs' clocks; complete once the iteration is."""
+        """Jumps of the logs' clocks; complete after the iteration."""
         return tuple(self._jumps)
 
     def __iter__(self) -> Iterator[_T]:
-        """Yield the messages from ``start_ns`` to ``end_ns``, both included; each iteration reads the logs anew."""
+        """Yield the messages from ``start_ns`` to ``end_ns`` inclusive; each iteration reads the logs again."""
         self._late.clear()
         self._late_by[0] = 0
         self._firsts.clear()
@@ -267,7 +265,7 @@ class Merge(Generic[_T]):
         )
 
     def _ordered(self, reader: Source[_T]) -> Iterator[_T]:
-        """Yield one log's messages in order; late ones within the wanted time are counted."""
+        """Yield one log's messages in order; late ones in the wanted period are counted."""
         window_ns = round(self.reorder_window_s * 1e9)
         held: list[tuple[int, int, _T]] = []
         newest = yielded = -(2**63)
@@ -291,7 +289,7 @@ class Merge(Generic[_T]):
             yield heapq.heappop(held)[2]
 
     def _steady(self, messages: Iterator[_T]) -> Iterator[_T]:
-        """Yield one log's messages with corrected times; those with a stamp far from its neighbours are counted."""
+        """Yield one log's messages with corrected times; outliers are counted."""
         settling: Settling[_T] = Settling()
         for message in messages:
             time_ns, last_ns = message.time_ns, settling.steady_since()
@@ -327,11 +325,11 @@ def merge(
     """Return the messages of several logs as one ordered stream; see ``Merge``.
 
     Args:
-        readers: The logs, each with an input number of its own.
-        reorder_window_s: How long a message is held back to let older ones pass [s].
+        readers: Logs with distinct input numbers.
+        reorder_window_s: Time that a message waits for older ones [s].
         start_ns: First time yielded [ns, UTC]; None for no limit.
         end_ns: Last time yielded [ns, UTC]; None for no limit.
-        keep_late: Whether late messages are yielded out of order instead of left out.
+        keep_late: Whether late messages are yielded out of order instead of excluded.
     """
     return Merge(readers, reorder_window_s, start_ns, end_ns, keep_late)
 

@@ -1,6 +1,6 @@
-"""The logs that files and folders hold, opened by the table of formats.
+"""Opening of logs in files and folders by the table of formats.
 
-A file is of the first format whose magic bytes it begins with; else of the first that recognises more of its beginning.
+A file has the first format whose magic bytes match, else the first that recognises its beginning.
 """
 
 import re
@@ -45,17 +45,16 @@ def open_log(
     config: LogConfig | None = None,
     wanted: frozenset[str] | None = None,
 ) -> LogFile:
-    """Return the reader of a log, chosen by what the file holds.
+    """Return the reader of a log, selected by its contents.
 
     Args:
-        path: The log, or a folder that holds one.
+        path: Log, or folder with one log.
         input: Position of the log among the run's inputs.
-        config: How logs are read; the defaults when None.
-        wanted: MAVLink message names, and schemas of DataFlash records, to decode; others are counted only. None decodes all. Without
-            effect on other formats.
+        config: Settings of log reading; None for the defaults.
+        wanted: MAVLink message names and DataFlash schemas to decode; others are only counted. None decodes all. Ignored for other formats.
 
     Raises:
-        LogError: The file is missing, no file, empty, unreadable, or of none of the known formats; the folder holds several logs.
+        LogError: The file is missing, empty, unreadable or of unknown format; the folder holds several logs.
     """
     path = as_path(path, "log")
     if not path.is_dir():
@@ -75,16 +74,16 @@ def open_logs(
     wanted: frozenset[str] | None = None,
     several_missions: bool = False,
 ) -> list[LogFile]:
-    """Return the readers of a mission's logs: a folder stands for the logs in it, and glider files of single profiles are one log.
+    """Return the readers of a mission's logs; a folder stands for its logs, and single-profile glider files form one log.
 
     Args:
         paths: Files and folders: a ROS 2 bag, or a folder of glider files.
-        config: How logs are read.
-        wanted: As of ``open_log``.
-        several_missions: Whether a folder may hold the files of several missions.
+        config: Settings of log reading.
+        wanted: See ``open_log``.
+        several_missions: Whether a folder may hold several missions.
 
     Raises:
-        LogError: As of ``open_log``; or a folder holds no log, or glider files of several missions.
+        LogError: See ``open_log``; or a folder holds no log, or glider files of several missions.
     """
     files = [file for path in paths for file in logs_in(Path(path))]
     groups: dict[tuple[str, ...], list[Path]] = {}
@@ -113,10 +112,10 @@ def open_logs(
 
 
 def logs_in(path: Path) -> list[Path]:
-    """Return the logs that a name stands for: the file itself; of a folder the parts of its ROS 2 bag, or the logs in it.
+    """Return the logs at a path: the file itself, the parts of a ROS 2 bag, or the logs in a folder.
 
     Raises:
-        LogError: The folder holds none.
+        LogError: The folder holds no log.
     """
     if not path.is_dir():
         return [path]
@@ -133,19 +132,19 @@ def logs_in(path: Path) -> list[Path]:
 
 
 def in_folder(path: Path) -> tuple[bool, list[int], str]:
-    """Return what orders the files of a folder: files that come whole by the numbers in their names, then those that grow, by name."""
+    """Return the sort key of a file in a folder: complete files by the numbers in their names, then growing ones by name."""
     # SeaExplorers and Slocums number their files without leading zeros
     grows = may_grow(path)
     return grows, [] if grows else [*map(int, re.findall(r"\d+", path.name))], path.name
 
 
 def may_grow(path: Path) -> bool:
-    """Return whether a file has the name of a format that is written message by message."""
+    """Return whether a file name matches a format that is written message by message."""
     return any(form.grows and form.named(path) for form in _all_formats())
 
 
 def _bag(path: Path) -> list[Path]:
-    """Return the files of a bag in the order of its metadata, which lists them from its first message on."""
+    """Return the files of a bag in the order of its metadata."""
     try:
         listed = _PART.findall((path / _BAG).read_text(encoding="utf-8", errors="replace"))
     except OSError as error:
@@ -163,7 +162,7 @@ def _bag(path: Path) -> list[Path]:
     missing = [file.name for file in files if not file.is_file()]
     if missing or not files:
         raise LogError(
-            f"{path}: expected the files of {_BAG}, missing: {', '.join(missing) or 'all'}; give those there are one by one"
+            f"{path}: expected the files of {_BAG}, missing: {', '.join(missing) or 'all'}; give the existing ones one by one"
         )
     return files
 
@@ -221,7 +220,7 @@ def _opened(
 
 
 def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function of the table, imported where the table names it."""
+    """Return a function of the table, imported if given by name."""
     if callable(named):
         return named
     module, name = named.split(":")
@@ -235,14 +234,14 @@ def _titles() -> str:
 
 
 def _beginning(head: bytes) -> str:
-    """Return the first bytes of a file in words: the first text in them, which often names the format, else the bytes."""
+    """Return a description of the first bytes of a file: their text, which often names the format, else hex."""
     text = _TEXT.search(head[:64])
     first = f"its first bytes are {head[:16].hex(' ')}"
     return f"it begins with {text[0].decode('ascii')!r}" if text else first
 
 
 def require_one_mission(folder: Path, logs: Sequence[LogFile]) -> None:
-    """Raise LogError when the logs in a folder are of several missions; logs that do not state theirs belong to any."""
+    """Raise LogError if the logs in a folder belong to several missions; unnamed missions match any."""
     files: dict[str, list[Path]] = {}
     for log in logs:
         if log.mission:
@@ -260,7 +259,7 @@ def require_one_mission(folder: Path, logs: Sequence[LogFile]) -> None:
 
 
 def pattern(paths: Sequence[Path]) -> str:
-    """Return the name of one file, or the pattern that the names of several match by their common beginning."""
+    """Return the name of one file, or the common beginning of several followed by ``*``."""
     letters = takewhile(
         lambda column: len(set(column)) == 1, zip(*(path.name for path in paths), strict=False)
     )

@@ -1,4 +1,4 @@
-"""Radials of an HF radar station as LLUV text (CODAR, ``*.ruv``): the current along the bearing, each file a message in SI units."""
+"""Radials of HF radar stations as LLUV text (CODAR, ``*.ruv``): currents along bearings, a message per file in SI units."""
 
 import io
 import re
@@ -39,7 +39,7 @@ _MOST = 1 << 24
 
 
 class RadialsReader(LogFile):
-    """Files of the radials of one station that are one log."""
+    """Reader of the radial files of one station as one log."""
 
     format = "radar-radials"
 
@@ -55,7 +55,7 @@ class RadialsReader(LogFile):
         """Yield the radials of each file as a message on ``/radar/radials/STATION``.
 
         Raises:
-            LogError: A file's radials are not of its station, or not in cm/s.
+            LogError: The radials of a file do not fit its station or are not in cm/s.
         """
         self.statistics = ReadStatistics()
         lost: Counter[str] = Counter()
@@ -84,10 +84,10 @@ class RadialsReader(LogFile):
 
 
 def header(path: Path) -> Mapping[str, str]:
-    """Return the keys of a file's header, those before its first row, and the line of its units as ``units``.
+    """Return the keys of a file's header, and its line of units as ``units``.
 
     Raises:
-        LogError: The file cannot be read, or lacks one that is needed.
+        LogError: The file cannot be read or lacks a required key.
     """
     found: dict[str, str] = {}
     for line in _lines(path):
@@ -103,7 +103,7 @@ def header(path: Path) -> Mapping[str, str]:
     missing += [name for name in _COLUMNS if name not in names]
     if missing:
         raise LogError(
-            f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the file as it was made"
+            f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the original file"
         )
     if not _numbers(path, found, "TransmitCenterFreqMHz")[0] > 0.0:
         raise LogError(
@@ -113,12 +113,12 @@ def header(path: Path) -> Mapping[str, str]:
 
 
 def station_of(path: Path) -> tuple[str]:
-    """Return the name of a file's station, which all files of one log share."""
+    """Return the name of a file's station, common to the files of one log."""
     return (station(header(path)),)
 
 
 def station(head: Mapping[str, str]) -> str:
-    """Return the name of the station that a header states."""
+    """Return the name of the station in a header."""
     return (head.get("Site", "").split() or ["unnamed"])[0]
 
 
@@ -138,10 +138,10 @@ def _lines(path: Path) -> Iterator[str]:
 def _numbers(
     path: Path, head: Mapping[str, str], key: str, default: str = "", count: int = 1
 ) -> list[float]:
-    """Return the first numbers that a header states under a key.
+    """Return the first numbers of a key in a header.
 
     Raises:
-        LogError: They are no numbers.
+        LogError: They are not numbers.
     """
     parts = head.get(key, default).split()[:count]
     try:
@@ -166,7 +166,7 @@ def _time_ns(path: Path, head: Mapping[str, str]) -> int:
 
 
 def _radials(path: Path, head: Mapping[str, str]) -> tuple[dict[str, Array], Counter[str]]:
-    """Return the columns of the radials that can be used, and what was left out."""
+    """Return the columns of the usable radials, and counts of the excluded ones."""
     names = head["TableColumnTypes"].split()
     values, left_out = array("d"), 0
     for line in _lines(path):
@@ -197,7 +197,7 @@ def _radials(path: Path, head: Mapping[str, str]) -> tuple[dict[str, Array], Cou
                 (failed & (flag == 0)).sum()
             ),
             "without an error": int((~known & (flag == 0) & ~failed).sum()),
-            "in lines that are not whole": left_out,
+            "in incomplete lines": left_out,
         }
     )
     columns = {"longitude": east, "latitude": north, "direction": heading, "flag": quality}
@@ -211,7 +211,7 @@ def _check_station(
     places: tuple[Array, Array],
     polar: tuple[Array, Array],
 ) -> None:
-    """Raise LogError where radials do not lie at their range and bearing from the station that the header names."""
+    """Raise LogError if radials do not lie at their range and bearing from the station in the header."""
     latitude, longitude = _numbers(path, head, "Origin", count=2)
     x, y = to_local(Projection(longitude, latitude), *places)
     distance, angle = 1e3 * polar[0], np.deg2rad(polar[1])
@@ -219,12 +219,12 @@ def _check_station(
     if away.size and float(np.median(away)) > 1e3 * _NEAR:
         raise LogError(
             f"{path}: radials of another station: they lie {np.median(away) / 1e3:.0f} km from their range and bearing about "
-            f"{station(head)} at {latitude:.4f} N, {longitude:.4f} E; give the file as it was made"
+            f"{station(head)} at {latitude:.4f} N, {longitude:.4f} E; give the original file"
         )
 
 
 def _check_unit(path: Path, head: Mapping[str, str], speed: Array) -> None:
-    """Raise LogError where speeds are not in cm/s: by the unit stated, or slower than the Doppler spectrum resolves."""
+    """Raise LogError if speeds are not in cm/s, by the stated unit or the resolution of the Doppler spectrum."""
     if _OTHER_UNITS.search(head.get("units", "")):
         raise LogError(
             f"{path}: radials: expected speeds in cm/s, the file states {head['units'].strip('% ')}; convert them first"

@@ -1,4 +1,4 @@
-"""What the readers of all formats share: a log file as a context, read in passes, with its statistics and its copies."""
+"""Common parts of the readers of all formats: a log file as a context manager, read in passes, with statistics and copies."""
 
 import os
 from abc import abstractmethod
@@ -30,19 +30,19 @@ OnExtra = Callable[[Attachment | Metadata], None]
 
 
 class LogFile(AbstractContextManager["LogFile"]):
-    """A log opened for reading. Each pass reads the file anew; leaving the context closes the passes that were not finished.
+    """Log opened for reading. Each pass reads the file again; leaving the context closes unfinished passes.
 
-    Topics are renamed as ``logs.remap`` states, in messages, copies and the report.
+    Topics are renamed by ``logs.remap`` in messages, copies and the report.
 
     Attributes:
-        path: The log.
+        path: Path of the log.
         format: As in ``LogReport.format``.
         input: Position of the log among the run's inputs.
-        files: The files of the log.
-        mission: Name of the mission that it is of; empty when it does not state it.
-        statistics: What the pass begun last has found.
-        unchecked: What of each message no checksum of the format covers; empty when all is covered, or the pass counts it itself.
-        has_own_frames: Whether a copy of ``raw_messages`` holds the log in another form than its own, so that a copy needs ``frames`` too.
+        files: Files of the log.
+        mission: Name of the mission; empty if not stated.
+        statistics: Statistics of the latest pass.
+        unchecked: Part of each message without a checksum; empty if all is covered or the pass counts it.
+        has_own_frames: Whether ``raw_messages`` are in another form than the log, so that a copy also needs ``frames``.
     """
 
     format: str
@@ -57,14 +57,14 @@ class LogFile(AbstractContextManager["LogFile"]):
         config: LogConfig | None = None,
         wanted: frozenset[str] | None = None,
     ) -> None:
-        """Remember what to read.
+        """Create the reader.
 
         Args:
-            path: The log, or its files; it is named after the first.
+            path: Log, or its files; the first gives its name.
             input: Position of the log among the run's inputs.
-            config: Which clock orders the messages, which topics are renamed; the defaults when None.
-            wanted: MAVLink message names, and schemas of DataFlash records, to decode; others are counted only. None decodes all.
-                Without effect on other formats.
+            config: Clock and renamed topics; None for the defaults.
+            wanted: MAVLink message names and DataFlash schemas to decode; others are only counted. None decodes all. Ignored for other
+                formats.
         """
         self.files: tuple[Path, ...] = (path,) if isinstance(path, Path) else tuple(path)
         self.path = str(self.files[0])
@@ -77,10 +77,10 @@ class LogFile(AbstractContextManager["LogFile"]):
         self._prepare()
 
     def _prepare(self) -> None:
-        """Read what a format needs before its first message; nothing by default."""
+        """Read the parts that a format needs before its first message; nothing by default."""
 
     def __repr__(self) -> str:
-        """Return the file, and what the pass begun last has read of it."""
+        """Return the file and the progress of the latest pass as text."""
         topics = self.statistics.read
         read = (
             f"{topics.total()} messages of {len(topics)} topics read so far"
@@ -90,12 +90,12 @@ class LogFile(AbstractContextManager["LogFile"]):
         return f"Log {self.path} ({self.format}, {Path(self.path).stat().st_size / 1e6:.2f} MB): {read}"
 
     def __exit__(self, *error: object) -> None:
-        """Close the file of every unfinished pass."""
+        """Close the files of unfinished passes."""
         for file in self._files:
             file.close()
 
     def __iter__(self) -> Iterator[Message]:
-        """Yield ``messages()``; unlike the context, a loop that ends early leaves its file to be closed with it."""
+        """Yield ``messages()``; unlike the context, an early end of the loop does not close the file."""
         return self.messages()
 
     @abstractmethod
@@ -107,10 +107,9 @@ class LogFile(AbstractContextManager["LogFile"]):
         """
 
     def overview(self) -> Overview | str:
-        """Return what the log's index says, and the first messages of each topic, for a log that takes long to read.
+        """Return the overview in the log's index, with the first messages of each topic, for a log that takes long to read.
 
-        Where an index should be and says too little the text says why. It is empty for formats without one, and for a log that is read
-        whole as quickly.
+        A text states why an index does not suffice; it is empty for formats without one and for logs read whole as quickly.
 
         Raises:
             LogError: The file cannot be read.
@@ -118,10 +117,10 @@ class LogFile(AbstractContextManager["LogFile"]):
         return ""
 
     def blocks(self, wanted: Callable[[str, str], bool]) -> Iterator[Block]:
-        """Yield the messages in the file's order as blocks; of topics that are not wanted as few are decoded as the format allows.
+        """Yield the messages in file order as blocks; few messages of unwanted topics are decoded.
 
         Args:
-            wanted: Whether the messages of a topic and schema must be decoded; of others at least the first is.
+            wanted: Returns whether messages of a topic and schema are decoded; of others at least the first is.
 
         Raises:
             LogError: The file cannot be read.
@@ -130,7 +129,7 @@ class LogFile(AbstractContextManager["LogFile"]):
         yield from blocks_of(self.messages())
 
     def raw_messages(self, on_extra: OnExtra | None = None) -> Iterator[RawMessage]:
-        """Yield the messages to copy: as they are in the file, or as JSON when an MCAP cannot hold the format's own form.
+        """Yield the messages to copy: raw, or as JSON if MCAP cannot hold the format's own form.
 
         Args:
             on_extra: Called with each attachment and metadata record.
@@ -143,19 +142,19 @@ class LogFile(AbstractContextManager["LogFile"]):
         yield from map(channels.raw, self.messages())
 
     def is_gliders(self) -> bool:
-        """Return whether the log is of a glider: a glider file, or one with mean currents of dives."""
+        """Return whether the log is a glider's: a glider file, or a log with mean currents of dives."""
         return False
 
     def frames(self) -> Iterator[RawMessage]:
-        """Yield the entries of a telemetry log that the file is or was made of; nothing by default. The statistics stay as they are."""
+        """Yield the entries of the original telemetry log, if any; the statistics are unchanged."""
         return iter(())
 
     def profile(self) -> str | None:
-        """Return the profile that the header of an MCAP states; None for other formats and damaged headers."""
+        """Return the profile in an MCAP header; None for other formats and damaged headers."""
         return None
 
     def report(self) -> LogReport:
-        """Return what was found so far."""
+        """Return the report on the messages read so far."""
         report = replace(self.statistics.report(self.path, self.format), mission=self.mission)
         messages = self.statistics.read.total()
         return (
@@ -165,7 +164,7 @@ class LogFile(AbstractContextManager["LogFile"]):
         )
 
     def share_read(self) -> float:
-        """Return the share of the file that the pass begun last has read; 1 when it is read whole before its first message."""
+        """Return the fraction of the file read by the latest pass; 1 if it is read whole before its first message."""
         return (
             self._files[-1].tell() / max(os.fstat(self._files[-1].fileno()).st_size, 1)
             if self._files
@@ -173,12 +172,12 @@ class LogFile(AbstractContextManager["LogFile"]):
         )
 
     def _topic(self, name: str) -> str:
-        """Return what a topic is called."""
+        """Return the name of a topic after renaming."""
         return self._config.remap.get(name, name)
 
     @contextmanager
     def _opened(self) -> Iterator[BinaryIO]:
-        """Give the file for one pass."""
+        """Open the file for one pass."""
         try:
             with open_input(self.path) as file:
                 self._files.append(file)
@@ -190,11 +189,11 @@ class LogFile(AbstractContextManager["LogFile"]):
             raise unreadable(self.path, error) from error
 
     def _by_time(self, entries: Iterable[Entry], *ordered: Iterable[Entry]) -> Iterator[Message]:
-        """Yield the entries of a file that is read whole in order of time, those of one time in the order given.
+        """Yield the entries of a file read whole in order of time, equal times in the given order.
 
         Args:
-            entries: In any order.
-            ordered: Further ones, of each in order of time; they are made as they are needed.
+            entries: Entries in any order.
+            ordered: Further entries, each in order of time, evaluated lazily.
         """
         by_time = itemgetter(0)
         for position, (time_ns, topic, schema, payload) in enumerate(
@@ -210,10 +209,10 @@ class LogFile(AbstractContextManager["LogFile"]):
 
 @dataclass(frozen=True, slots=True)
 class RawLog:
-    """A log whose ``messages`` are those to copy, as ``merge`` wants them.
+    """Log with ``messages`` to copy, for ``merge``.
 
     Attributes:
-        log: The log.
+        log: Reader of the log.
         on_extra: Called with each attachment and metadata record.
     """
 
@@ -221,19 +220,19 @@ class RawLog:
     on_extra: OnExtra | None = None
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield the messages to copy, in the file's order."""
+        """Yield the messages to copy, in file order."""
         return self.log.raw_messages(self.on_extra)
 
 
 def unreadable(path: str | Path, error: OSError) -> LogError:
-    """Return the error that says why a log cannot be read."""
+    """Return the error for an unreadable log."""
     return LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions")
 
 
 def reading(
     logs: Sequence[LogReader | LogFile], progress: Progress, what: str
 ) -> Callable[[int], None]:
-    """Return a function that is called with numbers of messages and reports how much of the logs is read."""
+    """Return a function that takes numbers of messages and reports the fraction of the logs read."""
     files, count = [log for log in logs if isinstance(log, LogFile)], 0
 
     def advance(messages: int) -> None:

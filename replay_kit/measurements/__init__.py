@@ -1,4 +1,4 @@
-"""Messages to observations: what a log says of the vehicle and of the water."""
+"""Observations of the vehicle and the current from messages of a log."""
 
 from replay_kit.logs.tables.suggest import suggestions
 from replay_kit.measurements.observed import observations

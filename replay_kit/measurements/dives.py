@@ -1,7 +1,7 @@
-"""Pressures to depths, and depths to dives, surfacings and legs.
+"""Depths from pressures, and dives, surfacings and casts from depths.
 
-Where a dive begins and ends is one rule for profiles, mean currents, surfacings and legs. A leg lies between two turns: the vehicle turns
-where it comes back by a stated length, so that noise and waves smaller than that make none.
+One rule defines the start and end of dives for profiles, mean currents, surfacings and casts. A cast (``leg``) lies between two turns; a
+turn requires a return by a stated length, so that noise and waves smaller than that are ignored.
 """
 
 from collections.abc import Iterator
@@ -22,11 +22,11 @@ Numbers = NDArray[np.int32]
 
 
 def depth_of(pressure: Array, latitude: Array) -> Array:
-    """Return the depths at sea pressures, shape (n,) [m]; NaN for a pressure that has none.
+    """Return the depths at sea pressures, shape (n,) [m]; NaN for invalid pressures.
 
     Args:
         pressure: shape (n,) [dbar], 0 at the surface.
-        latitude: shape (n,) [degrees north]; NaN where none is known, for which 45 degrees are taken.
+        latitude: shape (n,) [degrees north]; NaN counts as 45 degrees.
 
     References:
         TEOS-10, through gsw, for standard salinity and 0 degrees Celsius.
@@ -38,19 +38,19 @@ def depth_of(pressure: Array, latitude: Array) -> Array:
 
 
 def dive_begins(depth: Array | float, surface_depth: float) -> Mask:
-    """Return whether depths [m] are deep enough to begin a dive: below twice the surface depth [m]; NaN never is."""
+    """Return whether depths [m] begin a dive: below twice the surface depth [m]; False for NaN."""
     return np.asarray(depth > _DIVE_BEGINS * surface_depth)
 
 
 def submerged(depth: Array, surface_depth: float, before: bool) -> Mask:
-    """Return whether the vehicle is in a dive at each of its depths, shape (n,).
+    """Return whether the vehicle is in a dive at each depth, shape (n,).
 
-    A dive begins below twice the surface depth and ends at the surface depth; with NaN none begins or goes on.
+    A dive begins below twice the surface depth and ends at the surface depth or NaN.
 
     Args:
         depth: shape (n,) [m], in order.
-        surface_depth: Shallower than this the vehicle is at the surface [m].
-        before: Whether it was in a dive before the first.
+        surface_depth: Depth above which the vehicle is at the surface [m].
+        before: Whether it was in a dive before.
     """
     begins = dive_begins(depth, surface_depth)
     changes = begins | ~(depth > surface_depth)
@@ -64,7 +64,7 @@ def _dives(under: Mask, before: bool) -> Integers:
 
 
 def no_depths() -> Rows:
-    """Return the depths before the first is stated: one row, as ``depths_of`` returns them."""
+    """Return the depths before the first is stated: one row, in the form of ``depths_of``."""
     none, nothing = np.array([-1]), np.array([np.nan])
     return {
         "order": none,
@@ -78,15 +78,15 @@ def no_depths() -> Rows:
 def depths_of(
     before: Columns, sources: list[tuple[Integers, Array, bool]], surface_depth: float
 ) -> Rows:
-    """Return the vehicle's depths of a block of messages, in order, with the dives that they make, after the last one before.
+    """Return the vehicle's depths and dives in a block of messages, after the last earlier row.
 
-    The columns are ``order``, place in the stream of the message; ``measured`` [m]; ``depth``, the same where the vehicle states it, and
-    NaN for the pressure of a ping, of a log that states no other depth so far; ``submerged``; and ``dive``, number of dives begun.
+    Columns: ``order``, position in the stream; ``measured`` [m]; ``depth``, the same if stated by the vehicle, NaN if from a ping's
+    pressure in a log without other depths; ``submerged``; ``dive``, number of dives begun.
 
     Args:
-        before: The last row before.
-        sources: Orders, depths [m], and whether the vehicle states them, of each source; else they count before it states the first.
-        surface_depth: [m].
+        before: Last earlier row.
+        sources: Orders, depths [m], and whether the vehicle states them; others count only before its first.
+        surface_depth: Depth above which the vehicle is at the surface [m].
     """
     parts = [
         {
@@ -109,17 +109,17 @@ def depths_of(
 def legs_of(
     time_ns: Integers, depth: Array, surface_depth: float, leg: float, gap: float
 ) -> Numbers:
-    """Return the number of the leg of each sample of a track, shape (n,), from 1; 0 in none.
+    """Return the number of the cast of each sample of a track, shape (n,), from 1; 0 for none.
 
-    ``submerged`` is the rule for where a dive begins and ends; no leg goes on over its ends, over a gap in time or a step back. A sample
-    without a depth, or not later than the one before it, is left out.
+    ``submerged`` defines dives; no cast crosses a dive's ends, a gap in time or a step back. Samples without a depth, or not later than the
+    previous one, are excluded.
 
     Args:
         time_ns: shape (n,) [ns], in the order of the samples.
-        depth: shape (n,) [m], positive down; NaN where not known.
-        surface_depth: [m], shallower than this the vehicle is at the surface.
-        leg: [m], least length of a leg, and by how much a vehicle comes back before it counts as turned.
-        gap: [s], longest time between samples of one leg.
+        depth: shape (n,) [m], positive down; NaN if unknown.
+        surface_depth: Depth above which the vehicle is at the surface [m].
+        leg: Least length of a cast, and least return for a turn [m].
+        gap: Longest time between samples of one cast [s].
     """
     later = np.diff(time_ns, prepend=time_ns[:1] - 1) > 0
     sound = np.flatnonzero(np.isfinite(depth) & later)
@@ -137,9 +137,9 @@ def legs_of(
 
 
 def _legs(depth: Array, leg: float) -> Iterator[tuple[int, int]]:
-    """Yield first and last sample of each leg, in their order; neighbours share the sample at the turn.
+    """Yield first and last sample of each cast in order; neighbours share the sample at the turn.
 
-    The last of equal extremes is the turn. What comes before the first leg or after the last turn and is shorter than a leg is in none.
+    The last of equal extremes is the turn. Shorter parts before the first cast or after the last turn are excluded.
     """
     values = depth.tolist()
     start, way, far = 0, 0, {1: 0, -1: 0}

@@ -1,4 +1,4 @@
-"""A vehicle's attitudes, and its motion by a DVL: over the ground for pings that lack it, through water as a ping of one cell."""
+"""Attitudes of a vehicle, and its DVL velocity: over ground for pings that lack it, through water as a ping of one cell."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,7 +18,7 @@ _KEPT = "attitude: kept for pings without their own"
 
 
 def attitudes_of(before: Columns, tables: Sequence[Table], step: Step) -> Rows:
-    """Return the attitudes of a block after the last one before it, and note the messages that state nothing else."""
+    """Return the last earlier attitude and those of a block, and note the messages that state only attitudes."""
     parts = [before]
     for one in tables:
         if one.kind == "attitude":
@@ -32,13 +32,13 @@ def attitudes_of(before: Columns, tables: Sequence[Table], step: Step) -> Rows:
 def motions_of(
     before: Columns, tables: Sequence[Table], attitudes: Columns, step: Step
 ) -> tuple[Rows, list[Table]]:
-    """Return the velocities over the ground after the last one before a block, and those through the water as pings.
+    """Return the last earlier velocity over ground and those of a block, and velocities through water as pings.
 
     Args:
-        before: The last one.
-        tables: Of DVLs.
-        attitudes: Of the vehicle.
-        step: The block.
+        before: Last earlier velocity.
+        tables: Tables of DVLs.
+        attitudes: Attitudes of the vehicle.
+        step: Block.
     """
     parts, water = [before], list[Table]()
     for one in tables:
@@ -62,7 +62,7 @@ def motions_of(
 
 
 def velocity_of(table: Table, attitudes: Columns, config: MeasurementConfig) -> tuple[Array, Words]:
-    """Return true east, true north and error of velocities, shape (n, 3) [m/s], and in words why they are not known."""
+    """Return true east, true north and error of velocities, shape (n, 3) [m/s], and the reasons of unknown ones."""
     heading, pitch, roll = last_triple(attitudes, table, ATTITUDE_AGE).T
     declination, axes = config.magnetic_declination, config.dvl_axes
     why = np.where(np.isfinite(heading), "", "DVL: no attitude within 1 s").astype(object)
@@ -80,7 +80,7 @@ def velocity_of(table: Table, attitudes: Columns, config: MeasurementConfig) -> 
 
 
 def _pings(table: Table, step: Step) -> list[Table]:
-    """Return velocities through a layer of water as pings of one cell: the water's velocity relative to the vehicle is its opposite."""
+    """Return velocities through a layer of water as pings of one cell with the opposite velocity."""
     fixed = {
         "coordinate_system": "earth",
         "reference": "platform",

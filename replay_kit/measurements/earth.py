@@ -1,8 +1,8 @@
-"""Pings as their instruments gave them, turned to true east and north, and made absolute where the platform's motion is known.
+"""Pings rotated to true east and north, and made absolute if the platform's motion is known.
 
-In this order: bins are mapped to equal depths, beams solved (three where one is missing), velocities turned by heading, pitch and roll, and
-by the declination where the heading is magnetic; then the platform's velocity over the ground is added: minus the bottom track where the
-ping has it, else what the ping states, else a DVL's. That velocity's error is one for all bins, so it does not enter the bins' own.
+Steps: bins are mapped to equal depths, beams solved (three if one is missing), velocities rotated by heading, pitch and roll, and by the
+declination for a magnetic heading; then the platform's velocity over ground is added, from bottom track, else as stated in the ping, else
+from a DVL. Its error is common to all bins and not part of their own errors.
 """
 
 from collections.abc import Mapping
@@ -34,12 +34,12 @@ _UNLIKE = "malformed: a field is missing or of the wrong kind (IndexError)"
 
 
 def no_triples() -> Rows:
-    """Return no rows of three numbers: heading, pitch, roll [degrees], or a velocity, east, north and its error [m/s]."""
+    """Return zero rows of three numbers: heading, pitch, roll [degrees], or velocity, east, north, and its error [m/s]."""
     return {"time": _NONE, "order": _NONE, "values": np.empty((0, 3))}
 
 
 def last_triple(rows: Columns, at: Table, before: int, after: int = 0) -> Array:
-    """Return the last row up to each message of a table, shape (n, 3); NaN where it is more than so much [ns] before or after that."""
+    """Return the last row up to each message of a table, shape (n, 3); NaN if older than ``before`` or newer than ``after`` [ns]."""
     last = as_of(at.order, rows["order"])
     age = at.time - np.append(rows["time"], 0)[last]
     values = np.append(rows["values"], [[np.nan] * 3], axis=0)[last]
@@ -48,19 +48,19 @@ def last_triple(rows: Columns, at: Table, before: int, after: int = 0) -> Array:
 
 @np.errstate(all="ignore")
 def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: MeasurementConfig) -> Table:
-    """Return pings after all rotations, with ``why``, in words why a ping cannot be turned, shape (n,), empty for the others.
+    """Return pings after all rotations, with ``why``, the reason why a ping cannot be rotated, shape (n,), else empty.
 
     ``velocity`` becomes (n, m, 3), true east, north and up, ``error_std`` that of the solution; ``raw`` is what the velocity was.
-    ``error_size`` (n, m) is the size of the error velocity, ``no_error_velocity`` says in words why a ping has none, and
-    ``error_velocity`` (n,) is its mean over cells of solved beams. ``added`` (n, 3) is the platform's velocity, east, north and error, that
-    was added; NaN where none was. ``absolute`` says whether a velocity is over the ground. Numbers that no instrument gives become NaN,
-    which is a missing bin. What is said of a ping that cannot be turned has no meaning.
+    ``error_size`` (n, m) is the magnitude of the error velocity, ``no_error_velocity`` the reason for a missing one, and ``error_velocity``
+    (n,) its mean over cells of solved beams. ``added`` (n, 3) is the added platform velocity, east, north and error; NaN if none.
+    ``absolute`` states whether a velocity is over ground. Impossible numbers become NaN, a missing bin. Values of pings that cannot be
+    rotated are meaningless.
 
     Args:
-        ping: The pings, of one layout.
-        attitudes: Of the vehicle, for pings that state none.
-        motions: Of the vehicle, for pings that state none.
-        config: The declination of a ping whose heading is magnetic and that states none; the fastest motion that is believed.
+        ping: Pings of one layout.
+        attitudes: Attitudes of the vehicle, for pings without.
+        motions: Velocities of the vehicle, for pings without.
+        config: Declination for magnetic headings without one; greatest plausible speed.
     """
     columns, fixed, here = dict(ping.columns), ping.fixed, np.isfinite(ping["place"][:, 0])
     angles = last_triple(attitudes, ping, ATTITUDE_AGE)
@@ -94,9 +94,9 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
     if along_beams:
         gain = frames.noise_gain(vectors)
         ground = frames.solve_beams(ground[..., : len(vectors)], vectors)
-    added = _believed(np.column_stack([columns["platform"], columns["platform_std"]]), config)
+    added = _plausible(np.column_stack([columns["platform"], columns["platform_std"]]), config)
     if relative:
-        others = _believed(last_triple(motions, ping, BOTTOM_AGE, BOTTOM_AGE), config)
+        others = _plausible(last_triple(motions, ping, BOTTOM_AGE, BOTTOM_AGE), config)
         added = np.where((np.isnan(added[:, 0]) & ~here)[:, None], others, added)
         ground, std = -frames.turned(ground, rotation)[:, 0, :2], columns["bottom_std"]
         std = np.where((std > 0.0) & (std <= config.max_speed), std, _BOTTOM_STD)
@@ -117,16 +117,16 @@ def to_earth(ping: Table, attitudes: Columns, motions: Columns, config: Measurem
     return replace(ping, columns=columns)
 
 
-def _believed(motion: Array, config: MeasurementConfig) -> Array:
-    """Return velocities with errors, shape (n, 3) [m/s]; NaN without one, or with an error above the fastest motion."""
+def _plausible(motion: Array, config: MeasurementConfig) -> Array:
+    """Return velocities with errors, shape (n, 3) [m/s]; NaN without an error or with one above the greatest speed."""
     good = every(np.isfinite(motion)) & (motion[:, 2] > 0.0)
     return np.where((good & (motion[:, 2] <= config.max_speed))[:, None], motion, np.nan)
 
 
 def _rotation(ping: Mapping[str, Any], config: MeasurementConfig) -> tuple[Array, Words]:
-    """Return what turns velocities to true east, north, up, shape (n, 3, 3), and in words why that is not known.
+    """Return the rotations to true east, north, up, shape (n, 3, 3), and the reasons of unknown ones.
 
-    Velocities in earth coordinates are true ones unless the ping says that they are not; a heading is magnetic unless it says so.
+    Earth coordinates are true and headings magnetic unless the ping states otherwise.
     """
     frame, convention, applied = ping["frame"], ping["convention"], ping["declination_applied"]
     stated, usual = ping["declination"], config.magnetic_declination
@@ -156,9 +156,9 @@ def _rotation(ping: Mapping[str, Any], config: MeasurementConfig) -> tuple[Array
 
 
 def _even_cells(ping: Mapping[str, Any]) -> tuple[Cells | None, Words | str]:
-    """Return distances of first cells and sizes, shapes (n,) [m], where bins are to be mapped, and in words where they cannot be.
+    """Return distances of first cells and cell sizes, shapes (n,) [m], for bin mapping, or the reasons against it.
 
-    Bins are mapped of beams, or of axes with the error velocity beside them, that the instrument did not map.
+    Bins are mapped for beams, or for axes with the error velocity, if the instrument did not.
     """
     frame, distance, size = ping["frame"], ping["distance"], ping["cell_size"]
     maps = frame == "beam" or (frame == "instrument" and ping["raw"].shape[2] == 4)
@@ -180,7 +180,7 @@ def _even_cells(ping: Mapping[str, Any]) -> tuple[Cells | None, Words | str]:
 
 
 def _fault_of(vectors: Array | None, components: int, along_beams: bool) -> str:
-    """Return what is wrong with the beams' unit vectors; empty where nothing is."""
+    """Return the defect of the beams' unit vectors; empty without one."""
     if vectors is None or vectors.size == 0 or not np.isfinite(vectors).all():
         return (
             "velocity in beam coordinates, and beam_unit_vectors does not hold three numbers a beam"

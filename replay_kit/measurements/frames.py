@@ -1,12 +1,11 @@
 """Velocities from beams to the instrument's axes and to east, north, up: pure maths on arrays of n pings.
 
-A beam's velocity is the component along the beam's unit vector, given in the instrument's axes; a vector that points towards the
-transducer makes velocities towards it positive (Teledyne), one that points away makes them negative (Nortek). The geometry is
-all in these vectors, so that convex and concave heads, and beams at any angle, are one case. Sums are written out, so that a ping's values
-do not depend on those that are turned with it.
+A beam's velocity is the component along the beam's unit vector, given in the instrument's axes; a vector that points towards the transducer
+makes velocities towards it positive (Teledyne), one that points away makes them negative (Nortek). The vectors hold the whole geometry, for
+convex and concave heads and any beam angle. Sums are written out, so that a ping's values do not depend on other pings.
 
-Sources: Teledyne RD Instruments, "ADCP Coordinate Transformation: Formulas and Calculations" (P/N 951-6079-00, 2010), sections 5
-and 6; Nortek, "Signature Principles of Operation" and "Signature Integrators Guide, AD2CP" (N3015-007), coordinate transformations.
+Sources: Teledyne RD Instruments, "ADCP Coordinate Transformation: Formulas and Calculations" (P/N 951-6079-00, 2010), sections 5 and 6;
+Nortek, "Signature Principles of Operation" and "Signature Integrators Guide, AD2CP" (N3015-007), coordinate transformations.
 """
 
 import numpy as np
@@ -17,7 +16,7 @@ from replay_kit.core.arrays import Array, Mask
 def turned(velocity: Array, rotation: Array) -> Array:
     """Return velocities along east, north, up, shape (n, m, 3) [m/s].
 
-    A component that does not count for another may be missing: a turn about the vertical alone needs no vertical velocity.
+    Components with zero weight may be missing: a rotation about the vertical needs no vertical velocity.
 
     Args:
         velocity: shape (n, m, at least 3) [m/s], along the axes of the rotation.
@@ -43,9 +42,8 @@ def turned(velocity: Array, rotation: Array) -> Array:
 def solve_beams(beams: Array, vectors: Array) -> Array:
     """Return x, y, z and the error velocity of each cell, shape (n, m, 4) [m/s].
 
-    Four beams are solved by least squares, which for a Janus head is Teledyne's matrix; the error velocity is the part that no
-    velocity explains, scaled to have the noise of a horizontal component. With one beam missing the other three are solved
-    exactly, without an error velocity (three-beam solution). With fewer the cell is NaN.
+    Four beams are solved by least squares, for a Janus head Teledyne's matrix; the error velocity is the residual, scaled to the noise of a
+    horizontal component. Three beams are solved exactly, without an error velocity (three-beam solution). With fewer the cell is NaN.
 
     Args:
         beams: shape (n, m, b) [m/s], along the beams' vectors; NaN where missing.
@@ -73,19 +71,19 @@ def solve_beams(beams: Array, vectors: Array) -> Array:
 def error_weights(vectors: Array) -> Array:
     """Return the weights of four beams in the error velocity, shape (4,); positive for the first beam.
 
-    They are orthogonal to the beams of every velocity, and as long as those of the x component: Teledyne's d = a / sqrt(2).
+    They are orthogonal to the beams of any velocity and have the norm of those of x: Teledyne's d = a / sqrt(2).
     """
     weights = np.linalg.svd(vectors.T)[2][3]
     return np.asarray(weights * noise_gain(vectors) * np.sign(weights[0]))
 
 
 def noise_gain(vectors: Array) -> float:
-    """Return how many times the error of a beam is in a horizontal component of the solution."""
+    """Return the error of a horizontal component of the solution relative to that of a beam."""
     return float(np.linalg.norm(np.linalg.pinv(vectors)[0]))
 
 
 def beams_of(velocity: Array, vectors: Array) -> Array:
-    """Return beam velocities, shape (n, m, b) [m/s], of x, y, z and, for four beams, the error velocity: the inverse of ``solve_beams``.
+    """Return beam velocities, shape (n, m, b) [m/s], from x, y, z and, for four beams, the error velocity: inverse of ``solve_beams``.
 
     Args:
         velocity: shape (n, m, 3) or (n, m, 4) [m/s].
@@ -103,21 +101,20 @@ def teledyne_rotation(
 ) -> Array:
     """Return the matrices, shape (n, 3, 3), from Teledyne's instrument axes to east, north, up.
 
-    With pitch and roll 0 they turn ship axes (x starboard, y forward) too.
+    With zero pitch and roll they also rotate ship axes (x starboard, y forward).
 
     Args:
-        heading_deg: shape (n,), of the y axis (beam 3), clockwise from north.
-        pitch_deg: shape (n,), positive when beam 3 is higher than beam 4, whether the instrument looks down or up. The pitch of the
-            internal tilt sensor, which is corrected here to what a gimbal would measure (equation 18), unless ``gimbal`` is set.
-        roll_deg: shape (n,), positive when the ship's starboard side is down: beam 1 is then higher than beam 2 on an instrument that
-            looks down, and beam 2 higher than beam 1 on one that looks up.
-        up: Whether the instrument looks up. Roll counts from the ship's axes, from which the axes of an instrument that looks up
-            are half a turn away about y.
-        gimbal: shape (n,), whether the pitch is already that of a gimbal: an Euler angle, as of a gyro or an inertial unit.
+        heading_deg: shape (n,), heading of the y axis (beam 3), clockwise from north.
+        pitch_deg: shape (n,), positive if beam 3 is higher than beam 4, for both orientations; from the internal tilt sensor, corrected
+            here to that of a gimbal (equation 18) unless ``gimbal`` is set.
+        roll_deg: shape (n,), positive if the ship's starboard side is down: beam 1 is then higher than beam 2 on a downward-looking
+            instrument, lower on an upward-looking one.
+        up: Whether the instrument looks up, which rotates its axes by 180 degrees about the ship's y axis.
+        gimbal: shape (n,), whether the pitch is an Euler angle, as from a gimbal, gyro or inertial unit.
 
     References:
-        Teledyne, section 5.6, matrix M, and equation 18; the signs of the angles also in the WorkHorse's "Commands and Output Data
-        Format", variable leader, pitch (tilt 1) and roll (tilt 2).
+        Teledyne, section 5.6, matrix M, and equation 18; the signs of the angles also in the WorkHorse's "Commands and Output Data Format",
+        variable leader, pitch (tilt 1) and roll (tilt 2).
     """
     heading, pitch, roll = np.deg2rad([heading_deg, pitch_deg, roll_deg])
     pitch = np.where(gimbal, pitch, np.arctan(np.tan(pitch) * np.cos(roll)))
@@ -141,10 +138,10 @@ def nortek_rotation(heading_deg: Array, pitch_deg: Array, roll_deg: Array, down:
     """Return the matrices, shape (n, 3, 3), from Nortek's instrument axes to east, north, up.
 
     Args:
-        heading_deg: shape (n,), of the x axis, clockwise from north.
-        pitch_deg: shape (n,), positive when the x axis points up.
+        heading_deg: shape (n,), heading of the x axis, clockwise from north.
+        pitch_deg: shape (n,), positive if the x axis points up.
         roll_deg: shape (n,), about the x axis, right-handed.
-        down: Whether the instrument's status says that it looks down: y and z are then reversed.
+        down: Whether the instrument looks down by its status: y and z are then reversed.
 
     References:
         Nortek, Integrators Guide, coordinate transformations: H P R with heading - 90 degrees.
@@ -155,7 +152,7 @@ def nortek_rotation(heading_deg: Array, pitch_deg: Array, roll_deg: Array, down:
 
 
 def vertical_stretch(vectors: Array, rotation: Array) -> Array:
-    """Return by how much a tilt changes the vertical distance of each beam's cells, shape (n, b); 1 without tilt, 0 for a level beam.
+    """Return the factor of a tilt on the vertical distance of each beam's cells, shape (n, b); 1 without tilt, 0 for a level beam.
 
     Args:
         vectors: shape (b, 3), the beams' unit vectors in the instrument's axes.
@@ -168,13 +165,13 @@ def vertical_stretch(vectors: Array, rotation: Array) -> Array:
 
 
 def map_bins(beams: Array, stretch: Array, first: Array, cell_size: Array) -> Array:
-    """Return each beam's velocities at the vertical distances that the cells have without tilt, shape (n, m, b) [m/s].
+    """Return each beam's velocities at the vertical distances of untilted cells, shape (n, m, b) [m/s].
 
-    Linear through the two cells nearest to a distance, so exact for a velocity that is linear in depth. Where one of the two is
-    missing the nearer cell is taken as it is, which is Teledyne's own mapping. NaN more than half a cell beyond a beam's ends.
+    Linear interpolation between the two nearest cells; with one missing the nearer cell, as in Teledyne's mapping. NaN more than half a
+    cell beyond a beam's ends.
 
     Args:
-        beams: shape (n, m, b) [m/s], cell after cell along each beam; NaN where missing.
+        beams: shape (n, m, b) [m/s], by cell along each beam; NaN where missing.
         stretch: shape (n, b), see ``vertical_stretch``.
         first: shape (n,), vertical distance of the first cell without tilt [m].
         cell_size: shape (n,), vertical size of a cell without tilt [m].
@@ -206,12 +203,12 @@ _LEAST_NORM, _MOST_NORM = 0.9, 1.1
 def attitude_of(quaternion: Array, ned: Mask) -> Array:
     """Return heading of the nose, clockwise from north, pitch, nose up, and roll, starboard down, shape (n, 3) [degrees].
 
-    NaN where a quaternion is unset, not a number, or not of unit length.
+    NaN for quaternions that are unset, not finite or not of unit length.
 
     Args:
-        quaternion: shape (n, 4), x, y, z, w; turns vectors from the body (x forward, y left, z up) to the frame (x east, y north, z up), as
-            in ROS REP-103.
-        ned: shape (n,), whether the body is forward, right, down and the frame north, east, down instead.
+        quaternion: shape (n, 4), x, y, z, w; rotation from the body (x forward, y left, z up) to the frame (x east, y north, z up), as in
+            ROS REP-103.
+        ned: shape (n,), whether the body is forward, right, down and the frame north, east, down.
     """
     norm = np.sqrt(sum(quaternion.T**2))
     norm = np.where((norm > _LEAST_NORM) & (norm < _MOST_NORM), norm, np.nan)
@@ -227,6 +224,6 @@ def attitude_of(quaternion: Array, ned: Mask) -> Array:
 
 
 def tilt(pitch_deg: Array, roll_deg: Array) -> Array:
-    """Return the angles between instruments' axes and the vertical [degrees], whichever way they look; NaN where not known."""
+    """Return the angles between instrument axes and the vertical [degrees], for both orientations; NaN if unknown."""
     cosine = np.cos(np.deg2rad(pitch_deg)) * np.cos(np.deg2rad(roll_deg))
     return np.asarray(np.degrees(np.arccos(np.abs(cosine))))

@@ -1,9 +1,9 @@
-"""Mean currents between fixes, and the paths that they are means over.
+"""Mean currents between fixes, and the paths of the means.
 
-A depth-averaged current is how far a vehicle surfaced from where its motion through the water alone would have brought it, over the
-time between the fixes; it is the mean of the current along the path. Dead-reckoned positions are joined by straight lines at constant
-speed. Each stretch counts at its middle with the time that it took, exact for whatever is linear along it; neighbours are merged when
-they become many, and keep time and mean depth.
+A depth-averaged current is the distance of the surfacing fix from the position by motion through water alone, over the time between fixes;
+it is the mean of the current along the path. Dead-reckoned positions are joined by straight lines at constant speed. Each segment counts at
+its midpoint with its duration, exact for linear quantities; neighbouring segments are merged if there are too many, preserving time and
+mean depth.
 """
 
 import math
@@ -39,7 +39,7 @@ _NO_DEPTH = "depth-averaged current: no path, and no fixes with a depth"
 
 
 class Spot(NamedTuple):
-    """A time [ns, UTC], longitude, latitude [degrees] and depth [m]."""
+    """Time [ns, UTC], longitude, latitude [degrees] and depth [m] of a position."""
 
     time: int
     longitude: float
@@ -48,19 +48,20 @@ class Spot(NamedTuple):
 
 
 def spot(positions: Columns, row: int) -> Spot:
-    """Return where and when one of the positions was."""
+    """Return time and location of one of the positions."""
     return Spot(*(positions[name][row].item() for name in Spot._fields))
 
 
 class Path(NamedTuple):
-    """Where the vehicle was since a fix.
+    """Path of the vehicle since a fix.
 
     Attributes:
-        start: The fix.
+        start: Fix at the start.
         last: Last position on the path.
-        stretches: shape (s, 5), of at most 256: time [s]; since the start [s], longitude, latitude [degrees] and depth [m] of the middle.
-        deepest: Greatest depth since the start [m]; NaN when none is known.
-        reckoned: Number of positions on it.
+        stretches: shape (s, 5), at most 256 segments: duration [s]; time since the start [s], longitude, latitude [degrees] and depth [m]
+            of the midpoint.
+        deepest: Greatest depth since the start [m]; NaN if unknown.
+        reckoned: Number of dead-reckoned positions.
     """
 
     start: Spot
@@ -76,12 +77,12 @@ def begun(fix: Spot) -> Path:
 
 
 def extended(path: Path, positions: Columns, depth: Array) -> Path:
-    """Return a path with more positions and depths; a position without a depth, or not later than the last, changes nothing.
+    """Return a path extended by positions and depths; positions without a depth, or not later than the last, are ignored.
 
     Args:
-        path: So far.
-        positions: In order.
-        depth: shape (n,) [m], all depths that were met since.
+        path: Path so far.
+        positions: Positions in order.
+        depth: shape (n,) [m], all depths since then.
     """
     sound = np.isfinite(positions["depth"])
     at = _later(positions["time"], sound, path.last.time)
@@ -104,16 +105,16 @@ def extended(path: Path, positions: Columns, depth: Array) -> Path:
 
 
 def _later(time: Integers, of: Mask, than: int) -> Indices:
-    """Return which of some times are later than one and than all of them before."""
+    """Return the indices of times later than a time and than all earlier ones."""
     latest = np.maximum.accumulate(np.append(than, np.where(of, time, _LONG_AGO)))
     return np.flatnonzero(of & (time > latest[:-1]))
 
 
 def _stretches(start: Spot, when: Integers, places: Array) -> tuple[Array, Integers]:
-    """Return the stretches of straight ways from place to place, shape (s, 5), and how many each way has, shape (n,).
+    """Return the segments of straight lines between positions, shape (s, 5), and their number per line, shape (n,).
 
     Args:
-        start: From which times are counted, and near which longitudes are.
+        start: Origin of times, and reference of longitudes.
         when: shape (n + 1,) [ns].
         places: shape (n + 1, 3), longitude, latitude [degrees], depth [m].
     """
@@ -131,7 +132,7 @@ def _stretches(start: Spot, when: Integers, places: Array) -> tuple[Array, Integ
 
 
 def _folded(stretches: Array, more: Array, pieces: Integers) -> Array:
-    """Return stretches with those of more positions; where one makes them more than 256, neighbours become one."""
+    """Return segments joined with those of more positions; neighbours are merged to keep at most 256."""
     ends, done = np.cumsum(pieces), 0
     while len(more) - done > _MOST - len(stretches):
         upto = ends[np.searchsorted(ends, done + _MOST - len(stretches), side="right")]
@@ -140,7 +141,7 @@ def _folded(stretches: Array, more: Array, pieces: Integers) -> Array:
 
 
 def _halved(stretches: Array) -> Array:
-    """Return stretches merged in twos at their middles, weighted by their times; an odd last one stays."""
+    """Return segments merged pairwise at their time-weighted midpoints; an odd last one is kept."""
     even = len(stretches) // 2 * 2
     pairs = stretches[:even].reshape(-1, 2, 5)
     time, total = pairs[..., :1], pairs[..., :1].sum(axis=1)
@@ -149,21 +150,20 @@ def _halved(stretches: Array) -> Array:
 
 
 def drift(path: Path, end: Spot) -> tuple[float, float]:
-    """Return how far a fix lies from the dead-reckoned end of the path to it, over the time between the fixes, east and north [m/s]."""
+    """Return the offset of a fix from the dead-reckoned end of a path over the time between fixes, east and north [m/s]."""
     here, seconds = path.last, (end.time - path.start.time) * 1e-9
     east, north = to_local(Projection(here.longitude, here.latitude), end.longitude, end.latitude)
     return float(east) / seconds, float(north) / seconds
 
 
 def path_mean(path: Path, end: Spot, velocity: ArrayLike, error_std: float) -> dict[str, Any]:
-    """Return a mean current with the path that it belongs to, moved so that it ends at a fix: the columns of ``Block.mean`` for one row.
+    """Return a mean current with its path, adjusted to end at a fix: one row of the columns of ``Block.mean``.
 
-    The way from the dead-reckoned end to the fix is spread over the path linearly in time, as is usual practice: it is what a
-    constant current would have done. Without positions between the fixes the path is a straight way, down to the greatest depth
-    and up again at constant speed.
+    The offset of the fix from the dead-reckoned end is distributed linearly in time, as for a constant current. Without positions between
+    the fixes the path is a straight line, down to the greatest depth and up again at constant speed.
     """
     start, here = path.start, path.last
-    seconds, since, longitude, latitude, depth = _closed(path, end).T
+    seconds, since, longitude, latitude, depth = _segments_to(path, end).T
     projection = Projection(start.longitude, start.latitude)
     east, north = to_local(projection, longitude, latitude)
     # the last stretch ends where the dead reckoning does: at the surface nothing drives the vehicle
@@ -193,8 +193,8 @@ def path_mean(path: Path, end: Spot, velocity: ArrayLike, error_std: float) -> d
     }
 
 
-def _closed(path: Path, end: Spot) -> Array:
-    """Return the stretches of a path up to a fix, before the path is moved to end there."""
+def _segments_to(path: Path, end: Spot) -> Array:
+    """Return the segments of a path up to a fix, before its adjustment."""
     start, last = path.start, path.last
     if path.reckoned:
         places = np.array([last[1:], last[1:]])
@@ -214,13 +214,13 @@ def _closed(path: Path, end: Spot) -> Array:
 
 
 class Ways(NamedTuple):
-    """What is remembered of the way since the last fixes.
+    """State of the path since the last fixes.
 
     Attributes:
-        path: Since the last fix at the surface; None before the first.
-        done: The last dive's path, and the fix that ended it, until its mean current comes.
-        stated: Whether the log states mean currents itself.
-        computed: Time of the fix that ended the last dive whose mean current was computed [ns, UTC]; long ago before the first.
+        path: Path since the last fix at the surface; None before the first.
+        done: Path and end fix of the last dive, until its mean current arrives.
+        stated: Whether the log states mean currents.
+        computed: Time of the end fix of the last dive with a computed mean current [ns, UTC]; long ago before the first.
     """
 
     path: Path | None = None
@@ -230,12 +230,12 @@ class Ways(NamedTuple):
 
 
 def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Rows]:
-    """Return what is remembered after a block, and the columns of its mean currents, with ``due``, place in the stream, and ``rank``.
+    """Return the state after a block, and its mean currents as columns, with ``due``, position in the stream, and ``rank``.
 
     Args:
-        ways: Remembered before.
-        tables: Of mean currents that are stated.
-        step: The block.
+        ways: State before the block.
+        tables: Tables of stated mean currents.
+        step: Block.
     """
     positions, config = chosen(step.positions, slice(step.new, None)), step.config
     order, depth_order, depth = positions["order"], step.depths["order"], step.depths["measured"]
@@ -246,7 +246,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
     ends = order[fixes]
 
     def path(number: int, upto: int) -> Path | None:
-        """Return the path from the last of so many fixes up to a place in the stream."""
+        """Return the path from a fix of the block, or the last earlier one, up to a position in the stream."""
         since, known = depth_order[0], ways.path
         if number:
             since, known = ends[number - 1], begun(spot(positions, fixes[number - 1]))
@@ -265,7 +265,7 @@ def means_of(ways: Ways, tables: Sequence[Table], step: Step) -> tuple[Ways, Row
             one, source = messages[number]
             row = chosen(one.columns, 0)
             way = path(int(np.searchsorted(ends, due, side="right")), due)
-            ways, found, why = _taken(ways, way, row, step, due)
+            ways, found, why = _match_stated(ways, way, row, step, due)
             velocity, time = row["velocity"], source.time_ns
             std = float(row["error_std"])
             stated = {name: float(row[name]) for name in _KEPT}
@@ -311,10 +311,10 @@ _SOURCE = ("input", "topic", "ordinal", "order", "dive")
 _KEPT = ("radius", "declination")
 
 
-def _taken(
+def _match_stated(
     ways: Ways, path: Path | None, row: Columns, step: Step, due: int
 ) -> tuple[Ways, Any, str]:
-    """Return what is remembered after a stated mean current, its path and the fix that ends it, and in words why it is not used."""
+    """Return the state after a stated mean current, its path and end fix, and the reason for exclusion."""
     stated = [Spot(int(row[f"{name}_time"]), *row[name].tolist()) for name in ("start", "end")]
     if np.abs(row["velocity"]).max() > step.config.max_speed:
         return ways, None, TOO_FAST
@@ -348,5 +348,5 @@ def _taken(
 
 
 def _same(fix: Spot, stated: Spot) -> bool:
-    """Return whether a fix is one that is stated; each may be where none is."""
+    """Return whether a fix equals a stated one; an unstated one equals any."""
     return stated.time == _LONG_AGO or abs(fix.time - stated.time) <= _SAME_FIX

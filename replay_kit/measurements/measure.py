@@ -1,7 +1,7 @@
-"""The measurement step in columns: memory and tables of a block of messages in; memory, and what the block measured, out.
+"""Measurement step in columns: from a state and tables of a block of messages to a state and measurements.
 
-Every event has a ``due``, the place in the stream of the message that completes it. Sorted by it, events are in the order in which one
-message at a time gives them, so that nothing depends on how the stream is cut into blocks; online is a block of one message.
+Every event has a ``due``, the position in the stream of the message that completes it, which orders events independently of the division
+into blocks; online use is a block of one message.
 """
 
 from collections import defaultdict
@@ -30,22 +30,21 @@ _LAST = slice(-1, None)
 
 
 class Memory(NamedTuple):
-    """What is carried from block to block.
+    """State of the measurements between blocks.
 
     Attributes:
-        topics: Names by number.
-        sender: Numbers of the MAVLink system and component whose position and depth count: those asked for, or the first that state a
-            position.
-        depths: The vehicle's depth and dive, one row.
-        frames: Of positions.
-        positions: The vehicle's last ones.
-        reach: What its positions so far say of those that it can reach.
-        attitudes: Its last attitude, of at most one row.
-        motions: Its last velocity by a DVL, of at most one row.
+        topics: Names of topics by number.
+        sender: Numbers of the used MAVLink system and component: as requested, or the first that state a position.
+        depths: Depth and dive of the vehicle, one row.
+        frames: Frames of positions.
+        positions: Last positions of the vehicle.
+        reach: Reach of the vehicle by its positions so far.
+        attitudes: Its last attitude, at most one row.
+        motions: Its last DVL velocity, at most one row.
         waiting: Pings that wait for a position.
-        ways: The way since the last fixes.
-        line: Of the CTD, a ``SectionLine``; None before its first sample.
-        drifters: By name, the fix from which each drifter's displacement is counted.
+        ways: Path since the last fixes.
+        line: ``SectionLine`` of the CTD; None before its first sample.
+        drifters: Reference fix of each drifter's displacement, by name.
     """
 
     topics: tuple[str, ...] = ()
@@ -69,14 +68,14 @@ def measure(
     config: MeasurementConfig,
     last: bool = False,
 ) -> tuple[Memory, Block]:
-    """Return what is remembered after a block of messages, and what they measured.
+    """Return the state after a block of messages, and their measurements.
 
     Args:
-        memory: What was remembered before.
-        tables: Of the messages, as ``logs.tables`` returns them.
-        clock: Places in the stream and times [ns, UTC] of all messages of the block, those of no table among them.
-        config: How messages become measurements.
-        last: Whether the log ends with the block, and nothing waits any longer.
+        memory: State before the block.
+        tables: Tables of the messages from ``logs.tables``.
+        clock: Positions in the stream and times [ns, UTC] of all messages of the block, also of those in no table.
+        config: Settings of the measurements.
+        last: Whether the log ends with the block.
     """
     tables = sorted((one for one in tables if len(one)), key=lambda one: int(one.order[0]))
     step = Step(config, clock, last, {name: k for k, name in enumerate(memory.topics)}, {}, [])
@@ -108,7 +107,7 @@ def measure(
     found = [made for one in decided for made in pings.profiled(one, step)]
     profiles, tests = pings.stacked(found)
     ways, means = means_of(memory.ways, of["mean"], step)
-    line, linear = _of_ctd(memory.line, of, step)
+    line, linear = _ctd_measurements(memory.line, of, step)
     drifters = dict(memory.drifters)
     linear += of_others(drifters, of["radar"] + of["drifter"] + of["sensor"], step)
     linear.sort(key=lambda pair: pair[0])
@@ -142,7 +141,7 @@ def measure(
 
 
 def _events(positions: Rows, profiles: Rows, means: Rows, linear: Found) -> Integers:
-    """Return the events in order, as in ``Block``; takes from the columns what says when each is due."""
+    """Return the events in order, as in ``Block``; removes the columns with their order."""
     due: tuple[tuple[Integers, Any], ...] = (
         (positions["order"], pings.POSITION),
         *((rows.pop("due", _NONE), rows.pop("rank", _NONE)) for rows in (profiles, means)),
@@ -157,8 +156,10 @@ def _events(positions: Rows, profiles: Rows, means: Rows, linear: Found) -> Inte
     return events[np.lexsort((events[:, 3], events[:, 1], events[:, 0]))][:, [0, 2, 3]]
 
 
-def _of_ctd(line: Any, of: Mapping[str, Sequence[Table]], step: Step) -> tuple[Any, Found]:
-    """Return the CTD's line after a block, and the measurements that it completes."""
+def _ctd_measurements(
+    line: Any, of: Mapping[str, Sequence[Table]], step: Step
+) -> tuple[Any, Found]:
+    """Return the CTD's line after a block, and the completed measurements."""
     if line is None and not of["ctd"]:
         return None, []
     # loads scipy, which most logs need not
@@ -170,7 +171,7 @@ def _of_ctd(line: Any, of: Mapping[str, Sequence[Table]], step: Step) -> tuple[A
 
 
 def _depths(tables: Sequence[Table], positions: Columns, step: Step) -> list[Depth]:
-    """Return the depths that tables state, or pings whose own pressure may be all that a log says; notes the messages of the former."""
+    """Return the depths in tables, or of pings with pressure in logs without other depths; notes the messages of the former."""
     rows = list[Depth]()
     for one in tables:
         by, is_stated = one.fixed.get("by", "pressure"), one.kind == "depth"

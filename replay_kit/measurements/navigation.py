@@ -1,4 +1,4 @@
-"""Tables of positions, poses, depths and attitudes to rows of positions: whose count, which are dead-reckoned, where local frames lie."""
+"""Rows of positions from tables of positions, poses, depths and attitudes: senders, dead reckoning and local frames."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -33,13 +33,13 @@ Depth = tuple[Integers, Array, bool]
 
 
 class Frames(NamedTuple):
-    """What is remembered of positions' frames.
+    """State of the frames of positions.
 
     Attributes:
-        stated: By kind of message and MAVLink system: of gps, the time of the last three-dimensional fix [ns, UTC], long ago where it had
-            none; of origin, longitude and latitude of its local frame's origin [degrees]; of position, that it has stated one on the Earth.
-        place: The last position that was stated on the Earth, of at most one row.
-        origins: By topic of poses, longitude, latitude [degrees] of a place and its east and north [m] in the topic's local frame.
+        stated: By kind of message and MAVLink system: for gps, time of the last 3D fix [ns, UTC], long ago without one; for origin,
+            longitude and latitude of the local frame's origin [degrees]; for position, that it has stated a geographic one.
+        place: Last geographic position, at most one row.
+        origins: By topic of poses, longitude, latitude [degrees] of a position and its east and north [m] in the local frame.
     """
 
     stated: Mapping[tuple[str, str], Any] = _NOTHING
@@ -48,7 +48,7 @@ class Frames(NamedTuple):
 
 
 def of_sender(sender: Sender, tables: Sequence[Table], step: Step) -> tuple[Sender, list[Table]]:
-    """Return the MAVLink sender that counts, the first that states a position of those asked for, and tables without others' rows."""
+    """Return the used MAVLink sender, the first with a position of those requested, and tables without other senders."""
     candidates = (
         (one.order[0], own)
         for one in tables
@@ -69,7 +69,7 @@ def of_sender(sender: Sender, tables: Sequence[Table], step: Step) -> tuple[Send
 
 
 def _other(own: Sender, used: Sender) -> str:
-    """Return why messages of a sender do not count; empty where they do."""
+    """Return why messages of a sender are excluded; empty if they are not."""
     for what, number, counted in zip(("system", "component"), own, used, strict=True):
         if counted not in (None, number):
             return f"MAVLink {what} {number}, but {what} {counted} is used; choose with {what} in [logs]"
@@ -79,17 +79,17 @@ def _other(own: Sender, used: Sender) -> str:
 def located(
     frames: Frames, of: Mapping[str, list[Table]], step: Step
 ) -> tuple[Frames, Rows, list[Depth]]:
-    """Return the positions of a block in order, and note its messages.
+    """Return the state and the positions of a block in order, and note its messages.
 
-    ``depth`` of a position is its own. Last come the depths that positions, and poses without a place, state.
+    ``depth`` of a position is its own. The last result are the depths of positions and of poses without an origin.
 
     Args:
-        frames: Remembered before.
-        of: Tables by kind, those of positions, poses, origins and states of a GPS.
-        step: The block.
+        frames: State before the block.
+        of: Tables by kind: positions, poses, origins and GPS states.
+        step: Block.
     """
-    stated = _stated(frames.stated, [*of["gps"], *of["origin"], *of["position"]], step)
-    direct = in_order(no_rows(), *(_direct(one, stated, step) for one in of["position"]))
+    stated = _system_statements(frames.stated, [*of["gps"], *of["origin"], *of["position"]], step)
+    direct = in_order(no_rows(), *(_geographic(one, stated, step) for one in of["position"]))
     known = in_order(frames.place, direct)
     fixes = direct["order"][~direct["dead_reckoned"]]
     origins = {} if fixes.size else dict(frames.origins)
@@ -104,7 +104,7 @@ def located(
     for _, number, one in sorted(runs, key=lambda run: run[0]):
         begun = None if number else frames.origins.get(one.topic)
         origin = _origins(one, begun, known, stated, step)
-        rows, lacks = _posed(one, origin, step)
+        rows, lacks = _pose_positions(one, origin, step)
         made.append(rows)
         known = in_order(known, rows)
         depths.append((one.order[lacks], one["depth"][lacks], True))
@@ -116,8 +116,10 @@ def located(
     return after, positions, [(positions["order"], positions["depth"], True), *depths]
 
 
-def _stated(known: Mapping[tuple[str, str], Any], tables: Sequence[Table], step: Step) -> Stated:
-    """Return what MAVLink systems state, after what was known of each before; notes the messages that state nothing else."""
+def _system_statements(
+    known: Mapping[tuple[str, str], Any], tables: Sequence[Table], step: Step
+) -> Stated:
+    """Return the statements of MAVLink systems after earlier ones; notes the messages that state nothing else."""
     parts = {key: [(np.array([-1]), np.array([value]))] for key, value in known.items()}
     for one in tables:
         values = one.time
@@ -138,11 +140,11 @@ def _stated(known: Mapping[tuple[str, str], Any], tables: Sequence[Table], step:
     return found
 
 
-def _direct(table: Table, stated: Stated, step: Step) -> Rows:
+def _geographic(table: Table, stated: Stated, step: Step) -> Rows:
     """Return the rows of a table of positions.
 
-    A filter's are computed where its system has a GPS whose last fix is more than five seconds old, or had none; a system without a GPS so
-    far is taken at its word.
+    A filter's positions count as dead-reckoned if its system's last GPS fix is more than five seconds old or missing; without a GPS so far
+    they count as stated.
     """
     reckoned, system = table["dead_reckoned"].astype(bool), table.fixed.get("system")
     if system is not None:
@@ -157,7 +159,7 @@ def _direct(table: Table, stated: Stated, step: Step) -> Rows:
 
 
 def _rows(table: Table, step: Step, *columns: Any) -> Rows:
-    """Return positions, those of no dive so far; ``columns`` are longitude, latitude, depth, dead_reckoned and own, of all or of each."""
+    """Return positions outside dives; ``columns`` are longitude, latitude, depth, dead_reckoned and own, common or per row."""
     message = table.input, step.topic(table.topic), table.position
     values = table.time, table.order, *message, *columns, False, 0
     return {
@@ -169,16 +171,16 @@ def _rows(table: Table, step: Step, *columns: Any) -> Rows:
 def _origins(
     table: Table, begun: Array | None, known: Columns, stated: Stated, step: Step
 ) -> Array:
-    """Return the origin for each of a topic's poses between two measured fixes, as in ``Frames``, shape (n, 4); NaN before there is one.
+    """Return the origin of each pose of a topic between two fixes, as in ``Frames``, shape (n, 4); NaN before the first.
 
-    It is the last position before the first pose after a measured fix; of a MAVLink system the origin that it states.
+    It is the last position before the first pose after a fix, or the origin stated by a MAVLink system.
 
     Args:
-        table: The poses.
-        begun: Their origin, if there has been one since the fix before; else None.
-        known: Positions, those of other topics' poses among them.
-        stated: By MAVLink systems.
-        step: The block.
+        table: Table of poses.
+        begun: Their origin since the previous fix; None without one.
+        known: Positions, including poses of other topics.
+        stated: Statements of MAVLink systems.
+        step: Block.
     """
     n, configured = len(table), step.config.origin
     if system := table.fixed["system"]:
@@ -201,7 +203,7 @@ def _origins(
     return np.where((at >= 0)[:, None], begun, np.nan)
 
 
-def _posed(table: Table, origin: Array, step: Step) -> tuple[Rows, Mask]:
+def _pose_positions(table: Table, origin: Array, step: Step) -> tuple[Rows, Mask]:
     """Return the positions of poses, and which poses have no origin; notes their messages."""
     x, y, east, north = origin.T
     longitude, latitude = moved(x, y, table["east"] - east, table["north"] - north)

@@ -1,4 +1,4 @@
-"""Messages to blocks, and the rows of blocks as observations: what a script loops over."""
+"""Blocks from messages, and observations from the rows of blocks, for scripts."""
 
 # keeps the signature in help() short
 from __future__ import annotations
@@ -31,11 +31,11 @@ _LAST = np.iinfo(np.int64).max
 
 
 class Stream(NamedTuple):
-    """What is carried from block to block.
+    """State of a stream between blocks.
 
     Attributes:
-        memory: Of the measurements.
-        pending: Frames of MAVLink's pings that are not complete.
+        memory: State of the measurements.
+        pending: Frames of incomplete MAVLink pings.
         order: Number of messages so far.
     """
 
@@ -45,7 +45,7 @@ class Stream(NamedTuple):
 
 
 def begun(system: int | None = None, component: int | None = None) -> Stream:
-    """Return a stream before its first message; ``system`` and ``component`` are those of MAVLink asked for, in logs that hold several."""
+    """Return a stream before its first message; ``system`` and ``component`` select a MAVLink sender."""
     asked = [None if number is None else str(number) for number in (system, component)]
     return Stream(Memory(sender=(asked[0], asked[1])))
 
@@ -53,7 +53,7 @@ def begun(system: int | None = None, component: int | None = None) -> Stream:
 def taken(
     stream: Stream, messages: Sequence[Message], config: MeasurementConfig, last: bool = False
 ) -> tuple[Stream, Block]:
-    """Return what is carried on after some messages, and what they measured; ``last`` says that the log ends with them."""
+    """Return the stream after some messages, and their measurements; ``last`` marks the end of the log."""
     tables, pending = tables_of(raws_of(messages, stream.order), config, stream.pending)
     order = stream.order + len(messages)
     if last:
@@ -70,7 +70,7 @@ def blocks(
     size: int = 4096,
     stream: Stream | None = None,
 ) -> Iterator[Block]:
-    """Yield what the blocks of a stream of messages measured; the last one when the stream has ended."""
+    """Yield the measurements of blocks of a stream of messages; the last one at the end of the stream."""
     stream, rest = stream or Stream(), iter(messages)
     while part := list(islice(rest, size)):
         stream, block = taken(stream, part, config)
@@ -79,7 +79,7 @@ def blocks(
 
 
 def rows(block: Block) -> Iterator[VehicleState | Measurement]:
-    """Yield the events of a block in order, each as a value of its own."""
+    """Yield the events of a block in order as objects."""
     for _, kind, row in block.events.tolist():
         if kind == LINEAR:
             yield block.linear[row]
@@ -93,7 +93,7 @@ def rows(block: Block) -> Iterator[VehicleState | Measurement]:
 
 
 def _value(made: Any, columns: Columns, row: int, block: Block, **changes: Any) -> Any:
-    """Return a row of a block as a value whose fields are the columns of their names, numbers as Python's, but for some."""
+    """Return a row of a block as an object with fields from the columns of their names, except for ``changes``."""
     one = {name: of[row].item() if of.ndim == 1 else of[row] for name, of in columns.items()}
     time = one.get("source_time", one["time"])
     source = Source(one["input"], block.topics[one["topic"]], one["ordinal"], time)
@@ -145,9 +145,9 @@ def path_mean(block: Block, row: int) -> PathMean:
 def observations(
     messages: Iterable[Message], config: MeasurementConfig | None = None
 ) -> Iterator[Measurement]:
-    """Yield the profiles and mean currents in a stream of messages: what a post-mission script loops over.
+    """Yield the profiles and mean currents in a stream of messages, for post-mission scripts.
 
-    A mean current beside profiles that were computed from it is left out: without the flight model's bias it would count twice.
+    Mean currents are skipped if profiles computed from them are used, to prevent double counting.
     """
     for block in blocks(messages, config or MeasurementConfig()):
         for event in rows(block):

@@ -1,4 +1,4 @@
-"""Pings in earth coordinates to tested profiles with a place: when each is decided, and what becomes of it."""
+"""Pings in earth coordinates to tested profiles with positions: time of decision and outcome."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,15 +36,14 @@ Profiles = tuple[Rows, list[BinTest]]
 
 
 def arrived(ping: Table, step: Step) -> Table:
-    """Return the pings that can be used, with what is known of the vehicle when they came; the others are noted.
+    """Return the usable pings with the vehicle's state at their arrival; others are noted.
 
-    The columns ``dive``, ``vehicle_depth`` [m], ``in_dive``, ``until`` and ``expires`` are added: when the fixes are there that give the
-    place and the platform's velocity, and when no position is waited for any longer [ns, UTC]; of a dive the fix after it may come hours
-    later.
+    Added columns: ``dive``, ``vehicle_depth`` [m], ``in_dive``, ``until``, when fixes for position and platform velocity are available, and
+    ``expires``, the end of waiting for a position [ns, UTC], hours later for a dive.
 
     Args:
-        ping: As ``earth.to_earth`` returns them, and ``why``, in words why one cannot be turned.
-        step: The block.
+        ping: Result of ``earth.to_earth``.
+        step: Block.
     """
     config, positions, dived = step.config, step.positions, step.dived(ping.order)
     under, stated, elsewhere = dived["submerged"], ping["dive"], np.isfinite(ping["place"][:, 0])
@@ -70,9 +69,9 @@ def arrived(ping: Table, step: Step) -> Table:
 def decided(
     waiting: Sequence[Table], arrivals: Sequence[Table], step: Step
 ) -> tuple[tuple[Table, ...], list[Table]]:
-    """Return the pings that still wait, and those that are decided, of one layout and topic as one table each.
+    """Return the waiting pings, and the decided ones as one table per layout and topic.
 
-    Columns of those: ``due``, place in the stream of the message that decides, and ``rank`` within it.
+    Columns of decided pings: ``due``, position in the stream of the deciding message, and ``rank`` within it.
     """
     groups: dict[Any, list[Table]] = {}
     for one in (*waiting, *arrivals):
@@ -80,7 +79,7 @@ def decided(
             groups.setdefault((one.fixed["layout"], one.topic, one.input), []).append(one)
     left, found = list[Table](), list[Table]()
     for parts in groups.values():
-        one = parts[0] if len(parts) == 1 else _together(parts)
+        one = parts[0] if len(parts) == 1 else _joined(parts)
         due, rank = _due(one, step)
         waits = (due == NEVER) & (not step.last)
         if waits.all():
@@ -91,8 +90,8 @@ def decided(
     return tuple(left), found
 
 
-def _together(parts: Sequence[Table]) -> Table:
-    """Return tables of one layout and topic as one."""
+def _joined(parts: Sequence[Table]) -> Table:
+    """Return joined tables of one layout and topic."""
     one = parts[0]
     time, order, position = (
         np.concatenate([getattr(part, name) for part in parts])
@@ -103,9 +102,9 @@ def _together(parts: Sequence[Table]) -> Table:
 
 
 def _due(ping: Table, step: Step) -> tuple[Integers, Integers]:
-    """Return the place in the stream of the message that decides on pings, far away for none, and their rank in it.
+    """Return the position in the stream of the message that decides on pings, far away for none, and their rank in it.
 
-    It gives them their place, or comes so late that none is waited for any longer.
+    It gives their position, or ends the waiting for it.
     """
     positions, until = step.positions, ping["until"]
     orders, times = (positions[name][step.new :] for name in ("order", "time"))
@@ -123,7 +122,7 @@ def _due(ping: Table, step: Step) -> tuple[Integers, Integers]:
 
 
 def profiled(ping: Table, step: Step) -> list[Profiles]:
-    """Return the profiles of pings, as ``decided`` returns them; nothing where none has a place."""
+    """Return the profiles of decided pings; empty if none has a position."""
     columns, due, positions, config = dict(ping.columns), ping["due"], step.positions, step.config
     moving, expired = columns["until"] > ping.time, columns["rank"] == EXPIRED
     if moving.any():
@@ -168,7 +167,7 @@ def profiled(ping: Table, step: Step) -> list[Profiles]:
 
 
 def _profile(ping: Table, step: Step) -> Profiles:
-    """Return the profiles of pings that have a place."""
+    """Return the profiles of pings with positions."""
     columns, fixed, n = dict(ping.columns), ping.fixed, len(ping)
     up, config = fixed["orientation"] == "up", step.config
     down = -columns["distance"] if up else columns["distance"]
@@ -211,7 +210,7 @@ _KEPT = (
 
 
 def padded(parts: Sequence[NDArray[Any]], missing: Any = 0) -> NDArray[Any]:
-    """Return rows of arrays of unlike widths as one array; what is missing is NaN, or ``missing`` of what are no fractions."""
+    """Return arrays of different widths as one array; padded with NaN, or ``missing`` for integers."""
     if len(parts) == 1:
         return parts[0]
     missing = np.nan if parts[0].dtype.kind == "f" else missing
@@ -229,7 +228,7 @@ MISSING = {"flags": Flag.MISSING}
 
 
 def stacked(parts: Sequence[Profiles]) -> tuple[Rows, tuple[BinTest, ...]]:
-    """Return the profiles of several layouts, and their tests, in the order of their events."""
+    """Return the profiles of several layouts and their tests in the order of events."""
     if not parts:
         return {}, ()
     columns = {

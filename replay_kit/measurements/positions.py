@@ -1,7 +1,7 @@
-"""Where the vehicle was: its positions, fixes at the surface, and the place of each ping.
+"""Positions of the vehicle, its fixes at the surface, and the position of each ping.
 
-A ping has the place interpolated between the positions before and after it, and waits for the latter. A vessel's ping that does not state
-its motion waits for the fixes after it, which give that. Messages come in the order of their times.
+A ping's position is interpolated between those before and after it, for which it waits. A vessel's ping without the vessel's velocity waits
+for the fixes that give it. Messages are in order of time.
 """
 
 from collections.abc import Mapping
@@ -41,7 +41,7 @@ def no_rows() -> Rows:
 
 
 def joined(*parts: Columns) -> Rows:
-    """Return the rows of some positions after those of others."""
+    """Return the concatenated rows of positions."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
@@ -52,11 +52,11 @@ def in_order(*parts: Columns) -> Rows:
 
 
 def as_of(at: Integers, order: Integers) -> Indices:
-    """Return the number of the last row up to places in the stream; -1 before the first.
+    """Return the index of the last row up to positions in the stream; -1 before the first.
 
     Args:
-        at: Places in the stream.
-        order: Those of the rows, ascending.
+        at: Positions in the stream.
+        order: Positions of the rows, ascending.
     """
     return np.searchsorted(order, at, side="right") - 1
 
@@ -69,7 +69,7 @@ def fixes_of(positions: Columns) -> Rows:
 
 
 def recent(positions: Columns) -> Rows:
-    """Return the positions that may still give the place or the velocity of a ping: those of two windows before the last."""
+    """Return the positions that may still be needed for pings: those of two windows before the last."""
     time = positions["time"]
     return chosen(positions, time > time[-1:].max(initial=LONG_AGO) - 2 * WINDOW)
 
@@ -80,23 +80,23 @@ Beside = list[NDArray[Any]]
 
 
 def beside(rows: Columns, at: Indices) -> Beside:
-    """Return some of the positions, NaN for the number -1."""
+    """Return positions by index, NaN for -1."""
     return [np.append(rows[name], end)[at] for name, end in _BESIDE.items()]
 
 
 def placed(
     time: Integers, in_dive: Mask, positions: Columns, upto: Indices, config: MeasurementConfig
 ) -> tuple[Array, Array, Array]:
-    """Return longitude and latitude of pings [degrees], NaN where they have no place, and the standard error of a place [m], shapes (n,).
+    """Return longitude and latitude of pings [degrees], NaN without one, and their standard error [m], shapes (n,).
 
-    The error is 0 near a known position, in time.
+    The error is 0 near the time of a known position.
 
     Args:
-        time: Of the pings [ns, UTC].
-        in_dive: Whether the vehicle was in a dive, and a position before it is known.
-        positions: The vehicle's.
-        upto: How many of them are known.
-        config: How near they must be.
+        time: Times of the pings [ns, UTC].
+        in_dive: Whether the vehicle was in a dive with a known earlier position.
+        positions: Positions of the vehicle.
+        upto: Number of known positions.
+        config: Limits of distance in time.
     """
     later = np.searchsorted(positions["time"], time, side="right")
     before = beside(positions, np.minimum(later, upto) - 1)
@@ -123,15 +123,15 @@ def placed(
 
 
 def vessel_velocity(time: Integers, fixes: Columns, upto: Indices) -> Array:
-    """Return a vessel's velocity over the ground at times, true east and north, and its error, shape (n, 3) [m/s].
+    """Return a vessel's velocity over ground, true east and north, and its error, shape (n, 3) [m/s].
 
-    NaN where fewer than three fixes are within 20 s, or all on one side. The slope of a straight line through these fixes, by least
-    squares; its error comes from how far the fixes lie from the line, so that a turning vessel's is larger.
+    The least-squares slope of the fixes within 20 s, with its error from their residuals, larger for a turning vessel. NaN for fewer than
+    three fixes, or all on one side.
 
     Args:
         time: shape (n,) [ns, UTC].
-        fixes: The vessel's.
-        upto: shape (n,), how many of them are known.
+        fixes: Fixes of the vessel.
+        upto: shape (n,), number of known fixes.
     """
     when, found = fixes["time"], np.full((time.size, 3), np.nan)
     begin = np.searchsorted(when, time - WINDOW, side="left")
@@ -160,5 +160,5 @@ def vessel_velocity(time: Integers, fixes: Columns, upto: Indices) -> Array:
 
 
 def _sum(values: NDArray[Any]) -> Array:
-    """Return sums over the second axis, in order, so that they do not depend on the other rows."""
+    """Return sums over the second axis in order, independent of other rows."""
     return np.asarray(np.cumsum(values, axis=1)[:, -1])

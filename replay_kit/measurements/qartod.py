@@ -1,10 +1,10 @@
-"""Tests of ADCP profiles' bins: functions of arrays, one a test, each giving the QARTOD flag of each bin.
+"""Quality tests of ADCP bins: functions of arrays, one per test, that return QARTOD flags.
 
-What is said of one profile does not depend on the others. A flag is good, suspect, fail, or not evaluated where the test's input is absent:
-a test never fails what it cannot judge. Limits are (suspect, fail); None is no limit. A bin's own flag is the worst that a test gave.
+Profiles are tested independently. Flags are good, suspect, fail, or not evaluated without the test's input. Limits are (suspect, fail);
+None is no limit. The flag of a bin is the worst of its tests.
 
-Sources: U.S. IOOS, "Manual for Real-Time Quality Control of In-Situ Current Observations" (QARTOD), which names the tests and leaves
-their numbers to the operator; Teledyne's commands WC, WE and its percent good; the toolbox of IMOS (side lobe, error velocity, tilt).
+Sources: U.S. IOOS, "Manual for Real-Time Quality Control of In-Situ Current Observations" (QARTOD), which names the tests and leaves their
+numbers to the operator; Teledyne's commands WC, WE and its percent good; the toolbox of IMOS (side lobe, error velocity, tilt).
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,11 +46,11 @@ Limits = tuple[Any, ...]
 def tested(
     profiles: Profiles, config: MeasurementConfig
 ) -> tuple[list[BinTest], Flags, NDArray[np.int32]]:
-    """Return the results of each test, and the flags and reasons of bins after all of them, shapes (n, m).
+    """Return the results of each test, and the combined flags and reasons of bins, shapes (n, m).
 
     Args:
-        profiles: As ``earth.to_earth`` returns them, with depth, transducer_depth, vehicle_depth and dive.
-        config: The limits.
+        profiles: Result of ``earth.to_earth`` with depth, transducer_depth, vehicle_depth and dive.
+        config: Limits of the tests.
     """
     quality, depth = config.quality, profiles["depth"]
 
@@ -77,9 +77,9 @@ def tested(
 
 
 def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any, ...]]:
-    """Return the tests that judge each bin by itself: name, reason, numbers, why there are none, whether limits are the least.
+    """Return the tests of single bins: name, reason, values, reason for missing ones, whether limits are lower bounds.
 
-    Last come the limits of those that are not in the settings by name.
+    The last element are limits that are not in the settings by name.
     """
     quality, dive = config.quality, profiles["dive"]
     east, north = np.moveaxis(profiles["velocity"][..., :2], 2, 0).copy()
@@ -153,7 +153,7 @@ def _tests(profiles: Profiles, config: MeasurementConfig) -> Sequence[tuple[Any,
 
 
 def _beams(profiles: Profiles, name: str) -> tuple[Array, Words]:
-    """Return the number on which each cell's solution hangs, of a field with one a beam, shape (n, m), and why pings have none."""
+    """Return the decisive beam value of each cell for a field, shape (n, m), and why pings lack it."""
     found = np.full(profiles["depth"].shape, np.nan)
     if name in profiles:
         found = worst_needed(profiles[name])
@@ -161,7 +161,7 @@ def _beams(profiles: Profiles, name: str) -> tuple[Array, Words]:
 
 
 def _snr(profiles: Profiles) -> tuple[Array, Words]:
-    """Return the stated ratio of signal to noise, else the echo over the noise's [dB]."""
+    """Return the stated signal-to-noise ratio, else echo amplitude over noise floor [dB]."""
     values, why = _beams(profiles, "snr")
     amplitude, floor, lacks = profiles.get("amplitude"), profiles["noise_floor"], why != ""
     instead: Any = _NO_SNR
@@ -172,10 +172,10 @@ def _snr(profiles: Profiles) -> tuple[Array, Words]:
 
 
 def _percent_good(profiles: Profiles) -> tuple[Array, Words]:
-    """Return the percentage of solutions in each cell: one number a cell, one a beam, or the sum of Teledyne's first and last.
+    """Return the percentage of good solutions in each cell, from one number per cell or beam, or Teledyne's four.
 
-    Teledyne's four, of velocities that the instrument turned, are three-beam solutions, rejected ones, cells with too few beams,
-    four-beam solutions.
+    Teledyne's four, for velocities rotated by the instrument, are three-beam solutions, rejected ones, too few beams, and four-beam
+    solutions; the first and last are added.
     """
     values = profiles.get("percent_good")
     # of the makers whose instruments turn velocities only Teledyne writes four numbers
@@ -186,10 +186,10 @@ def _percent_good(profiles: Profiles) -> tuple[Array, Words]:
 
 
 def _reach(profiles: Profiles, config: MeasurementConfig) -> tuple[Array, float]:
-    """Return how far bins reach from the transducer, shape (n, m) [m], and the share of a boundary's distance that is not spoiled.
+    """Return the far edge of bins from the transducer, shape (n, m) [m], and the fraction of a boundary's distance free of side lobes.
 
-    A beam's side lobe meets the boundary straight ahead before the beam itself does, so that the last part of the range,
-    1 - cos(beam angle) of it, is spoiled: of the widest beam, or of the configured angle where the ping does not say.
+    The side lobe reaches a boundary before the beam, which contaminates the last 1 - cos(beam angle) of the range, for the widest beam or
+    the configured angle.
     """
     distance, size, vectors = profiles["distance"], profiles["cell_size"], profiles["vectors"]
     if not np.isfinite(size) and distance.shape[1] > 1:
@@ -201,12 +201,12 @@ def _reach(profiles: Profiles, config: MeasurementConfig) -> tuple[Array, float]
 
 
 def graded(values: Array, limits: Limits, least: bool) -> Flags:
-    """Return the flags of values against limits; not evaluated where a value is NaN, or without any limit.
+    """Return the flags of values against limits; not evaluated for NaN or without any limit.
 
     Args:
-        values: Of any shape.
-        limits: Suspect and fail.
-        least: Whether the limits are the least that is good, else the most.
+        values: Values of any shape.
+        limits: Limits for suspect and fail.
+        least: Whether the limits are lower bounds, else upper ones.
     """
     known = np.isfinite(values) & any(limit is not None for limit in limits)
     flags = np.where(known, _GOOD, _NOT_EVALUATED)
@@ -217,12 +217,12 @@ def graded(values: Array, limits: Limits, least: bool) -> Flags:
 
 
 def worst_needed(beams: Array) -> Array:
-    """Return the number on which each cell's solution hangs, shape (..., m): that of the third best beam, or of the worst of fewer.
+    """Return the decisive value of each cell, shape (..., m): the third best beam, or the worst of fewer.
 
-    A single bad beam of four is for the error velocity to find; NaN where fewer beams than are needed have a number.
+    A single bad beam of four is detected by the error velocity; NaN if too few beams have a value.
 
     Args:
-        beams: shape (..., m, b), correlation, echo or the like of each beam.
+        beams: shape (..., m, b), correlation, echo or similar of each beam.
     """
     needed = min(_BEAMS, beams.shape[-1])
     # NaN sorts last, so beams without a number stand behind all others
@@ -231,16 +231,16 @@ def worst_needed(beams: Array) -> Array:
 
 @np.errstate(invalid="ignore")
 def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
-    """Return how far each bin is from the median of those around it, in median deviations, shape (..., m): Hampel's filter.
+    """Return the distance of each bin from its running median in median deviations, shape (..., m): Hampel filter.
 
-    The deviations are scaled to standard deviations, and are those of the window or of the whole profile, whichever are larger; of
-    both components the worse counts. At a profile's ends the window is moved inwards. A straight profile gives 1.4 at most, however
-    strong its shear, and a step between two layers gives 0. NaN where the bin or all but three of its window are missing.
+    Deviations are scaled to standard deviations, of the window or the whole profile if larger; the worse component counts. At a profile's
+    ends the window is moved inwards. A linear profile gives at most 1.4, a step between two layers 0. NaN if the bin or all but three of
+    its window are missing.
 
     Args:
         velocity: shape (..., m, 2) [m/s]; NaN where missing or failed.
-        floor: shape (..., m) [m/s], the least deviation that counts, so that the noise of a smooth profile is no outlier.
-        window: Bins in a window, odd; of a shorter profile all.
+        floor: shape (..., m) [m/s], least deviation, so that noise of a smooth profile is no outlier.
+        window: Odd number of bins in a window; a shorter profile is one window.
     """
     # components and cells first, so that what is compared with each other is whole arrays
     each = np.ascontiguousarray(np.moveaxis(velocity, (-1, -2), (0, 1)))
@@ -262,7 +262,7 @@ def outlyingness(velocity: Array, floor: Array, window: int) -> Array:
 
 
 def _median(values: Sequence[Array] | Array, count: Indices) -> Array:
-    """Return medians of the ``count`` least of numbers along the first axis; numpy's own take far longer, also to sort a few."""
+    """Return medians of the ``count`` least numbers along the first axis, faster than numpy's for few."""
     if len(values) > _FEW:
         ordered = np.sort(values, axis=0)
     else:
@@ -284,9 +284,9 @@ def _median(values: Sequence[Array] | Array, count: Indices) -> Array:
 def _rolled_up(
     tests: Sequence[BinTest], profiles: Profiles, use_suspect: bool
 ) -> tuple[Flags, NDArray[np.int32]]:
-    """Return each bin's flag, the worst that a test gave, and the reasons of all tests that found it suspect or failed it.
+    """Return each bin's worst flag, and the reasons of all tests with suspect or fail.
 
-    A bin without a number is missing, whatever the tests say. Suspect bins fail where they are not to be used.
+    A bin without a value is missing. Suspect bins fail if they are not to be used.
     """
     present = every(np.isfinite(profiles["velocity"][..., :2]))
     malformed = ~np.isfinite(profiles["depth"])

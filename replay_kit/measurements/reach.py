@@ -1,8 +1,8 @@
-"""Positions that the vehicle cannot have reached: a few, after which the track goes on, or all from some time on.
+"""Positions out of the vehicle's reach: single outliers, or a permanent displacement.
 
-A position out of reach waits for those after it. Where one of them is within reach again, those that waited were thrown, and are left out;
-where five follow each other, the vehicle is there. A fix is judged by the dead-reckoned position before it, as far as those before were
-right, and else by the fix before it.
+A position out of reach waits for later ones. If one of them is within reach again, the waiting ones are outliers and excluded; five
+consecutive ones move the vehicle there. A fix is compared with the previous dead-reckoned position, given the accuracy of earlier ones, or
+with the previous fix.
 """
 
 import math
@@ -37,7 +37,7 @@ COLUMNS = ("time", "longitude", "latitude", "dead_reckoned", "input")
 
 
 class Place(NamedTuple):
-    """A position: time [ns, UTC], longitude, latitude [degrees], whether it was dead-reckoned, and its log."""
+    """Position: time [ns, UTC], longitude, latitude [degrees], whether it was dead-reckoned, and log."""
 
     time_ns: int
     longitude: float
@@ -50,20 +50,20 @@ class Place(NamedTuple):
         return (other.time_ns - self.time_ns) * 1e-9
 
     def way(self, other: "Place") -> float:
-        """Return how far away another position is [m], to a few percent."""
+        """Return the distance to another position [m], to a few percent."""
         east, north = metres_per_degree(0.5 * (self.latitude + other.latitude))
         degrees = (other.longitude - self.longitude + 180.0) % 360.0 - 180.0
         return math.hypot(east * degrees, north * (other.latitude - self.latitude))
 
 
 def places(rows: Columns) -> Callable[[int], Place]:
-    """Return what gives positions one by one."""
+    """Return a function that returns a position by index."""
     columns = [rows[name].tolist() for name in COLUMNS]
     return lambda k: Place(*[column[k] for column in columns])
 
 
 def short_steps(rows: Mapping[str, NDArray[Any]]) -> Mask:
-    """Return of which positions the one before them is of the same log and kind, shortly before, and near, shape (n,)."""
+    """Return whether the previous position is of the same log and kind, recent and near, shape (n,)."""
     step = {name: np.diff(rows[name], prepend=rows[name][:1]) for name in COLUMNS}
     seconds = step["time"] * 1e-9
     short = (seconds > 0.0) & (seconds < _STEP_TIME)
@@ -72,17 +72,17 @@ def short_steps(rows: Mapping[str, NDArray[Any]]) -> Mask:
 
 
 class Reach(NamedTuple):
-    """What is remembered of positions.
+    """State of the positions of the vehicle.
 
     Attributes:
-        last: Last one that was reached.
-        fix: Last measured one.
-        speeds: Of the latest steps [m/s].
-        gaps: From dead-reckoned positions to the fixes after them, beyond the way in between [m].
-        held: Rows that wait.
-        number: Of positions that were reached.
-        doubted: Positions thrown or not decided on at once: ``time``, ``longitude``, ``latitude``, and from which place in the stream
-            ``until`` which they are no position.
+        last: Last position within reach.
+        fix: Last measured position.
+        speeds: Speeds of the latest steps [m/s].
+        gaps: Errors of dead-reckoned positions at the next fixes [m].
+        held: Waiting rows.
+        number: Number of positions within reach.
+        doubted: Excluded and waiting positions: ``time``, ``longitude``, ``latitude``, and the interval of the stream, ``order`` to
+            ``until``, in which they do not count.
     """
 
     last: Place | None = None
@@ -94,7 +94,7 @@ class Reach(NamedTuple):
     doubted: Columns = no_rows() | {"until": np.empty(0, np.int64)}
 
     def doubts(self, fix: tuple[int, float, float], at: int) -> bool:
-        """Return whether a fix, time [ns], longitude and latitude [degrees], is a position that does not count at a place in the stream."""
+        """Return whether a fix, time [ns], longitude and latitude [degrees], is excluded at a position in the stream."""
         of, (time_ns, longitude, latitude) = self.doubted, fix
         same = np.abs(of["time"] - time_ns) <= _SAME_TIME
         same &= np.hypot(of["longitude"] - longitude, of["latitude"] - latitude) <= _STEP
@@ -102,12 +102,12 @@ class Reach(NamedTuple):
 
     @property
     def fastest(self) -> float:
-        """The speed that the vehicle reaches [m/s], by what it does a quarter of the time: a vessel also keeps its station."""
+        """Greatest speed of the vehicle [m/s], from the upper quartile of its speeds, as a vessel also keeps station."""
         usual = sorted(self.speeds)[3 * len(self.speeds) // 4] if self.speeds else _FASTEST
         return min(max(_FASTER * usual, _SLOWEST), _FASTEST)
 
     def reaches(self, start: Place, end: Place) -> bool:
-        """Return whether the vehicle can have come from one position to another."""
+        """Return whether the vehicle can move from one position to another in the time between them."""
         error = _ERROR
         if start.reckoned and not end.reckoned:
             if len(self.gaps) < _LEAST_GAPS:
@@ -116,7 +116,7 @@ class Reach(NamedTuple):
         return start.way(end) <= error + self.fastest * abs(start.seconds(end))
 
     def on(self, here: Place) -> "Reach":
-        """Return what is remembered once a position is reached; nothing is learnt of another log, of the past, or after a pause."""
+        """Return the state after a position; another log, the past or a pause do not change the speeds."""
         last, speeds, gaps = self.last, self.speeds, self.gaps
         own, number = None if here.reckoned else here, self.number + 1
         if last is None or last.log != here.log:
@@ -136,14 +136,14 @@ class Reach(NamedTuple):
 def within_reach(
     before: Reach, positions: Columns, ends: bool
 ) -> tuple[Reach, Columns, Mask, list[tuple[int, Finding]]]:
-    """Return what is remembered, positions, which of them count and were not thrown, and what was found with its place in the stream.
+    """Return the state, positions, which of them count, and findings with their positions in the stream.
 
-    ``order`` is the place in the stream of the message with which that is known.
+    ``order`` is the position in the stream of the deciding message.
 
     Args:
-        before: Remembered.
-        positions: Rows, in order.
-        ends: Whether the log ends with them: what waits then has nothing that supports it.
+        before: State before the rows.
+        positions: Rows in order.
+        ends: Whether the log ends with them; waiting positions are then excluded.
     """
     rows = joined(before.held, positions)
     every, order, quick = places(rows), rows["order"].copy(), short_steps(rows)
@@ -153,7 +153,7 @@ def within_reach(
     far_off = [k for k in held if state.last and state.last.way(every(k)) >= _MOVED]
 
     def settle(used: bool) -> None:
-        """Decide on what waits, now."""
+        """Decide on the waiting positions."""
         order[held], use[held] = order[i], used
         held.clear()
 
@@ -216,7 +216,7 @@ def within_reach(
 
 
 def _displaced(first: Place, far: float, thrown: int) -> Finding:
-    """Return what is found where some positions were thrown, or, with none thrown, the track goes on far away [m]."""
+    """Return the finding of excluded outliers or, with none, of a permanent displacement [m]."""
     cause = "a receiver that errs, a wrong datum, or positions of another vehicle"
     evidence = f"the track goes on {far / 1e3:.3g} km away, farther than the vehicle reaches, and does not come back"
     advice = "check the receiver, and give a log with the right positions"

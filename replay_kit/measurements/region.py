@@ -1,4 +1,4 @@
-"""What measurements leave to the region of a run: how fast its currents are, where, how densely known."""
+"""Settings of the measurements from the region of a run: speeds, extent and resolution of its ensemble."""
 
 import math
 
@@ -12,7 +12,7 @@ _MEMBERS, _COLUMNS = 4, 500
 
 
 def for_region(config: RunConfig, ensemble: Ensemble) -> RunConfig:
-    """Return the settings of a run with what measurements leave to its ensemble: how fast its currents are, where, how densely."""
+    """Return the settings of a run completed by its ensemble: speed of the currents, extent and resolution."""
     measurements, grid = config.measurements, ensemble.grid
     # some columns of some members tell as much as all of them, and a region without a CTD is not read for it
     every = 1 + math.isqrt(grid.east.size // _COLUMNS)

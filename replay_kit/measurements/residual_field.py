@@ -1,9 +1,8 @@
-"""What total vectors of radars show beside an estimate, as a field.
+"""Field of the residuals of radar total vectors from an estimate.
 
-An estimate has no divergence and changes over days; a sea surface has divergence, fronts and tides. What is seen beside an estimate is a
-field whose components are independent with the covariance s^2 exp(-d / L) between places d apart, and errors of f times those stated.
-Times before say which s, L and f (maximum likelihood): stated errors may be those of the method, which hours share. For that a measurement
-keeps its vectors, of very many averaged to smaller boxes.
+An estimate has no divergence and changes over days; the sea surface has divergence, fronts and tides. Residual components are independent
+with covariance s^2 exp(-d / L) at distance d, and errors f times those stated. Earlier times give s, L and f (maximum likelihood), as
+stated errors may be of the method and common to hours. For that a measurement keeps its vectors, averaged to small boxes if there are many.
 """
 
 from collections.abc import Sequence
@@ -24,12 +23,12 @@ _LENGTHS, _ERRORS, _NUGGET = np.geomspace(5e3, 80e3, 9), np.geomspace(0.05, 3.0,
 
 @dataclass(frozen=True, slots=True)
 class ResidualField:
-    """The field's covariance.
+    """Covariance of the residual field.
 
     Attributes:
-        std: s [m/s], of a component.
-        length: L [m].
-        error_factor: f, on the stated errors of vectors.
+        std: s [m/s], standard deviation of a component.
+        length: L [m], correlation length.
+        error_factor: f, factor on the stated errors of vectors.
     """
 
     std: float
@@ -38,14 +37,14 @@ class ResidualField:
 
     @classmethod
     def likeliest(cls, times: Sequence[tuple[LinearMeasurement, Array]]) -> "ResidualField":
-        """Return the field under which residuals are likeliest.
+        """Return the maximum-likelihood field of residuals.
 
         Args:
-            times: Total vectors of each time, and what they are beside an estimate, shape (n, 2) [m/s]; NaN where there is none.
+            times: Total vectors of each time, and their residuals, shape (n, 2) [m/s]; NaN without an estimate.
         """
         seen = [
-            (_apart(places, places), errors, residual)
-            for places, errors, residual in (_known(*each) for each in times)
+            (_distances(places, places), errors, residual)
+            for places, errors, residual in (_with_residuals(*each) for each in times)
         ]
         number = sum(residual.size for *_, residual in seen)
         usual = float(np.median(np.concatenate([vectors.error_std for vectors, _ in times])))
@@ -67,19 +66,19 @@ class ResidualField:
     def between(
         self, seen: LinearMeasurement, residual: Array, longitude: Array, latitude: Array
     ) -> tuple[Array, Array]:
-        """Return the field at places, shape (m, 2) [m/s], and the standard error of a component of it, shape (m,) [m/s].
+        """Return the field at positions, shape (m, 2) [m/s], and the standard error of a component, shape (m,) [m/s].
 
-        Work grows with the third power of the vectors: 500 take some 0.02 s.
+        The cost is cubic in the number of vectors.
 
         Args:
             seen: Total vectors of one time.
-            residual: What they are beside an estimate, shape (n, 2) [m/s]; NaN where there is none.
+            residual: Their residuals, shape (n, 2) [m/s]; NaN without an estimate.
             longitude: shape (m,) [degrees].
             latitude: shape (m,) [degrees].
         """
-        places, errors, known = _known(seen, residual)
-        cross = self.std**2 * np.exp(-_apart((longitude, latitude), places) / self.length)
-        lower = np.linalg.cholesky(self._covariance(_apart(places, places), errors))
+        places, errors, known = _with_residuals(seen, residual)
+        cross = self.std**2 * np.exp(-_distances((longitude, latitude), places) / self.length)
+        lower = np.linalg.cholesky(self._covariance(_distances(places, places), errors))
         white, crossed = (
             solve_triangular(lower, each, lower=True, check_finite=False)
             for each in (known, cross.T)
@@ -88,20 +87,22 @@ class ResidualField:
         return crossed.T @ white, np.sqrt(np.maximum(variance, 0.0))
 
     def _covariance(self, apart: Array, errors: Array) -> Array:
-        """Return the covariance of residuals so far apart [m], shape (n, n) [m2/s2], by that of the vectors' stated errors."""
+        """Return the covariance of residuals at distances [m], shape (n, n) [m2/s2], given that of the stated errors."""
         field = np.exp(-apart / self.length) + _NUGGET * np.eye(len(errors))
         return self.std**2 * field + self.error_factor**2 * errors
 
 
-def _known(seen: LinearMeasurement, residual: Array) -> tuple[tuple[Array, Array], Array, Array]:
-    """Return the places of the vectors with a residual, the covariance of their errors [m2/s2], and the residuals."""
+def _with_residuals(
+    seen: LinearMeasurement, residual: Array
+) -> tuple[tuple[Array, Array], Array, Array]:
+    """Return the positions of vectors with residuals, their error covariance [m2/s2], and the residuals."""
     known = np.flatnonzero(np.isfinite(residual).all(axis=1))
     longitude, latitude = seen.value_places
     return (longitude[known], latitude[known]), seen.covariance(known), residual[known]
 
 
-def _apart(places: tuple[Array, Array], others: tuple[Array, Array]) -> Array:
-    """Return the distances between places, longitudes and latitudes, shape (m, n) [m]."""
+def _distances(places: tuple[Array, Array], others: tuple[Array, Array]) -> Array:
+    """Return the distances between positions (longitudes, latitudes), shape (m, n) [m]."""
     middle = Projection(float(others[0][0]), float(others[1][0]))
     (x, y), (to_x, to_y) = (to_local(middle, *each) for each in (places, others))
     return np.hypot(x[:, None] - to_x, y[:, None] - to_y)

@@ -1,4 +1,4 @@
-"""What a block of messages is measured by: its positions, depths, clock and settings; and whether each message was used, or why not."""
+"""Inputs of the measurement of a block: positions, depths, clock and settings; and the outcome of each message."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -19,31 +19,31 @@ Found = list[tuple[int, LinearMeasurement]]
 
 
 def left_out_reason(rules: Sequence[str]) -> str:
-    """Return the reason of a message whose measurement rules of the settings leave out."""
+    """Return the reason of a message withheld by rules of the settings."""
     return f"{_LEFT_OUT}{', '.join(rules)}{_BY}"
 
 
 def left_out_rules(reason: str) -> Sequence[str]:
-    """Return the rules of the settings that a reason names; none where it is another."""
+    """Return the rules of the settings in a reason; empty for other reasons."""
     if not reason.startswith(_LEFT_OUT):
         return []
     return reason.removeprefix(_LEFT_OUT).removesuffix(_BY).split(", ")
 
 
 class Step(NamedTuple):
-    """A block of messages.
+    """Block of messages with its settings and vehicle state.
 
     Attributes:
-        config: How messages become measurements.
-        clock: Places in the stream and times [ns, UTC] of all messages.
+        config: Settings of the measurements.
+        clock: Positions in the stream and times [ns, UTC] of all messages.
         last: Whether the log ends with them.
         topics: Numbers of topics, by name.
-        reasons: Numbers of the reasons for which messages are not used, in words.
+        reasons: Numbers of the reasons for exclusion, by text.
         noted: Outcomes so far, as in ``Block``.
-        positions: Those of the last 40 s before, and those of the block.
-        new: Number of the first of the block.
-        depths: The vehicle's.
-        reach: What its positions say of those that it can reach.
+        positions: Positions of the block and of 40 s before.
+        new: Index of the first of the block.
+        depths: Depths of the vehicle.
+        reach: Reach of the vehicle.
     """
 
     config: MeasurementConfig
@@ -58,11 +58,11 @@ class Step(NamedTuple):
     reach: Reach = Reach()
 
     def dived(self, order: Integers) -> Rows:
-        """Return the vehicle's depth and dive after messages at places in the stream, columns as of ``dives.depths_of``."""
+        """Return the vehicle's depth and dive after messages at positions in the stream, as columns of ``dives.depths_of``."""
         return chosen(self.depths, as_of(order, self.depths["order"]))
 
     def messages(self, tables: Sequence[Table]) -> list[tuple[Table, Source]]:
-        """Return the rows of tables one by one, in order, with their messages."""
+        """Return the single rows of tables in order, with their messages."""
         rows = [one.rows(slice(k, k + 1)) for one in tables for k in range(len(one))]
         rows.sort(key=lambda one: int(one.order[0]))
         return [
@@ -71,16 +71,16 @@ class Step(NamedTuple):
         ]
 
     def topic(self, name: str) -> int:
-        """Return the number of a topic, which is new or known."""
+        """Return the number of a topic, registered if new."""
         return self.topics.setdefault(name, len(self.topics))
 
     def add(self, due: Integers, topic: Integers | int, why: Any = "") -> None:
-        """Note messages.
+        """Note the outcomes of messages.
 
         Args:
-            due: shape (n,), place in the stream at which the use of each was decided.
-            topic: Number of its topic, one for all or for each.
-            why: Why it is not used, one for all or for each; empty for those that are.
+            due: shape (n,), position in the stream of each decision.
+            topic: Number of the topic, common or for each.
+            why: Reason for exclusion, common or for each; empty if used.
         """
         words, codes = np.full(len(due), why, object), np.full(len(due), -1)
         for reason in {*words} - {""}:
@@ -88,14 +88,14 @@ class Step(NamedTuple):
         self.noted.append(np.column_stack(np.broadcast_arrays(due, topic, codes)))
 
     def note(self, table: Table, why: Any = "", due: Integers | None = None) -> None:
-        """Note the messages of a table, each where it comes unless ``due`` says another place; the pings of several as often."""
+        """Note the outcomes of a table's messages, at their own position or ``due``; pings of several messages count as often."""
         times = table.columns.get("messages", 1)
         words = np.repeat(np.full(len(table), why, object), times)
         due = np.repeat(table.order if due is None else due, times)
         self.add(due, self.topic(table.topic), words)
 
     def kept(self, table: Table, why: Any) -> Table:
-        """Note the messages of a table that are not used, and return the others."""
+        """Note the excluded messages of a table, and return the others."""
         why = np.full(len(table), why, object)
         good = why == ""
         if good.all():
@@ -104,7 +104,7 @@ class Step(NamedTuple):
         return table.rows(good)
 
     def left_out(self, kind: str, dive: int) -> str:
-        """Return why the settings leave out a measurement of a kind and dive; empty where they do not."""
+        """Return why the settings withhold a measurement of a kind and dive; empty if they do not."""
         rules = rules_for(self.config.without, kind, dive)
         return left_out_reason(rules) if rules else ""
 

@@ -1,8 +1,8 @@
-"""Measurements of other sources: vectors of HF radars averaged to boxes, fixes of drifters to means of the current between them, sensors.
+"""Measurements from other sources: HF radar vectors averaged to boxes, drifter fixes as mean currents, sensors.
 
-A box is two of the ensemble's cells wide: 500 vectors an hour are not 500 measurements. The error of a box has that of its vectors,
-correlated over a length; tides and inertial motion, which daily fields do not hold, are an error that all boxes of a time share. Radials
-are averaged along bearings: each sector of a station measures one component.
+A box is two of the ensemble's cells wide, as vectors of an hour are not independent. The error of a box includes that of its vectors,
+correlated over a length; tides and inertial motion, absent from daily fields, are an error common to all boxes of a time. Radials are
+averaged along bearings: each sector of a station measures one component.
 """
 
 import math
@@ -57,19 +57,26 @@ Vectors = Mapping[str, Any]
 
 
 def _part(vectors: Vectors, at: Mask) -> Vectors:
-    """Return some of the vectors."""
+    """Return a subset of the vectors."""
     return {name: values[at] if np.ndim(values) else values for name, values in vectors.items()}
 
 
 def of_others(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step) -> Found:
-    """Return what radars, drifters and sensors of other packages measured.
+    """Return the measurements of radars, drifters and sensors of other packages.
 
     Args:
-        fixes: By name, the fix from which each drifter's displacement is counted; brought up to date.
-        tables: Of them.
-        step: The block.
+        fixes: Reference fix of each drifter's displacement, by name; updated.
+        tables: Tables of their messages.
+        step: Block.
     """
-    found, of = Found(), {"radar": _of_radar, "drifter": _of_drifter, "sensor": _of_sensor}
+    found, of = (
+        Found(),
+        {
+            "radar": _radar_measurements,
+            "drifter": _drifter_measurement,
+            "sensor": _sensor_measurement,
+        },
+    )
     for one, source in step.messages(tables):
         label = Label(int(step.dived(one.order)["dive"][0]), source)
         made, reason = of[one.kind](chosen(one.columns, 0), label, step.config, fixes)
@@ -80,7 +87,7 @@ def of_others(fixes: dict[str, DrifterFix], tables: Sequence[Table], step: Step)
 
 
 def _inside(config: MeasurementConfig, longitude: Any, latitude: Any) -> Any:
-    """Return whether places [degrees] are in the box of the settings, west, south, east, north; everywhere without one."""
+    """Return whether positions [degrees] are in the box of the settings, west, south, east, north; True without one."""
     if config.surface_box is None:
         return True
     west, south, east, north = config.surface_box
@@ -92,8 +99,10 @@ def _tide_of(config: MeasurementConfig) -> float:
     return _USUAL_TIDE if config.surface_tide_std is None else config.surface_tide_std
 
 
-def _of_radar(row: Vectors, label: Label, config: MeasurementConfig, _: Any) -> tuple[Linear, str]:
-    """Return the measurements of the radars' vectors of a time, or why there are none."""
+def _radar_measurements(
+    row: Vectors, label: Label, config: MeasurementConfig, _: Any
+) -> tuple[Linear, str]:
+    """Return the measurements of radar vectors of one time, or the reason for exclusion."""
     good = np.abs(row["value"]).max(axis=1) <= config.max_speed
     good &= config.quality.use_suspect | ~row["suspect"]
     good &= _inside(config, row["longitude"], row["latitude"])
@@ -103,18 +112,20 @@ def _of_radar(row: Vectors, label: Label, config: MeasurementConfig, _: Any) -> 
     return superobservations(_part(row, good), label, spacing, _tide_of(config)), ""
 
 
-def _of_sensor(row: Mapping[str, Any], label: Label, _: Any, __: Any) -> tuple[Linear, str]:
-    """Return what a sensor of another package measured, at the time of its message."""
+def _sensor_measurement(
+    row: Mapping[str, Any], label: Label, _: Any, __: Any
+) -> tuple[Linear, str]:
+    """Return the measurement of another package's sensor at the time of its message."""
     stated = _with_places(row["measurement"])
     own = replace(stated.label, dive=label.dive, source=label.source)
     own = replace(own, kind=own.kind or "sensors")
     return [replace(stated, time_ns=label.source.time_ns, label=own)], ""
 
 
-def _of_drifter(
+def _drifter_measurement(
     row: Mapping[str, Any], label: Label, config: MeasurementConfig, fixes: dict[str, DrifterFix]
 ) -> tuple[Linear, str]:
-    """Return the mean current since a drifter's fix of some hours before, if there is one, or why its fix is not used."""
+    """Return the mean current since a drifter's fix some hours earlier, if any, or the reason for exclusion."""
     after = Spot(label.source.time_ns, *(row[name].item() for name in Spot._fields[1:]))
     if not _inside(config, after.longitude, after.latitude):
         return [], _OUTSIDE
@@ -143,7 +154,7 @@ def _of_drifter(
 
 
 def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
-    """Return a measurement with those values flagged that have no place, or one above the surface."""
+    """Return a measurement with values flagged that have an invalid position or lie above the surface."""
     points = {name: getattr(stated, name) for name in Spot._fields[1:]}
     unknown, above = ~np.isfinite(sum(points.values())), stated.depth < 0.0
     if stated.weights is not None:
@@ -162,13 +173,13 @@ def _with_places(stated: LinearMeasurement) -> LinearMeasurement:
 def superobservations(
     currents: Vectors, label: Label, spacing: float, tide_std: float
 ) -> list[LinearMeasurement]:
-    """Return the measurements of a time: one of total vectors, or one of each sector of radials.
+    """Return the measurements of one time: one for total vectors, or one per sector of radials.
 
     Args:
         currents: At least one vector.
-        label: For statistics; its source has the time.
+        label: Origin; its source has the time.
         spacing: Width of the boxes [m].
-        tide_std: Speed of tides and inertial motion that the forecast does not hold, of each component [m/s].
+        tide_std: Standard deviation of each component of tides and inertial motion absent from the forecast [m/s].
     """
     common = tide_std * np.sqrt(max(1.0, _TIDE / currents["averaged"]))
     wide = _width(currents, spacing, _MOST_BOXES)
@@ -184,7 +195,7 @@ def superobservations(
 
 
 def _averaged(currents: Vectors, label: Label, spacing: float, common: float) -> LinearMeasurement:
-    """Return vectors averaged to boxes; radials are measurements of the component along the mean of their bearings."""
+    """Return vectors averaged to boxes; radials give the component along their mean bearing."""
     x, y = _local(currents)
     # a box is the mean of its quarters, not the current in its middle
     number, quarter = (_boxes(x, y, width) for width in (spacing, 0.5 * spacing))
@@ -234,7 +245,7 @@ def _local(currents: Vectors) -> tuple[Array, Array]:
 
 
 def _width(currents: Vectors, spacing: float, most: int) -> float:
-    """Return the width of boxes [m], ``spacing`` or so much more that there are no more than ``most``."""
+    """Return the width of boxes [m], at least ``spacing``, for at most ``most`` boxes."""
     x, y = _local(currents)
     spacing = max(spacing, _LEAST_SPACING)
     while _boxes(x, y, spacing).max() >= most:
@@ -243,7 +254,7 @@ def _width(currents: Vectors, spacing: float, most: int) -> float:
 
 
 def _boxes(x: Array, y: Array, spacing: float) -> Indices:
-    """Return the number of each place's box, shape (n,), from 0 without gaps."""
+    """Return the index of each position's box, shape (n,), from 0 without gaps."""
     east, north = (np.floor((each - each.min()) / spacing).astype(np.int64) for each in (x, y))
     # as one number each: rows are ten times slower to compare
     return np.unique(east * (north.max() + 1) + north, return_inverse=True)[1]

@@ -1,4 +1,4 @@
-"""Where a vehicle surfaces, seen in the events of a replay."""
+"""Detection of surfacings in the events of a replay."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from replay_kit.measurements.dives import dive_begins
 
 @dataclass(frozen=True, slots=True)
 class SurfacingState:
-    """What is remembered between events.
+    """State between events.
 
     Attributes:
-        submerged: Whether the vehicle is in a dive, by its positions' depths.
-        dive: Number of the last dive that a profile belonged to.
-        reported: Whether the surfacing after that dive was seen.
+        submerged: Whether the vehicle is in a dive, by the depths of its positions.
+        dive: Number of the last dive with a profile.
+        reported: Whether the surfacing after that dive was detected.
         fix: Last measured position since the last surfacing; None without.
     """
 
@@ -27,15 +27,15 @@ class SurfacingState:
 def detect_surfacing(
     state: SurfacingState, event: VehicleState | Measurement, surface_depth: float
 ) -> tuple[SurfacingState, VehicleState | None]:
-    """Return the state after an event, and the fix at which the vehicle is now seen to have surfaced; None when it is not.
+    """Return the state after an event, and the fix of a newly detected surfacing, or None.
 
-    That is the first measured position after a dive that is not below the surface depth. Where positions have no depths, it is the last
-    measured one before the first profile of the next dive. ``dives.submerged`` is the rule for where a dive begins and ends.
+    It is the first measured position after a dive at or above the surface depth. Without depths it is the last measured one before the
+    first profile of the next dive. Dives are defined by ``dives.submerged``.
 
     Args:
-        state: Before it.
-        event: A position or a measurement, in the order of the log.
-        surface_depth: [m], shallower than this the vehicle is at the surface.
+        state: State before the event.
+        event: Position or measurement, in the order of the log.
+        surface_depth: Depth above which the vehicle is at the surface [m].
     """
     if isinstance(event, VehicleState):
         if event.dead_reckoned or event.depth > surface_depth:

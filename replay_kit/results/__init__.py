@@ -1,4 +1,4 @@
-"""Values to result files and back: the result MCAP, its message schemas and its read-back check."""
+"""Result files: the result MCAP, its message schemas, writing, reading and checks."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Two results compared by their values: inputs and settings, the estimate, tables, findings. Bytes and hashes decide nothing."""
+"""Comparison of two results by value: inputs and settings, estimate, tables, findings; bytes and hashes are ignored."""
 
 import json
 import tomllib
@@ -27,11 +27,11 @@ _OF_MAKING = ("replay_kit.versions", "replay_kit.followed", "contract")
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """The record of the run that made a result.
+    """Record of the run that made a result.
 
     Attributes:
         metadata: Record name to keys and values, without digests.
-        config_toml: The configuration.
+        config_toml: Configuration.
     """
 
     metadata: dict[str, dict[str, str]]
@@ -43,9 +43,9 @@ class LevelDifference:
     """Difference of two estimates at a level, over the nodes of their grid.
 
     Attributes:
-        depth: [m].
-        rms: Of a component of the velocity [m/s].
-        largest: Of a component of the velocity [m/s].
+        depth: Depth of the level [m].
+        rms: RMS difference of a component [m/s].
+        largest: Largest difference of a component [m/s].
         standard_error: Largest difference of the standard errors [m/s].
     """
 
@@ -60,9 +60,9 @@ class TableDifference:
     """Difference of two tables.
 
     Attributes:
-        name: Of the table, after the name of one of several vehicles.
+        name: Name of the table, with the vehicle's name as prefix if there are several.
         rows: Number of rows of both.
-        columns: Largest difference by column in its unit, of texts and flags the number of unequal rows; empty where the rows differ.
+        columns: Largest difference by column in its unit, or number of unequal texts and flags; empty if the numbers of rows differ.
     """
 
     name: str
@@ -72,13 +72,13 @@ class TableDifference:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """What differs between two results.
+    """Difference between two results.
 
     Attributes:
-        made: Inputs and settings, each with both values; they alone make no difference.
-        estimate: The levels that differ.
-        tables: The tables that differ.
-        findings: Legs, findings, verdicts and exit codes that are not the same.
+        made: Different inputs and settings, with both values; they alone do not count as a difference.
+        estimate: Different levels.
+        tables: Different tables.
+        findings: Different legs, findings, verdicts and exit codes.
     """
 
     made: tuple[str, ...]
@@ -88,7 +88,7 @@ class Difference:
 
     @property
     def same(self) -> bool:
-        """Whether all values are the same."""
+        """Whether all values are equal."""
         return not (self.estimate or self.tables or self.findings)
 
     def to_json(self) -> dict[str, Any]:
@@ -96,7 +96,7 @@ class Difference:
         return {"same": self.same, **asdict(self)}
 
     def __str__(self) -> str:
-        """Return a line for each difference."""
+        """Return a line per difference."""
         return "\n".join([*self.made, *self._values()])
 
     def _values(self) -> Iterator[str]:
@@ -119,13 +119,13 @@ def read_recorded(path: Path) -> Recorded:
     """Return the record of the run that made a result.
 
     Raises:
-        LogError: It cannot be read, or was made neither by a replay nor by a plan.
+        LogError: It cannot be read, or is the result of neither a replay nor a plan.
     """
     return _recorded(ResultReader(path))
 
 
 def _recorded(reader: ResultReader) -> Recorded:
-    """Return ``read_recorded`` of an opened result."""
+    """Return the record of an open result."""
     metadata, config = reader.metadata, reader.text(CONFIG_NAME)
     # a replay has an ensemble, a plan made on its own estimates
     inputs = metadata.get("replay_kit.inputs", {})
@@ -139,14 +139,14 @@ def _recorded(reader: ResultReader) -> Recorded:
 
 
 def difference(one: Path, other: Path) -> Difference:
-    """Return what differs between two results.
+    """Return the difference between two results.
 
     Args:
-        one: A result of a replay or a plan.
-        other: Another.
+        one: Result of a replay or a plan.
+        other: Another result.
 
     Raises:
-        LogError: One cannot be read, or their versions, vehicles, regions or periods cannot be compared.
+        LogError: A result cannot be read, or versions, vehicles, regions or periods are not comparable.
     """
     files = ResultFile(one), ResultFile(other)
     records = _recorded(files[0].reader), _recorded(files[1].reader)
@@ -165,15 +165,15 @@ def difference(one: Path, other: Path) -> Difference:
         findings += [f"{name}: {text}" if name else text for text in _findings(first, second)]
     levels = [level for pair in _estimates(*files) for level in _levels(*pair)]
     return Difference(
-        tuple(_made(*records)),
+        tuple(_input_differences(*records)),
         tuple(each for each in levels if max(each.largest, each.standard_error) > TOLERANCE),
         tuple(tables),
         tuple(findings),
     )
 
 
-def _made(one: Recorded, other: Recorded) -> Iterator[str]:
-    """Yield inputs, options and settings that differ."""
+def _input_differences(one: Recorded, other: Recorded) -> Iterator[str]:
+    """Yield different inputs, options and settings."""
     held = []
     for each in (one, other):
         records = {name: values for name, values in each.metadata.items() if name not in _OF_MAKING}
@@ -188,10 +188,10 @@ def _made(one: Recorded, other: Recorded) -> Iterator[str]:
 
 
 def _estimates(one: ResultFile, other: ResultFile) -> Iterator[tuple[FlowEstimate, FlowEstimate]]:
-    """Yield the estimates of both, window by window; none of results of plans alone.
+    """Yield the estimates of both by window; empty for results of plans alone.
 
     Raises:
-        LogError: They are of other regions or periods.
+        LogError: Regions or periods differ.
     """
     if not (one.has_estimate or other.has_estimate):
         return
@@ -232,14 +232,16 @@ def _tables(vehicle: str, one: ResultFile, other: ResultFile) -> Iterator[TableD
         a, b = (getattr(each, name).reset_index() for each in (one, other))
         columns = dict[str, float]()
         if len(a) == len(b):
-            each = {str(column): _apart(a[column], b[column]) for column in a if column in b}
+            each = {
+                str(column): _column_difference(a[column], b[column]) for column in a if column in b
+            }
             columns = {column: value for column, value in each.items() if value > 0.0}
         if columns or len(a) != len(b):
             yield TableDifference(f"{vehicle} {name}".strip(), (len(a), len(b)), columns)
 
 
-def _apart(one: Any, other: Any) -> float:
-    """Return by how much two columns differ beyond the tolerance, of times in seconds; of texts and flags the number of unequal rows."""
+def _column_difference(one: Any, other: Any) -> float:
+    """Return the largest difference of two columns beyond the tolerance, times in seconds; for texts and flags the unequal rows."""
     if one.dtype.kind in "mM":
         return float(np.abs((one - other).dt.total_seconds()).max() if len(one) else 0.0)
     if one.dtype.kind not in "fiu" or other.dtype.kind not in "fiu":
@@ -255,7 +257,7 @@ def _apart(one: Any, other: Any) -> float:
 
 
 def _numbers(record: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
-    """Yield the values of a record whose values are JSON, by their path."""
+    """Yield the values of a record of JSON texts with their paths."""
     for name, text in record.items():
         yield from leaves(json.loads(text), name)
 

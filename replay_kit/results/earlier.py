@@ -1,6 +1,6 @@
-"""Results of earlier versions: their innovations, a message each, and weights, after each of them.
+"""Results of earlier versions: innovations and weights as single messages.
 
-With ``measurements.flight_bias`` results before contract version 5 hold, as measured mean currents of dives, the corrected ones.
+With ``measurements.flight_bias``, results before contract version 5 hold corrected mean currents as measured ones.
 """
 
 import tomllib
@@ -21,7 +21,7 @@ _MEASURED_SINCE = 5
 def innovations(reader: ResultReader, topic: str, newest: bool) -> Iterator[dict[str, Any]] | None:
     """Return the fields of ``replay_kit.Innovations`` of each message of a topic, see ``ResultReader.messages``.
 
-    None where the messages are of this version.
+    None if the messages are of this version.
     """
     if not _is(reader, topic, "replay_kit.Innovation"):
         return None
@@ -33,7 +33,7 @@ def innovations(reader: ResultReader, topic: str, newest: bool) -> Iterator[dict
 
 
 def weights(reader: ResultReader, topic: str) -> Iterator[tuple[int, Array]] | None:
-    """Return times [ns, UTC] and weights, level after level, of a topic's messages; None where they hold none."""
+    """Return times [ns, UTC] and weights, by level, of a topic's messages; None if they hold none."""
     if not _is(reader, topic, "replay_kit.FlowEstimate"):
         return None
     return ((time_ns, np.array(message.weights)) for time_ns, message in reader.decoded(topic))
@@ -45,7 +45,7 @@ def _is(reader: ResultReader, topic: str, schema: str) -> bool:
 
 
 def _fields(message: Any, corrected: bool) -> dict[str, Any]:
-    """Return a block of one innovation; a dive's mean current that is called measured is corrected where that is so."""
+    """Return a block of one innovation; with ``corrected``, the measured mean current of a dive is a corrected one."""
     mean, held = message.mean_current, dict[str, Any]()
     for field in MESSAGES["Innovations"]:
         value = getattr(message, field.name, 0 if field.name == "profiles" else ())

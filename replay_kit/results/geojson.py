@@ -1,7 +1,7 @@
-"""What of a result has a place on a map, as GeoJSON: of it the page's map, printed maps, GeoJSON and KML files are drawn.
+"""Features of a result as GeoJSON, for the page's map, printed maps, GeoJSON and KML.
 
-Each feature has a ``role``, by which it is styled, and a ``name``; ``time`` or, of several positions, ``coordTimes``; and more in its
-``description``. Longitudes are continuous across the antimeridian, as those of ``/plan/geojson``.
+Each feature has a ``role`` for its style, a ``name``, ``time`` or, for several positions, ``coordTimes``, and a ``description``. Longitudes
+are continuous across the antimeridian, as in ``/plan/geojson``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,7 +32,7 @@ ROLES: Mapping[str, str] = {
 
 
 def features_of(contents: Contents) -> list[Feature]:
-    """Return the features of a result, of several vehicles with the name of each, from the lowest on a map to the highest."""
+    """Return the features of a result, with names of several vehicles, in drawing order."""
     found = []
     for vehicle, one in contents.each.items():
         each = [*_of_plan_area(one), *_of_track(one), *_of_surfacings(one), *_of_plan(one)]
@@ -44,7 +44,7 @@ def features_of(contents: Contents) -> list[Feature]:
 
 
 def until(features: Sequence[Feature], time_ns: int | None) -> list[Feature]:
-    """Return features without what is later than a time [ns, UTC]; all of them for None."""
+    """Return the features up to a time [ns, UTC]; all for None."""
     if time_ns is None:
         return [*features]
     (end,), kept = _times(np.array([time_ns])), []
@@ -63,13 +63,13 @@ def until(features: Sequence[Feature], time_ns: int | None) -> list[Feature]:
 def contours_of(
     seabed: Seabed, projection: Projection, ends: Sequence[float], step: float
 ) -> list[Feature]:
-    """Return lines of equal depth of the bottom within a box.
+    """Return depth contours of the seabed within a box.
 
     Args:
-        seabed: The bottom.
+        seabed: Seabed.
         projection: Its local frame.
-        ends: West, east, south, north of the box [m].
-        step: Between contours [m].
+        ends: West, east, south and north sides of the box [m].
+        step: Contour interval [m].
     """
     # loads slowly, and few results have a bottom
     from contourpy import contour_generator
@@ -94,7 +94,7 @@ def contours_of(
 
 
 def place_features(series: pd.DataFrame, projection: Projection) -> list[Feature]:
-    """Return the last current at each place of a table of series."""
+    """Return the last current at each position of a table of series."""
     found = []
     for number, rows in series.groupby("place") if len(series) else ():
         last = rows.iloc[-1]
@@ -150,7 +150,7 @@ def _of_surfacings(contents: Contents) -> Iterator[Feature]:
 
 
 def _of_plan_area(contents: Contents) -> Iterator[Feature]:
-    """Yield what the last plan keeps out of, and the ellipses of its surfacings."""
+    """Yield the areas and surfacing ellipses of the last plan."""
     plan, projection = contents.last_plan, contents.projection
     if plan is None:
         return
@@ -169,7 +169,7 @@ def _of_plan_area(contents: Contents) -> Iterator[Feature]:
 
 
 def _of_plan(contents: Contents) -> Iterator[Feature]:
-    """Yield the last plan with its start and goal; of plans before it only the end is of interest."""
+    """Yield the last plan with start and goal, and the ends of earlier plans."""
     plan, projection = contents.last_plan, contents.projection
     if plan is None:
         return
@@ -196,7 +196,7 @@ def _of_plan(contents: Contents) -> Iterator[Feature]:
 
 
 def _figures(plan: LastPlan) -> dict[str, Any]:
-    """Return the figures of a plan; those that the result does not hold are left out."""
+    """Return the available figures of a plan."""
     odds = plan.odds or {}
     known = {
         "energy_j": plan.energy,

@@ -1,7 +1,7 @@
-"""The innovations of a result in columns: blocks of observations to messages and back, and as tables.
+"""Innovations of a result as columns: blocks of observations to messages and back, and tables.
 
-A block has a row for each observation and one behind the other the bins of all; each of its columns is a list of the message, which lies in
-it as an array does in memory. Of a long log not all rows fit into memory, so that views read some blocks after others.
+A block has a row per observation and the concatenated bins of all; each column is a list of the message with the layout of an array. Views
+read block by block, as a long log may exceed memory.
 """
 
 from collections import Counter
@@ -43,7 +43,7 @@ Tables = tuple["pd.DataFrame", "pd.DataFrame"]
 
 
 def block_of(innovations: Sequence[Innovation]) -> bytes:
-    """Return ``replay_kit.Innovations``, without columns of which nothing is known."""
+    """Return ``replay_kit.Innovations`` without unknown columns."""
     known = dict[str, Any]()
     for field in MESSAGES[_NAME]:
         held: list[Any] = [*map(attrgetter(field.path), innovations)]
@@ -62,7 +62,7 @@ def block_of(innovations: Sequence[Innovation]) -> bytes:
 
 
 def columns_of(block: bytes) -> Columns:
-    """Return the columns of ``replay_kit.Innovations``; those of which nothing is known are NaN."""
+    """Return the columns of ``replay_kit.Innovations``; unknown ones are NaN."""
     message, found = decode(_NAME, block), Columns()
     for name, kind in _FIELDS.items():
         found[name] = (
@@ -78,14 +78,14 @@ def columns_of(block: bytes) -> Columns:
 
 
 def blocks_in(reader: ResultReader, newest: bool = False) -> Iterator[Columns]:
-    """Yield the columns of the blocks of a result, also of one of an earlier version, by time or from the last one back."""
+    """Yield the columns of the blocks of a result, also of earlier versions, forward or backward in time."""
     if (old := earlier.innovations(reader, TOPIC, newest)) is not None:
         return (columns_of(encode(_NAME, one)) for one in old)
     return (columns_of(data) for _, data in reader.messages(TOPIC, newest))
 
 
 def joined(blocks: Iterable[Columns]) -> Columns:
-    """Return blocks as one."""
+    """Return joined blocks."""
     held = [_EMPTY, *blocks]
     return {name: np.concatenate([one[name] for one in held]) for name in _FIELDS}
 
@@ -100,7 +100,7 @@ def picked(columns: Columns, wanted: NDArray[np.bool_]) -> Columns:
 
 
 def larger(blocks: Iterable[Columns], rows: int = _ROWS) -> Iterator[Columns]:
-    """Yield blocks joined to such of at least so many rows, but for the last one."""
+    """Yield blocks joined to at least ``rows`` rows, except for the last one."""
     held, count = list[Columns](), 0
     for block in blocks:
         held.append(block)
@@ -112,7 +112,7 @@ def larger(blocks: Iterable[Columns], rows: int = _ROWS) -> Iterator[Columns]:
 
 
 def tables_of(columns: Columns) -> Tables:
-    """Return the tables of a block: single values, and of the means the predicted and the estimated one; bins."""
+    """Return the tables of a block: observations, with predicted and estimated mean currents; and bins."""
     single = {name: _plain(name, each) for name, each in columns.items() if name not in BINS}
     counts, kinds = single.pop("bins"), single["mean_current_kind"]
     rows, begins = np.repeat(np.arange(counts.size), counts), np.cumsum(counts) - counts
@@ -137,14 +137,14 @@ def tables_of(columns: Columns) -> Tables:
 
 
 def _plain(name: str, values: NDArray[Any]) -> NDArray[Any]:
-    """Return a column of single values with the type of a table: times, and counts as signed numbers."""
+    """Return a column of single values with the type of a table: times, and counts as signed integers."""
     if name in ("timestamp", "source_time"):
         return values.astype("datetime64[ns]")
     return values.astype(np.int64) if values.dtype.kind == "u" else values
 
 
 def table_of(columns: Columns) -> "pd.DataFrame":
-    """Return columns as a table over the same memory, with the first, times, as its index ``time``."""
+    """Return columns as a table without copying, with the first, times, as index ``time``."""
     import pandas as pd
 
     (_, times), *others = columns.items()
@@ -153,15 +153,14 @@ def table_of(columns: Columns) -> "pd.DataFrame":
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """The measurements of a result as far as figures and tables need them.
+    """Measurements of a result, thinned for figures and tables.
 
     Attributes:
-        observations: At most ``MOST`` measurements of profiles, evenly spread within each topic, and all mean currents, as
-            ``Result.observations``.
+        observations: At most ``MOST`` profiles, evenly spread within each topic, and all mean currents, as ``Result.observations``.
         innovations: Their bins, as ``Result.innovations``.
-        sums: Over all measurements, a row for each dive, topic, kind of mean current (empty for profiles), decision and whether accepted:
-            ``measurements``, those ``with_bins`` that were used, ``dof``, ``nis``, ``signal_dof``, those for which the prior was
-            ``square_*`` of the innovations [m^2/s^2], and times of the ``first`` and the ``last``.
+        sums: Sums over all measurements by dive, topic, kind of mean current (empty for profiles), decision and acceptance:
+            ``measurements``, those ``with_bins`` used, ``dof``, ``nis``, ``signal_dof``, those with a prior, ``square_*`` of the
+            innovations [m^2/s^2], and times of the ``first`` and the ``last``.
     """
 
     observations: "pd.DataFrame"
@@ -175,19 +174,19 @@ class Measured:
 
     @property
     def profiles(self) -> int:
-        """Number of measurements with bins used that are no mean currents."""
+        """Number of measurements with used bins that are not mean currents."""
         return int(self.sums["with_bins"][self.sums["mean_current_kind"] == ""].sum())
 
 
 def measured_of(
     blocks: Callable[[], Iterable[Columns]], most: int = MOST, most_bins: int = MOST_BINS
 ) -> Measured:
-    """Return measurements as far as figures need them.
+    """Return measurements thinned for figures.
 
     Args:
-        blocks: Yields all there are, twice: not all rows fit into memory.
-        most: Number of measurements of profiles from which on only every second is kept, then every fourth, and so on.
-        most_bins: The same of all bins.
+        blocks: Yields all blocks; called twice, as they may exceed memory.
+        most: Number of profiles above which every second is kept, then every fourth, and so on.
+        most_bins: The same limit for bins.
     """
     import pandas as pd
 
@@ -208,7 +207,7 @@ def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
     """Return the dives of a result; see ``Result.dives``.
 
     Args:
-        sums: Of ``Measured``.
+        sums: ``Measured.sums``.
         fixes: ``Result.fixes``.
     """
     import pandas as pd
@@ -232,9 +231,9 @@ def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
 
 
 def _places(columns: Columns, seen: Counter[str]) -> NDArray[np.int64]:
-    """Return the place of each profile among those of its topic, and 0 for mean currents; ``seen`` counts on.
+    """Return the ordinal of each profile within its topic, and 0 for mean currents; ``seen`` is updated.
 
-    So instruments that take turns are thinned alike.
+    Alternating instruments are thus thinned equally.
     """
     topics, place = columns["source_topic"], np.zeros(columns["bins"].size, np.int64)
     profiles = columns["mean_current_kind"] == ""
@@ -246,7 +245,7 @@ def _places(columns: Columns, seen: Counter[str]) -> NDArray[np.int64]:
 
 
 def _addends(observations: "pd.DataFrame") -> "pd.DataFrame":
-    """Return measurements, a row each, with what is summed of them."""
+    """Return measurements, one row each, with the terms of their sums."""
     dof = observations["dof"]
     squares = {
         f"square_{name}": (observations[f"rms_{name}"] ** 2 * dof).fillna(0.0) for name in _RMS

@@ -1,7 +1,7 @@
-"""The file of a result: messages, attachments and metadata as they come, under a temporary name until it is complete.
+"""Result file: messages, attachments and metadata, under a temporary name until complete.
 
-A digest of the messages so far ends a chunk, in every run at the same places. What an unfinished file, or the result of a log that has
-grown, holds between its first digest and a later one is written again record by record: the same calls give the same bytes.
+A digest of the messages so far ends a chunk, at the same positions in every run. The contents of an unfinished file, or of the result of a
+log that has grown, between two digests are copied by record: equal calls give equal bytes.
 """
 
 import hashlib
@@ -33,12 +33,12 @@ _OWN_FOLDERS = ("/flow/", "/plan/")
 
 
 class Written(NamedTuple):
-    """What a result holds up to a digest.
+    """State of a result at a digest.
 
     Attributes:
         digests: Number of digests.
-        sha256: The last one.
-        held: Messages that wait for the end: topic, definition, data, time [ns, UTC].
+        sha256: Last digest.
+        held: Messages for the end of the file: topic, definition, data, time [ns, UTC].
     """
 
     digests: int
@@ -47,26 +47,26 @@ class Written(NamedTuple):
 
 
 class ResultFile:
-    """An MCAP file that gets its name after it was read back; a context manager that completes the file when its block ends well.
+    """MCAP file that gets its name after it was read back; a context manager that completes it unless the block raises.
 
-    After an exception or an interrupt the file stays as ``OUT.mcap.part``, closed and readable up to there.
+    After an exception or an interrupt the file stays as ``OUT.mcap.part``, closed and readable.
 
     Attributes:
-        path: Its name.
-        part: Its name until it is complete.
+        path: Final name.
+        part: Name until it is complete.
         last_time_ns: Latest time of a message [ns, UTC].
     """
 
     def __init__(self, path: Path, overwrite: bool, goes_on: bool = False) -> None:
-        """Open ``path`` + ``.part``; one left over by an interrupted run is replaced.
+        """Open ``path`` + ``.part``; an existing part is replaced.
 
         Args:
-            path: The result file.
-            overwrite: Replace an existing result.
-            goes_on: Keep what an interrupted run left over until ``restore`` writes the same bytes over it.
+            path: Result file.
+            overwrite: Whether an existing result is replaced.
+            goes_on: Whether the part of an interrupted run is kept until ``restore`` overwrites it.
 
         Raises:
-            ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
+            ConfigError: The result exists and may not be replaced, or its folder is missing or not writable.
         """
         self.path = Path(path)
         self.part = part_of(self.path)
@@ -99,7 +99,7 @@ class ResultFile:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Complete the file, or leave it as ``.part`` when the block raised."""
+        """Complete the file, or leave it as ``.part`` if the block raised."""
         if kind is None:
             self.close()
         else:
@@ -109,9 +109,9 @@ class ResultFile:
         """Write a message.
 
         Args:
-            topic: Its channel.
-            definition: Of the channel's schema.
-            data: Protobuf.
+            topic: Topic.
+            definition: Definition of the topic's schema.
+            data: Protobuf payload.
             time_ns: Log and publish time [ns, UTC].
         """
         assert self._open, "a closed result takes no messages"
@@ -129,19 +129,19 @@ class ResultFile:
         self.last_time_ns = max(self.last_time_ns, time_ns)
 
     def hold_message(self, topic: str, definition: Definition, data: bytes, time_ns: int) -> None:
-        """Write a message when the file is completed, in place of one held before: of some topics viewers draw all messages at once.
+        """Write a message at the end of the file, replacing an earlier one: viewers draw all messages of some topics at once.
 
         Args:
-            topic: Its channel.
-            definition: As of ``write_message``.
-            data: As of ``write_message``.
-            time_ns: As of ``write_message``.
+            topic: Topic.
+            definition: See ``write_message``.
+            data: See ``write_message``.
+            time_ns: See ``write_message``.
         """
         self._held[topic] = definition, data, time_ns
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """The result's own topics that have messages, or will have them when it is complete."""
+        """The result's own topics with messages, including those for the end of the file."""
         return (*self._channels, *self._held)
 
     def attach(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
@@ -158,10 +158,10 @@ class ResultFile:
             self._writer.add_metadata(name, dict(values))
 
     def copy(self, source: Iterator[RawMessage]) -> None:
-        """Write an input's messages unchanged; ``/input`` is put before a topic that is also one of the result's own.
+        """Write the inputs' messages unchanged; topics that are also the result's own get the prefix ``/input``.
 
         Args:
-            source: The messages of all logs.
+            source: Messages of all logs.
         """
         renamed: dict[RawChannel, RawChannel] = {}
         with self._storing("copy the inputs"):
@@ -176,16 +176,16 @@ class ResultFile:
                 self._counts[channel.topic] += 1
 
     def flush(self) -> None:
-        """Put everything written so far on the disk as whole chunks, from which ``convert`` recovers it after a power cut."""
+        """Flush all data to disk as whole chunks, which ``convert`` recovers after a power cut."""
         with self._storing("write"):
             self._writer.flush()  # type: ignore[no-untyped-call]
             os.fsync(self._file.fileno())
 
     def digest(self, time_ns: int) -> Digest:
-        """End the chunk, and write the digest of the messages so far as a metadata record: ``verify`` compares it as a repeated run goes.
+        """End the chunk and write the digest of the messages so far as a metadata record, for ``verify``.
 
         Args:
-            time_ns: Of the record [ns, UTC].
+            time_ns: Time of the record [ns, UTC].
         """
         with self._storing("write"):
             self._writer.flush()  # type: ignore[no-untyped-call]
@@ -197,27 +197,29 @@ class ResultFile:
 
     @property
     def written(self) -> Written:
-        """What ``restore`` needs to write the file up to its last digest again."""
+        """State for ``restore`` to write the file up to its last digest."""
         held = tuple((topic, *each) for topic, each in self._held.items())
         return Written(self._digests, self._digest.hexdigest(), held)
 
     def restore(self, source: Path, written: Written) -> None:
-        """Write what a result, or the part of one, holds after its first digest and up to another, after what precedes the first.
+        """Append the contents of a result or part from its first digest up to another one.
 
         Args:
-            source: The file; it may be this one's own part.
-            written: The last digest.
+            source: File; may be this file's own part.
+            written: State at the last digest.
 
         Raises:
-            LogError: The file does not hold it.
+            LogError: The file does not hold this digest.
         """
         try:
             with source.open("rb") as file:
                 self._write_again(file, written)
         except (OSError, *DAMAGED) as error:
-            raise LogError(f"{source}: what the run had written is damaged: {error!r}") from error
+            raise LogError(
+                f"{source}: the part written by the run is damaged: {error!r}"
+            ) from error
         if (self._digests, self._digest.hexdigest()) != written[:2]:
-            raise LogError(f"{source}: is not what the run had written")
+            raise LogError(f"{source}: differs from what the run wrote")
         self._held = {topic: (definition, data, ns) for topic, definition, data, ns in written.held}
         self._file.flush()
         self._file.truncate()
@@ -244,11 +246,11 @@ class ResultFile:
                 self.attach(record.log_time, record.name, record.media_type, record.data)
 
     def close(self) -> None:
-        """Complete the file, read it back and give it its name; a second call does nothing.
+        """Complete the file, read it back and rename it; a second call has no effect.
 
         Raises:
-            ReplayKitError: The file could not be written completely; it stays as ``.part``.
-            ConfigError: Meanwhile a file of this name appeared, which may not be replaced; the result stays as ``.part``.
+            ReplayKitError: Writing failed; the file stays as ``.part``.
+            ConfigError: A file of this name has appeared and may not be replaced; the result stays as ``.part``.
         """
         if not self._open:
             return
@@ -264,7 +266,7 @@ class ResultFile:
             os.close(self._lock)
 
     def abandon(self) -> None:
-        """Stop: what was written so far stays as ``.part``; on a closed result this does nothing."""
+        """Stop and leave the file as ``.part``; no effect on a closed result."""
         # The caller is already handling the error that stopped the run; a second one would hide it.
         with suppress(ReplayKitError):
             if self._open:
@@ -272,7 +274,7 @@ class ResultFile:
                 self._end()
 
     def discard(self) -> None:
-        """Stop and leave nothing; on a closed result this does nothing."""
+        """Stop and remove the file; no effect on a closed result."""
         if self._open:
             self.abandon()
             self.part.unlink(missing_ok=True)
@@ -298,7 +300,7 @@ class ResultFile:
 
     def _full(self, what: str, error: OSError) -> ReplayKitError:
         return ReplayKitError(
-            f"{self.part}: cannot {what}: {error}; is the disk full? What was written so far stays there"
+            f"{self.part}: cannot {what}: {error}; is the disk full? The part written so far is kept"
         )
 
     def _check_target(self) -> None:
@@ -313,7 +315,7 @@ class ResultFile:
 
 
 def _renamed(channel: RawChannel) -> RawChannel:
-    """Return an input's channel, with ``/input`` before a topic that is also one of the result's own."""
+    """Return an input's channel, with ``/input`` before a topic that is also the result's own."""
     if channel.topic not in _OWN_TOPICS and not channel.topic.startswith(_OWN_FOLDERS):
         return channel
     return replace(channel, topic=f"/input{channel.topic}")

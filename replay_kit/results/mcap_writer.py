@@ -1,7 +1,7 @@
-"""The result MCAP: all results of a run, in stock Foxglove messages where one exists.
+"""Result MCAP: all results of a run, in stock Foxglove messages if possible.
 
-The file is written as ``OUT.mcap.part`` and gets its name only when it is complete on the disk and was read back. Times in it
-are those of the events, never of the writing, so that the same run gives the same bytes.
+The file is written as ``OUT.mcap.part`` and renamed once it is complete and read back. Its times are those of events, never of writing, so
+that equal runs give equal bytes.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -50,7 +50,7 @@ class _Encodable(Protocol):
 
 
 class ResultWriter(ResultFile):
-    """Writes the values of a run to one result MCAP."""
+    """Writer of the values of a run to one result MCAP."""
 
     def __init__(
         self,
@@ -58,15 +58,15 @@ class ResultWriter(ResultFile):
         overwrite: bool = False,
         goes_on: bool = False,
     ) -> None:
-        """Open ``path`` + ``.part``; one left over by an interrupted run is replaced.
+        """Open ``path`` + ``.part``; an existing part is replaced.
 
         Args:
-            path: The result file.
-            overwrite: Replace an existing result.
-            goes_on: As of ``ResultFile``.
+            path: Result file.
+            overwrite: Whether an existing result is replaced.
+            goes_on: See ``ResultFile``.
 
         Raises:
-            ConfigError: The result exists and may not be replaced, or its folder does not exist or cannot be written.
+            ConfigError: The result exists and may not be replaced, or its folder is missing or not writable.
         """
         super().__init__(path, overwrite, goes_on)
         self._arrow_scale: float | None = None
@@ -74,10 +74,10 @@ class ResultWriter(ResultFile):
 
     @contextmanager
     def of(self, vehicle: str) -> Iterator[None]:
-        """Write what follows as of one of several vehicles, under its own topics and names; the estimate stays common to all.
+        """Write the values in the block under the topics and names of one of several vehicles; the estimate is common to all.
 
         Args:
-            vehicle: Its name; empty for the only one.
+            vehicle: Name of the vehicle; empty for a single one.
         """
         before, self._vehicle = self._vehicle, vehicle
         try:
@@ -92,13 +92,13 @@ class ResultWriter(ResultFile):
         metadata: Mapping[str, Mapping[str, str]],
         config_toml: str,
     ) -> None:
-        """Write what applies to the whole run: the frame, the metadata records and the configuration.
+        """Write frame, metadata records and configuration of the run.
 
         Args:
-            projection: The local frame, which the messages call ``map``.
+            projection: Local frame, called ``map`` in messages.
             time_ns: Time of the run's first event [ns, UTC].
             metadata: Record name to keys and values: input hashes, options, versions, basis identity.
-            config_toml: The configuration, attached as ``config.toml``.
+            config_toml: Configuration, attached as ``config.toml``.
         """
         self._log("/tf", messages.frame_transform(time_ns), time_ns)
         self.write_metadata(
@@ -120,24 +120,24 @@ class ResultWriter(ResultFile):
         self._log("/vehicle/fix", messages.location_fix(state, frame), state.time_ns)
 
     def vehicle(self, time_ns: int, place: Sequence[float], heading: float) -> None:
-        """Write the vehicle's frame to ``/tf``; arguments as of ``messages.vehicle_transform``."""
+        """Write the vehicle's frame to ``/tf``; arguments as in ``messages.vehicle_transform``."""
         frame = self._vehicle or messages.VEHICLE_FRAME
         self._log("/tf", messages.vehicle_transform(time_ns, place, heading, frame), time_ns)
 
     def consistency(self, time_ns: int, findings: Sequence[Mapping[str, Any]]) -> None:
-        """Write all findings so far, as ``finding_json`` has them, to ``/flow/consistency``."""
+        """Write all findings so far, in the form of ``finding_json``, to ``/flow/consistency``."""
         self._log_own(
             "/flow/consistency", "Consistency", messages.consistency(time_ns, findings), time_ns
         )
 
     def innovations(self, block: Sequence[Innovation]) -> None:
-        """Write the innovations of a block of observations, one at least, to ``/flow/innovation``; its time is that of the last one."""
+        """Write the innovations of at least one observation to ``/flow/innovation``, at the time of the last one."""
         self._log_own(TOPIC, "Innovations", block_of(block), max(one.time_ns for one in block))
 
     def grids(self, time_ns: int, flow: FlowEstimate, depths: Sequence[float]) -> None:
         """Write depth slices to ``/flow/grid/{depth}m`` and ``/flow/arrows/{depth}m``, and the mean unknowns to ``/flow/estimate``.
 
-        The first flow that moves sets the scale of the arrows of the whole file, so that later ones can be compared.
+        The first moving flow sets the scale of the arrows of the whole file.
 
         Args:
             time_ns: [ns, UTC].
@@ -159,15 +159,15 @@ class ResultWriter(ResultFile):
         self.flush()
 
     def surface(self, time_ns: int, value: Slice) -> None:
-        """Write the current at the surface by radar and the estimate at a time [ns, UTC] to ``/flow/surface``."""
+        """Write the surface current from radar and estimate at a time [ns, UTC] to ``/flow/surface``."""
         self._log("/flow/surface", grid_message(time_ns, value), time_ns)
 
     def plan(self, plan: Plan, projection: Projection) -> None:
-        """Write a plan to ``/plan/path`` and ``/plan/controls``; the last one goes to ``/plan/geojson``, when the file is completed.
+        """Write a plan to ``/plan/path`` and ``/plan/controls``, and the last one at the end of the file to ``/plan/geojson``.
 
         Args:
             plan: The plan.
-            projection: The local frame of its track.
+            projection: Local frame of its track.
         """
         time_ns = plan.start_time_ns
         self._log("/plan/path", messages.plan_path(plan), time_ns)
@@ -175,21 +175,21 @@ class ResultWriter(ResultFile):
         self._log_own("/plan/controls", "Plan", messages.plan_controls(plan), time_ns)
 
     def seabed(self, time_ns: int, seabed: Seabed) -> None:
-        """Write the bottom around the region to ``/plan/seabed``."""
+        """Write the seabed around the region to ``/plan/seabed``."""
         self._log("/plan/seabed", seabed_message(time_ns, seabed), time_ns)
 
     def record(self, name: str, values: Mapping[str, str]) -> None:
-        """Write a metadata record of the run, or of the vehicle whose turn it is."""
+        """Write a metadata record of the run, or of the current vehicle."""
         self.write_metadata(name_of(self._vehicle, name), values)
 
     def outcome(self, outcome: SurfacingOutcome) -> None:
-        """Write a predicted surfacing with the actual one to ``/plan/outcome``."""
+        """Write a predicted and the actual surfacing to ``/plan/outcome``."""
         self._log_own(
             "/plan/outcome", "PlanOutcome", messages.plan_outcome(outcome), outcome.time_ns
         )
 
     def dive_outcome(self, outcome: DiveOutcome) -> None:
-        """Write where a dive was expected to surface, and where it did, to ``/flow/surfacing``."""
+        """Write the predicted and actual surfacing of a dive to ``/flow/surfacing``."""
         self._log_own(
             "/flow/surfacing", "Surfacing", messages.surfacing_message(outcome), outcome.fix.time_ns
         )
@@ -200,16 +200,16 @@ class ResultWriter(ResultFile):
 
     @property
     def state(self) -> tuple[Written, float | None]:
-        """What is to be known to go on: what is written, and the arrow scale."""
+        """State for ``resume``: digest and arrow scale."""
         return self.written, self._arrow_scale
 
     def resume(self, source: Path, state: tuple[Written, float | None]) -> None:
-        """Write what a run had written up to a state; as ``restore``."""
+        """Write the contents of a run up to a state; see ``restore``."""
         written, self._arrow_scale = state
         self.restore(source, written)
 
     def summary(self, time_ns: int, outcome: Outcome) -> None:
-        """Attach the outcome of the run, of several vehicles with those of each, as ``summary.json``.
+        """Attach the outcome of the run, and of each of several vehicles, as ``summary.json``.
 
         Args:
             time_ns: Time of the run's last message [ns, UTC].
@@ -218,19 +218,19 @@ class ResultWriter(ResultFile):
         self.attach(time_ns, SUMMARY_NAME, "application/json", outcome.to_record())
 
     def window(self, number: int, flow: FlowEstimate) -> None:
-        """Attach the last estimate of a window that the vehicle has left, as ``estimate_window_1.npz`` and so on.
+        """Attach the last estimate of a window left by the vehicle, as ``estimate_window_1.npz`` and so on.
 
         Args:
-            number: Of the window, from 1.
-            flow: The estimate.
+            number: Number of the window, from 1.
+            flow: Estimate.
         """
         self._attach_estimate(f"{WINDOW_NAME}{number}.npz", flow)
 
     def finish(self, flow: FlowEstimate) -> None:
-        """Attach the last estimate, with its covariance, as ``estimate.npz``; then close.
+        """Attach the last estimate with its covariance as ``estimate.npz``, and close the file.
 
         Raises:
-            ReplayKitError: As for ``close``.
+            ReplayKitError: See ``close``.
         """
         time_ns = self.last_time_ns if flow.time_ns is None else flow.time_ns
         layout = layout_of(self.topics)

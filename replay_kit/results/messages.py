@@ -1,4 +1,4 @@
-"""Values to the messages of the result file: pure functions, one a topic.
+"""Messages of the result file from values: pure functions, one per topic.
 
 Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 """
@@ -46,7 +46,7 @@ def stamp(time_ns: int) -> fox.Timestamp:
     """Return a Foxglove timestamp.
 
     Raises:
-        ReplayKitError: The time lies outside 1970 to 2106, which the message cannot hold.
+        ReplayKitError: The time lies outside 1970..2106, the range of the message.
     """
     try:
         return fox.Timestamp(*divmod(time_ns, _SECOND))
@@ -57,7 +57,7 @@ def stamp(time_ns: int) -> fox.Timestamp:
 
 
 def frame_transform(time_ns: int) -> fox.FrameTransform:
-    """Return the transform that declares the frame ``map``, at the root with nothing turned or moved."""
+    """Return the identity transform that declares the frame ``map`` at the root."""
     return fox.FrameTransform(
         timestamp=stamp(time_ns),
         parent_frame_id=ROOT_FRAME,
@@ -70,13 +70,13 @@ def frame_transform(time_ns: int) -> fox.FrameTransform:
 def vehicle_transform(
     time_ns: int, place: Sequence[float], heading: float, frame: str = VEHICLE_FRAME
 ) -> fox.FrameTransform:
-    """Return the transform that places a vehicle's frame in ``map``.
+    """Return the transform of a vehicle's frame in ``map``.
 
     Args:
         time_ns: [ns, UTC].
         place: Local east, local north and depth [m].
-        heading: Of its way, clockwise from local north [rad].
-        frame: Of the vehicle.
+        heading: Course, clockwise from local north [rad].
+        frame: Frame of the vehicle.
     """
     east, north, depth = place
     return fox.FrameTransform(
@@ -89,7 +89,7 @@ def vehicle_transform(
 
 
 def consistency(time_ns: int, findings: Sequence[Mapping[str, Any]]) -> bytes:
-    """Return ``replay_kit.Consistency``: all findings so far, as ``finding_json`` has them."""
+    """Return ``replay_kit.Consistency``: all findings so far, in the form of ``finding_json``."""
     found = [
         {_FINDING.get(key, key): value or "" for key, value in one.items()} for one in findings
     ]
@@ -97,10 +97,10 @@ def consistency(time_ns: int, findings: Sequence[Mapping[str, Any]]) -> bytes:
 
 
 def location_fix(state: VehicleState, frame: str = VEHICLE_FRAME) -> fox.LocationFix:
-    """Return the vehicle's position, longitude in -180..180.
+    """Return the vehicle's position, longitude in [-180, 180].
 
-    ``metadata`` holds ``depth`` [m], by which the measurement step reads the fix back; it is absent when the depth is unknown. The
-    altitude is -depth, NaN when unknown, for viewers: of a fix by another writer it is a height above the ellipsoid.
+    ``metadata`` holds ``depth`` [m], if known, for reading the fix back. For viewers the altitude is -depth, NaN if unknown; other writers
+    state a height above the ellipsoid.
     """
     longitude = (
         state.longitude
@@ -126,12 +126,12 @@ def log_message(time_ns: int, level: Level, text: str) -> fox.Log:
 
 
 def basis_of(flow: FlowEstimate) -> int:
-    """Return a number that tells the modes of an estimate from those of another window."""
+    """Return a number that identifies the modes of an estimate's window."""
     return crc32(flow.modes.astype("<f4").tobytes())
 
 
 def unknowns(time_ns: int, flow: FlowEstimate) -> bytes:
-    """Return ``replay_kit.Estimate``: the mean of the unknowns of an estimate that has some."""
+    """Return ``replay_kit.Estimate``: the mean of the unknowns of an estimate with unknowns."""
     assert flow.unknowns is not None
     values = {"timestamp": _time(time_ns), "basis": basis_of(flow), "x": flow.unknowns.x}
     return encode("Estimate", values)
@@ -141,7 +141,7 @@ def plan_controls(plan: Plan) -> bytes:
     """Return ``replay_kit.Plan``."""
     east, north, depth = plan.track.T
     statistics = sorted({**plan.statistics, **leg_statistics(plan.legs)}.items())
-    return _own(
+    return _table_message(
         "Plan",
         plan,
         track_east=east,
@@ -154,9 +154,9 @@ def plan_controls(plan: Plan) -> bytes:
 
 
 def plan_outcome(outcome: SurfacingOutcome) -> bytes:
-    """Return ``replay_kit.PlanOutcome``; without an ellipse its numbers are NaN."""
+    """Return ``replay_kit.PlanOutcome``; a missing ellipse is NaN."""
     ellipse = outcome.predicted.ellipse or Ellipse(*[math.nan] * 5)
-    return _own(
+    return _table_message(
         "PlanOutcome",
         outcome,
         actual=outcome,
@@ -168,12 +168,12 @@ def plan_outcome(outcome: SurfacingOutcome) -> bytes:
 
 
 def surfacing_message(outcome: DiveOutcome) -> bytes:
-    """Return ``replay_kit.Surfacing``; figures of the last dive's current are NaN where it has no spread yet."""
-    return _own("Surfacing", outcome)
+    """Return ``replay_kit.Surfacing``; figures of persistence are NaN before it has a spread."""
+    return _table_message("Surfacing", outcome)
 
 
-def _own(name: str, value: Any, **more: Any) -> bytes:
-    """Return a message of the table with the attributes of a value that its fields name, and other fields; places and times of any kind."""
+def _table_message(name: str, value: Any, **more: Any) -> bytes:
+    """Return a message of the table from the attributes of a value and further fields; positions and times are converted."""
     kinds, held = {TIME: _time, ".replay_kit.Place": _place}, dict[str, Any]()
     for field in MESSAGES[name]:
         of = more[field.name] if field.name in more else attrgetter(field.path)(value)
@@ -182,13 +182,13 @@ def _own(name: str, value: Any, **more: Any) -> bytes:
 
 
 def _place(place: Any) -> dict[str, float]:
-    """Return ``replay_kit.Place``; what surfaces is at depth 0."""
+    """Return ``replay_kit.Place``, at depth 0 for a surfacing."""
     depth = place.depth if isinstance(place, Place) else 0.0
     return attributes(place, "longitude latitude") | {"depth": depth}
 
 
 def plan_path(plan: Plan) -> fox.PosesInFrame:
-    """Return the predicted track as poses that look along the glide through water."""
+    """Return the predicted track as poses oriented along the glide through water."""
     east, north, down = plan.velocity_through_water.tolist()
     poses = [
         pose(x, y, -depth, orientation(east, north, -down)) for x, y, depth in plan.track.tolist()
@@ -197,7 +197,7 @@ def plan_path(plan: Plan) -> fox.PosesInFrame:
 
 
 def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
-    """Yield the predicted track as a line, start and goal as points, ellipses of surfacings and areas to keep out of as polygons.
+    """Yield the predicted track as a line, start and goal as points, surfacing ellipses and areas as polygons.
 
     The plan's figures are properties of the line.
     """
@@ -245,7 +245,7 @@ def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:
 # a vehicle keeps its heading from one position to the next
 @lru_cache(maxsize=8)
 def orientation(east: float, north: float, up: float) -> fox.Quaternion:
-    """Return the rotation that turns the x axis to a direction, without roll: yaw 0 = east, counter-clockwise, then nose up."""
+    """Return the rotation of the x axis to a direction, without roll: yaw 0 = east, counter-clockwise, then nose up."""
     yaw, down = 0.5 * math.atan2(north, east), -0.5 * math.atan2(up, math.hypot(east, north))
     return fox.Quaternion(
         x=-math.sin(yaw) * math.sin(down),
@@ -256,7 +256,7 @@ def orientation(east: float, north: float, up: float) -> fox.Quaternion:
 
 
 def _finite(number: float) -> float | None:
-    """Return the number, or None (JSON null) for what JSON cannot say."""
+    """Return the number, or None (JSON null) if it is not finite."""
     return float(number) if math.isfinite(number) else None
 
 

@@ -1,6 +1,6 @@
-"""A result as it is read: its records, attachments and messages; or of a result of several vehicles one vehicle's part.
+"""Reader of a result, or of one vehicle's part: records, attachments and messages.
 
-A reader of one vehicle's part finds what is the vehicle's (``vehicles.py``) under its name in a result of one.
+A reader of one vehicle's part uses the names of a single-vehicle result (``vehicles.py``).
 """
 
 import json
@@ -48,15 +48,15 @@ _COMMON = ("/tf", "/log")
 
 @dataclass(frozen=True)
 class ResultReader:
-    """A result MCAP, or one vehicle's part of it.
+    """Result MCAP, or one vehicle's part of it.
 
     Attributes:
-        path: The file.
+        path: Result file.
         vehicle: Name of one of its vehicles; empty for the whole result.
-        opened: The file, where it is open.
+        opened: The file, if open.
 
     Raises:
-        LogError: From each attribute and method: the file is missing, or is no complete result.
+        LogError: From each attribute and method: the file is missing or no complete result.
     """
 
     path: Path
@@ -65,21 +65,21 @@ class ResultReader:
 
     @cached_property
     def file(self) -> OpenResult:
-        """The file, opened once for all vehicles."""
+        """Open file, common to all vehicles."""
         return self.opened or OpenResult(self.path)
 
     def part(self, vehicle: str) -> "ResultReader":
-        """Return the part of a vehicle, or with an empty name the whole."""
+        """Return the part of a vehicle; the whole for an empty name."""
         return ResultReader(self.path, vehicle, self.file)
 
     @property
     def name(self) -> str:
-        """What to call it: the file's name, and of a vehicle's part that with the vehicle's."""
+        """Name of the file, with the vehicle's name for a part."""
         return part_path(self.path, self.vehicle, Path()).name if self.vehicle else self.path.name
 
     @property
     def summary(self) -> "Summary":
-        """The summary of the whole file."""
+        """Summary of the whole file."""
         return self.file.summary
 
     @cached_property
@@ -94,7 +94,7 @@ class ResultReader:
 
     @cached_property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Records by name, without digests: of a vehicle its own and those of all, with its logs and its goal alone."""
+        """Records by name, without digests; for a vehicle its own and the common ones, with its logs and goal alone."""
         if not self.vehicle:
             return {name: values for name, values in self.records if name != DIGEST_NAME}
         found = dict[str, dict[str, str]]()
@@ -118,11 +118,11 @@ class ResultReader:
 
     @cached_property
     def vehicles(self) -> tuple[VehicleRecord, ...]:
-        """The vehicles of the result, in the order of their names; none where it, or this part of it, is of one alone."""
+        """Vehicles of the result in order of their names; empty for a single vehicle or a part."""
         return vehicle_records(self.metadata)
 
     def attachments(self, wanted: Callable[[str], bool]) -> dict[str, Attachment]:
-        """Return the attachments whose names, as in a result of one vehicle, are wanted."""
+        """Return the attachments with wanted names, as in a single-vehicle result."""
         windows: Mapping[str, str] = self.metadata.get(WINDOWS_RECORD, {})
         number = json.loads(windows.get("vehicles", "{}")).get(self.vehicle)
         own = f"{WINDOW_NAME}{number}"
@@ -143,7 +143,7 @@ class ResultReader:
 
     @cached_property
     def outcome(self) -> Outcome | None:
-        """The outcome of the run, or of the vehicle in it; None where the result keeps none, as of an unfinished run."""
+        """Outcome of the run, or of the vehicle; None if not stored, as in an unfinished run."""
         held = self.part("").attachments(lambda name: name.rpartition("/")[2] == SUMMARY_NAME)
         with complete(self.path):
             records = {name.rpartition("/")[0]: json.loads(one.data) for name, one in held.items()}
@@ -155,7 +155,7 @@ class ResultReader:
         return found.vehicles.get(self.vehicle) if self.vehicle else found
 
     def text(self, name: str) -> str:
-        """Return an attached text; empty without one."""
+        """Return an attached text; empty if missing."""
         return "".join(one.data.decode() for one in self.attachments(name.__eq__).values())
 
     def _own(self, topic: str) -> set[str]:
@@ -164,19 +164,19 @@ class ResultReader:
     def messages(
         self, topic: str, newest: bool = False, until_ns: int | None = None
     ) -> Iterator[tuple[int, bytes]]:
-        """Yield time [ns, UTC] and payload of the messages of a topic by time, or from the newest one, at most of a time, back."""
+        """Yield time [ns, UTC] and payload of the messages of a topic, forward or backward from ``until_ns``."""
         if newest:
             return self.file.newest(self._own(topic), until_ns)
         return self.file.messages(self._own(topic))
 
     def schema(self, topic: str) -> Schema | None:
-        """Return the schema of a topic; None where it has no messages."""
+        """Return the schema of a topic; None without messages."""
         own = self._own(topic)
         kinds = (one.schema_id for one in self.summary.channels.values() if one.topic in own)
         return next((self.summary.schemas[kind] for kind in kinds), None)
 
     def decoded(self, topic: str, newest: bool = False, until_ns: int | None = None) -> Any:
-        """Yield time [ns, UTC] and message by the descriptors of the file; otherwise as ``messages``."""
+        """Yield time [ns, UTC] and message, decoded by the descriptors of the file; see ``messages``."""
         if (schema := self.schema(topic)) is None:
             return iter(())
         decode = DecoderFactory().decoder_for("protobuf", schema)
@@ -187,21 +187,21 @@ class ResultReader:
         """Return the last estimate.
 
         Raises:
-            ForecastError: There is none.
+            ForecastError: The result has no estimate.
         """
         held = self.attachments((ESTIMATE_NAME, EARLIER_ESTIMATE).__contains__)
         if not held:
             raise ForecastError(
-                f"{self.path}: carries no {ESTIMATE_NAME}, as a result written without its estimate, of an unfinished run or of a plan "
-                "alone; its fixes, innovations and plans can be read, but no current: replay the log for an estimate"
+                f"{self.path}: carries no {ESTIMATE_NAME} (written without an estimate, unfinished, or a plan "
+                "alone); its fixes, innovations and plans can be read, but no current: replay the log for an estimate"
             )
         return _estimate(self.path, *held.popitem())
 
     def estimates(self) -> "tuple[FlowEstimate, ...]":
-        """Return the estimates of all windows, in order; the last one is that of ``estimate``.
+        """Return the estimates of all windows in order; the last one equals ``estimate``.
 
         Raises:
-            ForecastError: As of ``estimate``.
+            ForecastError: See ``estimate``.
         """
         last, withdrawn = self.estimate(), self.metadata.get(WINDOWS_RECORD, {}).get("withdrawn", 0)
         left = {
@@ -217,7 +217,7 @@ def _is_common(name: str) -> bool:
 
 
 def _estimate(path: Path, name: str, held: Attachment) -> "FlowEstimate":
-    """Return the estimate that an attachment holds."""
+    """Return the estimate in an attachment."""
     # here, because a status needs none of what holds an estimate
     from replay_kit.core.flow.compact import unpack
     from replay_kit.core.flow.file import load_bytes

@@ -1,4 +1,4 @@
-"""A result MCAP as a notebook wants it: the estimate, and tables of all else."""
+"""Result MCAP for notebooks: the estimate, and tables of all else."""
 
 from array import array
 from collections.abc import Iterator
@@ -43,13 +43,13 @@ _OLDEST = 4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ResultFile:
-    """What a replay found. Tables are pandas', with UTC times; each is read when first asked for.
+    """Result of a replay. Tables are pandas tables with UTC times, read on demand.
 
     Attributes:
-        path: The result MCAP.
-        made: Outcome of the replay that has just made it, with its wall times and score; None for a result that was opened.
-        vehicle: One of several vehicles, whose part this is; empty for the whole.
-        opened: The file, where it is open.
+        path: Result MCAP.
+        made: Outcome of the replay that has just made it, with wall times and score; None for an opened result.
+        vehicle: Name of one of several vehicles; empty for the whole.
+        opened: The file, if open.
     """
 
     path: Path
@@ -58,7 +58,7 @@ class ResultFile:
     opened: OpenResult | None = None
 
     def __repr__(self) -> str:
-        """Return what the result holds."""
+        """Return the contents of the result as text."""
         held = "estimate" if self.has_estimate else "no estimate"
         ends, topics = self.reader.summary.statistics, self.reader.topics
         assert ends is not None
@@ -76,12 +76,12 @@ class ResultFile:
 
     @cached_property
     def reader(self) -> ResultReader:
-        """What reads its records and messages."""
+        """Reader of its records and messages."""
         return ResultReader(self.path, self.vehicle, self.opened)
 
     @cached_property
     def outcome(self) -> Outcome:
-        """What the run found and how far to trust it: counts, fit, verdict, plan, surfacings, contradictions, losses."""
+        """Outcome of the run: counts, misfit, verdict, plan, surfacings, findings, losses."""
         return self.made or self.reader.outcome or Outcome(complete=False)
 
     @property
@@ -92,35 +92,35 @@ class ResultFile:
 
     @cached_property
     def estimate(self) -> FlowEstimate:
-        """The last estimate.
+        """Last estimate.
 
         Raises:
-            ForecastError: The result holds none.
+            ForecastError: The result has no estimate.
         """
         return self.reader.estimate()
 
     @cached_property
     def estimates(self) -> tuple[FlowEstimate, ...]:
-        """The last estimate of each window, where windows followed the vehicle, in order; else ``estimate`` alone.
+        """Last estimate of each window that followed the vehicle, in order; else ``estimate`` alone.
 
         Raises:
-            ForecastError: The result holds none.
+            ForecastError: The result has no estimate.
         """
         return self.reader.estimates()
 
     def velocity_at(
         self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
     ) -> Velocities:
-        """Return velocity and standard error at points, each from the window that knows it best; as ``FlowEstimate.velocity_at``.
+        """Return velocity and standard error at points, each from the best window; see ``FlowEstimate.velocity_at``.
 
         Raises:
-            ForecastError: The result holds no estimate.
+            ForecastError: The result has no estimate.
         """
         return best_velocity_at(self.estimates, longitude, latitude, depth, time)
 
     @cached_property
     def fixes(self) -> "pd.DataFrame":
-        """Positions: longitude and latitude [degrees], depth [m] (NaN when unknown), whether dead reckoned."""
+        """Positions: longitude and latitude [degrees], depth [m] (NaN if unknown), whether dead-reckoned."""
         # rows of Python values of a million positions do not fit into memory
         rows = array("d")
         times = array("q")
@@ -142,18 +142,18 @@ class ResultFile:
 
     @property
     def observations(self) -> "pd.DataFrame":
-        """Measurements with what was done with them: a row each, the single values of ``replay_kit.Innovations``.
+        """Measurements and their use, one row each: the single values of ``replay_kit.Innovations``.
 
-        ``rms_innovation``, ``rms_residual`` and ``rms_prior_innovation`` [m/s] are over the components of the bins used. Of a mean current
+        ``rms_innovation``, ``rms_residual`` and ``rms_prior_innovation`` [m/s] are over the components of used bins. For a mean current
         ``predicted`` and ``estimated`` are the estimate's mean along the path before and after the update.
         """
         return self._tables[0]
 
     @property
     def innovations(self) -> "pd.DataFrame":
-        """Bins of the measurements: a row each, from ``replay_kit.Innovations``; ``observation`` is the row in ``observations``.
+        """Bins of the measurements, one row each, from ``replay_kit.Innovations``; ``observation`` is the row in ``observations``.
 
-        What is not known of a bin is NaN.
+        Unknown values are NaN.
         """
         return self._tables[1]
 
@@ -163,31 +163,31 @@ class ResultFile:
 
     @cached_property
     def measured(self) -> Measured:
-        """The measurements as far as figures need them: sums over all, and of a long log not every profile."""
+        """Measurements thinned for figures, with sums over all."""
         return measured_of(self.blocks)
 
     def blocks(self) -> Iterator[Columns]:
-        """Yield the columns of ``/flow/innovation``, see ``columns_of``, block by block."""
+        """Yield the columns of ``/flow/innovation`` by block, see ``columns_of``."""
         return blocks_in(self.reader)
 
     @cached_property
     def dives(self) -> "pd.DataFrame":
         """Dives: start, end, number of profiles and bins used, RMS values [m/s] as in ``observations``, NIS per degree of freedom.
 
-        Start and end are the times of the first and the last measurement; a mean current starts at the measured position before it.
+        Start and end are the times of the first and the last measurement; a mean current starts at the fix before it.
         """
         return dives_of(self.measured.sums, self.fixes)
 
     @cached_property
     def plans(self) -> "pd.DataFrame":
-        """Plans: a row each, the single values of ``replay_kit.Plan``."""
-        return self._own("/plan/controls", "Plan")
+        """Plans, one row each: the single values of ``replay_kit.Plan``."""
+        return self._single_values("/plan/controls", "Plan")
 
     @cached_property
     def plan_tracks(self) -> "pd.DataFrame":
         """Predicted tracks of the plans: time, longitude and latitude [degrees], depth [m]; ``plan`` is the row in ``plans``.
 
-        ``bottom`` is the depth of the bottom under the track [m]; NaN without a bathymetry.
+        ``bottom`` is the seabed depth under the track [m]; NaN without a bathymetry.
         """
         projection, rows = self.reader.projection, list[tuple[Any, ...]]()
         for number, plan in enumerate(self._decoded("/plan/controls", "Plan")):
@@ -204,7 +204,7 @@ class ResultFile:
 
     @cached_property
     def surface(self) -> "pd.DataFrame":
-        """Currents at the surface at each time of radars' total vectors, by these and the estimate: a row for each cell with a current.
+        """Surface currents from radar vectors and the estimate, one row per cell with a current and time.
 
         Longitude and latitude [degrees], depth [m], u, v towards true east and north, and their standard errors [m/s].
         """
@@ -212,8 +212,8 @@ class ResultFile:
 
     @cached_property
     def surfacings(self) -> "pd.DataFrame":
-        """Surfacings that plans predicted beside the actual ones: a row each, the values of ``replay_kit.PlanOutcome``."""
-        return self._own("/plan/outcome", "PlanOutcome")
+        """Surfacings predicted by plans and the actual ones, one row each: the values of ``replay_kit.PlanOutcome``."""
+        return self._single_values("/plan/outcome", "PlanOutcome")
 
     @cached_property
     def events(self) -> "pd.DataFrame":
@@ -229,10 +229,10 @@ class ResultFile:
     def _decoded(self, topic: str, name: str) -> Iterator[Any]:
         return (decode(name, data) for _, data in self.reader.messages(topic))
 
-    def _own(self, topic: str, name: str) -> "pd.DataFrame":
-        """Return the single values of the messages of a topic: a column for each, and for each part of a place and the like.
+    def _single_values(self, topic: str, name: str) -> "pd.DataFrame":
+        """Return the single values of the messages of a topic, one column each, also for parts of nested messages.
 
-        Parts that a message lacks are NaN.
+        Missing parts are NaN.
         """
         messages, columns = [*self._decoded(topic, name)], dict[str, Any]()
         for field in MESSAGES[name]:
@@ -252,7 +252,7 @@ class ResultFile:
 
 
 def check_result(reader: ResultReader) -> None:
-    """Raise LogError when a file is no complete result that ``replay`` wrote."""
+    """Raise LogError if a file is no complete result of ``replay``."""
     path, records = reader.path, reader.metadata
     if "contract" not in records:
         raise LogError(
@@ -265,7 +265,7 @@ def check_result(reader: ResultReader) -> None:
 
 
 def _table(rows: list[Any], columns: str) -> "pd.DataFrame":
-    """Return rows as a table, with the column ``time`` as its index."""
+    """Return rows as a table with index ``time``."""
     import pandas as pd
 
     table = pd.DataFrame(rows, columns=columns.split())

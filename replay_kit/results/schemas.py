@@ -1,7 +1,7 @@
-"""The protobuf messages that replay-kit adds to the stock Foxglove ones, as one table each.
+"""Protobuf messages of replay-kit in addition to the stock Foxglove ones, one table each.
 
-The table is the source: the descriptors are built from it on import, every file carries them, and ``README.md`` of this
-folder lists the same fields with units and meanings. A change of a number, name, type or meaning raises CONTRACT_VERSION.
+Descriptors are built from the table on import and stored in every file; ``README.md`` of this folder lists the fields with units and
+meanings. A change of a number, name, type or meaning raises CONTRACT_VERSION.
 """
 
 from operator import attrgetter
@@ -36,14 +36,14 @@ ARRAYS = {
 
 
 class Field(NamedTuple):
-    """One field of a message; its number is its place in the table, counted from 1.
+    """Field of a message; its number is its position in the table, from 1.
 
     Attributes:
         name: Field name.
         type: Protobuf scalar, or the full name of a message with a leading dot.
         repeated: True for a list.
-        path: Of the attribute that it holds, in the value that the message is of; of a list in columns in each of the values, and of a
-            name that ends with ``_east`` or ``_north`` of a pair of both.
+        path: Path of its attribute in the value of the message; for a list in columns in each value, and for a name with suffix ``_east``
+            or ``_north`` of the pair.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Field(NamedTuple):
 
 
 def _fields(type_name: str, *names: str) -> tuple[Field, ...]:
-    """Return fields of one type, each ``name`` or ``name=path.to.attribute``; ``[]`` behind the type makes them lists."""
+    """Return fields of one type, each ``name`` or ``name=path.to.attribute``; ``[]`` after the type makes lists."""
     kind, pairs = type_name.removesuffix("[]"), [each.partition("=") for each in names]
     return tuple(Field(name, kind, kind != type_name, path or name) for name, _, path in pairs)
 
@@ -169,7 +169,7 @@ def _field(number: int, field: Field, as_bytes: bool) -> FieldDescriptorProto:
 
 
 def _files(as_bytes: bool) -> tuple[FileDescriptorProto, FileDescriptorProto]:
-    """Return the files of the messages: that of times, and our own."""
+    """Return the descriptor files of the messages: times, and our own."""
     times, file = (
         FileDescriptorProto.FromString(timestamp_pb2.DESCRIPTOR.serialized_pb),
         FileDescriptorProto(
@@ -203,7 +203,7 @@ DESCRIPTOR_SET: bytes = FileDescriptorSet(file=_files(as_bytes=False)).Serialize
 
 
 def attributes(value: Any, names: str) -> dict[str, Any]:
-    """Return attributes of a value by names: each is an attribute's, or ``name=path.to.attribute``."""
+    """Return attributes of a value by name, each ``name`` or ``name=path.to.attribute``."""
     pairs = (each.partition("=") for each in names.split())
     return {name: attrgetter(path or name)(value) for name, _, path in pairs}
 
@@ -212,8 +212,8 @@ def encode(name: str, values: dict[str, Any]) -> bytes:
     """Return a message's protobuf bytes; equal values give equal bytes.
 
     Args:
-        name: Message of the table, without the package.
-        values: Field name to value; nested messages as mappings, times as mappings of seconds and nanos, lists of numbers as arrays.
+        name: Name of the message without the package.
+        values: Values by field; nested messages as mappings, times as mappings of seconds and nanos, lists of numbers as arrays.
     """
     packed = {
         field.name: np.asarray(values[field.name], ARRAYS[field.type]).tobytes()
@@ -224,7 +224,7 @@ def encode(name: str, values: dict[str, Any]) -> bytes:
 
 
 def decode(name: str, data: bytes) -> Message:
-    """Return a message of the table from its protobuf bytes; ``numbers`` gives its lists of numbers."""
+    """Return a message of the table from protobuf bytes; ``numbers`` returns its lists of numbers."""
     return _CLASSES[name].FromString(data)
 
 

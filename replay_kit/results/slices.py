@@ -1,7 +1,7 @@
 """Depth slices of a flow for viewers: a regular grid of values and a field of arrows.
 
-The grid is along the local axes, its spacing nearly the ensemble's own, its centres near the ensemble's points and within their
-range. Values are for looking at (float32); the estimate is in the attachment ``estimate.npz``.
+The grid is along the local axes, with about the ensemble's spacing and centres near its points. Values are float32 for display; the
+estimate is in the attachment ``estimate.npz``.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -35,14 +35,14 @@ _COLOR = fox.Color(r=0.05, g=0.2, b=0.5, a=1.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slice:
-    """A flow at one depth on a regular local grid.
+    """Flow at one depth on a regular local grid.
 
     Attributes:
         depth: [m], positive down.
         east: shape (I,) [m], cell centres.
         north: shape (J,) [m], cell centres.
         velocity: shape (J, I, 2) [m/s], local east and north; NaN where dry, outside the ensemble's outline and below its last level.
-        standard_error: shape (J, I, 2) [m/s], of each component; NaN where the velocity is. None for a flow without an uncertainty.
+        standard_error: shape (J, I, 2) [m/s], of each component; NaN as the velocity. None without an uncertainty.
     """
 
     depth: float
@@ -58,18 +58,18 @@ class Slice:
 
     @property
     def arrow_stride(self) -> int:
-        """Cells from one arrow to the next."""
+        """Number of cells from one arrow to the next."""
         return -(-max(self.east.size, self.north.size) // _MAX_ARROWS_A_SIDE)
 
     @property
     def max_speed(self) -> float:
-        """Largest speed [m/s]; 0 when all is dry."""
+        """Largest speed [m/s]; 0 if all is dry."""
         speed = np.hypot(self.velocity[..., 0], self.velocity[..., 1])
         return float(np.max(speed, where=np.isfinite(speed), initial=0.0))
 
 
 def depth_slices(flow: FlowEstimate, depths: Sequence[float]) -> list[Slice]:
-    """Return the flow at depths [m] on a regular grid near the ensemble's own."""
+    """Return slices of a flow at depths [m] on a regular grid near the ensemble's own."""
     grid = flow.grid
     east, north = slice_axes(grid)
     # what depends on the place alone is computed once for all depths
@@ -84,14 +84,14 @@ def depth_slices(flow: FlowEstimate, depths: Sequence[float]) -> list[Slice]:
 
 
 def slice_axes(grid: Grid) -> tuple[Array, Array]:
-    """Return the cell centres east and north [m] of the slices of a flow on a grid."""
+    """Return the cell centres of slices of a flow on a grid, east and north [m]."""
     return _axis(grid, grid.east), _axis(grid, grid.north)
 
 
 def grid_message(time_ns: int, value: Slice) -> fox.Grid:
-    """Return a slice as cells of packed float32 u, v, speed and the standard errors of u and v [m/s]; rows go north, columns east.
+    """Return a slice as packed float32 cells of u, v, speed and standard errors of u and v [m/s]; rows go north, columns east.
 
-    A flow without an uncertainty has no fields of standard errors.
+    Without an uncertainty there are no standard errors.
     """
     speed = np.hypot(value.velocity[..., 0], value.velocity[..., 1])
     errors = [] if value.standard_error is None else [value.standard_error]
@@ -106,14 +106,14 @@ def grid_message(time_ns: int, value: Slice) -> fox.Grid:
 
 
 def seabed_message(time_ns: int, value: Seabed) -> fox.Grid:
-    """Return the bottom as cells of float32 ``depth`` [m], at the surface of the frame."""
+    """Return the seabed as cells of float32 ``depth`` [m], at the surface of the frame."""
     return _packed_grid(time_ns, value.east, value.north, 0.0, {"depth": value.depth})
 
 
 def _packed_grid(
     time_ns: int, east: Array, north: Array, height: float, fields: Mapping[str, Array]
 ) -> fox.Grid:
-    """Return fields, each of shape (J, I), as cells of packed float32 about their centres [m]."""
+    """Return fields of shape (J, I) as packed float32 cells about their centres [m]."""
     packed = np.stack(list(fields.values()), axis=-1).astype("<f4")
     wide, high = float(east[1] - east[0]), float(north[1] - north[0])
     float32 = fox.PackedElementFieldNumericType.Float32
@@ -134,7 +134,7 @@ def _packed_grid(
 
 
 def grid_cells(value: Any) -> tuple[Array, Array, dict[str, Array]]:
-    """Return the cell centres [m] and the fields, each of shape (J, I), of a decoded ``foxglove.Grid`` of packed float32."""
+    """Return cell centres [m] and fields, each of shape (J, I), of a decoded ``foxglove.Grid`` of packed float32."""
     columns, rows = value.column_count, len(value.data) // value.row_stride
     cells = (
         np.frombuffer(value.data, "<f4")
@@ -147,7 +147,7 @@ def grid_cells(value: Any) -> tuple[Array, Array, dict[str, Array]]:
 
 
 def surface_table(messages: Iterable[tuple[int, Any]], projection: Projection) -> "pd.DataFrame":
-    """Return the cells with a current of decoded messages of ``/flow/surface``, each with its time, as ``Result.surface``."""
+    """Return the table of cells with a current in decoded messages of ``/flow/surface``, with times, as ``Result.surface``."""
     import pandas as pd
 
     tables = []
@@ -165,7 +165,7 @@ def surface_table(messages: Iterable[tuple[int, Any]], projection: Projection) -
 
 
 def arrow_scale(slices: list[Slice]) -> float | None:
-    """Return metres of arrow for 1 m/s so that the fastest arrow is 1.5 arrow spacings long; None when nothing moves."""
+    """Return the arrow length for 1 m/s [m], so that the fastest arrow spans 1.5 arrow spacings; None for a flow at rest."""
     fastest = max((value.max_speed for value in slices), default=0.0)
     if fastest == 0.0:
         return None
@@ -173,11 +173,11 @@ def arrow_scale(slices: list[Slice]) -> float | None:
 
 
 def arrows_message(time_ns: int, value: Slice, scale: float) -> fox.SceneUpdate:
-    """Return a slice as one entity of arrows, which replaces the one published before for the same depth.
+    """Return a slice as one entity of arrows, which replaces the previous one of this depth.
 
     Args:
         time_ns: [ns, UTC].
-        value: The slice.
+        value: Slice.
         scale: Length of an arrow for 1 m/s [m]; also in the entity's metadata.
     """
     step = value.arrow_stride
@@ -223,11 +223,11 @@ def _arrow(where: fox.Pose, length: float, width: float) -> fox.ArrowPrimitive:
 
 
 def _axis(grid: Grid, values: Array) -> Array:
-    """Return cell centres along a local axis, near the grid's points; all lie inside its outline where its sides are nearly along the axes.
+    """Return cell centres along a local axis, near the grid's points and inside the outline of an axis-parallel grid.
 
     Args:
         grid: The grid.
-        values: shape (J, I) [m], its coordinate along the axis.
+        values: shape (J, I) [m], coordinate of its points along the axis.
     """
     # the grid's axis that leads along the local one: columns may lead north
     along = int(np.argmax([np.median(np.abs(np.diff(values, axis=axis))) for axis in (0, 1)]))

@@ -1,7 +1,6 @@
-"""What a result MCAP is made of: the names of its records and attachments, the messages of a topic by time, and its checks.
+"""Contents of a result MCAP: names of records and attachments, messages of a topic by time, and checks.
 
-The checks are that it is complete, before it gets its name, and that its checksums fit, before it is read. None of this needs the
-libraries that read estimates.
+Completeness is checked before the file gets its name, checksums before it is read. The libraries for estimates are not needed.
 """
 
 import os
@@ -60,12 +59,12 @@ DAMAGED = (
 
 @dataclass(frozen=True, slots=True)
 class Digest:
-    """The digest of a result's messages up to some place.
+    """Digest of a result's messages so far.
 
     Attributes:
-        time_ns: When in the log [ns, UTC].
-        messages: Number of messages before.
-        sha256: Of their topics, times and data, in order.
+        time_ns: Time in the log [ns, UTC].
+        messages: Number of messages so far.
+        sha256: SHA-256 of their topics, times and data, in order.
     """
 
     time_ns: int
@@ -75,10 +74,10 @@ class Digest:
 
 @contextmanager
 def complete(path: Path) -> Iterator[None]:
-    """Turn what reading a result raises into an error that names it.
+    """Convert exceptions of reading a result to an error that names it.
 
     Raises:
-        LogError: The file is missing, or is no complete result.
+        LogError: The file is missing or no complete result.
     """
     try:
         yield
@@ -93,17 +92,17 @@ def complete(path: Path) -> Iterator[None]:
 
 
 class _Records(StreamReader):
-    """The records of a file without the message indexes, whose entries the library would parse one by one."""
+    """Records of a file without message indexes, which the library would parse entry by entry."""
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
         return None if opcode == Opcode.MESSAGE_INDEX else super()._read_record(opcode, length)
 
 
 def records(file: BinaryIO) -> Iterator[tuple[McapRecord, Channel | None, Schema | None]]:
-    """Yield the records of a file in order, those of chunks too, and of messages their channel and schema.
+    """Yield the records of a file in order, including those in chunks; messages with channel and schema.
 
     Raises:
-        McapError: And all of ``DAMAGED``: the file is damaged, or ends here.
+        McapError: And all of ``DAMAGED``: the file is damaged or truncated.
     """
     schemas, channels = dict[int, Schema | None]({0: None}), dict[int, Channel]()
     size = os.fstat(file.fileno()).st_size
@@ -117,7 +116,7 @@ def records(file: BinaryIO) -> Iterator[tuple[McapRecord, Channel | None, Schema
 
 
 def message_counts(summary: "Summary") -> Counter[str]:
-    """Return the number of messages by topic that a summary states."""
+    """Return the number of messages by topic in a summary."""
     found = Counter[str]()
     for number, count in summary.statistics.channel_message_counts.items():  # type: ignore[union-attr]
         found[summary.channels[number].topic] += count
@@ -125,17 +124,17 @@ def message_counts(summary: "Summary") -> Counter[str]:
 
 
 def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> None:
-    """Compare the checksums of a file with its bytes, and what it states with what was written.
+    """Verify the checksums of a file, and its counts against those written.
 
-    The writing library computes the checksums of what it was given and reports a full disk in no return value: what it dropped shows here.
+    The library computes checksums of its input and does not report a full disk; dropped bytes show here.
 
     Args:
-        path: The file.
-        messages: Topic to number of messages written.
+        path: File.
+        messages: Number of messages written, by topic.
         attachments: Number of attachments written.
 
     Raises:
-        ReplayKitError: The file does not hold what was written.
+        ReplayKitError: The file is incomplete.
     """
     with path.open("rb") as file:
         if not checksums_fit(file):
@@ -151,7 +150,7 @@ def check_written(path: Path, messages: Mapping[str, int], attachments: int) -> 
 
 
 def checksums_fit(file: BinaryIO) -> bool:
-    """Return whether a file states checksums of its data and of its summary, and both fit; nothing is unpacked."""
+    """Return whether a file has valid checksums of its data and its summary; nothing is decompressed."""
     try:
         size = os.fstat(file.fileno()).st_size
         at = size - len(_MAGIC) - _FOOTER.size
@@ -180,18 +179,18 @@ def _crc(file: BinaryIO, length: int) -> int:
 
 
 class OpenResult:
-    """A result MCAP, opened once; each read finds its own place, so that one may begin before another has ended.
+    """Result MCAP, opened once; concurrent reads are possible, as each has its own position.
 
     Attributes:
-        path: The file.
-        file: The same, opened; it is closed with the last reader of it.
+        path: File.
+        file: Open file, closed with its last reader.
     """
 
     def __init__(self, path: Path) -> None:
         """Open the file.
 
         Raises:
-            LogError: It is missing, or is no MCAP file.
+            LogError: The file is missing or no MCAP file.
         """
         self.path = path
         with complete(path):
@@ -201,10 +200,10 @@ class OpenResult:
 
     @cached_property
     def summary(self) -> "Summary":
-        """The summary.
+        """Summary of the file.
 
         Raises:
-            LogError: There is none.
+            LogError: The file has no summary.
         """
         with complete(self.path):
             found = self.reader.get_summary()
@@ -216,12 +215,12 @@ class OpenResult:
 
     @cached_property
     def records(self) -> list[tuple[str, dict[str, str]]]:
-        """Metadata records, in order, with their names."""
+        """Metadata records with their names, in order."""
         with complete(self.path):
             return [(one.name, dict(one.metadata)) for one in self.reader.iter_metadata()]
 
     def attachment(self, offset: int) -> Attachment:
-        """Return the attachment at a place that the summary states."""
+        """Return the attachment at an offset in the summary."""
         with complete(self.path):
             self.file.seek(offset)
             record = next(StreamReader(self.file, skip_magic=True).records)
@@ -230,9 +229,9 @@ class OpenResult:
         return record
 
     def messages(self, topics: Collection[str]) -> Iterator[tuple[int, bytes]]:
-        """Yield time [ns, UTC] and payload of the messages of topics by time, those of one time as they lie in the file.
+        """Yield time [ns, UTC] and payload of the messages of topics in order of time, equal times in file order.
 
-        The messages of other topics are passed over by their lengths: the library makes a value of each, which takes longer than all else.
+        Messages of other topics are skipped by their lengths, which is faster than the library.
 
         Raises:
             McapError: The file is damaged.
@@ -265,7 +264,7 @@ class OpenResult:
     def newest(
         self, topics: Collection[str], until_ns: int | None = None
     ) -> Iterator[tuple[int, bytes]]:
-        """Yield time [ns, UTC] and payload of the messages of topics from the last one back; no more is read than is asked for.
+        """Yield time [ns, UTC] and payload of the messages of topics from the last one backward, lazily.
 
         Args:
             topics: Their topics.
@@ -277,7 +276,7 @@ class OpenResult:
 
 
 def _in_chunk(chunk: Chunk, wanted: set[int], offset: int) -> Iterator[tuple[int, int, bytes]]:
-    """Yield time, place in the file and payload of the messages of some channels; a message's place grows by chunk, then within it."""
+    """Yield time, position in the file and payload of the messages of some channels; positions increase by chunk and within it."""
     stream, size = get_chunk_data_stream(chunk)
     data, at = stream.read(size), 0
     while at < size:

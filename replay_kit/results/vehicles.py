@@ -1,6 +1,6 @@
-"""Results of several vehicles with one estimate: the names of what is one vehicle's.
+"""Names in results of several vehicles with one estimate.
 
-Topics, records and attachments of the estimate are those of any result. What is one vehicle's has its name before it: ``/sg1/fix`` stands
+Topics, records and attachments of the estimate are those of any result. Those of one vehicle have its name as prefix: ``/sg1/fix`` stands
 for ``/vehicle/fix``, ``/sg1/innovation`` for ``/flow/innovation``, ``/sg1/plan/path`` for ``/plan/path``, the record
 ``sg1/replay_kit.as_flown`` for ``replay_kit.as_flown``.
 """
@@ -25,13 +25,13 @@ _SHORT = {
 
 @dataclass(frozen=True, slots=True)
 class VehicleRecord:
-    """What a result of several vehicles states of one.
+    """Record of one vehicle in a result of several.
 
     Attributes:
-        name: The vehicle's.
+        name: Name of the vehicle.
         logs: Keys of its logs among the inputs.
-        goal: As the option states it; empty without.
-        why_not: Why it gave nothing to the estimate; empty for one that did.
+        goal: Goal as in the option; empty without one.
+        why_not: Why its measurements were not used; else empty.
     """
 
     name: str
@@ -40,12 +40,12 @@ class VehicleRecord:
     why_not: str = ""
 
     def to_text(self) -> str:
-        """Return it as a record keeps it."""
+        """Return the text of the record."""
         return json.dumps({"logs": self.logs, "goal": self.goal, "why_not": self.why_not})
 
 
 def vehicle_records(metadata: Mapping[str, Mapping[str, str]]) -> tuple[VehicleRecord, ...]:
-    """Return the vehicles of a result by its metadata, in the order of their names; none where it is of one alone."""
+    """Return the vehicles in a result's metadata in order of their names; empty for a single vehicle."""
     held = {name: json.loads(text) for name, text in metadata.get(VEHICLES_RECORD, {}).items()}
     return tuple(
         VehicleRecord(name, tuple(one["logs"]), one["goal"], one["why_not"])
@@ -54,17 +54,17 @@ def vehicle_records(metadata: Mapping[str, Mapping[str, str]]) -> tuple[VehicleR
 
 
 def topic_of(vehicle: str, topic: str) -> str:
-    """Return the topic of a vehicle's messages: as it is for the only vehicle (an empty name), and for what is the estimate's."""
+    """Return the topic of a vehicle's messages; unchanged for a single vehicle (empty name) and for the estimate."""
     if not vehicle or topic.startswith(_SHARED):
         return topic
     return f"/{vehicle}/{_SHORT.get(topic, topic[1:])}"
 
 
 def name_of(vehicle: str, name: str) -> str:
-    """Return the name of a vehicle's record or attachment; as it is for the only vehicle."""
+    """Return the name of a vehicle's record or attachment; unchanged for a single vehicle."""
     return f"{vehicle}/{name}" if vehicle else name
 
 
 def part_path(path: Path, vehicle: str, folder: Path) -> Path:
-    """Return the name of a file of one vehicle beside that of all, in a folder: ``out.sg1.mcap`` of ``out.mcap``."""
+    """Return the file of one vehicle in a folder, such as ``out.sg1.mcap`` for ``out.mcap``."""
     return folder / f"{path.stem}.{vehicle}{path.suffix}"

@@ -46,7 +46,7 @@ DOORS = (
     *(f"fetch {words} --ensemble https://a.b/c" for words in ("X", "--config X")),
     *("experiment paper --ensemble X --truth t.nc -o out", "experiment paper --ensemble e.nc --truth X -o out"),
 )  # fmt: skip
-_NO_FILE = ", not a file; write what comes from it to a file, and give that"
+_NO_FILE = ", not a file; save its output to a file, and give that"
 KINDS = {
     "link": f"it is a pipe{_NO_FILE}",
     "socket": f"it is a socket{_NO_FILE}",

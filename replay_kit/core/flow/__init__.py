@@ -1,1 +1,1 @@
-"""The estimate of the current as a value: velocity, standard error, samples, and its NetCDF form."""
+"""Estimate of the current: velocity, standard error, samples, and their NetCDF form."""

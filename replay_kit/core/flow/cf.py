@@ -1,4 +1,4 @@
-"""What CF and ACDD ask of every dataset: what it is, where and when, what made it; times and fill values as files have them."""
+"""Global attributes and encodings of CF and ACDD: title, extent, provenance, times and fill values."""
 
 from __future__ import annotations
 
@@ -29,14 +29,13 @@ _AXES = (
 def described(
     dataset: xr.Dataset, title: str, made_by: str, about: Mapping[str, str] | None = None
 ) -> xr.Dataset:
-    """Return a dataset with its global attributes, the kind of each variable, and how it is written: times as seconds, what fills gaps.
+    """Return a dataset with global attributes, the coverage content type of each variable, and encodings of times and gaps.
 
     Args:
-        dataset: Its coordinates have their standard names.
-        title: What it holds.
-        made_by: What made it, for the attribute ``history``, whose form CF leaves open; without a time of writing, so that the same values
-            give the same bytes.
-        about: Further attributes, such as who made it and under which licence.
+        dataset: Dataset whose coordinates have standard names.
+        title: Title.
+        made_by: Program for the attribute ``history``, without a time of writing, so that equal values give equal bytes.
+        about: Further attributes, such as creator and licence.
     """
     for name, variable in dataset.variables.items():
         standard = str(variable.attrs.get("standard_name", ""))
@@ -79,7 +78,7 @@ def described(
 
 
 def _coverage(dataset: xr.Dataset) -> dict[str, object]:
-    """Return where and when the values of a dataset are."""
+    """Return the spatial and temporal coverage of a dataset."""
     found: dict[str, object] = {}
     for short, name, units in _AXES:
         if (axis := _all_of(dataset, name)).size:
@@ -111,7 +110,7 @@ def _coverage(dataset: xr.Dataset) -> dict[str, object]:
 
 
 def _all_of(dataset: xr.Dataset, standard: str) -> np.ndarray:
-    """Return the values of all variables of a standard name that are not missing."""
+    """Return the finite values of all variables with a standard name."""
     values = [
         variable.values[variable.notnull().values]
         for name, variable in dataset.variables.items()
@@ -121,11 +120,11 @@ def _all_of(dataset: xr.Dataset, standard: str) -> np.ndarray:
 
 
 def write_dataset(dataset: xr.Dataset, path: Path) -> None:
-    """Write a dataset as NetCDF, its values compressed; the file appears whole or not at all.
+    """Write a dataset as compressed NetCDF, completely or not at all.
 
     Raises:
         ConfigError: The file cannot be created.
-        ReplayKitError: It cannot be written to its end, as on a full disk.
+        ReplayKitError: Writing fails, for example on a full disk.
     """
     for variable in dataset.variables.values():
         if variable.dtype.kind == "f" and variable.ndim:
@@ -135,7 +134,7 @@ def write_dataset(dataset: xr.Dataset, path: Path) -> None:
 
 
 def netcdf_bytes(dataset: xr.Dataset) -> bytes:
-    """Return a dataset as the bytes of a NetCDF-4 file, its variables as their encodings say.
+    """Return a dataset as NetCDF-4 bytes, its variables encoded as they state.
 
     ``to_netcdf`` would take a lock named after the buffer's address from the scheduler, where the process is a worker of Dask. Addresses
     are used again by other missions, and the scheduler then no longer knows the lock. No other thread sees the buffer.

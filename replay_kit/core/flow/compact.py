@@ -1,11 +1,11 @@
-"""The compact form of a flow, as results hold it: what is large in float32, all else as it is.
+"""Compact form of a flow in a result file: large arrays in float32, all others unchanged.
 
 Float32 are the modes and the unknowns' patterns, and of the covariance P, in which only some directions differ from the prior's,
 
     P = I - V (I - M) V',    V' V = I,    M diagonal,
 
-the directions V of all variances M that differ from 1 by more than 1e-6. A pattern that is a product of one in depth and one of the modes
-is held as these two. The velocity at the estimate's own time is kept to the last bit.
+the directions V of all variances M that differ from 1 by more than 1e-6. A pattern that is a product of a depth function and modes is
+stored as its factors. The velocity at the estimate's time is exact.
 """
 
 import io
@@ -35,7 +35,7 @@ def pack(flow: FlowEstimate) -> bytes:
     if flow.span_ns is not None:
         arrays["data_span"] = np.array("{} {}".format(*flow.span_ns))
     if _COVARIANCE in arrays:
-        arrays["variances"], arrays["directions"] = _apart(arrays.pop(_COVARIANCE))
+        arrays["variances"], arrays["directions"] = _eigen_parts(arrays.pop(_COVARIANCE))
     if _FIXED in arrays:
         arrays |= _factors(arrays.pop(_FIXED))
     for name in {"modes", "moving", "directions", _FIXED, "fixed_modes"} & arrays.keys():
@@ -49,11 +49,11 @@ def unpack(data: bytes, name: str) -> FlowEstimate:
     """Return the flow of the bytes of ``pack``.
 
     Args:
-        data: The bytes.
-        name: What to call them in errors.
+        data: Bytes of ``pack``.
+        name: Name of the data in errors.
 
     Raises:
-        ForecastError: They are damaged, or of something else.
+        ForecastError: The data are damaged or of another kind.
     """
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
@@ -62,7 +62,7 @@ def unpack(data: bytes, name: str) -> FlowEstimate:
                 for key, each in file.items()
             }
         if "variances" in arrays:
-            arrays[_COVARIANCE] = _together(arrays["variances"], arrays["directions"])
+            arrays[_COVARIANCE] = _from_eigen_parts(arrays["variances"], arrays["directions"])
         if "fixed_modes" in arrays:
             arrays[_FIXED] = arrays["fixed_depths"][..., None] * arrays["fixed_modes"][:, None]
         attributes = {
@@ -84,8 +84,8 @@ def unpack(data: bytes, name: str) -> FlowEstimate:
         ) from error
 
 
-def _apart(p: Array) -> tuple[Array, Array]:
-    """Return M and V of a covariance, shapes (n,) and (k, n)."""
+def _eigen_parts(p: Array) -> tuple[Array, Array]:
+    """Return M, shape (n,), and V, shape (k, n), of a covariance."""
     less = np.eye(len(p)) - p
     # loads slowly, and what reads an estimate needs none
     from scipy.linalg.lapack import dpstrf
@@ -103,15 +103,15 @@ def _apart(p: Array) -> tuple[Array, Array]:
     return 1.0 - values[kept], vectors[:, kept]
 
 
-def _together(variances: Array, directions: Array) -> Array:
-    """Return the covariance, shape (k, k), of variances, shape (n,), and directions, shape (k, n), which float32 left nearly orthogonal."""
+def _from_eigen_parts(variances: Array, directions: Array) -> Array:
+    """Return the covariance, shape (k, k), of M, shape (n,), and V, shape (k, n), which float32 left nearly orthogonal."""
     orthogonal, _ = np.linalg.qr(directions)
     p = np.eye(len(directions)) - orthogonal * (1.0 - variances) @ orthogonal.T
     return np.asarray((p + p.T) / 2.0)
 
 
 def _factors(patterns: Array) -> dict[str, Array]:
-    """Return patterns, shape (B, K, r), by the names that they are held under: each as a product where all are that."""
+    """Return patterns, shape (B, K, r), by their stored names: as factors if all are products."""
     rows, largest = np.arange(len(patterns)), np.abs(patterns).max(axis=2).argmax(axis=1)
     of_modes = patterns[rows, largest]
     norm = np.maximum(np.sum(of_modes**2, axis=1), 1e-300)

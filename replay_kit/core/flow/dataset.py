@@ -1,4 +1,4 @@
-"""A flow as a CF dataset for people and programs, velocities towards true east and north with errors; and along a track as OG1.0."""
+"""A flow as a CF dataset with velocities towards true east and north and errors; along a track as OG1.0."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -42,11 +42,11 @@ def to_dataset(
 ) -> xr.Dataset:
     """Return velocity and standard error as a CF dataset, NaN where dry and below the last level; see ``FlowEstimate.to_xarray``.
 
-    Below the last level nothing is known: ``velocity`` continues the last level's flow there, a grid does not show it.
+    Below the last level ``velocity`` continues the last level's flow; the dataset has NaN.
 
     Returns:
-        Dataset with ``u``, ``v`` and, when the flow has an uncertainty, ``u_standard_error``, ``v_standard_error``, on dimensions
-        (depth, latitude, longitude), or (depth, y, x) with two-dimensional longitude and latitude on a curvilinear grid.
+        Dataset with ``u``, ``v`` and, when the flow has an uncertainty, ``u_standard_error``, ``v_standard_error``, on dimensions (depth,
+        latitude, longitude), or (depth, y, x) with two-dimensional longitude and latitude on a curvilinear grid.
     """
     given = [axis for axis in (longitude, latitude, depth) if axis is not None]
     axes = [np.asarray(axis, dtype=np.float64) for axis in given]
@@ -94,7 +94,7 @@ def to_dataset(
 
 
 def write_grid(flow: FlowEstimate, path: Path) -> None:
-    """Write the flow on its own grid as CF NetCDF; the file appears whole or not at all.
+    """Write the flow on its own grid as CF NetCDF, completely or not at all.
 
     Raises:
         ConfigError: The file cannot be written.
@@ -108,8 +108,8 @@ def of_points(
     """Return velocities at points as a CF dataset; see ``Velocities.to_xarray``.
 
     Args:
-        columns: Values of the points by the names of ``Velocities``, each shape (n,).
-        coordinates: Those that are coordinates.
+        columns: Values at the points by attribute of ``Velocities``, each of shape (n,).
+        coordinates: Names of the coordinates.
         about: Global attributes of the flow.
     """
     values = {name: ("point", column, ATTRIBUTES[name]) for name, column in columns.items()}
@@ -143,13 +143,13 @@ def trajectory(
     """Return velocities along a track as an OG1.0 dataset; see ``Velocities.to_og1``.
 
     Args:
-        columns: Values of the points by the names of ``Velocities``, each shape (n,).
+        columns: Values at the points by attribute of ``Velocities``, each of shape (n,).
         platform: Serial number of the glider with its prefix.
-        stated: What a person knows of the glider and the mission.
+        stated: Attributes of the glider and the mission.
         about: Global attributes of the flow.
 
     Raises:
-        EstimatorError: There is no point, or the time of one is not known.
+        EstimatorError: There is no point, or the time of one is unknown.
     """
     if not columns["time"].size or np.isnat(columns["time"]).any():
         raise EstimatorError(

@@ -1,21 +1,21 @@
-"""The current estimate: what a planner or an analyst holds, an immutable value that evaluates itself.
+"""The current estimate: an immutable value for planners and analysts.
 
 A flow is a sum over levels of a depth function times a sum of incompressible horizontal functions h,
 
     f(x, y, z) = sum_j d_j(z) h(x, y) latent[:, j],
 
-so it is divergence-free in the horizontal; what the ensemble mean has of divergence is a known part beside it, the gradient of a potential,
-which has the same functions turned by 90 degrees. Its uncertainty, where it has one, is the covariance P of unknowns x with the weights
-w = m + x L of modes (``process.py``), and the error of what these do not hold: with D x the current at a place and s a factor on all,
+so it is divergence-free in the horizontal. The divergent part of the ensemble mean is added as the gradient of a potential, which has the
+same functions turned by 90 degrees. Its uncertainty, where it has one, is the covariance P of unknowns x with the weights w = m + x L of
+modes (``process.py``), and the representation error: with D x the current at a point and s a factor on all variances,
 
     std^2 = s (D P D' + error^2).
 
-At levels where nothing was measured it is at least the error of a regression on those where something was, with the prior's covariance of
-levels C: the members' patterns fix the vertical structure more surely than a few tens of members can know it.
+At unmeasured levels it is at least the error of a regression on measured ones, with the prior covariance of levels C: a few tens of members
+determine the vertical structure less surely than their patterns suggest.
 
     least^2 = s (C_zz - C_zm (C_mm + std_m^2)^-1 C_mz).
 
-Estimates, truths and ensemble members are all this one value.
+Estimates, truths and ensemble members have this one type.
 """
 
 # keeps the signatures in help() short: the names of types, not what they stand for
@@ -59,18 +59,18 @@ _LINEAR = DepthFunctions("hat", 0.0)
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The estimate of the unknowns at one time.
+    """Estimate of the unknowns at one time.
 
     Attributes:
-        process: What they make of the modes' weights, and how they change.
+        process: Model of the modes' weights and their change in time.
         offset: shape (M, Z), latent values of the flow whose weights are zero.
         x: shape (k,), mean.
         p: shape (k, k), covariance.
-        time_ns: Of both, the last observation's [ns, UTC]; None before any, where they hold at any time.
-        error: shape (Z, N) [m/s], of what they do not hold, at the nodes.
-        scaled: Factor on all variances, or what returns it once it is asked for.
-        oscillation: Known beside the flow; None where nothing oscillates.
-        measured: shape (Z,), levels among those whose depths were measured; None where that counts for nothing.
+        time_ns: Time of the last observation [ns, UTC]; None before any.
+        error: shape (Z, N) [m/s], representation error at the nodes.
+        scaled: Factor on all variances, or a function that returns it.
+        oscillation: Known oscillations; None without any.
+        measured: shape (Z,), whether a level lies among measured depths; None where that is ignored.
     """
 
     process: Process
@@ -90,7 +90,7 @@ class Unknowns:
 
     @cached_property
     def root(self) -> Array:
-        """A factor F of the covariance, F F' = s P, shape (k, k).
+        """Factor F of the covariance, F F' = s P, shape (k, k).
 
         Raises:
             EstimatorError: The covariance is not a number.
@@ -107,15 +107,15 @@ class Unknowns:
             return np.asarray(vectors * np.sqrt(self.scale * np.maximum(values, 0.0)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the fields for a pickle: the factor, not what returns it."""
+        """Return the fields for a pickle, with the factor instead of its function."""
         return vars(replace(self, scaled=self.scale))
 
     def latent(self, modes: Array, time_ns: int) -> Array:
-        """Return the latent values of the flow at a time [ns, UTC], with the unknowns as they are, shape (M, Z)."""
+        """Return the latent values of the flow at a time [ns, UTC] for the present unknowns, shape (M, Z)."""
         return np.asarray(self.offset + modes @ self.process.weights(self.x, time_ns).T)
 
     def at(self, time_ns: int) -> Unknowns:
-        """Return the unknowns at a later time [ns, UTC]: each decays, and its variance returns to 1; an earlier one changes nothing."""
+        """Return the unknowns at a later time [ns, UTC]: means decay, variances return to 1; an earlier time has no effect."""
         constant = not np.isfinite(self.process.tau).any()
         if self.time_ns is None or time_ns <= self.time_ns or constant:
             return self
@@ -128,25 +128,25 @@ class Unknowns:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FlowEstimate:
-    """A horizontal flow in a box, with its uncertainty where it is known.
+    """Horizontal flow in a box, with its uncertainty where known.
 
-    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent it fades to zero. Below the last
-    level and outside the extent nothing is known: there standard errors are NaN, and a dataset (``to_xarray``) has NaN in both.
-    Points on land have a value too; ``grid.wet`` is the land mask.
+    Outside the levels the flow of the nearest level continues; outside the grid's horizontal extent it fades to zero. Below the last level
+    and outside the extent standard errors are NaN, and so are the velocities of a dataset (``to_xarray``). Points on land have a value too;
+    ``grid.wet`` is the land mask.
 
     Attributes:
-        grid: Grid, local frame and land mask it was built on; its wet top points are the nodes.
+        grid: Grid, local frame and land mask; its wet top points are the nodes.
         horizontal: The horizontal functions; M of them.
-        depth_functions: How levels combine.
+        depth_functions: Functions of depth that combine the levels.
         latent: shape (M, Z), latent values of the flow.
-        modes: shape (M, r), latent values of the modes the uncertainty is expressed in; r = 0 without uncertainty.
-        time_ns: Time it holds for [ns, UTC]; None when unknown.
-        unknowns: Their estimate; None where nothing is uncertain, as of a truth or a member.
-        potential: shape (M, Z), of the part with divergence; None without one.
-        local: Current about the vehicle beside the flow, which no velocity here includes; None where none is known.
-        surface: Current at the surface that radars show beside the modes; None without radars.
-        about: Global attributes that datasets of it have beside their own: what its inputs are cited by, who made it.
-        span_ns: First and last time of the positions and measurements it was made from [ns, UTC]; None when unknown.
+        modes: shape (M, r), latent values of the modes; r = 0 without uncertainty.
+        time_ns: Valid time [ns, UTC]; None when unknown.
+        unknowns: Estimate of the unknowns; None for a truth or a member.
+        potential: shape (M, Z), latent values of the divergent part; None without one.
+        local: Local correction near the vehicle, not included in velocities; None if unknown.
+        surface: Surface correction from radars; None without radars.
+        about: Further global attributes of its datasets, such as citations and creator.
+        span_ns: First and last time of its positions and measurements [ns, UTC]; None when unknown.
     """
 
     grid: Grid
@@ -163,7 +163,7 @@ class FlowEstimate:
     span_ns: tuple[int, int] | None = None
 
     def __repr__(self) -> str:
-        """Return its time, region and size."""
+        """Return time, region and size as text."""
         holds = (
             "no model of time"
             if self.unknowns is None
@@ -179,13 +179,13 @@ class FlowEstimate:
     # ---- in time
 
     def at(self, time_ns: int) -> FlowEstimate:
-        """Return the estimate for a time [ns, UTC]; where the current changes, its uncertainty grows with time.
+        """Return the estimate for a time [ns, UTC]; the uncertainty of a changing current grows with time.
 
-        For a time before the last observation it is at the time of that. A constant estimate is returned as it is, for its own time, with
-        a warning (UserWarning) where the time is outside the span of its data: its error does not grow.
+        A time before the last observation gives the estimate at that observation. A constant estimate is returned unchanged, with a
+        UserWarning outside the span of its data, as its error does not grow.
 
         Raises:
-            EstimatorError: The flow carries no model of time, as one of a truth or of a member.
+            EstimatorError: The flow has no model of time, as a truth or a member.
         """
         self.require_model_of_time()
         warn_outside([self], np.array(time_ns), 3)
@@ -194,7 +194,7 @@ class FlowEstimate:
         return self.moved(max(time_ns, self.last_observation_ns or time_ns))
 
     def moved(self, time_ns: int) -> FlowEstimate:
-        """Return the flow for a time of the forecast [ns, UTC]; of unknowns after it as they are."""
+        """Return the flow at a forecast time [ns, UTC]; unknowns of a later time are unchanged."""
         assert self.unknowns is not None
         unknowns = self.unknowns.at(time_ns)
         latent = unknowns.latent(self.modes, time_ns)
@@ -202,7 +202,7 @@ class FlowEstimate:
         return replace(self, latent=latent, time_ns=time_ns, unknowns=unknowns, surface=surface)
 
     def require_model_of_time(self) -> None:
-        """Raise EstimatorError when the flow has no model of time, so that ``at`` cannot answer."""
+        """Raise EstimatorError if the flow has no model of time."""
         if self.unknowns is None:
             raise EstimatorError(
                 "the flow has no model of time (a truth, a member, a sample, or one saved by an earlier version); "
@@ -211,7 +211,7 @@ class FlowEstimate:
 
     @property
     def process(self) -> Process | None:
-        """How the estimate changes; None where it is constant or has no model of time."""
+        """Process of the estimate; None if it is constant or has no model of time."""
         if self.unknowns is None:
             return None
         process = self.unknowns.process
@@ -219,7 +219,7 @@ class FlowEstimate:
 
     @property
     def oscillation(self) -> Oscillation | None:
-        """What oscillates beside the flow; None where nothing does."""
+        """Oscillations added to the flow; None without any."""
         return None if self.unknowns is None else self.unknowns.oscillation
 
     @property
@@ -276,18 +276,18 @@ class FlowEstimate:
     ) -> Array:
         """Return the standard deviation [m/s] of each velocity component; arguments and shapes as in ``velocity``.
 
-        It is NaN outside the grid's outline and below the last level, where nothing is known.
+        NaN outside the grid's outline and below the last level.
 
         Raises:
-            EstimatorError: The flow carries no uncertainty.
+            EstimatorError: The flow has no uncertainty.
         """
         variance = self.variance(east, north, depth, true_axes)
-        return np.sqrt(np.where(self._known(east, north, depth)[..., None], variance, np.nan))
+        return np.sqrt(np.where(self._is_inside(east, north, depth)[..., None], variance, np.nan))
 
     def variance(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
     ) -> Array:
-        """Return the square of ``standard_error`` [m^2/s^2], with numbers also where nothing is known."""
+        """Return the square of ``standard_error`` [m^2/s^2], finite also outside the grid's outline and below the last level."""
         self._uncertain()
 
         def here(places: Array, at: Indices, depths: Array) -> Array:
@@ -295,7 +295,9 @@ class FlowEstimate:
             covariance = rows @ rows.swapaxes(2, 3)
             own, levels = self._in_functions(depths), depth_weights(_LINEAR, depths, self.levels)
             of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
-            beside = np.einsum("pz,cpz->pc", levels, self._beside(places, covariance)[:, at])
+            beside = np.einsum(
+                "pz,cpz->pc", levels, self._additional_error(places, covariance)[:, at]
+            )
             found = np.maximum(of_flow + beside**2, 0.0)
             shown = self.surface
             return np.asarray(found if shown is None else shown.variance(found, places[at], depths))
@@ -307,48 +309,48 @@ class FlowEstimate:
     ) -> Array:
         """Return the covariance between the velocities at a few points, shape (2P, 2P) [m^2/s^2], all east then all north.
 
-        It is that of the flow; what its modes do not hold differs from point to point. NaN where nothing is known.
+        The representation error is independent between points. NaN outside the grid's outline and below the last level.
 
         Args:
             east: [m], P values; the three broadcast together.
             north: [m].
             depth: [m], positive down.
-            true_axes: As of ``velocity``.
+            true_axes: See ``velocity``.
 
         Raises:
-            EstimatorError: The flow carries no uncertainty.
+            EstimatorError: The flow has no uncertainty.
         """
         self._uncertain("velocity_covariance")
         at = np.broadcast_arrays(east, north, checked_depth(depth))
         points, depths = np.column_stack([axis.ravel() for axis in at[:2]]), at[2].ravel()
         rows = np.einsum("pk,qkcp->qcp", self._in_functions(depths), self._rows(points, true_axes))
-        rows[..., ~self._known(points[:, 0], points[:, 1], depths)] = np.nan
+        rows[..., ~self._is_inside(points[:, 0], points[:, 1], depths)] = np.nan
         rows = rows.reshape(len(rows), -1)
         return np.asarray(rows.T @ rows)
 
     def sample(self, n: int, seed: int) -> tuple[FlowEstimate, ...]:
-        """Return n flows drawn from the estimate's Gaussian, without uncertainty; the same seed gives the same flows.
+        """Return n random flows from the estimate's Gaussian, without uncertainty; equal seeds give equal flows.
 
         Raises:
-            EstimatorError: The flow carries no uncertainty.
+            EstimatorError: The flow has no uncertainty.
         """
         return tuple(flow for (flow,) in self.sample_through([self.time_ns or 0], n, seed))
 
     def sample_through(
         self, times_ns: Sequence[int], n: int, seed: int
     ) -> tuple[tuple[FlowEstimate, ...], ...]:
-        """Return n currents drawn through time: of each the flows at the times, without uncertainty.
+        """Return n random currents through time: for each the flows at the times, without uncertainty.
 
-        The unknowns are drawn at the first time; from each time to the next they decay and take up noise, so that the currents have the
-        estimate's mean and covariance at every time, and the process's correlation between times.
+        Unknowns are drawn at the first time and propagated with noise. The currents have the estimate's mean and covariance at every time
+        and the process's correlation between times.
 
         Args:
-            times_ns: In order [ns, UTC]; those before the last observation count as its time, but for the forecast.
+            times_ns: Times in order [ns, UTC]; unknowns are not propagated before the last observation.
             n: Number of currents.
-            seed: The same seed gives the same currents.
+            seed: Seed of the random numbers.
 
         Raises:
-            EstimatorError: The flow carries no uncertainty.
+            EstimatorError: The flow has no uncertainty.
         """
         known = self._uncertain("sample")
         times = [max(time, known.time_ns or time) for time in times_ns]
@@ -367,17 +369,17 @@ class FlowEstimate:
         return tuple(zip(*drawn, strict=True))
 
     def mean_flow(self) -> FlowEstimate:
-        """Return the mean of the modes alone: the same flow without uncertainty, model of time and currents beside it."""
+        """Return the mean of the modes alone, without uncertainty, model of time and corrections."""
         return replace(self, modes=self.modes[:, :0], unknowns=None, local=None, surface=None)
 
     @cached_property
     def _factor(self) -> Array:
-        """F' L at the flow's time, the weights of independent unknowns of unit variance in the vertical functions, shape (k, K, r)."""
+        """F' L at the flow's time: weights of independent unit unknowns in the vertical functions, shape (k, K, r)."""
         known = self._uncertain()
         return np.tensordot(known.root, known.process.loading(self.time_ns or 0), ([0], [0]))
 
     def _rows(self, places: Array, true_axes: bool) -> Array:
-        """Return the effect of independent unknowns of unit variance on the vertical functions' amplitudes, shape (k, K, 2, P) [m/s]."""
+        """Return the effect of independent unit unknowns on the amplitudes of the vertical functions, shape (k, K, 2, P) [m/s]."""
         modes = self._true(places, self.horizontal.velocity(places, self.modes), true_axes)
         return np.tensordot(self._factor, modes, ([2], [2]))
 
@@ -386,12 +388,12 @@ class FlowEstimate:
         weights = depth_weights(self.depth_functions, depths, self.levels)
         return np.asarray(weights @ self._uncertain().process.functions.T)
 
-    def _beside(self, places: Array, covariance: Array) -> Array:
-        """Return the error beside that of the unknowns at the levels over places, shape (2, P, Z) [m/s].
+    def _additional_error(self, places: Array, covariance: Array) -> Array:
+        """Return the error in addition to that of the unknowns at levels and points, shape (2, P, Z) [m/s].
 
         Args:
             places: shape (P, 2) [m].
-            covariance: Of the vertical functions' amplitudes there, shape (2, P, K, K) [m^2/s^2].
+            covariance: Covariance of the vertical functions' amplitudes, shape (2, P, K, K) [m^2/s^2].
         """
         unknowns = self._uncertain()
         # of what the unknowns do not hold, that of the nearest node
@@ -413,7 +415,7 @@ class FlowEstimate:
 
     @cached_property
     def _between_levels(self) -> Array:
-        """Covariance of a component between the levels under the prior at the flow's time, mean over the nodes, shape (Z, Z)."""
+        """Prior covariance of a component between levels at the flow's time, mean over the nodes, shape (Z, Z)."""
         process = self._uncertain().process
         modes = self.horizontal.velocity(self.nodes, self.modes).reshape(-1, self.n_modes)
         gram, loading = modes.T @ modes / len(modes), process.loading(self.time_ns or 0)
@@ -421,15 +423,15 @@ class FlowEstimate:
         return np.asarray(process.functions.T @ of_functions @ process.functions)
 
     def _true(self, places: Array, rows: Array, true_axes: bool) -> Array:
-        """Return components, shape (2, P, n), at places, shape (P, 2), towards true east and north where that is asked for."""
+        """Return components, shape (2, P, n), at points, shape (P, 2), on true axes if requested."""
         if not true_axes:
             return rows
         lon, lat = to_geographic(self.grid.projection, *places.T)
         turned = rotate_to_geographic(self.grid.projection, lon[:, None], lat[:, None], *rows)
         return np.stack(turned)
 
-    def _known(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
-        """Return whether points lie inside the grid's outline and not below the last level."""
+    def _is_inside(self, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
+        """Return whether points lie inside the grid's outline and above the last level."""
         return np.asarray(
             inside_grid(self.grid, east, north) & (np.asarray(depth) <= self.levels[-1])
         )
@@ -437,7 +439,7 @@ class FlowEstimate:
     def _uncertain(self, what: str = "standard_error") -> Unknowns:
         if self.unknowns is None or not self.n_modes:
             raise EstimatorError(
-                f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) carries none"
+                f"{what} needs an estimate with a covariance, but this flow (a truth, a member or a sample) has none"
             )
         return self.unknowns
 
@@ -446,7 +448,7 @@ class FlowEstimate:
     def velocity_at(
         self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
     ) -> Velocities:
-        """Return velocity and standard error towards true east and true north at points; NaN where nothing is known.
+        """Return velocity and standard error at points [m/s], true east and north; NaN on land and outside the grid.
 
         Args:
             longitude: [degrees east], any shape; the four broadcast together.
@@ -456,9 +458,9 @@ class FlowEstimate:
                 estimate answers for its own time, ``Velocities.estimate_time``, and warns of times outside the span of its data.
 
         Raises:
-            EstimatorError: The flow has no model of time, or a time is before its last observation; a latitude is outside
-                [-90, 90]; a depth is negative or not finite.
-            ConfigError: A time is none.
+            EstimatorError: The flow has no model of time, a time precedes its last observation, a latitude is outside [-90, 90], or a depth
+                is negative or not finite.
+            ConfigError: The time cannot be parsed.
         """
         from replay_kit.core.flow.points import best_velocity_at
 
@@ -468,14 +470,14 @@ class FlowEstimate:
         """Return velocity and standard error along a track, such as ``result.fixes``.
 
         Args:
-            track: pandas table, xarray dataset or mapping with ``longitude``, ``latitude``, ``depth`` and, if it has, ``time``, of one
-                shape. Where the track is older than the last observation, an estimate that changes with time is that of the latter;
-                a constant one, with a warning as in ``velocity_at``, and a flow without a model of time are as they are: see
-                ``Velocities.estimate_time``. Depths down to 1 m above the surface are at the surface.
+            track: pandas table, xarray dataset or mapping with ``longitude``, ``latitude``, ``depth`` and optionally ``time``, of one
+                shape. Before the last observation the estimate at that observation is used; a constant estimate, with a warning as in
+                ``velocity_at``, and a flow without a model of time hold for their own time: see ``Velocities.estimate_time``. Depths down
+                to 1 m above the surface count as 0.
 
         Raises:
             EstimatorError: A column is missing, a latitude is outside [-90, 90], or a depth is above the surface or not finite.
-            ConfigError: A time is none.
+            ConfigError: A time cannot be parsed.
         """
         from replay_kit.core.flow.points import velocity_along
 
@@ -492,15 +494,15 @@ class FlowEstimate:
     ) -> xr.Dataset:
         """Return velocity and standard error on a grid as a CF dataset, NaN where dry, for ``.sel`` and plots.
 
-        On axes given, and on a forecast's grid of longitudes and latitudes, the coordinates are one-dimensional. A curvilinear grid has
-        two-dimensional longitude and latitude on ``y`` and ``x``, which ``.sel`` does not take: give the axes.
+        Given axes and regular grids have one-dimensional coordinates. A curvilinear grid has two-dimensional longitude and latitude on
+        ``y`` and ``x``, for which ``.sel`` needs axes.
 
         Args:
             longitude: shape (I,) [degrees east]; None, with the next two, for the flow's own grid and levels.
             latitude: shape (J,) [degrees north].
             depth: shape (D,) [m], positive down.
-            time: As in ``velocity_at``, one or a list, which makes ``time`` a dimension; ``estimate_time`` is then that for which the
-                velocity holds. None for the estimate's own.
+            time: As in ``velocity_at``; a list makes ``time`` a dimension, with the valid time ``estimate_time``. None for the estimate's
+                own.
 
         Raises:
             EstimatorError: Only some of the three axes are given, one is not one-dimensional, a depth is negative or not finite, or the
@@ -511,11 +513,11 @@ class FlowEstimate:
         return to_dataset(self, longitude, latitude, depth, time)
 
     def to_pandas(self, **axes: ArrayLike) -> pd.DataFrame:
-        """Return ``to_xarray(**axes)`` as a table with a row a point and time where the flow is known."""
+        """Return ``to_xarray(**axes)`` as a table with a row per wet point and time."""
         return self.to_xarray(**axes).to_dataframe().dropna(subset=["u"]).reset_index()
 
     def save(self, path: str | Path) -> None:
-        """Write the flow to NetCDF without loss, whole or not at all; ``replay_kit.open_estimate`` reads it back.
+        """Write the flow to NetCDF without loss, completely or not at all; ``replay_kit.open_estimate`` reads it back.
 
         Raises:
             ConfigError: The file cannot be written.
@@ -528,7 +530,7 @@ class FlowEstimate:
 def with_potential(
     horizontal: HorizontalFunctions, places: Array, latent: Array, potential: Array | None
 ) -> Array:
-    """Return the velocity of latent values and of the part with divergence beside it, shape (2, P, n) [m/s], local axes.
+    """Return the velocity of latent values and of the divergent part, shape (2, P, n) [m/s], local axes.
 
     Args:
         horizontal: The horizontal functions; M of them.
@@ -544,17 +546,17 @@ def with_potential(
 
 
 def gradient(turned: Array) -> Array:
-    """Return the gradient of a potential, shape (2, P, n): the flow that its values have as a stream function, turned by 90 degrees."""
+    """Return the gradient of a potential, shape (2, P, n), from its stream-function flow, turned by 90 degrees."""
     return np.stack([-turned[1], turned[0]])
 
 
 def warn_outside(flows: Sequence[FlowEstimate], times: NDArray[Any], stacklevel: int) -> None:
-    """Warn the user where constant estimates, which are one's windows, are asked for times outside the span of their data.
+    """Warn of times outside the data of constant estimates, the windows of one run.
 
     Args:
-        flows: Those that change do not warn, nor do those whose span is not known.
-        times: Any shape [ns, UTC]; NaT is none.
-        stacklevel: Of the user's call, as ``warnings.warn`` has it.
+        flows: Estimates; changing ones and those of unknown span do not warn.
+        times: Any shape [ns, UTC]; NaT is ignored.
+        stacklevel: Stack level of the user's call, as in ``warnings.warn``.
     """
     constant = [one for one in flows if one.unknowns is not None and one.process is None]
     ends = [end for one in constant if one.span_ns is not None for end in one.span_ns]
@@ -576,14 +578,14 @@ def _span_text(span_ns: tuple[int, int]) -> str:
 
 
 def checked_depth(depth: ArrayLike, above: float = _ROUNDED) -> Array:
-    """Return depths [m] if each is a number, positive down.
+    """Return depths [m] after a check.
 
     Args:
-        depth: [m], any shape.
-        above: How far above the surface one may be [m].
+        depth: [m], positive down, any shape.
+        above: Largest height above the surface [m].
 
     Raises:
-        EstimatorError: One is not finite, or above the surface.
+        EstimatorError: A depth is not finite or too far above the surface.
     """
     values = np.asarray(depth, dtype=np.float64)
     wrong = values[~(np.isfinite(values) & (values >= -above))]
@@ -603,11 +605,11 @@ def _over_places(
 ) -> Array:
     """Return two values at each point of the local frame, shape (..., 2); the last three arguments broadcast together.
 
-    On a grid, and along a profile, many points lie over one place: what depends on the place alone is computed once.
+    Horizontal terms are computed once for points at one position, as on grids and profiles.
 
     Args:
-        value: Returns those, shape (n, 2), of the places, shape (P, 2) [m], of some points, which of them each point lies over, shape
-            (n,), and its depth, shape (n,) [m].
+        value: Function of horizontal positions, shape (P, 2) [m], the index of each point's position, shape (n,), and its depth, shape (n,)
+            [m]; returns values, shape (n, 2).
         east: [m].
         north: [m].
         depth: [m], positive down.

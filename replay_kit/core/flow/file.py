@@ -1,9 +1,9 @@
-"""The lossless NetCDF form of a flow: its arrays, bit for bit, by one table, with metadata after CF-1.8.
+"""Lossless NetCDF form of a flow: its arrays, bit for bit, by one table, with metadata after CF-1.8.
 
-CF-1.8 has no 64-bit integers, and no floating-point number of seconds since 1970 holds nanoseconds. Times are therefore in float64 seconds,
-for any reader, and the attribute ``nanoseconds_since_1970`` holds them exactly, as decimal digits, for this one.
+CF-1.8 has no 64-bit integers, and float64 seconds since 1970 do not resolve nanoseconds. Times are in float64 seconds, and exact in the
+attribute ``nanoseconds_since_1970``, as decimal digits.
 
-The file ends with the SHA-256 of all bytes before it (the seal), which other readers of NetCDF pass over.
+The file ends with the SHA-256 of all bytes before it (the seal), which other readers of NetCDF ignore.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ FIELDS = [
         "north | grid.north | y x | m, local north",
         # CF wants dimensions that are no axes, as a curvilinear grid's, before the depth
         "wet | grid.wet | y x depth | 1 where the forecast has a velocity",
-        "latent | latent | function depth | latent values, one a horizontal function",
+        "latent | latent | function depth | latent values, one per horizontal function",
         "potential | potential | function depth | latent values of the part with divergence",
         "modes | modes | function mode | latent values of the modes",
         "node_east | horizontal.nodes.T.0 | node | m, local, of the nodes of the kernel",
@@ -74,7 +74,7 @@ FIELDS = [
         "offset | unknowns.offset | function depth | latent values where all weights are 0",
         "unknowns | unknowns.x | unknown | mean of the unknowns",
         "unknowns_covariance | unknowns.p | pair | covariance of the unknowns; its lower half, row by row",
-        "error | unknowns.error | level wet_node | m/s, what the unknowns do not hold",
+        "error | unknowns.error | level wet_node | m/s, representation error",
         "measured | unknowns.measured | level | 1 for levels among those whose depths were measured",
         "mean | unknowns.process.mean | forecast level mode | mean of the weights",
         "moving | unknowns.process.moving | forecast moving_unknown vertical mode | weights of one unit of each unknown that moves",
@@ -87,12 +87,12 @@ FIELDS = [
         "oscillation_omega | unknowns.oscillation.omega | oscillation | rad/s, angular velocity",
         "oscillation_cosine | unknowns.oscillation.cosine | oscillation component depth | m/s, local, of its cosine",
         "oscillation_sine | unknowns.oscillation.sine | oscillation component depth | m/s, local, of its sine",
-        "local_probability | local.probability | local | probability of each process of the current beside the flow",
-        "local_std | local.std | local | m/s, of a component in the long run",
+        "local_probability | local.probability | local | probability of each process of the local correction",
+        "local_std | local.std | local | m/s, stationary, of a component",
         "local_scale | local.scale | local | s, decorrelation time",
         "local_mean | local.mean | local component | m/s, local east and north, after the last dive",
         "local_cov | local.cov | local component component_2 | m2/s2, its covariance",
-        "surface_east | surface.east | surface_x | m, local east, of the current at the surface beside the flow",
+        "surface_east | surface.east | surface_x | m, local east, of the surface correction",
         "surface_north | surface.north | surface_y | m, local north",
         "surface_velocity | surface.velocity | surface_y surface_x component | m/s, local east and north",
         "surface_error | surface.error | surface_y surface_x | m/s, its standard error",
@@ -128,8 +128,8 @@ _STANDARD = {
 }
 
 
-def _whole(half: Array) -> Array:
-    """Return a symmetric matrix of its lower half, row by row."""
+def _symmetric(half: Array) -> Array:
+    """Return a symmetric matrix from its lower triangle, row by row."""
     size = int(np.sqrt(2 * half.size))
     p, lower = np.empty((size, size)), np.tril_indices(size)
     p[lower] = p.T[lower] = half
@@ -143,12 +143,12 @@ _CODED: dict[str, tuple[Callable[[Any], Array], Callable[[Any], Any]]] = {
         lambda wet: np.ascontiguousarray(np.moveaxis(wet, -1, 0).astype(bool)),
     ),
     "measured": (lambda seen: seen.astype(np.int8), lambda seen: seen.astype(bool)),
-    "unknowns_covariance": (lambda p: p[np.tril_indices(len(p))], _whole),
+    "unknowns_covariance": (lambda p: p[np.tril_indices(len(p))], _symmetric),
 }
 
 
 def held(flow: FlowEstimate, names: str) -> Any:
-    """Return a part of a flow by names of attributes and positions with dots between; None where it is not there."""
+    """Return a part of a flow by a dotted path of attributes and indices; None if absent."""
     part: Any = flow
     for name in names.split("."):
         part = part[int(name)] if name.isdigit() and part is not None else getattr(part, name, None)
@@ -161,7 +161,7 @@ def kind_of(flow: FlowEstimate) -> str:
 
 
 def to_lossless(flow: FlowEstimate) -> xr.Dataset:
-    """Return the flow as the dataset from which ``load`` makes an equal one."""
+    """Return the lossless dataset of a flow, the input of ``load``."""
     import xarray as xr  # loads slowly, and who reads a saved flow needs it not
 
     variables: dict[str, xr.Variable] = {}
@@ -193,15 +193,15 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
 
 
 def sealed(data: bytes) -> bytes:
-    """Return bytes with their seal, a last line with their SHA-256."""
+    """Return bytes with their seal: a last line with their SHA-256."""
     return data + _SEAL + hashlib.sha256(data).hexdigest().encode() + b"\n"
 
 
 def _unsealed(data: bytes) -> bytes | None:
-    """Return sealed bytes without their seal; None when they end without one.
+    """Return sealed bytes without their seal; None without a seal.
 
     Raises:
-        ValueError: They are not the bytes that were sealed.
+        ValueError: The checksum does not match.
     """
     content, seal = data[:-_SEAL_BYTES], data[-_SEAL_BYTES:]
     if not seal.startswith(_SEAL):
@@ -212,7 +212,7 @@ def _unsealed(data: bytes) -> bytes | None:
 
 
 def save_bytes(flow: FlowEstimate) -> bytes:
-    """Return the bytes of a saved flow, with their seal; the same flow and libraries give the same bytes."""
+    """Return the sealed bytes of a saved flow; equal flows and libraries give equal bytes."""
     return sealed(netcdf_bytes(to_lossless(flow)))
 
 
@@ -225,7 +225,7 @@ def load(path: str | Path) -> FlowEstimate:
     path = as_path(path, "estimate")
     try:
         if why := exceeds_claim(path, path.stat().st_size):
-            raise ForecastError(f"{path}: cannot read the flow: {why}; was it written whole?")
+            raise ForecastError(f"{path}: cannot read the flow: {why}; is it complete?")
         with open_input(path) as file:
             return load_bytes(file.read(), str(path))
     except OSError as error:
@@ -236,11 +236,11 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
     """Return the flow of a saved file's bytes, such as the attachment ``estimate.nc`` of a result of an earlier version.
 
     Args:
-        data: The bytes.
-        name: What to call them in errors.
+        data: Bytes of the file.
+        name: Name of the data in errors.
 
     Raises:
-        ForecastError: As for ``load``.
+        ForecastError: See ``load``.
     """
     try:
         content = _unsealed(data)
@@ -273,10 +273,10 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
 
 
 def _values(file: h5py.File, size: int) -> dict[str, Any]:
-    """Return the values of a file's variables and attributes by what of the flow they are.
+    """Return the values of a file's variables and attributes by their place in the flow.
 
     Raises:
-        ValueError: They claim more bytes than a file of a size can hold.
+        ValueError: The values claim more bytes than a file of this size can hold.
     """
     # a dimension without a variable is an array of NetCDF-4 too, and takes its name from another
     arrays = {
@@ -301,20 +301,20 @@ def _values(file: h5py.File, size: int) -> dict[str, Any]:
 
 
 def _attributes(of: h5py.HLObject) -> dict[str, Any]:
-    """Return the attributes of a file or an array."""
+    """Return the attributes of a file or dataset of HDF5."""
     return {name: plain_attribute(value) for name, value in of.attrs.items()}
 
 
 def flow_of(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
-    """Return the flow of a file's attributes, and of its values by what of the flow they are.
+    """Return the flow from a file's attributes and its values by their place in the flow.
 
     Raises:
-        KeyError, TypeError: Something is missing in it.
-        ValueError: Its parts do not fit together.
+        KeyError, TypeError: A part is missing.
+        ValueError: The parts are inconsistent.
     """
 
     def of(part: str) -> dict[str, Any]:
-        """Return what a part of the flow, by its names with dots between, is made of."""
+        """Return the components of a part of the flow, given by a dotted path."""
         named = (key.rpartition(".") for key in found)
         return {name: found[f"{whole}{dot}{name}"] for whole, dot, name in named if whole == part}
 
@@ -350,7 +350,7 @@ def flow_of(attrs: Mapping[str, Any], found: dict[str, Any]) -> FlowEstimate:
 
 
 def _horizontal(kind: str, of: Callable[[str], dict[str, Any]]) -> HorizontalFunctions:
-    """Return horizontal functions of a kind of what a file has of their parts."""
+    """Return horizontal functions from their kind and parts."""
     if kind not in _KINDS:
         raise ValueError(
             f"horizontal functions {kind!r}; expected {' or '.join(map(repr, _KINDS))}"

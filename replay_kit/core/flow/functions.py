@@ -1,15 +1,15 @@
-"""The functions that a flow is a sum of: the incompressible kernel in the horizontal, and functions of depth.
+"""Functions whose sum is a flow: the incompressible kernel in the horizontal, and functions of depth.
 
-Of the kernel (Lee et al., arXiv 1901.09513; notation in ``replay_kit/core/README.md``) a stream
-function with a Gaussian (squared-exponential) covariance k gives velocities u = dpsi/dy, v = -dpsi/dx with
+Of the kernel (Lee et al., arXiv 1901.09513; notation in ``replay_kit/core/README.md``) a stream function with a Gaussian
+(squared-exponential) covariance k gives velocities u = dpsi/dy, v = -dpsi/dx with
 
-    K(x, x') = k [[(1 - dy^2/ly^2)/ly^2,  dx dy/(lx^2 ly^2)],
-                  [ dx dy/(lx^2 ly^2),   (1 - dx^2/lx^2)/lx^2]],     d = x - x',  k = sigma^2 exp(-1/2 (dx^2/lx^2 + dy^2/ly^2)),
+    K(x, x') = k [[(1 - dy^2/ly^2)/ly^2,  dx dy/(lx^2 ly^2)], [ dx dy/(lx^2 ly^2),   (1 - dx^2/lx^2)/lx^2]],     d = x - x',  k = sigma^2
+                  exp(-1/2 (dx^2/lx^2 + dy^2/ly^2)),
 
 and sigma = mu lx, so that K(x, x) = mu^2 I when lx = ly. Stacked vectors are all east, then all north.
 
-In depth ``hat`` is piecewise linear between levels. ``gaussian`` is the paper's squared exponential of length lz. Both are constant
-above the first level and below the last: the flow there is that of the nearest level.
+In depth ``hat`` is piecewise linear between levels. ``gaussian`` is the paper's squared exponential of length lz. Both are constant above
+the first level and below the last.
 """
 
 from collections.abc import Hashable
@@ -58,7 +58,7 @@ def velocity_kernel(kernel: HorizontalKernel, points: Array, nodes: Array) -> Ar
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NodeKernel:
-    """The columns of the kernel of some nodes: their latent values are latent velocities, all east then all north.
+    """Columns of the kernel at nodes; latent values are latent velocities, all east then all north.
 
     Attributes:
         kernel: Parameters.
@@ -70,12 +70,12 @@ class NodeKernel:
 
     @property
     def size(self) -> int:
-        """Number of latent velocities, two a node."""
+        """Number of latent velocities, two per node."""
         return 2 * len(self.nodes)
 
     @property
     def key(self) -> Hashable:
-        """The kernel and the nodes, bit for bit."""
+        """Key of the kernel and the nodes, bit for bit."""
         return self.kernel, np.ascontiguousarray(self.nodes).tobytes()
 
     def velocity(self, points: Array, latent: Array) -> Array:
@@ -112,7 +112,7 @@ def depth_weights(functions: DepthFunctions, depth: Array, levels: Array) -> Arr
 
 
 def hats(at: NDArray[Any], knots: NDArray[Any]) -> Array:
-    """Return the weight of each of some increasing knots, shape (n, T), at places: linear between them, constant outside them."""
+    """Return the weights of increasing knots at positions, shape (n, T): linear between knots, constant outside."""
     if knots.size == 1:
         return np.ones((len(at), 1))
     rows = np.arange(len(at))

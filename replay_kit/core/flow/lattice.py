@@ -1,14 +1,14 @@
-"""Stream functions on a regular lattice: the kernel's flows at a cost that grows with the nodes, not with their square.
+"""Stream functions on a regular lattice: the kernel's flows at a cost linear in the number of nodes.
 
 The kernel's Gaussian of lengths l is the product of narrower ones over a lattice of points s with spacings h, up to aliasing:
 
     exp(-(x - x')^2 / (2 l^2)) = h / (sqrt(pi) w) sum_s g(x - s) g(x' - s),    g(x) = exp(-x^2 / (2 w^2)),  w = l / sqrt(2),
 
-in each direction. Hence K = a G G', where G holds the velocities u = dpsi/dy, v = -dpsi/dx of the lattice's Gaussians at the nodes and
-a = sigma^2 hx hy / (pi wx wy), and every flow K(x, nodes) beta is that of the stream function with coefficients a G' beta. The relative
-error of aliasing is 2 exp(-2 pi^2 w^2 / h^2) or some 2e-7 of the spacing chosen; beyond 5.5 widths a Gaussian is cut off (3e-7).
+in each direction. Hence K = a G G', where G holds the velocities u = dpsi/dy, v = -dpsi/dx of the lattice's Gaussians at the nodes and a =
+sigma^2 hx hy / (pi wx wy), and every flow K(x, nodes) beta is that of the stream function with coefficients a G' beta. The relative error
+of aliasing is 2 exp(-2 pi^2 w^2 / h^2) or some 2e-7 of the spacing chosen; beyond 5.5 widths a Gaussian is cut off (3e-7).
 
-Nodes may lie anywhere: they do not appear in the functions.
+Nodes may lie anywhere.
 """
 
 from collections.abc import Hashable, Iterator, Sequence
@@ -36,12 +36,12 @@ _FEW = 4
 
 
 class Tile(NamedTuple):
-    """Some points and the part of the lattice that reaches them.
+    """Points and the part of the lattice that affects them.
 
     Attributes:
-        points: Their positions among all points.
-        east: Lattice points along the east axis.
-        north: Along the north axis.
+        points: Indices among all points.
+        east: Lattice points along east.
+        north: Lattice points along north.
         design: shape (2, P, n_east, n_north) [1/m], velocities of the lattice's Gaussians at the points.
     """
 
@@ -57,9 +57,9 @@ class StreamFunctionLattice:
 
     Attributes:
         kernel: Kernel that the Gaussians factor.
-        origin: East and north of the first point [m].
-        spacing: Along east and north [m].
-        shape: Points along east and north, at least ``WINDOW`` each.
+        origin: East and north of the first lattice point [m].
+        spacing: Spacing along east and north [m].
+        shape: Number of points along east and north, at least ``WINDOW`` each.
     """
 
     kernel: HorizontalKernel
@@ -74,7 +74,7 @@ class StreamFunctionLattice:
 
     @property
     def key(self) -> Hashable:
-        """The lattice itself."""
+        """Key of the lattice: the lattice itself."""
         return self
 
     @property
@@ -102,12 +102,12 @@ class StreamFunctionLattice:
     def velocity_of_each(
         self, points: Array, flows: Indices, parts: Sequence[tuple[Array, Array]]
     ) -> Array:
-        """Return the velocity [m/s], shape (P, 2), at points each of which is in a flow of its own.
+        """Return the velocity [m/s], shape (P, 2), at points that belong to different flows.
 
         Args:
             points: shape (P, 2) [m].
-            flows: shape (P,), numbers of the flows.
-            parts: Weights, shape (1,) or (P, 1), and coefficients, shape (K, size) [m^2/s], whose sum the flows are; one at least.
+            flows: shape (P,), index of each point's flow.
+            parts: Weights, shape (1,) or (P, 1), and coefficients, shape (K, size) [m^2/s], whose sum is the flow; at least one.
         """
         (first_x, gx, slope_x), (first_y, gy, slope_y) = self._windows(points)
         corner = flows * self.size + first_x[:, 0] * self.shape[1] + first_y[:, 0]
@@ -122,9 +122,9 @@ class StreamFunctionLattice:
         )
 
     def tiles(self, points: Array) -> Iterator[Tile]:
-        """Yield the points, shape (P, 2) [m], by tiles of neighbours, with the functions that reach any of them.
+        """Yield tiles of neighbouring points, shape (P, 2) [m], with the functions that reach them.
 
-        The design is zero where a function does not reach a point, so that its velocity does not depend on its neighbours.
+        A function that does not reach a point is zero there, so that velocities do not depend on neighbouring points.
         """
         windows = self._windows(points)
         cells = [lines[:, 0] // _TILE for lines, _, _ in windows]
@@ -144,7 +144,7 @@ class StreamFunctionLattice:
             yield Tile(chosen, east, north, _velocities(gx, slope_x, gy, slope_y))
 
     def _windows(self, points: Array) -> list[tuple[Indices, Array, Array]]:
-        """Return the lattice lines that count at points along each axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
+        """Return the lattice lines near points along each axis, their Gaussians and slopes [1/m], each of shape (P, WINDOW)."""
         found = []
         for axis, at in enumerate(points.T):
             cell = np.floor((at - self.origin[axis]) / self.spacing[axis]) - (HALF_WINDOW - 1)
@@ -162,7 +162,7 @@ def _velocities(gx: Array, slope_x: Array, gy: Array, slope_y: Array) -> Array:
 
 
 def lattice_over(kernel: HorizontalKernel, nodes: Array) -> StreamFunctionLattice:
-    """Return the lattice for flows known at nodes, shape (N, 2) [m]; it extends beyond them by as much as their velocities depend on."""
+    """Return the lattice for flows known at nodes, shape (N, 2) [m], extended by the reach of the Gaussians."""
     lengths = np.array([kernel.length_east, kernel.length_north])
     low, high = nodes.min(axis=0), nodes.max(axis=0)
     spacing = _SPACING * lengths

@@ -1,8 +1,8 @@
-"""Currents beside an estimate's slow field: the local current about a vehicle, radars' at the surface, oscillations over the region.
+"""Corrections to an estimate's slow field: local correction near a vehicle, surface correction from radars, regional oscillations.
 
-The local current is what the estimate does not resolve: tides, inertial motion, fronts between the forecast's points. It is the same at all
-depths, and an Ornstein-Uhlenbeck process along the vehicle's way: its mean decays with time, and its uncertainty grows to that of the
-process. Several processes are averaged, each with its probability, one of them that there is none.
+The local correction holds unresolved currents: tides, inertial motion, fronts between forecast points. It does not depend on depth and is
+an Ornstein-Uhlenbeck process along the vehicle's track: its mean decays with time, and its variance grows to that of the process. Several
+processes are averaged by their probabilities, one of them without a correction.
 """
 
 from collections.abc import Sequence
@@ -15,15 +15,15 @@ from replay_kit.core.arrays import Array, Mask
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalCurrent:
-    """The current beside an estimate, as the dives so far show it; components are local east and north.
+    """Local correction of an estimate from the dives so far, local east and north.
 
     Attributes:
-        probability: shape (h,), of each process; they sum to one.
-        std: shape (h,) [m/s], of a component in the long run; 0 where there is no such current.
+        probability: shape (h,), probability of each process, sum 1.
+        std: shape (h,) [m/s], stationary standard deviation of a component; 0 for the process without a correction.
         scale: shape (h,) [s], decorrelation time.
         mean: shape (h, 2) [m/s], at ``time_ns``.
         cov: shape (h, 2, 2) [m^2/s^2], at ``time_ns``.
-        time_ns: Of the last dive [ns, UTC].
+        time_ns: Time of the last dive [ns, UTC].
     """
 
     probability: Array
@@ -34,7 +34,7 @@ class LocalCurrent:
     time_ns: int
 
     def at(self, time_ns: int) -> "LocalCurrent":
-        """Return what is known for a time [ns, UTC]; for one before the last dive, as at that dive."""
+        """Return the correction for a time [ns, UTC]; a time before the last dive counts as that dive's."""
         time_ns = max(time_ns, self.time_ns)
         kept = np.exp(-(time_ns - self.time_ns) / 1e9 / self.scale)[:, None]
         fresh = ((1.0 - kept**2) * self.std[:, None] ** 2)[..., None] * np.eye(2)
@@ -46,19 +46,19 @@ class LocalCurrent:
         return np.asarray(self.probability @ self.at(time_ns).mean)
 
     def standard_error(self, time_ns: int) -> float:
-        """Return the standard deviation of a component at a time [ns, UTC], the mean of both [m/s]."""
+        """Return the standard error of a component at a time [ns, UTC], mean of both [m/s]."""
         now = self.at(time_ns)
         about = now.mean - self.probability @ now.mean
         each = np.trace(now.cov, axis1=1, axis2=2) + np.sum(about**2, axis=1)
         return float(np.sqrt(self.probability @ each / 2.0))
 
     def sample(self, times_ns: Sequence[int], n: int, seed: int) -> Array:
-        """Return n courses of the velocity drawn through time, shape (n, T, 2) [m/s].
+        """Return n random time series of the velocity, shape (n, T, 2) [m/s].
 
         Args:
-            times_ns: shape (T,), in order [ns, UTC]; those before the last dive count as its time.
-            n: Number of courses.
-            seed: The same seed gives the same courses.
+            times_ns: shape (T,), in order [ns, UTC]; times before the last dive count as that dive's.
+            n: Number of series.
+            seed: Seed of the random numbers.
         """
         rng, times = np.random.default_rng([seed, 1]), np.maximum(times_ns, self.time_ns)
         first = self.at(int(times[0]))
@@ -79,16 +79,16 @@ _HOUR_NS = 3_600 * 10**9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceCurrent:
-    """The current at the surface that radars show beside an estimate, on cells of a grid; between them it is linear.
+    """Surface correction of an estimate from radars, on the cells of a grid, linear between them.
 
     Attributes:
         east: shape (I,) [m], cell centres in the local frame.
         north: shape (J,) [m].
         velocity: shape (J, I, 2) [m/s], local axes, at ``time_ns``.
         error: shape (J, I) [m/s], standard error of a component.
-        std: Standard deviation of a component where nothing is seen [m/s].
-        depth: To which it is known [m].
-        time_ns: Of the vectors [ns, UTC].
+        std: Standard deviation of a component without radar data [m/s].
+        depth: Greatest depth of the correction [m].
+        time_ns: Time of the radar vectors [ns, UTC].
     """
 
     east: Array
@@ -100,14 +100,14 @@ class SurfaceCurrent:
     time_ns: int
 
     def at(self, time_ns: int) -> "SurfaceCurrent":
-        """Return what is known for a time [ns, UTC]: more than an hour from the vectors nothing but that it has the size ``std``."""
+        """Return the correction for a time [ns, UTC]; more than an hour from the vectors it is 0 with standard deviation ``std``."""
         if abs(time_ns - self.time_ns) <= _HOUR_NS:
             return self
         unknown = np.full_like(self.error, np.nan)
         return replace(self, velocity=np.zeros_like(self.velocity), error=unknown)
 
     def between(self, places: Array, depth: Array) -> Array:
-        """Return the velocity, shape (n, 2) [m/s], local axes; 0 below its depth and off the grid.
+        """Return the velocity, shape (n, 2) [m/s], local axes; 0 below ``depth`` and off the grid.
 
         Args:
             places: shape (n, 2) [m], local east and north.
@@ -118,12 +118,12 @@ class SurfaceCurrent:
         return found
 
     def variance(self, of_flow: Array, places: Array, depth: Array) -> Array:
-        """Return the variance of a component of both together, shape (n, 2) [m^2/s^2]: where vectors are near that of this current alone.
+        """Return the variance of estimate plus correction, shape (n, 2) [m^2/s^2]: near radar vectors that of the correction alone.
 
         Args:
-            of_flow: shape (n, 2) [m^2/s^2], of the flow beside it.
-            places: As of ``between``.
-            depth: As of ``between``.
+            of_flow: shape (n, 2) [m^2/s^2], variance of the estimate.
+            places: shape (n, 2) [m], local east and north.
+            depth: shape (n,) [m].
         """
         here, found = self._holds(places, depth), of_flow.copy()
         error = self._interpolated(self.error[..., None], places[here])
@@ -137,7 +137,7 @@ class SurfaceCurrent:
         return np.asarray(inside & (depth <= self.depth))
 
     def _interpolated(self, values: Array, places: Array) -> Array:
-        """Return values, shape (J, I, c), linear between the cells around places, shape (n, c)."""
+        """Return values, shape (J, I, c), interpolated linearly at positions, shape (n, c)."""
         cells, shares = [], []
         for axis, at in zip((self.east, self.north), places.T, strict=True):
             cells.append(np.clip(np.searchsorted(axis, at, "right") - 1, 0, axis.size - 2))
@@ -158,8 +158,8 @@ class Oscillation:
         omega: shape (q,) [rad/s].
         cosine: shape (q, 2, Z) [m/s], C: local east and north at the levels.
         sine: shape (q, 2, Z) [m/s], S.
-        scale: tau, the time over which the phase is forgotten [s].
-        time_ns: When s is zero [ns, UTC].
+        scale: tau, e-folding time of the amplitude [s].
+        time_ns: Time at which s is zero [ns, UTC].
     """
 
     omega: Array
@@ -169,7 +169,7 @@ class Oscillation:
     time_ns: int
 
     def velocity(self, time_ns: int) -> Array:
-        """Return the velocity of all oscillations at a time [ns, UTC], shape (2, Z) [m/s]; before their own time as they were then."""
+        """Return the velocity of all oscillations at a time [ns, UTC], shape (2, Z) [m/s]; without decay before ``time_ns``."""
         seconds = (time_ns - self.time_ns) / 1e9
         phase = self.omega * seconds
         turned = np.tensordot(np.cos(phase), self.cosine, 1) + np.tensordot(
@@ -179,5 +179,5 @@ class Oscillation:
 
     @property
     def shortest_period(self) -> float:
-        """Period of the quickest one [s]."""
+        """Shortest period [s]."""
         return 2.0 * np.pi / float(np.max(np.abs(self.omega)))

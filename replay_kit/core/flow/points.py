@@ -1,4 +1,4 @@
-"""Velocities of a flow, or of the estimates of several windows, at places in degrees and along tracks."""
+"""Velocities of a flow, or of several windows' estimates, at geographic points and along tracks."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -33,20 +33,20 @@ _VALUES = ["u", "v", "u_standard_error", "v_standard_error"]
 class Velocities:
     """Velocities at points, towards true east and true north; all arrays have the shape of the points.
 
-    Velocity and standard error are NaN where nothing is known: outside the region, on land and below the last level.
+    Velocity and standard error are NaN outside the region, on land and below the last level.
 
     Attributes:
         longitude: [degrees east].
         latitude: [degrees north].
         depth: [m], positive down.
-        time: datetime64[ns], UTC, that was asked for, or along a track; NaT when unknown.
-        estimate_time: datetime64[ns], UTC, for which the velocity holds; later than ``time`` where an estimate that changes with time was
-            asked for the past of its last observation, along a track, and the estimate's own where it is constant.
+        time: Requested or track time, datetime64[ns], UTC; NaT when unknown.
+        estimate_time: Valid time of the velocity, datetime64[ns], UTC; along a track before the last observation the time of that, for a
+            constant estimate its own.
         u: Eastward velocity [m/s].
         v: Northward velocity [m/s].
         u_standard_error: [m/s]; NaN when the flow has no uncertainty.
         v_standard_error: [m/s].
-        about: Global attributes of its dataset, as the flow's.
+        about: Global attributes of its dataset.
     """
 
     longitude: Array
@@ -61,7 +61,7 @@ class Velocities:
     about: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
     def __repr__(self) -> str:
-        """Return where and when, and the velocities with their standard errors."""
+        """Return extent, velocities and standard errors as text."""
         known, depths = np.isfinite(self.u), f"{span_text(self.depth)} m deep"
         asked, held = _ends(self.time), _ends(self.estimate_time)
         times = asked if held in (asked, _NO_TIME) else f"{asked} (estimate for {held})"
@@ -90,28 +90,28 @@ class Velocities:
         return of_points(self._columns(), _COORDINATES, self.about)
 
     def to_og1(self, platform: str, **stated: str) -> "xr.Dataset":
-        """Return a trajectory after OG1.0 (OceanGliders), on the dimension ``N_MEASUREMENTS``; what is not stated is left out.
+        """Return a trajectory after OG1.0 (OceanGliders), on the dimension ``N_MEASUREMENTS``, without attributes that are not stated.
 
         Args:
             platform: Serial number of the glider with its prefix, such as ``sg033``.
-            **stated: What a person knows: ``PLATFORM_MODEL`` and ``WMO_IDENTIFIER``, and global attributes such as ``contributor_name``.
+            **stated: Metadata: ``PLATFORM_MODEL`` and ``WMO_IDENTIFIER``, and global attributes such as ``contributor_name``.
 
         Raises:
-            EstimatorError: There is no point, or the time of one is not known.
+            EstimatorError: There is no point, or the time of one is unknown.
         """
         from replay_kit.core.flow.dataset import trajectory
 
         return trajectory(self._columns(), platform, stated, self.about)
 
     def to_pandas(self) -> "pd.DataFrame":
-        """Return a table with a row a point."""
+        """Return a table with a row per point."""
         from pandas import DataFrame
 
         return DataFrame(self._columns())
 
 
 def _ends(dates: NDArray[np.datetime64]) -> str:
-    """Return the first and the last date as text, once where they are the same."""
+    """Return the first and the last date as text, once if they are equal."""
     times = dates[~np.isnat(dates)].astype(np.int64)
     if not times.size:
         return _NO_TIME
@@ -124,14 +124,14 @@ def known_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) ->
 
 
 def wet_at(grid: Grid, east: ArrayLike, north: ArrayLike, depth: ArrayLike) -> Mask:
-    """Return True where the grid's nearest point at the nearest level is wet and the point lies in the box of the grid and its levels.
+    """Return True where the nearest grid point at the nearest level is wet and the point lies inside the grid and its levels.
 
-    A point farther than half a cell's diagonal from every grid point is off the grid, hence not wet. Depths above the first level
-    take the first level; below the last one the forecast has no water.
+    Points farther than half a cell's diagonal from every grid point are not wet. Depths above the first level count as the first level;
+    below the last level nothing is wet.
 
     Args:
         grid: The grid.
-        east: [m], local frame; the three broadcast together. What is not finite is off the grid.
+        east: [m], local frame; the three broadcast together. Values that are not finite are off the grid.
         north: [m], local frame.
         depth: [m], positive down.
     """
@@ -155,16 +155,16 @@ def best_velocity_at(
     depth: ArrayLike,
     time: Any = None,
 ) -> Velocities:
-    """Return velocities at points, each from the estimate with the least standard error there; NaN where none holds it.
+    """Return velocities at points, each from the estimate with the least standard error; NaN outside all.
 
-    Windows overlap: near the side of one that the vehicle had left, another knows the current better.
+    Windows overlap: near the edge of one, another may be more accurate.
 
     Args:
-        flows: At least one; of several each with its uncertainty, and of equal ones the later counts.
+        flows: At least one; several need uncertainties, and the later of equal ones counts.
         longitude: [degrees east], any shape; the four broadcast together.
         latitude: [degrees north].
         depth: [m], positive down.
-        time: As of ``FlowEstimate.velocity_at``, which says what is raised and what is warned of, too.
+        time: See ``FlowEstimate.velocity_at``, also for errors and warnings.
     """
     asked, latest = own_or(time), max(flow.last_observation_ns or 0 for flow in flows)
     if time is not None:
@@ -199,7 +199,7 @@ def velocity_along(flow: FlowEstimate, track: Any) -> Velocities:
 
 
 def own_or(time: Any) -> Times:
-    """Return times [ns, UTC] as of ``to_time_ns``; none is NaT, which stands for a flow's own."""
+    """Return times [ns, UTC] as ``to_time_ns``; NaT, a flow's own time, for None."""
     return np.array(_NAT) if time is None else to_time_ns(time)
 
 
@@ -211,17 +211,17 @@ def velocities(
     time_ns: Times,
     known_at: KnownAt = known_at,
 ) -> Velocities:
-    """Return the velocities at points, each of the surest of some flows.
+    """Return velocities at points, each from the flow with the least standard error.
 
-    Those before the last observation of an estimate are at the time of that, and those of one that does not change at its own.
+    Times before an estimate's last observation count as that observation's; a constant estimate holds for its own time.
 
     Args:
         flows: At least one.
         longitude: [degrees east]; the four broadcast together.
         latitude: [degrees north].
         depth: [m], positive down.
-        time_ns: As of ``own_or``.
-        known_at: Whether a flow is known at local points of its grid; elsewhere it is NaN.
+        time_ns: Times as returned by ``own_or``.
+        known_at: Returns whether a flow is known at local points; elsewhere velocities are NaN.
     """
     # on a grid many points lie over one place
     places = np.broadcast_arrays(*(np.asarray(axis, np.float64) for axis in (longitude, latitude)))
@@ -231,7 +231,7 @@ def velocities(
         )
 
     def of(flow: FlowEstimate) -> tuple[NDArray[Any], ...]:
-        """Return the times asked for and those that velocities hold for [ns, UTC], the velocities and their errors."""
+        """Return requested and valid times [ns, UTC], velocities and standard errors."""
         at = [*to_local(flow.grid.projection, *places), np.maximum(depth, 0.0)]
         own = _NAT if flow.time_ns is None else flow.time_ns
         asked = np.where(time_ns == _NAT, own, time_ns)

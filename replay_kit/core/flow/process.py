@@ -1,4 +1,4 @@
-"""The unknowns of an estimate, and the current that they make.
+"""Unknowns of an estimate and the current as their function.
 
 The weights of the modes at time t are
 
@@ -10,8 +10,8 @@ Each x_i is an Ornstein-Uhlenbeck process with a decorrelation time of its own,
 
     cov(x_i(t), x_i(t')) = exp(-|t - t'| / tau_i);
 
-an estimate that does not change has tau = inf. Everything is linear between the forecast's times and constant outside them. In depth the
-L_i are sums of K vertical functions, which are fewer than the levels.
+a constant estimate has tau = inf. Everything is linear between the forecast's times and constant outside them. In depth the L_i are sums of
+K vertical functions, fewer than the levels.
 """
 
 from dataclasses import dataclass, replace
@@ -27,16 +27,16 @@ _NS = 1e9
 
 @dataclass(frozen=True, eq=False)
 class Process:
-    """The unknowns of an estimate; k = F + B of them.
+    """Model of the k = F + B unknowns of an estimate.
 
     Attributes:
         times_ns: shape (T,) [ns, UTC], increasing.
-        mean: shape (T, Z, r), m.
-        moving: shape (T, F, K, r), of unknowns that have a pattern at each time.
-        fixed: shape (B, K, r), of unknowns whose pattern grows with the spread alone.
-        spread: shape (T,), their factor.
+        mean: shape (T, Z, r), ensemble mean m.
+        moving: shape (T, F, K, r), patterns of unknowns given at each time.
+        fixed: shape (B, K, r), patterns scaled by the spread alone.
+        spread: shape (T,), factor of ``fixed``.
         functions: shape (K, Z), vertical functions.
-        tau: shape (k,) [s], decorrelation times; inf for constants.
+        tau: shape (k,) [s], decorrelation times; inf if constant.
     """
 
     times_ns: Times
@@ -54,7 +54,7 @@ class Process:
 
     @property
     def is_constant(self) -> bool:
-        """Whether nothing changes in time."""
+        """Whether the current is constant in time."""
         return self.times_ns.size == 1 and not np.isfinite(self.tau).any()
 
     def __str__(self) -> str:
@@ -65,7 +65,7 @@ class Process:
         return f"decorrelation times {', '.join(f'{day:.1f}' for day in days)} days; {self.size} unknowns"
 
     def shares(self, times_ns: Times) -> Array:
-        """Return the share of each forecast time at times [ns, UTC], shape (n, T): linear between these, constant outside them."""
+        """Return the linear weights of the forecast times at times [ns, UTC], shape (n, T); constant outside them."""
         return hats(times_ns, self.times_ns)
 
     def mean_at(self, time_ns: int) -> Array:
@@ -75,7 +75,7 @@ class Process:
     def loading(self, time_ns: int) -> Array:
         """Return L at a time [ns, UTC], shape (k, K, r)."""
         if self.times_ns.size == 1:
-            return self._only
+            return self._constant_loading
         (shares,) = self.shares(np.array([time_ns]))
         return np.concatenate([self._at(time_ns, self.moving), (shares @ self.spread) * self.fixed])
 
@@ -85,10 +85,10 @@ class Process:
         return np.asarray(self.mean_at(time_ns) + self.functions.T @ in_functions)
 
     def project(self, modes: Array, times_ns: Times) -> tuple[Array, Array]:
-        """Return the current at places: of unknowns that are zero, and of one unit of each.
+        """Return the current at points for zero unknowns, and per unit of each unknown.
 
         Args:
-            modes: shape (n, 2, r) [m/s for a weight of one], of each mode at each place.
+            modes: shape (n, 2, r) [m/s per unit weight], modes at the points.
             times_ns: shape (n,) [ns, UTC].
 
         Returns:
@@ -103,11 +103,11 @@ class Process:
         return np.asarray(known), np.ascontiguousarray(unit.transpose(2, 3, 1, 0))
 
     def project_sums(self, sums: Array, shares: Array) -> tuple[Array, Array]:
-        """Return sums of the current over points: of unknowns that are zero, and of one unit of each.
+        """Return sums of the current over points for zero unknowns, and per unit of each unknown.
 
         Args:
-            sums: shape (T, m, Z, r), of the modes' currents over the points of each sum, level by level, by share of each forecast time.
-            shares: shape (T,), which forecast times have a part; those of 0 are not read.
+            sums: shape (T, m, Z, r), sums of the modes' currents over points, by level, weighted for each forecast time.
+            shares: shape (T,), weights of the forecast times; those of 0 are not read.
 
         Returns:
             shapes (m,) and (m, k) [m/s].
@@ -123,14 +123,14 @@ class Process:
         return np.asarray(np.exp(-seconds / self.tau))
 
     def since(self, time_ns: int) -> "Process":
-        """Return the process without the forecast's times that count only before a time [ns, UTC]."""
+        """Return the process without forecast times that matter only before a time [ns, UTC]."""
         first = max(int(np.searchsorted(self.times_ns, time_ns, side="right")) - 1, 0)
         changing = ("times_ns", "mean", "moving", "spread")
         return replace(self, **{name: getattr(self, name)[first:] for name in changing})
 
     @cached_property
-    def _only(self) -> Array:
-        """The loading of a forecast at one time."""
+    def _constant_loading(self) -> Array:
+        """Loading of a forecast at one time."""
         return np.concatenate([self.moving[0], self.spread[0] * self.fixed])
 
     def _at(self, time_ns: int, values: Array) -> Array:
@@ -139,6 +139,6 @@ class Process:
 
 
 def _times(patterns: Array, flat: Array, n: int) -> Array:
-    """Return the products of patterns, shape (b, K, r), with the modes at n places, shape (r, 2 n): shape (b, K, n, 2)."""
+    """Return the products of patterns, shape (b, K, r), with the modes at n points, shape (r, 2 n): shape (b, K, n, 2)."""
     rows = patterns.reshape(-1, patterns.shape[2]) @ flat
     return np.asarray(rows.reshape(*patterns.shape[:2], n, 2))

@@ -1,4 +1,4 @@
-"""What every measurement is to an estimator: sums of the current's components at points; and the mean along a path."""
+"""Linear measurements, sums of the current's components at points; and the mean along a path."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,15 +14,15 @@ from replay_kit.core.text import span_text, time_text
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """Where the vehicle was at one time.
+    """Position of the vehicle at one time.
 
     Attributes:
         time_ns: [ns, UTC].
         longitude: [degrees east].
         latitude: [degrees north].
         depth: [m], positive down; NaN when unknown.
-        dead_reckoned: True when the position was not measured but computed.
-        source: The message it came from.
+        dead_reckoned: Whether the position was dead-reckoned.
+        source: Message of the position.
     """
 
     time_ns: int
@@ -47,16 +47,16 @@ Kind = Literal["", "shear", "radar", "drifters", "sensors"]
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """What statistics say of a measurement; no estimate depends on it.
+    """Origin of a measurement, for statistics; no estimate depends on it.
 
     Attributes:
-        dive: Number of the dive; as in ``Observation``.
-        source: The message that completed it.
-        mean: The mean along a path that it was made of; None for others.
-        kind: ``shear``, ``radar``, ``drifters`` or ``sensors``, of other packages and of single components that a person states; empty
-            for the vehicle's own profiles and mean currents.
-        doubt: What may be wrong with it, in words; empty where nothing is known.
-        vectors: The vectors of which a radar's boxes are averages; None for others.
+        dive: Number of the dive, as in ``Observation``.
+        source: Message that completed it.
+        mean: Path mean from which it was made; None for others.
+        kind: ``shear``, ``radar``, ``drifters`` or ``sensors``, also for other packages and single components; empty for the vehicle's
+            profiles and mean currents.
+        doubt: Possible defect, as text; empty without one.
+        vectors: Radar vectors before averaging into boxes; None for others.
     """
 
     dive: int
@@ -73,29 +73,28 @@ BOTH_COMPONENTS = np.eye(2)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearMeasurement:
-    """Sums of the current's components at points: what every measurement is to an estimator.
+    """Linear measurement: sums of the current's components at points.
 
-    Value i of component c is the sum over the points p of ``weights[i, p]`` times the current at p along ``components[c]``. The values of
-    a component err with the covariance s_i s_j r_ij + c^2, where r_ij is stated or exp(-|z_i - z_j| / L), those of two components
-    independently.
+    Value i of component c is the sum over the points p of ``weights[i, p]`` times the current at p along ``components[c]``. The error
+    covariance of a component is s_i s_j r_ij + c^2, where r_ij is stated or exp(-|z_i - z_j| / L); components are independent.
 
     Attributes:
-        time_ns: When it was known [ns, UTC].
+        time_ns: Time of availability [ns, UTC].
         point_time_ns: shape (P,) [ns, UTC]; None for that time at all points.
-        longitude: shape (P,) [degrees east], or (1,) for points at one place.
+        longitude: shape (P,) [degrees east], or (1,) for points at one position.
         latitude: shape (P,) [degrees north], or (1,).
         depth: shape (P,) [m], positive down.
-        weights: shape (n, P); None for one point a value.
+        weights: shape (n, P); None for one point per value.
         value: shape (n, c) [m/s]; NaN where missing.
-        error_std: shape (n,) [m/s], s: each value's own error.
-        common_std: Error that all values share [m/s], c; inf where the values are relative to an unknown velocity.
+        error_std: shape (n,) [m/s], s: independent error of each value.
+        common_std: Error common to all values [m/s], c; inf if they are relative to an unknown velocity.
         correlation_depth: L [m]; 0 for independent errors.
         flags: shape (n,), QARTOD flags.
         reasons: shape (n,), bit mask of ``Reason``.
-        label: For statistics.
-        platform_velocity: As in ``Observation``: of an instrument whose systematic errors act along its motion.
+        label: Origin, for statistics.
+        platform_velocity: As in ``Observation``, for instruments whose systematic errors act along their motion.
         components: shape (c, 2), unit vectors along true east and true north; two of them are orthogonal.
-        correlation: shape (n, n), r: of the values' own errors, where it does not depend on depths alone; None for that by L.
+        correlation: shape (n, n), r: correlation of the independent errors; None for that by L.
     """
 
     time_ns: int
@@ -117,7 +116,7 @@ class LinearMeasurement:
 
     @property
     def linear(self) -> "LinearMeasurement":
-        """Itself."""
+        """The measurement itself."""
         return self
 
     @property
@@ -127,12 +126,12 @@ class LinearMeasurement:
 
     @property
     def source(self) -> Source:
-        """The message that completed it."""
+        """Message that completed it."""
         return self.label.source
 
     @property
     def reference(self) -> Literal["absolute", "relative"]:
-        """What the values are: of the current itself, or of it beside an unknown velocity."""
+        """Whether the values are absolute or relative to an unknown velocity."""
         return "absolute" if np.isfinite(self.common_std) else "relative"
 
     @property
@@ -142,16 +141,16 @@ class LinearMeasurement:
 
     @property
     def value_depth(self) -> Array:
-        """Depth of each value, shape (n,) [m]: the mean over its points."""
+        """Depth of each value, shape (n,) [m]: mean over its points."""
         return self.at_values(self.depth)
 
     def at_values(self, at_points: Array) -> Array:
-        """Return what is known at the points, shape (P, ...), summed for each value, shape (n, ...)."""
+        """Return sums over points, shape (P, ...), for each value, shape (n, ...)."""
         return at_points if self.weights is None else np.asarray(self.weights @ at_points)
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Longitude and latitude [degrees] of the point up to which half of the weight lies."""
+        """Longitude and latitude [degrees] of the point at half of the cumulative weight."""
         at = 0
         if self.weights is not None and not self.at_one_place:
             at = _half_way(self.weights.mean(axis=0))
@@ -159,7 +158,7 @@ class LinearMeasurement:
 
     @property
     def value_places(self) -> tuple[Array, Array]:
-        """Longitude and latitude of each value [degrees], shapes (n,), as of ``middle``; shapes (1,) where all have one place."""
+        """Longitude and latitude of each value [degrees], shapes (n,), as in ``middle``; shapes (1,) at one position."""
         if self.weights is None or self.at_one_place or len(self.weights) == 1:
             longitude, latitude = self.middle
             return np.array([longitude]), np.array([latitude])
@@ -167,7 +166,7 @@ class LinearMeasurement:
         return self.longitude[at], self.latitude[at]
 
     def covariance(self, used: Indices) -> Array:
-        """Return the error covariance of some values of a component [m^2/s^2], without the shared error where that is infinite."""
+        """Return the error covariance of some values of a component [m^2/s^2], without an infinite common error."""
         return error_covariance(
             self.error_std[used],
             self.value_depth[used],
@@ -184,10 +183,10 @@ def error_covariance(
     common_std: float,
     correlation: Array | None = None,
 ) -> Array:
-    """Return the error covariance of values, shape (n, n) [m^2/s^2], without the shared error where that is infinite.
+    """Return the error covariance of values, shape (n, n) [m^2/s^2], without an infinite common error.
 
     Args:
-        own: shape (n,) [m/s], s; all as of ``LinearMeasurement``.
+        own: shape (n,) [m/s], s; symbols of ``LinearMeasurement``.
         depth: shape (n,) [m], of each value.
         correlation_depth: L [m].
         common_std: c [m/s].
@@ -202,35 +201,35 @@ def error_covariance(
 
 
 def _half_way(weights: Array) -> int:
-    """Return the point up to which half of the weight lies."""
+    """Return the index of the point at half of the cumulative weight."""
     share = np.cumsum(weights)
     return min(int(np.searchsorted(share, 0.5)), share.size - 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PathMean:
-    """The current's mean along a path: a dive's depth-averaged current, or the drift at the surface between two fixes.
+    """Mean current along a path: a dive's depth-averaged current (DAC), or the drift at the surface between two fixes.
 
     Attributes:
-        time_ns: When the path ended and the mean was known [ns, UTC].
-        path_time_ns: shape (m,) [ns, UTC], increasing; when the vehicle was at the path's points.
+        time_ns: End of the path, when the mean becomes known [ns, UTC].
+        path_time_ns: shape (m,) [ns, UTC], increasing, times at the path's points.
         longitude: shape (m,) [degrees east].
         latitude: shape (m,) [degrees north].
         depth: shape (m,) [m], positive down.
-        weight: shape (m,), share of the time spent about each point; sums to one.
-        velocity: As the log states it, or as it follows from the fixes, true east and true north [m/s].
-        error_std: Error of each component of it [m/s].
+        weight: shape (m,), fraction of the time near each point, sum 1.
+        velocity: Stated in the log or derived from fixes, true east and north [m/s].
+        error_std: Standard error of each component [m/s].
         kind: ``dac`` for a dive's depth-averaged current, ``drift`` for the drift at the surface.
         dive: Number of the dive, or of the dive before the drift; as in ``Observation``.
-        source: The message that completed it.
-        fixes: Before and after the path; None where they are not known.
-        corrected: ``velocity`` without the flight model's error, as the dives before show it [m/s]; None where they do not.
-        flight_std: Error of each component that the flight model adds [m/s], as far as it is counted.
-        beside_profiles: Whether profiles that were computed from it, among other things, are used too.
-        deepest: Greatest depth of the path [m]; NaN where it is not known.
-        reckoned: What dead-reckoned positions and fixes say of it, true east and north [m/s]; None without them.
-        radius: Of its goal [m]; NaN where none is stated.
-        declination: Of the Earth's magnetic field [degrees east]; NaN where none is stated.
+        source: Message that completed it.
+        fixes: Fixes before and after the path; None if unknown.
+        corrected: ``velocity`` corrected for the flight-model error of earlier dives [m/s]; None without a correction.
+        flight_std: Error of each component from the flight model [m/s].
+        beside_profiles: Whether profiles that depend on it are used too.
+        deepest: Greatest depth of the path [m]; NaN if unknown.
+        reckoned: Mean current from dead-reckoned positions and fixes, true east and north [m/s]; None without them.
+        radius: Radius of the dive's goal [m]; NaN if not stated.
+        declination: Magnetic declination [degrees east]; NaN if not stated.
     """
 
     time_ns: int
@@ -255,17 +254,17 @@ class PathMean:
 
     @property
     def used(self) -> tuple[float, float]:
-        """What an estimator is given, true east and true north [m/s]: ``corrected``, or ``velocity`` where there is no correction."""
+        """Assimilated velocity, true east and north [m/s]: ``corrected``, or ``velocity`` without a correction."""
         return self.velocity if self.corrected is None else self.corrected
 
     @property
     def used_std(self) -> float:
-        """Error of each component of ``used`` [m/s]."""
+        """Standard error of each component of ``used`` [m/s]."""
         return math.hypot(self.error_std, self.flight_std) if self.flight_std else self.error_std
 
     @property
     def linear(self) -> LinearMeasurement:
-        """The same as sums of components: one value, the weighted sum over the path's points."""
+        """Linear measurement of one value: the weighted sum over the path's points."""
         return LinearMeasurement(
             self.time_ns,
             self.path_time_ns,
@@ -281,7 +280,7 @@ class PathMean:
         )
 
     def __repr__(self) -> str:
-        """Return when and over what path the mean was taken, and the mean."""
+        """Return time, path and mean as text."""
         (u, v), path = self.velocity, f"{self.depth.size} points, {span_text(self.depth)} m deep"
         first = f"PathMean ({self.kind}) {time_text(self.time_ns)}, dive {self.dive}: {path}"
         text = f"{first}\n  u {u:.3f}, v {v:.3f} +- {self.error_std:.3f} m/s (true axes)"

@@ -1,4 +1,4 @@
-"""A profile of the current, and the measurements that a person states."""
+"""Profiles of the current, and measurements that a user states."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ Reference = Literal["earth", "platform"]
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Observation:
-    """One profile of the horizontal current: n bins under one position.
+    """Profile of the horizontal current: n bins at one position.
 
     Attributes:
         time_ns: [ns, UTC].
@@ -28,19 +28,16 @@ class Observation:
         latitude: [degrees north].
         depth: shape (n,) [m], positive down.
         velocity: shape (n, 2) [m/s], true east and true north; NaN where missing.
-        error_std: shape (n,) [m/s], the instrument's own error of each component.
-        reference: What the velocity is relative to.
+        error_std: shape (n,) [m/s], instrument error of each component.
+        reference: Reference of the velocity.
         flags: shape (n,), QARTOD flags.
         reasons: shape (n,), bit mask of ``Reason``.
-        dive: Number of the dive the profile belongs to, counted from 1; 0 before the first dive or for a surface vessel.
-        source: The message it came from.
-        common_std: Error of each component that all bins share [m/s], the platform's velocity; inf when that is not known, and
-            ``velocity`` is then relative to the platform.
-        correlation_depth: Distance along the profile over which the correlation of the bins' own errors falls by e [m]; 0 for
-            independent ones.
-        platform_velocity: True east and north [m/s], what was added to the velocity measured relative to the platform; None when
-            it is not known, or when the instrument's log does not say.
-        position_std: Standard error of its place [m], interpolated between positions far apart in time; 0 for a place that is near one.
+        dive: Number of the dive, from 1; 0 before the first dive or for a surface vessel.
+        source: Message of the profile.
+        common_std: Error common to all bins [m/s], from the platform's velocity; inf if that is unknown and ``velocity`` relative to it.
+        correlation_depth: e-folding depth of the correlation of the bins' errors [m]; 0 if independent.
+        platform_velocity: Velocity added to that measured relative to the platform, true east and north [m/s]; None if unknown.
+        position_std: Standard error of the position, interpolated between positions far apart in time [m]; else 0.
     """
 
     time_ns: int
@@ -61,7 +58,7 @@ class Observation:
 
     @property
     def linear(self) -> LinearMeasurement:
-        """The same as sums of components: each bin is the current at a point, all points lie at one place."""
+        """Linear measurement of the profile: one point per bin, all at one position."""
         return LinearMeasurement(
             self.time_ns,
             None,
@@ -83,7 +80,7 @@ class Observation:
     def profile(
         time: Any, lon: float, lat: float, depth: Any, u: Any, v: Any, error: Any
     ) -> "Observation":
-        """Return a profile of the current, or with one depth the current at one place.
+        """Return a profile of the current; with one depth the current at a point.
 
         Args:
             time: ISO 8601 text, datetime64, datetime or integer nanoseconds (UTC).
@@ -95,7 +92,7 @@ class Observation:
             error: Standard error of each component [m/s], one number or shape (n,).
 
         Raises:
-            ConfigError: The lengths differ, an error is not above 0, or a place is none.
+            ConfigError: The lengths differ, an error is not positive, or a position is invalid.
         """
         depths, east, north = (np.array(x, np.float64, ndmin=1) for x in (depth, u, v))
         errors = _stated_errors(error, depths.size)
@@ -127,15 +124,15 @@ class Observation:
         """Return the mean current of a dive, straight down and up again between two fixes.
 
         Args:
-            start: Time (as of ``profile``), longitude and latitude [degrees] of the fix before it.
-            end: Of the fix after it.
+            start: Time (as in ``profile``), longitude and latitude [degrees] of the fix before the dive.
+            end: Fix after it, likewise.
             depth: Greatest depth [m].
-            u: Towards true east [m/s].
-            v: Towards true north [m/s].
+            u: [m/s], towards true east.
+            v: [m/s], towards true north.
             error: Standard error of each component [m/s].
 
         Raises:
-            ConfigError: The dive does not end after it began, its depth or error is not above 0, or a place is none.
+            ConfigError: The dive does not end after its start, its depth or error is not above 0, or a position is invalid.
         """
         before, after = _stated_fix(start, "start"), _stated_fix(end, "end")
         if not (after.time_ns > before.time_ns and depth > 0.0 and math.isfinite(u + v)):
@@ -166,17 +163,17 @@ class Observation:
     def component(
         place: tuple[Any, float, float], depth: float, direction: float, speed: float, error: float
     ) -> LinearMeasurement:
-        """Return one component of the current at a place, as a radar or a current meter with one axis measures it.
+        """Return one component of the current at a point, as from a radar or a single-axis current meter.
 
         Args:
-            place: Time (as of ``profile``), longitude and latitude [degrees].
+            place: Time (as in ``profile``), longitude and latitude [degrees].
             depth: [m], positive down.
-            direction: Towards which ``speed`` is positive, clockwise from true north [degrees].
-            speed: [m/s].
+            direction: Direction of positive ``speed``, clockwise from true north [degrees].
+            speed: Component of the current [m/s].
             error: Standard error [m/s].
 
         Raises:
-            ConfigError: A number is not finite, the depth is below 0, the error is not above 0, or the place is none.
+            ConfigError: A number is not finite, the depth is below 0, the error is not above 0, or the position is invalid.
         """
         fix, angle = _stated_fix(place, "component"), math.radians(direction)
         if not (math.isfinite(angle + speed) and 0.0 <= depth < math.inf):
@@ -192,7 +189,7 @@ class Observation:
         )
 
     def __repr__(self) -> str:
-        """Return where and when it was made, and what it holds."""
+        """Return time, position and velocities as text."""
         u, v = (span_text(component, 2) for component in self.velocity.T)
         usable = int(np.sum((self.flags == Flag.GOOD) | (self.flags == Flag.SUSPECT)))
         where = f"{time_text(self.time_ns)} at {place_text(self.longitude, self.latitude)}, dive {self.dive}"
@@ -213,7 +210,7 @@ OF_BINS = ("depth", "velocity", "error_std", "flags", "reasons")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profiles:
-    """Profiles of one instrument and dive, n of m bins each, in order of time: what is assimilated as one.
+    """Group: n profiles of one instrument and dive, of m bins each, in order of time, assimilated together.
 
     Attributes:
         columns: ``PROFILE``, shapes (n, ...), and ``OF_BINS``, shapes (n, m, ...).
@@ -225,7 +222,7 @@ class Profiles:
 
     @staticmethod
     def of(profiles: Sequence[Observation]) -> "Profiles":
-        """Return profiles with as many bins each in columns."""
+        """Return profiles of equal length as columns."""
         topics = sorted({one.source.topic for one in profiles})
         unknown = (np.nan, np.nan)
         rows = [
@@ -252,36 +249,36 @@ class Profiles:
         return self.columns[name]
 
     def rows(self, at: Any) -> "Profiles":
-        """Return some of the profiles."""
+        """Return a subset of the profiles."""
         return Profiles({name: column[at] for name, column in self.columns.items()}, self.topics)
 
     @property
     def time_ns(self) -> int:
-        """Mean time, for which they count [ns, UTC]."""
+        """Mean time of the group [ns, UTC]."""
         return mean_time(self.columns["time"])
 
     @property
     def longitude(self) -> float:
-        """Mean [degrees east]."""
+        """Mean longitude [degrees east]."""
         return mean_longitude(self.columns["longitude"])
 
     @property
     def latitude(self) -> float:
-        """Mean [degrees north]."""
+        """Mean latitude [degrees north]."""
         return float(self.columns["latitude"].mean())
 
     @property
     def dive(self) -> int:
-        """Number of their dive."""
+        """Number of the dive."""
         return int(self.columns["dive"][-1])
 
     @property
     def source(self) -> Source:
-        """The message of the first."""
+        """Message of the first profile."""
         return self.source_of(0)
 
     def source_of(self, row: int) -> Source:
-        """Return the message of one of them."""
+        """Return the message of a profile."""
         number, topic, ordinal, time = (
             int(self.columns[name][row]) for name in ("input", "topic", "ordinal", "time")
         )
@@ -306,10 +303,10 @@ _PIECES = 128
 
 
 def _stated_fix(stated: tuple[Any, float, float], what: str) -> Fix:
-    """Return a time and place that a person states.
+    """Return a fix stated by a user.
 
     Raises:
-        ConfigError: It is none.
+        ConfigError: The time or position is invalid.
     """
     time, longitude, latitude = stated
     place = float(longitude), float(latitude)
@@ -319,7 +316,7 @@ def _stated_fix(stated: tuple[Any, float, float], what: str) -> Fix:
 
 
 def _stated_errors(error: Any, n: int) -> Array:
-    """Return standard errors that a person states, shape (n,) [m/s].
+    """Return standard errors stated by a user, shape (n,) [m/s].
 
     Raises:
         ConfigError: One is missing or not above 0.
@@ -337,7 +334,7 @@ Measurement = Observation | Profiles | PathMean | LinearMeasurement
 
 
 def kind_of(measurement: Measurement) -> str:
-    """Return ``profiles``, the kind of a mean along a path, or that of another source."""
+    """Return the kind of a measurement: ``profiles``, ``dac``, ``drift`` or that of its label."""
     if isinstance(measurement, LinearMeasurement):
         return measurement.label.kind
     return measurement.kind if isinstance(measurement, PathMean) else "profiles"

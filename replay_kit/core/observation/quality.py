@@ -1,4 +1,4 @@
-"""What is said of a measured value: where it came from, whether it is used and why not, and its innovation."""
+"""Source, flags and reasons of a measured value, and its innovation."""
 
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
@@ -13,13 +13,13 @@ from replay_kit.core.text import span_text, time_text
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Pointer to the message that a value came from.
+    """Message from which a value came.
 
     Attributes:
         input: Position of the log among the run's inputs.
         topic: Channel name.
         position: Ordinal or byte offset in that log.
-        time_ns: The message's time [ns, UTC].
+        time_ns: Time of the message [ns, UTC].
     """
 
     input: int
@@ -42,12 +42,12 @@ _GOOD, _SUSPECT = np.int8(Flag.GOOD), np.int8(Flag.SUSPECT)
 
 
 def usable(flags: NDArray[np.int8]) -> Mask:
-    """Return which bins are used: good ones and suspect ones; where the latter are unwanted, measurement quality control fails them."""
+    """Return whether bins are used: flags good and suspect. Quality control sets unwanted suspect ones to fail."""
     return np.asarray((flags == _GOOD) | (flags == _SUSPECT))
 
 
 class Reason(IntFlag):
-    """Why a bin or a ping was not used, or why it is suspect: its flag says which."""
+    """Reason why a bin or ping is excluded or, by its flag, suspect."""
 
     NONE = 0
     MISSING = 1
@@ -81,9 +81,9 @@ _MISSING_LAST = (*(one for one in Reason if one is not Reason.MISSING), Reason.M
 
 
 def reasons_of(reasons: NDArray[np.int32], flags: NDArray[np.int8]) -> list[tuple[str, int]]:
-    """Return the names of the reasons for which bins are not used, each with its number of bins.
+    """Return the number of excluded bins by name of the reason.
 
-    A bin counts once, for its first reason; as missing only where there is no other.
+    A bin counts once, for its first reason; ``missing`` comes last.
     """
     left, found = reasons[~usable(flags)], list[tuple[str, int]]()
     named = int(np.bitwise_or.reduce(left, initial=0))
@@ -99,14 +99,14 @@ Decision = Literal["accepted", "rejected", "unusable"]
 
 @dataclass(frozen=True, slots=True)
 class GroupTotals:
-    """Sums over the profiles of a superobservation, each against the estimate of its turn.
+    """Sums over the profiles of a group, each against the estimate at its time.
 
     Attributes:
-        bins: Number of bins used.
-        before: Squared innovations [m^2/s^2], of all bins and both components.
-        after: Squared residuals after the update [m^2/s^2].
-        prior: Squared innovations against the prior without observations [m^2/s^2].
-        not_used: Number of bins not used, by reason.
+        bins: Number of used bins.
+        before: Sum of squared innovations [m^2/s^2], over bins and components.
+        after: Sum of squared residuals [m^2/s^2].
+        prior: Sum of squared innovations of the prior [m^2/s^2].
+        not_used: Number of excluded bins by reason.
     """
 
     bins: int
@@ -118,42 +118,42 @@ class GroupTotals:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Innovation:
-    """The innovation of one observation: measured minus predicted, before and after the update.
+    """Innovation and residual of one observation or group.
 
     Attributes:
         time_ns: [ns, UTC].
-        depth: shape (n,) [m], the bins offered to the estimator, used or not.
-        innovation: shape (n, 2) [m/s], local east and north, measured minus predicted; NaN for bins not used. Of a mean current that is
-            corrected for the flight model's error, corrected minus predicted; so are the others.
+        depth: shape (n,) [m], depths of the bins, used or not.
+        innovation: shape (n, 2) [m/s], local east and north, measured minus predicted; NaN for excluded bins. Here and below a corrected
+            mean current counts as measured.
         innovation_std: shape (n, 2) [m/s], predicted standard deviation of the innovation.
-        residual: shape (n, 2) [m/s], measured minus estimated after the update.
-        prior_innovation: shape (n, 2) [m/s], measured minus predicted by the prior that has seen no observation.
+        residual: shape (n, 2) [m/s], measured minus updated estimate.
+        prior_innovation: shape (n, 2) [m/s], measured minus prior.
         nis: Normalised innovation squared of all rows used.
         dof: Number of rows used.
-        accepted: False when no bin was usable, or the gate rejected the profile.
-        error_inflation: Factor, at least 1, by which the bins' error variance was grown in the update, because their scatter asked for
-            it; ``innovation_std`` and ``nis`` are those of the stated errors.
+        accepted: False if no bin was usable or the gate rejected the profile.
+        error_inflation: Factor, at least 1, on the error variance in the update, from the bins' scatter; ``innovation_std`` and ``nis`` use
+            the stated errors.
         flags: shape (n,), QARTOD flags after the region's checks.
         reasons: shape (n,), bit mask of ``Reason``.
         dive: As in the observation.
         source: As in the observation.
-        decision: What was done with the observation.
-        gate_statistic: Normalised innovation squared of what the observation says of the estimate, with adapted errors.
-        gate: What ``gate_statistic`` was held against; inf without a gate.
-        signal_dof: Degrees of freedom for signal: how many independent values of the estimate the observation determined.
-        log_likelihood: Logarithm of the measured values' density under the prediction, with the stated errors, without the constant of
-            2 pi; NaN without a usable bin, or when the estimator predicts no variance.
-        mean_current: shape (2,) [m/s], local east and north, what a mean along a path measured; None for a profile.
-        mean_kind: Of the mean along a path, as in ``PathMean``, or of another source, as in ``Label``; empty for a profile.
+        decision: Use of the observation.
+        gate_statistic: Gate's normalised innovation squared, with adapted errors.
+        gate: Threshold of ``gate_statistic``; inf without a gate.
+        signal_dof: Degrees of freedom for signal.
+        log_likelihood: Log density of the values under the prediction, with stated errors, without the constant of 2 pi; NaN without a
+            usable bin or predicted variance.
+        mean_current: shape (2,) [m/s], local east and north, measured mean along a path; None for a profile.
+        mean_kind: Kind as in ``PathMean`` or ``Label``; empty for a profile.
         mean_std: Error of each component of ``mean_current`` [m/s].
-        corrected_current: shape (2,) [m/s], ``mean_current`` without the flight model's error; None where there is no correction.
-        corrected_std: Error of each component of it [m/s].
-        estimated_std: Error of each component of the estimate's mean along the path after the update [m/s]; NaN where it is not known.
-        replayed_residual: shape (n, 2) [m/s], of a smoothed result: the residual before smoothing; None in others.
-        measured: shape (n, 2) [m/s], local east and north: the estimate after the update plus the residual; None where it is not stated.
-        profiles: Number of profiles that it holds. Where several are combined, depths, innovations and residuals are means over them,
-            ``nis`` and ``dof`` are sums, the gate's result is that of the first, and ``source`` is its message.
-        totals: Of several profiles; None for one.
+        corrected_current: shape (2,) [m/s], ``mean_current`` corrected for the flight-model error; None without a correction.
+        corrected_std: Error of each component of ``corrected_current`` [m/s].
+        estimated_std: Error of each component of the updated estimate's path mean [m/s]; NaN if unknown.
+        replayed_residual: shape (n, 2) [m/s], residual before smoothing; None without smoothing.
+        measured: shape (n, 2) [m/s], local east and north, updated estimate plus residual; None if not stated.
+        profiles: Number of profiles. For a group, depths, innovations and residuals are means, ``nis`` and ``dof`` sums, and the gate's
+            result and ``source`` those of the first.
+        totals: Sums over a group; None for one profile.
     """
 
     time_ns: int
@@ -188,11 +188,11 @@ class Innovation:
 
     @property
     def used_current(self) -> Array | None:
-        """What the estimate was given of a mean along a path, shape (2,) [m/s], local east and north: corrected, where it is."""
+        """Assimilated mean along a path, shape (2,) [m/s], local east and north, corrected if possible."""
         return self.mean_current if self.corrected_current is None else self.corrected_current
 
     def __repr__(self) -> str:
-        """Return what was done with the observation, and how far it lay from the prediction."""
+        """Return decision, RMS innovation and residual as text."""
         parts = (part[np.isfinite(part)] for part in (self.innovation, self.residual))
         before, after = (f"{np.sqrt(np.mean(part**2)):.3f}" if part.size else "-" for part in parts)
         bins = f"{self.depth.size} bins, {span_text(self.depth)} m deep"

@@ -1,1 +1,1 @@
-"""The mean current of a vehicle's next dive, and so where it surfaces, from the dives before it."""
+"""Mean current and surfacing of a vehicle's next dive, predicted from earlier dives."""

@@ -1,10 +1,9 @@
-"""The flight model's error, inferred from dives' mean currents.
+"""Flight-model error, inferred from the DACs of dives.
 
-Its speed may have a relative error. An error is believed only where the dives are e^2 times as likely with one as
-without, whichever single dive is left out: a mean current that is wrong, by a bad fix or a wrong entry, is explained by such an error as
-well as by anything, and would be taken from all others. The way itself is what the mean current leaves of the displacement, so an error of
-one dive's mean current is in its way too, with the other sign: dives flown one way would show a flight model that errs by all of it. So the
-way of dives that differ by no more than such errors is that of the first of them, and turns alone tell.
+The speed may have a relative error. It is accepted only if the dives are e^2 times as likely with it as without, whichever single dive is
+left out, as a wrong DAC, from a bad fix or entry, looks like such an error. The motion through water is displacement minus DAC: an error of
+one DAC enters both with opposite signs, and dives on one heading would show a spurious error. Dives that differ by no more than such errors
+therefore share the motion of the first of them, and only turns are informative.
 """
 
 from dataclasses import dataclass, replace
@@ -32,11 +31,11 @@ _TURNED = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightBias:
-    """What is known of the flight model's error after some dives.
+    """Estimate of the flight-model error after some dives.
 
     Attributes:
-        known: k states, of which the first is after all of them, the others after all but one; None before the first dive.
-        way: shape (2,) [m/s], of the first dive since the last turn; None before the first dive.
+        known: k states, the first after all dives, the others after all but one; None before the first dive.
+        way: shape (2,) [m/s], velocity through water of the first dive since the last turn; None before the first dive.
     """
 
     known: ProcessState | None = None
@@ -49,21 +48,21 @@ class FlightBias:
 
     @property
     def evidence(self) -> float:
-        """Log evidence of an error over none, without the dive on which it rests most [nats]."""
+        """Log evidence for an error against none, without the most influential dive [nats]."""
         return float(_PROCESS.flight_evidence(self.known or _before()).min())
 
     @property
     def is_believed(self) -> bool:
-        """Whether the dives show an error, and no single one of them alone."""
+        """Whether the dives show an error that does not rest on a single dive."""
         return self.evidence >= LEAST_EVIDENCE
 
     @property
     def share(self) -> tuple[Array, Array]:
-        """Mean and standard deviation of the error along and across the way, as shares of it; shape (2,) each."""
+        """Mean and standard deviation of the error along and across the motion, relative to it; shape (2,) each."""
         return _PROCESS.flight_bias(_sets(0, self.known or _before()))
 
     def after(self, dive: DiveMean) -> "FlightBias":
-        """Return what is known after one more dive."""
+        """Return the estimate after one more dive."""
         turned = self.way is None or np.hypot(*(dive.way - self.way)) > _TURNED
         way = dive.way if turned else self.way
         assert way is not None
@@ -80,7 +79,7 @@ def _before() -> ProcessState:
 
 
 def _sets(chosen: Any, first: ProcessState, *others: ProcessState) -> ProcessState:
-    """Return some of the sets of dives of states, along the leading axis; None makes that of a state without."""
+    """Return some of the sets of dives of states, along the leading axis; None adds the axis."""
     arrays = {
         name: np.concatenate([getattr(each, name) for each in (first, *others)])[chosen]
         for name in ("mean", "cov", "log_weights")

@@ -1,8 +1,7 @@
-"""The current beside the estimate, inferred from what the estimate fails to explain of dives' mean currents, dive after dive.
+"""Local correction of the estimate, inferred recursively from the innovations of DACs.
 
-The estimate's own error is part of what a dive's mean current may differ by, and one of the processes is that there is no current beside
-it. With some probability it has changed from one dive to the next by more than it usually does; both cases are joined to one Gaussian of
-each process after the dive (Blom and Bar-Shalom 1988, IEEE TAC 33).
+The innovation includes the estimate's error, and one of the processes has no correction. With some probability the correction jumps between
+dives; both cases are merged to one Gaussian per process after the dive (Blom and Bar-Shalom 1988, IEEE TAC 33).
 """
 
 import numpy as np
@@ -30,13 +29,13 @@ _JUMP, _JUMP_FACTOR = 0.05, 3.0
 def local_step(
     state: LocalCurrent | None, time_ns: int, innovation: Array, std: Array
 ) -> LocalCurrent:
-    """Return the current beside the estimate after a dive.
+    """Return the local correction after a dive.
 
     Args:
-        state: After those before; None before the first.
-        time_ns: Of the dive's middle [ns, UTC].
-        innovation: shape (2,) [m/s], mean current minus that of the estimate before the dive, local axes.
-        std: shape (2,) [m/s], of the innovation as the estimate and the measurement state it.
+        state: Correction before it; None before the first.
+        time_ns: Middle of the dive [ns, UTC].
+        innovation: shape (2,) [m/s], DAC minus that of the estimate before the dive, local axes.
+        std: shape (2,) [m/s], stated standard deviation of the innovation.
     """
     now = (state or _BEFORE).at(time_ns)
     more = np.array([0.0, _JUMP_FACTOR])[:, None, None, None] * now.std[:, None, None] ** 2

@@ -1,4 +1,4 @@
-"""What is expected of the next dive's mean current, as Gaussians with weights, and what the last dive alone would say."""
+"""Predictive distribution of the next dive's DAC as a Gaussian mixture, and persistence."""
 
 import math
 from collections.abc import Sequence
@@ -22,12 +22,12 @@ _SPIRAL = np.sqrt(-2.0 * np.log1p(-(np.arange(_POINTS) + 0.5) / _POINTS)) * np.a
 # Not slotted: the moments are computed once.
 @dataclass(frozen=True, eq=False)
 class Mixture:
-    """Gaussians in the plane with weights.
+    """Mixture of Gaussians in the plane.
 
     Attributes:
-        log_weights: shape (n,); the weights sum to one.
-        means: shape (n, 2).
-        covs: shape (n, 2, 2).
+        log_weights: shape (n,), log weights; the weights sum to one.
+        means: shape (n, 2), means.
+        covs: shape (n, 2, 2), covariances.
     """
 
     log_weights: Array
@@ -46,18 +46,18 @@ class Mixture:
         return np.asarray(np.tensordot(weights, self.covs, 1) + (weights * about.T) @ about)
 
     def log_density(self, value: Array) -> float:
-        """Return the logarithm of the density at a value, shape (2,)."""
+        """Return the log density at a value, shape (2,)."""
         densities = log_densities(value - self.means, self.covs)
         return float(np.logaddexp.reduce(self.log_weights + densities))
 
     def radii(self, shares: Sequence[float]) -> Array:
-        """Return the radii, in standard deviations of ``cov``, within which the mixture has some shares of its weight, shape (k,).
+        """Return the radii that contain given probabilities, shape (k,), in standard deviations of ``cov``.
 
-        A mixture has heavier tails than the Gaussian of its moments, whose ellipses would hold other shares. Each Gaussian is replaced by
-        points on a spiral (Vogel 1979, Mathematical Biosciences 44) whose radii are the quantiles of its own.
+        A mixture has heavier tails than the Gaussian of its moments. Each Gaussian is replaced by points on a spiral (Vogel 1979,
+        Mathematical Biosciences 44) at its radial quantiles.
 
         Args:
-            shares: Between 0 and 1.
+            shares: Probabilities between 0 and 1.
         """
         kept = self.log_weights > _LEAST_LOG_WEIGHT
         whiten = np.linalg.inv(np.linalg.cholesky(self.cov))
@@ -71,22 +71,22 @@ class Mixture:
 
 
 def log_densities(errors: Array, covs: Array) -> Array:
-    """Return the logarithm of the density of errors, shape (..., 2), under Gaussians of some covariances, shape (..., 2, 2)."""
+    """Return the log density of errors, shape (..., 2), under Gaussians with covariances, shape (..., 2, 2)."""
     square = np.sum(errors * np.linalg.solve(covs, errors[..., None])[..., 0], axis=-1)
     return np.asarray(-0.5 * square - 0.5 * np.linalg.slogdet(covs)[1] - np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Persistence:
-    """The last dive's mean current and the changes from dive to dive so far.
+    """Persistence: the last dive's DAC and the changes between dives so far.
 
-    With a flat prior of the logarithm of their variance the next change has Student's t distribution, with as many degrees of freedom as
-    changes have components.
+    With a flat prior of the log variance the next change has Student's t distribution with one degree of freedom per component of the
+    changes.
 
     Attributes:
-        velocity: shape (2,) [m/s], of the last dive; None before the first.
+        velocity: shape (2,) [m/s], DAC of the last dive; None before the first.
         squares: Sum of the squared lengths of the changes [m^2/s^2].
-        changes: Their number.
+        changes: Number of changes.
     """
 
     velocity: Array | None = None
@@ -94,7 +94,7 @@ class Persistence:
     changes: int = 0
 
     def after(self, velocity: Array) -> "Persistence":
-        """Return the baseline after a dive of some mean current, shape (2,) [m/s]."""
+        """Return the baseline after a dive with a DAC, shape (2,) [m/s]."""
         if self.velocity is None:
             return Persistence(velocity)
         return Persistence(
@@ -104,7 +104,7 @@ class Persistence:
         )
 
     def radius(self, share: float) -> float:
-        """Return the radius of the circle that should hold a share of the next mean currents [m/s]; NaN before the first change.
+        """Return the radius of the circle that contains the next DAC with a probability [m/s]; NaN before the first change.
 
         Two components of Student's t with n degrees of freedom and the scale s lie within r with 1 - (1 + r^2 / (n s^2))^(-n / 2).
         """
@@ -113,7 +113,7 @@ class Persistence:
         return math.sqrt(self.squares * ((1.0 - share) ** (-1.0 / self.changes) - 1.0))
 
     def log_density(self, velocity: Array) -> float:
-        """Return the logarithm of the density of the next mean current, shape (2,) [m/s]; NaN before the first change."""
+        """Return the log density of the next DAC, shape (2,) [m/s]; NaN before the first change."""
         if self.velocity is None or self.squares == 0.0:
             return math.nan
         square = float(np.sum((velocity - self.velocity) ** 2)) / self.squares

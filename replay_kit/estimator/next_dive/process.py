@@ -1,18 +1,18 @@
-"""The mean current of each dive from those before it: a Gaussian process in time, averaged over its settings by the evidence of the past.
+"""Prediction of the DAC of each dive from earlier ones: a Gaussian process in time, averaged over settings by their evidence.
 
-A dive's mean current, as the vehicle's flight model gives it, east and north as one complex number, is
+A dive's DAC by the vehicle's flight model, east and north as one complex number, is
 
     y = mean over the dive's time of c(t) + (alpha + i beta) w + e
 
-with w the way through the water and e an error that no other dive shares: y is the displacement over the time less w. The current c is the
-sum of four independent parts: one that changes over a month, one that decorrelates (Matern, 3/2), and damped tides of the principal lunar
-and the lunisolar diurnal period; all have one amplitude and one axis along which they are stronger. The mean over a dive, of four instants
-evenly spread, is what tells tides from the rest: it damps them by the dive's duration. The inverted current of the dive gives the flight
-model's error alone. Where no flight model tells the way, y is the velocity over ground, and its slow part the way.
+with w the velocity through water and e an independent error: y is the displacement over the time less w. The current c is the sum of four
+independent parts: a monthly one, a Matern-3/2 process, and damped tides of the principal lunar and the lunisolar diurnal period, with a
+common amplitude and principal axis. The mean over a dive, of four evenly spaced instants, damps tides by the dive's duration and so
+distinguishes them. The inverted current of the dive gives the flight-model error alone. Without a flight model y is the velocity over
+ground, and its slow part the velocity through water.
 
 Every part is the first component of a Markov process, so that the posterior of n dives takes time in proportion to n (Hartikainen and
-Sarkka 2010, MLSP). States are of unit variance; a setting's amplitudes are in its design. Covariances depend on no measured value, and so
-are shared by the backgrounds that the current may be measured about. ``tests/reference/mean_currents.py`` has the same as one Gaussian.
+Sarkka 2010, MLSP). States have unit variance; amplitudes are in the design. Covariances do not depend on measured values and are common to
+all background currents. ``tests/reference/mean_currents.py`` has the same as one Gaussian.
 """
 
 from dataclasses import dataclass, field, replace
@@ -59,17 +59,17 @@ _ALONG, _SIZE = np.array([1.0, 0.5]), 2 + 2 * _STATES
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DiveMean:
-    """A dive's measurement of the mean current; velocities are towards true east and north [m/s].
+    """DAC of a dive; velocities are towards true east and north [m/s].
 
     Attributes:
-        time_ns: Of its middle [ns, UTC].
-        seconds: Its duration [s].
-        way: shape (2,), mean velocity through the water; zero where it is not known.
-        velocity: shape (2,), mean current, or mean velocity over ground where the way is not known.
-        inverted: shape (2,), mean along the path of absolute profiles that do not depend on the flight model; None without.
-        backgrounds: shape (k, 2), background currents; NaN where they are not known.
-        position_std: How far fixes and way through the water miss together, over the dive's time [m].
-        way_std: Of each component of ``way`` [m/s]; 0 where it is known.
+        time_ns: Middle of the dive [ns, UTC].
+        seconds: Duration [s].
+        way: shape (2,), mean velocity through the water; zero if unknown.
+        velocity: shape (2,), DAC, or mean velocity over ground if ``way`` is unknown.
+        inverted: shape (2,), path mean of absolute profiles independent of the flight model; None without any.
+        backgrounds: shape (k, 2), background currents; NaN if unknown.
+        position_std: Combined error of fixes and motion through water over the dive [m].
+        way_std: Standard error of each component of ``way`` [m/s]; 0 if known.
     """
 
     time_ns: int
@@ -84,15 +84,15 @@ class DiveMean:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessSettings:
-    """Settings of the process, drawn once from what is known before any dive.
+    """Settings of the process, drawn once from their prior.
 
     Attributes:
-        amplitude: shape (h,) [m/s].
+        amplitude: shape (h,) [m/s], amplitude.
         scale: shape (h,), decorrelation time of the second part [s].
-        parts: shape (h, 4), standard deviations of the parts over ``amplitude``.
-        white: shape (h,), of what no other dive shares, over ``amplitude``.
-        flight: shape (h,), standard deviation of the flight model's error along the way, as a share of it; across it is half.
-        axes: shape (h, 2, 2), square root of the covariance of a part of unit variance: along and across its axis.
+        parts: shape (h, 4), standard deviations of the parts relative to ``amplitude``.
+        white: shape (h,), independent error relative to ``amplitude``.
+        flight: shape (h,), relative standard deviation of the flight-model error along the motion; half of it across.
+        axes: shape (h, 2, 2), square root of the covariance of a part of unit variance, along and across its axis.
     """
 
     amplitude: Array
@@ -104,7 +104,7 @@ class ProcessSettings:
 
     @classmethod
     def drawn(cls, count: int = _SETTINGS) -> "ProcessSettings":
-        """Return settings spread evenly over their prior: points of an additive recurrence (Roberts 2018), the same on every machine."""
+        """Return settings spread evenly over their prior, from an additive recurrence (Roberts 2018), equal on all machines."""
         unit = (np.arange(1, count + 1) * _ROOT ** -np.arange(1.0, 10.0)[:, None] + 0.5) % 1.0
         scale, slow, lunar, diurnal, white, flight, ellipticity = (
             np.array(levels)[(each * len(levels)).astype(np.intp)]
@@ -124,12 +124,12 @@ class ProcessSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessState:
-    """What is known after some dives, or with a leading axis after several sets of them.
+    """Posterior after some dives, or with a leading axis after several sets of dives.
 
     Attributes:
-        mean: shape (..., h, 18, b), of the states, under each setting and about each background.
-        cov: shape (..., h, 18, 18).
-        log_weights: shape (..., h, b), of the settings and backgrounds; the weights sum to one.
+        mean: shape (..., h, 18, b), mean of the states by setting and background.
+        cov: shape (..., h, 18, 18), covariance.
+        log_weights: shape (..., h, b), log weights of settings and backgrounds; the weights sum to one.
         time_ns: Last instant of the last dive [ns, UTC]; None before the first.
         dives: Number of dives.
     """
@@ -143,12 +143,12 @@ class ProcessState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeanCurrentProcess:
-    """The process of dives' mean currents.
+    """Gaussian process of the DACs of dives.
 
     Attributes:
-        settings: Those that are averaged.
-        n_backgrounds: Number of currents beside zero that a dive's current may be measured about.
-        outliers: Whether a dive unlike those before has a wrong mean current, not a changed one; only without backgrounds.
+        settings: Settings for the average.
+        n_backgrounds: Number of background currents in addition to zero.
+        outliers: Whether an unusual dive has a wrong DAC instead of a changed current; only without backgrounds.
     """
 
     settings: ProcessSettings = field(default_factory=ProcessSettings.drawn)
@@ -163,11 +163,11 @@ class MeanCurrentProcess:
         return ProcessState(np.zeros((size, _SIZE, about)), cov, log_weights)
 
     def forecast(self, state: ProcessState, dive: DiveMean) -> Mixture:
-        """Return what is expected of a dive's mean current.
+        """Return the predictive distribution of a dive's DAC.
 
         Args:
-            state: After the dives before.
-            dive: Its time, duration, way and backgrounds; its current is not used.
+            state: State after earlier dives.
+            dive: Dive with time, duration, motion and backgrounds; its current is not used.
         """
         later = self.later(state, dive)
         expected, _, cases = self._expected(later, dive)
@@ -179,7 +179,7 @@ class MeanCurrentProcess:
         )
 
     def later(self, state: ProcessState, dive: DiveMean) -> ProcessState:
-        """Return the state at the end of a dive of which nothing is measured."""
+        """Return the state at the end of a dive without measurements."""
         settings, shares = self.settings, (np.arange(_INSTANTS) + 0.5) / _INSTANTS - 0.5
         instants = [dive.time_ns + int(share * dive.seconds * 1e9) for share in shares]
         before = instants[0] if state.time_ns is None else state.time_ns
@@ -203,7 +203,7 @@ class MeanCurrentProcess:
         return replace(after, log_weights=after.log_weights - total, dives=state.dives + 1)
 
     def flight_bias(self, state: ProcessState) -> tuple[Array, Array]:
-        """Return mean and standard deviation of the flight model's error along and across the way, as shares of it; shape (2,) each."""
+        """Return mean and standard deviation of the flight-model error along and across the motion, relative to it; shape (2,) each."""
         weights, share = np.exp(state.log_weights[:, 0]), self.settings.flight[:, None] * _ALONG
         means = share * state.mean[:, :2, 0]
         mean = weights @ means
@@ -211,7 +211,7 @@ class MeanCurrentProcess:
         return mean, np.sqrt(weights @ (variances + (means - mean) ** 2))
 
     def flight_evidence(self, state: ProcessState) -> Array:
-        """Return the log evidence of an error of the flight model over none [nats], shape (...)."""
+        """Return the log evidence for a flight-model error against none [nats], shape (...)."""
         has = self.settings.flight > 0.0
         of_both = (
             np.logaddexp.reduce(state.log_weights[..., of, :], axis=(-2, -1)) - np.log(np.sum(of))
@@ -222,11 +222,11 @@ class MeanCurrentProcess:
     def _expected(
         self, state: ProcessState, dive: DiveMean, inverted: Array | None = None
     ) -> tuple[Array, Array, list[tuple[float, Array]]]:
-        """Return what a state at a dive's end expects of its mean current; by the inverted one, of which the flight model's error is left.
+        """Return the prediction of a dive's DAC at its end; with the inverted current, that of the flight-model error.
 
         Returns:
-            The mean, shape (..., h, 2, b); the covariance of the states with it, shape (..., h, 18, 2); probability and covariance, shape
-            (..., h, 2, 2), of a mean current like those before, and of one that is not.
+            Mean, shape (..., h, 2, b); covariance of the states with it, shape (..., h, 18, 2); probability and covariance, shape (..., h,
+            2, 2), of a usual and an unusual DAC.
         """
         settings, (east, north) = self.settings, dive.way
         turn = np.array([[east, -north], [north, east]]) * _ALONG
@@ -250,7 +250,7 @@ class MeanCurrentProcess:
     def _updated(
         self, state: ProcessState, dive: DiveMean, inverted: Array | None = None
     ) -> ProcessState:
-        """Return the state after what is measured of a dive; its weights are not scaled to a sum of one."""
+        """Return the state after a dive's measurement, with weights not normalised."""
         expected, cross, cases = self._expected(state, dive, inverted)
         errors = dive.velocity[:, None] - expected
         like, unlike = (
@@ -273,16 +273,15 @@ class MeanCurrentProcess:
 
 
 def _over_dive(gaps: Array, scales: Array, amplitudes: Array) -> tuple[Array, Array]:
-    """Return how a component's states pass a dive, for states of unit variance.
+    """Return the transition of a component's states over a dive, for states of unit variance.
 
     Args:
-        gaps: shape (n,) [s], before each instant of the dive.
+        gaps: shape (n,) [s], time before each instant of the dive.
         scales: shape (h,) [s], decorrelation times of the second part.
-        amplitudes: shape (h, 4), of the parts.
+        amplitudes: shape (h, 4), amplitudes of the parts.
 
     Returns:
-        Their effect on themselves and on the component's mean over the instants, shape (h, 8, 8); covariance of what is new, of the same
-        shape.
+        Transition of the states and of the component's mean over the instants, shape (h, 8, 8); process noise, same shape.
     """
     counted = np.zeros((scales.size, _STATES, _STATES))
     counted[:, -1, _PARTS] = amplitudes / gaps.size
@@ -297,7 +296,7 @@ def _over_dive(gaps: Array, scales: Array, amplitudes: Array) -> tuple[Array, Ar
 
 
 def _transition(gap: float, scales: Array) -> Array:
-    """Return how a component's states pass a time [s], shape (h, 8, 8)."""
+    """Return the transition of a component's states over a time [s], shape (h, 8, 8)."""
     move = np.zeros((scales.size, _STATES, _STATES))
     move[:, 0, 0] = np.exp(-gap / _SLOW)
     # velocity and its rate times the scale over the square root of 3, both of unit variance

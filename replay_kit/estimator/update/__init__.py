@@ -1,1 +1,1 @@
-"""What an observation does to the estimate."""
+"""Update of the estimate by observations."""

@@ -1,14 +1,14 @@
-"""The update of the unknowns by measurements, in blocks.
+"""Update of the unknowns by measurements, in blocks.
 
-The products of all columns of a block with the covariance are computed at once: P is read once for all. Columns are then judged in order,
-each against the estimate after those before it, and change the mean; the covariance is changed once, at the end:
+The products of all columns of a block with the covariance are computed at once. Columns are then gated in order, each against the estimate
+after earlier ones, and update the mean; the covariance is updated once, at the end:
 
     C = D P,    S = R C D' R' + 1 = A A',    G = A^-1 R C,    x <- x + G' A^-1 (y - R D x),    P <- P - G'G.
 
-In between, only mean and covariance of the unknowns of the block's columns, D x and D P D', are kept up to date.
+In between, only D x and D P D', the moments of the block's columns, are updated.
 
-A block of one is the same. Measurements of a column are judged each against the estimate before them; those accepted are combined without
-loss before they meet the unknowns, with w_i one over each one's error factor:
+Measurements of a column are each gated against the estimate before them; accepted ones are combined without loss, with w_i one over each
+one's error factor:
 
     R'R = sum w_i R_i'R_i,    R'y = sum w_i R_i'y_i.
 """
@@ -32,23 +32,23 @@ _ROUNDING = 1e-13
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Update:
-    """What measurements of one column did.
+    """Update by the measurements of one column.
 
     Attributes:
-        column: The column.
-        before: shape (q,), mean of its unknowns before them.
-        covariance: shape (q, q), of these.
-        judgements: Of the column's measurements.
-        mean_after: shape (q,), mean after those accepted.
+        column: Column.
+        before: shape (q,), mean of its unknowns before.
+        covariance: shape (q, q).
+        judgements: Gate decisions on its measurements.
+        mean_after: shape (q,), mean after accepted measurements.
         covariance_after: shape (q, q).
         signal: Degrees of freedom for signal.
-        log_likelihood: Of the values accepted, under the estimate before them, without the constant of 2 pi; NaN where none is.
-        rows: shape (m, q), R of all accepted together; empty where none is.
+        log_likelihood: Log density of accepted values under the prediction, without the constant of 2 pi, else NaN.
+        rows: shape (m, q), R of all accepted together; empty without any.
         lower: shape (m, m), A.
-        gain: shape (m, k), what they add to G.
+        gain: shape (m, k), rows of G.
         whitened: shape (m,), A^-1 (y - R D x).
-        square: Of the values y of these rows.
-        after: The state after them.
+        square: Sum of squares of the values y.
+        after: State after them.
     """
 
     column: Column
@@ -70,12 +70,12 @@ class Update:
 def assimilate(
     state: State, columns: Sequence[Column], probability: float | None
 ) -> tuple[State, list[Update]]:
-    """Return the state after measurements, and what each column's did.
+    """Return the state after measurements, and the update by each column.
 
     Args:
-        state: At the time of the columns.
-        columns: In order.
-        probability: As of ``judged``.
+        state: State at the time of the columns.
+        columns: Columns in order.
+        probability: See ``judged``.
     """
     if not columns:
         return state, []
@@ -107,12 +107,12 @@ def assimilate(
 
 
 class _Block:
-    """The unknowns of all columns of a block together, while these are judged one after another.
+    """Joint unknowns of the columns of a block during the update.
 
     Attributes:
-        mean: shape (Q,), after those judged so far.
-        covariance: shape (Q, Q).
-        whitened: Of each column judged.
+        mean: shape (Q,), mean after the columns so far.
+        covariance: shape (Q, Q), covariance.
+        whitened: Whitened innovations of the columns so far.
     """
 
     def __init__(self, mean: Array, covariance: Array) -> None:
@@ -121,12 +121,12 @@ class _Block:
         self._parts = list[tuple[slice, Array, Array, Array]]()
 
     def updated(self, column: Column, at: slice, probability: float | None) -> Update:
-        """Return what measurements of a column do, without their gain, and note it.
+        """Return the update by a column, without its gain, and record it.
 
         Args:
-            column: The column.
-            at: Where its unknowns are.
-            probability: As of ``judged``.
+            column: Column.
+            at: Slice of its unknowns.
+            probability: See ``judged``.
         """
         before, covariance = self.mean[at].copy(), self.covariance[at, at].copy()
         seen = [
@@ -168,7 +168,7 @@ class _Block:
         )
 
     def gains(self, crosses: Array) -> Array:
-        """Return what all columns judged add to G, shape (m, k), for the covariance of their unknowns with all, shape (Q, k).
+        """Return the rows of G from all columns, shape (m, k), given the covariance of their unknowns with all, shape (Q, k).
 
         With g_j the gain of column j on the block's unknowns, R_j C_j = sum over earlier i of R_j g_i' G_i, and A_j G_j: triangular.
         """
@@ -189,14 +189,14 @@ def lower_solved(lower: Array, right: Array) -> Array:
 
 
 class _Seen(NamedTuple):
-    """Measurements of a column of one layout, n of them.
+    """n measurements of a column with one layout.
 
     Attributes:
-        rows: shape (m, q), of each.
-        y: shape (n, m), their values.
-        square: shape (n,), what the compression left of each.
-        left: Its degrees of freedom.
-        at: shape (n,), which of the column's measurements they are.
+        rows: shape (m, q), rows of each.
+        y: shape (n, m), values.
+        square: shape (n,), residual square of the compression.
+        left: Degrees of freedom of this residual.
+        at: shape (n,), indices among the column's measurements.
     """
 
     rows: Array
@@ -209,7 +209,7 @@ class _Seen(NamedTuple):
 def _judgements(
     seen: Sequence[_Seen], n: int, before: Array, covariance: Array, probability: float | None
 ) -> Judgements:
-    """Return the decisions on all measurements of a column."""
+    """Return the gate decisions on all measurements of a column."""
     each = [
         judged(
             one.y - one.rows @ before,
@@ -229,11 +229,11 @@ def _judgements(
 
 
 def combined(seen: Sequence[_Seen], weights: Array) -> tuple[Array, Array, float]:
-    """Return measurements of a column as rows of unit noise, their values, and the square that these leave of all values.
+    """Return combined measurements of a column: rows of unit noise, values, and the residual square.
 
     Args:
-        seen: The measurements, by layout.
-        weights: shape (n,), of each, one over the factor on its error variance; 0 for those that are not accepted.
+        seen: Measurements by layout.
+        weights: shape (n,), one over the factor on each error variance; 0 if rejected.
     """
     given = [(one, weights[one.at]) for one in seen if weights[one.at].any()]
     (one, own), *others = given
@@ -256,7 +256,7 @@ def combined(seen: Sequence[_Seen], weights: Array) -> tuple[Array, Array, float
 
 
 def _log_noise(column: Column, judgements: Judgements) -> float:
-    """Return half the logarithm of the determinant of the errors of the measurements accepted."""
+    """Return half the log determinant of the error covariance of accepted measurements."""
     accepted, dof = judgements.accepted, judgements.rows + judgements.left
     stated = sum(
         int(accepted[part.at].sum()) * len(column.axes) * part.layout.half_log_det
@@ -267,11 +267,10 @@ def _log_noise(column: Column, judgements: Judgements) -> float:
 
 
 def scale_jacobian(update: Update) -> float:
-    """Return the derivative of the log-densities' Jacobian with respect to a scale error, at zero: to be subtracted from its score.
+    """Return the derivative of the log-densities' Jacobian with respect to a scale error, at zero, to subtract from its score.
 
-    With sound error statements the regressor contains, on average, one unit of the innovation for each component, less the share of the
-    platform velocity's error, which is in the innovation alone. The result is scaled by the innovation's own normalised square, because
-    errors are often overstated.
+    With correct errors the regressor contains on average one unit of the innovation per component, less the fraction of the platform
+    velocity's error. The result is scaled by the innovation's normalised square, as errors are often overstated.
     """
     column, total = update.column, 0.0
     for part in column.parts:
@@ -293,7 +292,7 @@ def scale_jacobian(update: Update) -> float:
 
 
 def _scale_error_std(group: Screened, i: int) -> float | None:
-    """Return the error of the platform's velocity [m/s] in a profile that a scale error changes; None for one that it does not."""
+    """Return the error of the platform's velocity [m/s] in a profile affected by a scale error; None for others."""
     common = float(group.columns["common_std"][i])
     stated = not np.isnan(group.columns["platform"][i, 0]) and np.isfinite(common)
     return common if stated else None

@@ -1,12 +1,11 @@
-"""Measured values as rows of unit noise on the unknowns: one form for all kinds of measurement.
+"""Measurements as rows of unit noise on the unknowns, one form for all kinds.
 
-Values at one place see the column of water there: q = 2 K unknowns, the amplitudes of the K vertical functions towards east and north,
-which are a sum D x of the estimate's unknowns. The values of a component are v = J a + noise of covariance N, with J the functions at the
-values' depths. Whitened by W, W N W' = 1, and compressed by W J = Q R, Q orthonormal, they are the rows R a of unit noise; what is
-orthogonal to Q is noise alone and measures how large the noise is. Values relative to a platform of unknown velocity are known up to a
-constant: W loses its direction.
+Values at one position observe the water column there: q = 2 K unknowns, the amplitudes of the K vertical functions towards east and north,
+which are D x of the estimate's unknowns. The values of a component are v = J a + noise of covariance N, with J the functions at the values'
+depths. Whitened by W, W N W' = 1, and compressed by W J = Q R, Q orthonormal, they are the rows R a of unit noise; the part orthogonal to Q
+is noise alone and shows its size. Values relative to a platform of unknown velocity are known up to a constant, which W projects out.
 
-Values that are sums over several places, as a mean along a path, are their own column: q is their number, and J is one.
+Sums over several positions, such as a mean along a path, are their own column: q is their number, and J is one.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,13 +33,13 @@ _REMEMBERED = 64
 
 
 class Part(NamedTuple):
-    """Measurements of a column that see it alike, n of them.
+    """n measurements of a column with equal layout.
 
     Attributes:
-        layout: How they see it.
-        at: shape (n,), which of the column's they are.
-        used: shape (m',), which of their values are used.
-        about: shape (n, m', c) [m/s]: these values less what is known.
+        layout: Layout.
+        at: shape (n,), indices among the column's measurements.
+        used: shape (m',), indices of used values.
+        about: shape (n, m', c) [m/s], values minus the flow for zero unknowns.
     """
 
     layout: Layout
@@ -51,15 +50,15 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """Measurements that see one column, n of m values each.
+    """n measurements of one column, m values each.
 
     Attributes:
-        screened: The measurements, and others that are not used.
-        at: shape (n,), which of these they are.
-        time_ns: For which they count [ns, UTC].
+        screened: Measurements, including unused ones.
+        at: shape (n,), indices of those used.
+        time_ns: Time at which they count [ns, UTC].
         design: shape (q, k), D at that time.
-        axes: shape (c, a), of each measured component along the column's components.
-        parts: The measurements by how they see the column.
+        axes: shape (c, a), measured components along the column's components.
+        parts: Measurements by layout.
     """
 
     screened: Screened
@@ -70,13 +69,13 @@ class Column:
     parts: tuple[Part, ...]
 
     def rows(self, part: Part) -> Array:
-        """Return the rows of a measurement on the column's unknowns, shape (c p, q), component after component."""
+        """Return the rows of a measurement on the column's unknowns, shape (c p, q), by component."""
         blocks = self.axes[:, None, :, None] * part.layout.r[:, None]
         return blocks.reshape(-1, self.axes.shape[1] * blocks.shape[3])
 
     @staticmethod
     def compressed(part: Part) -> tuple[Array, Array, int]:
-        """Return rows of unit noise, shape (n, c p), the squares that the compression leaves, shape (n,), and their degrees of freedom."""
+        """Return rows of unit noise, shape (n, c p), the residual squares of the compression, shape (n,), and their degrees of freedom."""
         whitened = part.layout.whiten @ part.about
         y = (part.layout.q.T @ whitened).swapaxes(1, 2).reshape(len(whitened), -1)
         left = np.sum(whitened**2, axis=(1, 2)) - np.sum(y**2, axis=1)
@@ -86,30 +85,32 @@ class Column:
         """Return measured minus predicted values along the column's components, shape (..., n, m, a) [m/s]; NaN where not used.
 
         Args:
-            column: shape (..., q), the column's unknowns.
+            column: shape (..., q), unknowns of the column.
         """
-        known = [part.layout.known(self._off(part, column)) @ self.axes for part in self.parts]
-        return self._among(known, column.shape[:-1])
+        known = [
+            part.layout.known(self._differences(part, column)) @ self.axes for part in self.parts
+        ]
+        return self._to_all_values(known, column.shape[:-1])
 
     def measured(self, column: Array) -> Array:
-        """Return what measurements tell of the current: the estimate plus their misfit; argument and shape as in ``misfit``."""
+        """Return the measured current: estimate plus innovation; argument and shape as in ``misfit``."""
         values, each = self.screened.local(self.at)[0], list[Array]()
         for part in self.parts:
             value = values[part.at][:, part.used]
             if part.layout.unwhiten is not None:
-                off = self._off(part, column)
+                off = self._differences(part, column)
                 value = value - off + part.layout.known(off)
             each.append(value @ self.axes)
-        return self._among(each)
+        return self._to_all_values(each)
 
-    def _off(self, part: Part, column: Array) -> Array:
-        """Return measured minus predicted values as they are, also where only differences are known, shape (..., n, m', c) [m/s]."""
+    def _differences(self, part: Part, column: Array) -> Array:
+        """Return measured minus predicted values, including an unknown constant of relative ones, shape (..., n, m', c) [m/s]."""
         by_component = column.reshape(*column.shape[:-1], self.axes.shape[1], -1)
         predicted = (self.axes @ by_component).swapaxes(-1, -2)[..., None, :, :]
         return np.asarray(part.about - part.layout.functions @ predicted)
 
     def predicted_variance(self, covariance: Array) -> Array:
-        """Return the variance of values, shape (n, m, a) [m^2/s^2], for the covariance of the column, shape (q, q); NaN where not used."""
+        """Return the variance of values, shape (n, m, a) [m^2/s^2], given that of the column, shape (q, q); NaN where not used."""
         n = self.axes.shape[1]
         blocks = covariance.reshape(n, -1, n, covariance.shape[0] // n)
         along = np.einsum("ca,akbl,cb->ckl", self.axes, blocks, self.axes)
@@ -118,15 +119,15 @@ class Column:
             functions = layout.known(layout.functions)
             variance = np.sum((functions @ along) * functions, axis=2).T
             each.append(np.maximum(variance, 0.0) @ self.axes**2)
-        return self._among(each)
+        return self._to_all_values(each)
 
     def stated_variance(self) -> Array:
         """Return the error variance of values, shape (n, m, a) [m^2/s^2]; NaN where not used."""
         noise = np.sum(self.axes**2, axis=0)
-        return self._among([np.outer(layout.std**2, noise) for layout, *_ in self.parts])
+        return self._to_all_values([np.outer(layout.std**2, noise) for layout, *_ in self.parts])
 
-    def _among(self, each: Sequence[Array], first: tuple[int, ...] = ()) -> Array:
-        """Return values of each part, shape (..., m', a) or with n before these, among all values."""
+    def _to_all_values(self, each: Sequence[Array], first: tuple[int, ...] = ()) -> Array:
+        """Return values of the parts, shape (..., m', a) or (..., n, m', a), in the order of all values."""
         # one component of sums along a path stands for both
         out = np.full((*first, len(self.at), self.screened.flags.shape[1], 2), np.nan)
         for part, values in zip(self.parts, each, strict=True):
@@ -137,14 +138,14 @@ class Column:
 # Not slotted: what all measurements need is made once.
 @dataclass(frozen=True, eq=False)
 class Observer:
-    """What makes rows of measurements.
+    """Observation operator: rows of unit noise from measurements.
 
     Attributes:
         basis: Basis flows.
-        process: The unknowns.
-        dropped: shape (Z, N) [m/s], prior standard deviation of what was dropped of what the modes hold, at the nodes.
-        stated_std: Error of all values [m/s] instead of their own; None for these.
-        extras: Unknowns beside those of the process; None without any.
+        process: Process of the unknowns.
+        dropped: shape (Z, N) [m/s], prior standard deviation of dropped directions of the modes, at the nodes.
+        stated_std: Common error of all values [m/s]; None for their own.
+        extras: Further unknowns; None without any.
     """
 
     basis: Basis
@@ -169,22 +170,22 @@ class Observer:
 
     @cached_property
     def _latents(self) -> Array:
-        """Latent values of the flow whose weights are zero, of the potential beside it, and of the modes: a place is looked up once."""
+        """Latent values of the flow for zero weights, the potential and the modes, joined for one evaluation per position."""
         potential = [] if self.basis.potential is None else [self.basis.potential]
         return np.hstack([self.basis.offset, *potential, self.basis.modes])
 
     @cached_property
     def _layouts(self) -> dict[Any, Layout]:
-        """The last layouts made: along a track they repeat."""
+        """Cache of layouts, which repeat along a track."""
         return {}
 
     def error(self, scale: float, nodes: Any = slice(None)) -> Array:
-        """Return the error of what the unknowns do not hold at nodes, shape (Z, n) or (Z,) [m/s], under a factor on the prior variance."""
+        """Return the representation error at nodes, shape (Z, n) or (Z,) [m/s], under a factor on the prior variance."""
         dropped = np.sqrt(scale) * self.dropped[:, nodes]
         return np.asarray(np.hypot(self.basis.representation[:, nodes], dropped))
 
     def columns(self, groups: Sequence[Screened], scale: float = 1.0) -> list[Column]:
-        """Return the columns that groups of measurements see, under a factor on the prior variance; none for one without a usable value."""
+        """Return the columns observed by groups of measurements, under a factor on the prior variance; none for unusable groups."""
         used = [group for group in groups if group.is_used]
         at_place = self._at_places([group for group in used if group.at_one_place], scale)
         return [
@@ -214,12 +215,12 @@ class Observer:
             design, time_ns = designs[g], int(times[g])
             if self.extras is not None:
                 more = self.extras.column(time_ns, group.relative_velocity())
-                design = _beside(design, more)
+                design = _block_diagonal(design, more)
             design = design.reshape(-1, self.size)
             yield Column(group, at, time_ns, design, axes, tuple(parts))
 
     def _flows(self, both: Array) -> tuple[Array, Array]:
-        """Return the flow whose weights are zero, shape (2, n, Z), and the modes, shape (2, n, r), of the velocities of ``_latents``."""
+        """Return the flow for zero weights, shape (2, n, Z), and the modes, shape (2, n, r), from velocities of ``_latents``."""
         n = self.basis.grid.levels.size
         offset, modes = both[..., :n], both[..., both.shape[2] - self.basis.n_modes :]
         if self.basis.potential is not None:
@@ -229,7 +230,7 @@ class Observer:
     def _layouts_of(
         self, group: Screened, at: Indices, node: int, scale: float
     ) -> Iterator[tuple[Layout, Indices]]:
-        """Yield the layouts of measurements at one place near a node, each with those that have it; arguments as of ``columns``."""
+        """Yield the layouts of measurements at one position near a node, each with its measurements; arguments as in ``columns``."""
         names = "depth", "error_std", "common_std", "correlation_depth"
         what = [group.columns[name][at].reshape(len(at), -1) for name in names]
         rows = np.hstack([*what, group.used[at]])
@@ -251,7 +252,7 @@ class Observer:
             yield held[key], np.array(own)
 
     def _layout(self, group: Screened, i: int, node: int, scale: float) -> Layout:
-        """Return the layout of a measurement, the i-th of a group, at one place near a node."""
+        """Return the layout of the i-th measurement of a group at one position near a node."""
         linear, used, depth = group.linear, group.used[i], group.columns["depth"][i]
         if linear is not None:
             depth = linear.depth
@@ -308,7 +309,7 @@ class Observer:
         return Column(group, group.at, linear.time_ns, design, np.eye(len(axes)), (part,))
 
     def _covariance(self, group: Screened, i: int, extra: Array) -> Array:
-        """Return the error covariance of the used values of one, shape (m, m) [m^2/s^2], with what the unknowns do not hold, shape (m,)."""
+        """Return the error covariance of the used values of one, shape (m, m) [m^2/s^2], with representation errors, shape (m,)."""
         if self.stated_std is not None and group.at_one_place:
             return self.stated_std**2 * np.eye(extra.size)
         used, linear, columns = np.flatnonzero(group.used[i]), group.linear, group.columns
@@ -319,8 +320,8 @@ class Observer:
         return error_covariance(*own, *shared) + np.diag(extra**2)
 
 
-def _beside(design: Array, more: Array) -> Array:
-    """Return designs of other functions and unknowns one beside the other, of shapes (2, K, k): block-diagonal in both."""
+def _block_diagonal(design: Array, more: Array) -> Array:
+    """Return the block-diagonal design of two sets of functions and unknowns, of shapes (2, K, k)."""
     (_, n, size), (_, n_more, size_more) = design.shape, more.shape
     both = np.zeros((2, n + n_more, size + size_more))
     both[:, :n, :size], both[:, n:, size:] = design, more

@@ -1,10 +1,9 @@
-"""Another prior of some unknowns after the rows, and the evidence for it; no row is needed again.
+"""Changes of the prior of some unknowns after assimilation, and their evidence, without the rows.
 
 With x and P the posterior under the prior N(0, 1), the posterior under another prior of some unknowns, part i, is
 
-    of variance 1 / (1 + q):    K = P_.i (diag(1 / q) + P_ii)^-1,    x - K x_i,    P - K P_i.
-    of mean m:                  x + P_.i m,    P
-    of one unknown a whose marginal becomes N(mu, v):    K = P_.a / P_aa,    x + K (mu - x_a),    P + K K' (v - P_aa)
+    variance 1 / (1 + q):    K = P_.i (diag(1 / q) + P_ii)^-1,    x - K x_i,    P - K P_i. mean m:                  x + P_.i m,    P
+    marginal N(mu, v) of one unknown a:    K = P_.a / P_aa,    x + K (mu - x_a),    P + K K' (v - P_aa)
 
 and the evidence of N(m, h) against N(0, 1), in the eigenvectors of P_ii, of eigenvalues p, with q = 1 / h - 1, is the logarithm
 
@@ -38,11 +37,11 @@ _BLOCK = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marginal:
-    """The posterior of some unknowns in the eigenvectors of its covariance.
+    """Posterior of some unknowns in the eigenvectors of its covariance.
 
     Attributes:
         values: shape (n,), eigenvalues p.
-        vectors: shape (n, n).
+        vectors: shape (n, n), eigenvectors.
         x: shape (n,), mean.
     """
 
@@ -52,7 +51,7 @@ class Marginal:
 
     @staticmethod
     def of(x: Array, p: Array) -> "Marginal":
-        """Return it of a mean, shape (n,), and a covariance, shape (n, n)."""
+        """Return the marginal of a mean, shape (n,), and a covariance, shape (n, n)."""
         values, vectors = np.linalg.eigh(p)
         return Marginal(np.maximum(values, 1e-12), vectors, vectors.T @ x)
 
@@ -60,8 +59,8 @@ class Marginal:
         """Return the evidence of other priors, shape (v, m); see the module.
 
         Args:
-            variance: shape (v,), h.
-            means: shape (m, n).
+            variance: shape (v,), variances h.
+            means: shape (m, n), means m.
         """
         q, m = (1.0 / variance - 1.0)[:, None, None], means @ self.vectors
         h, x, p = variance[:, None, None], self.x, self.values
@@ -73,15 +72,15 @@ class Marginal:
 
 
 def of_scales(x: Array, p: Array, scales: Array) -> tuple[Array, Array, float]:
-    """Return what other variances of some unknowns add to the misfit y'S^-1 y and to log |S|, and what the unknowns explain.
+    """Return the changes of the misfit y'S^-1 y and of log |S| for other variances of some unknowns, and the explained misfit.
 
-    With q = 1 / variance - 1 that is q x' (1 + q P)^-1 x and log |1 + q P| - n log (1 + q), which a tridiagonal matrix has too, of shape
-    (v,) both; and x' P^-1 x, by which the misfit under the variance 1 is less than y'y.
+    With q = 1 / variance - 1 they are q x' (1 + q P)^-1 x and log |1 + q P| - n log (1 + q), shape (v,), from a tridiagonal form of P; the
+    explained misfit is x' P^-1 x, by which that under the variance 1 is less than y'y.
 
     Args:
         x: shape (n,), mean under the variance 1.
-        p: shape (n, n), lower half of the covariance.
-        scales: shape (v,), the variances.
+        p: shape (n, n), lower triangle of the covariance.
+        scales: shape (v,), variances.
     """
     reflections, diagonal, beside, factors, _ = dsytrd(p, lower=1, lwork=_BLOCK * len(x))
     turned = x.copy()
@@ -99,19 +98,19 @@ def of_scales(x: Array, p: Array, scales: Array) -> tuple[Array, Array, float]:
 
 
 def fitted_scale(x: Array, p: Array, expected: float, rows: int, square: float) -> float:
-    """Return the most probable scale of the prior's covariance, under a log-normal prior about an expected one.
+    """Return the most probable scale of the prior covariance, under a log-normal prior about an expected one.
 
-    It is found with a factor f on the variance of errors, which is 1 before the log: errors that are larger than stated, as those that
-    are correlated along a profile, would pass for a prior that is too narrow. Of m rows, S(a, f) = f S(a / f, 1), and the evidence is
+    It is estimated with a factor f on the error variance: errors larger than stated, as if correlated along a profile, would otherwise look
+    like a too narrow prior. For m rows S(a, f) = f S(a / f, 1), and the evidence is
 
         -(y'S(a / f, 1)^-1 y / f + log |S(a / f, 1)| + m log f) / 2.
 
     Args:
-        x: As of ``of_scales``.
-        p: Alike.
-        expected: Of the scale.
+        x: See ``of_scales``.
+        p: See ``of_scales``.
+        expected: Expected scale.
         rows: Number of rows of unit errors m.
-        square: Of their values, y'y.
+        square: Sum of squares of their values, y'y.
     """
     more = _STEP * np.arange(_NOISES.size)
     ratios = _SCALES[0] * _RATIO ** np.arange(-more[-1], _SCALES.size)
@@ -132,18 +131,18 @@ def fitted_scale(x: Array, p: Array, expected: float, rows: int, square: float) 
 def member_centre(
     marginal: Marginal, anomaly: float, members: int, profiles: int, probability: Array
 ) -> Array:
-    """Return the prior mean of the sample's unknowns as the members' kernels move it, shape (n,).
+    """Return the prior mean of the sample's unknowns under kernels about the members, shape (n,).
 
-    The current is near one of the members more than the Gaussian of all says: with x_i the unknowns of member i's anomaly, a component of
-    share h has the mean sqrt(1 - h) x_i and the variance h. Each has the weight of its evidence to the power min(1, 6 / n) after n
-    profiles, as members are few and profiles many.
+    The current is nearer to one of the members than under the Gaussian of all: with x_i the unknowns of member i's anomaly, a kernel of
+    variance h has the mean sqrt(1 - h) x_i. Each is weighted by its evidence to the power min(1, 6 / n) after n profiles, as members are
+    few and profiles many.
 
     Args:
-        marginal: Of the sample's unknowns.
-        anomaly: Value of a member's own unknown in its anomaly; those of the others are 0.
-        members: Their number E; the first unknowns are theirs.
-        profiles: Number assimilated n.
-        probability: shape (H,), of the kernels.
+        marginal: Marginal of the sample's unknowns.
+        anomaly: Value of a member's own unknown in its anomaly, where all others are 0.
+        members: Number of members E, which have the first unknowns.
+        profiles: Number n of assimilated profiles.
+        probability: shape (H,), probabilities of the kernels.
     """
     unit = np.zeros((members, len(marginal.x)))
     unit[np.arange(members), np.arange(members)] = anomaly
@@ -165,7 +164,7 @@ def amplitude_mixture(mean: float, variance: float, prior_variance: float) -> tu
     Args:
         mean: Posterior mean of the deviation under ``prior_variance``.
         variance: Its posterior variance.
-        prior_variance: Of the deviation, under which both were found.
+        prior_variance: Prior variance of the deviation for both.
     """
     information = max(1.0 / variance - 1.0 / prior_variance, 1e-9)
     score = mean / variance
@@ -181,7 +180,7 @@ def amplitude_mixture(mean: float, variance: float, prior_variance: float) -> tu
 def with_variance(
     x: Array, p: Array, part: slice, before: float, after: float
 ) -> tuple[Array, Array]:
-    """Return mean and covariance had some unknowns had another prior variance ``after``, instead of ``before``."""
+    """Return mean and covariance after a change of the prior variance of some unknowns from ``before`` to ``after``."""
     if before == after:
         return x, p
     cross = p[part]
@@ -193,11 +192,11 @@ def with_variance(
 
 
 def with_mean(x: Array, p: Array, part: slice, mean: Array) -> Array:
-    """Return the mean had some unknowns had another prior mean."""
+    """Return the mean after a change of the prior mean of some unknowns."""
     return np.asarray(x + p[:, part] @ mean)
 
 
 def with_marginal(x: Array, p: Array, at: int, mean: float, variance: float) -> tuple[Array, Array]:
-    """Return mean and covariance with another marginal of one unknown: what a mixture over its prior leaves."""
+    """Return mean and covariance with another marginal of one unknown, as from a mixture over its prior."""
     gain = p[:, at] / p[at, at]
     return x + gain * (mean - x[at]), p + np.outer(gain, gain) * (variance - p[at, at])

@@ -1,4 +1,4 @@
-"""Which profiles are combined: those near enough in time and place that the current between them hardly differs."""
+"""Grouping of profiles near in time and position, between which the current hardly differs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,17 +22,16 @@ _ALIKE = "input", "topic", "dive", "bins", "correlation_depth"
 
 @dataclass(frozen=True, slots=True)
 class Grouping:
-    """How far apart the profiles of a group may be.
+    """Limits of the distance of profiles in a group.
 
-    The difference of the current between the ends of a group, by its own change and by the vehicle's way, is at most ``SHARE`` of the
-    error that the mean of a bin over the profiles has: so much of them tells nothing of the current's gradient. All bins keep their own
-    depths, but the published mean of a bin needs them to be near one another: they stay within a bin's size.
+    The difference of the current between the ends of a group, by its change and by the vehicle's motion, is at most ``SHARE`` of the error
+    of a bin's mean over the profiles. Bins keep their depths, which differ by at most a bin's size within a group.
 
     Attributes:
-        gradient: RMS difference of the current from place to place [1/s].
-        change: RMS rate at which its squared difference grows with time [m^2/s^3]; 0 where it does not change.
+        gradient: RMS gradient of the current [1/s].
+        change: RMS growth rate of its squared difference in time [m^2/s^3]; 0 if constant.
         seconds: Longest group [s].
-        of_mean: Whether the error is that of the mean, or, where the time is set by hand, of one profile.
+        of_mean: Whether the error is that of the mean or, with a time set by the user, of one profile.
     """
 
     gradient: float
@@ -41,17 +40,17 @@ class Grouping:
     of_mean: bool = True
 
     def by_hand(self, seconds: float) -> "Grouping":
-        """Return a grouping with the time stated; the vehicle's way is limited still, as a group has one place."""
+        """Return a grouping with a stated time; the vehicle's motion remains limited, as a group has one position."""
         return replace(self, change=0.0, seconds=seconds, of_mean=False)
 
     def fit(self, pings: Columns, first: Indices, other: Indices, number: Array) -> Mask:
-        """Return which profiles may join a group, shape (n,).
+        """Return the mask of profiles that may join a group, shape (n,).
 
         Args:
-            pings: As of ``core.block.Block``.
-            first: shape (n,) or (1,), rows of those that begin groups.
-            other: shape (n,), rows of those that may join them.
-            number: shape (n,), of the profiles that each group has so far.
+            pings: Pings as in ``core.block.Block``.
+            first: shape (n,) or (1,), rows of the first profiles of groups.
+            other: shape (n,), rows of candidates.
+            number: shape (n,), number of profiles in each group so far.
         """
         bins, top, common = pings["bins"], pings["depth"][:, 0], pings["common_std"]
         lacks, finite = np.isnan(pings["platform"][:, 0]), np.isfinite(common)
@@ -72,12 +71,12 @@ class Grouping:
         return np.asarray(alike & near & self.lasts(elapsed))
 
     def lasts(self, elapsed: Any) -> Any:
-        """Return whether a group still lasts some time [s] after it began."""
+        """Return whether a group may still grow after some time [s]."""
         return (elapsed >= 0.0) & (elapsed <= self.seconds)
 
 
 def _errors(pings: Columns, at: Indices) -> Array:
-    """Return the errors of a bin of some profiles, shape (n,) [m/s], which others of their groups are held against."""
+    """Return the error of a bin of some profiles, shape (n,) [m/s], as reference for their groups."""
     bins, error, common = pings["bins"][at], np.empty(at.size), pings["common_std"][at]
     for number in np.unique(bins):
         own = bins == number
@@ -86,10 +85,10 @@ def _errors(pings: Columns, at: Indices) -> Array:
 
 
 def current_gradient(ensemble: Ensemble) -> float:
-    """Return the RMS difference of an ensemble's currents between neighbouring grid points over their distance [1/s], the larger axis's."""
+    """Return the RMS gradient of an ensemble's currents between neighbouring grid points [1/s], along the axis with the larger one."""
     return float(np.sqrt(2.0 * mean_squares(ensemble, about_mean=False)[1:].max()))
 
 
 def spread_of(ensembles: Sequence[Ensemble]) -> float:
-    """Return the RMS standard deviation of a component of ensembles' members [m/s]."""
+    """Return the RMS standard deviation of a component over members [m/s]."""
     return float(np.sqrt(np.mean([mean_squares(each)[0] for each in ensembles])))

@@ -1,4 +1,4 @@
-"""The innovations to publish: of each measurement that the gate rejects, and of the accepted ones of a column together."""
+"""Innovations to publish: of each rejected measurement, and of the accepted ones of a column together."""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,16 +27,16 @@ def outcomes(
     before: State,
     against: Callable[[State], Array] | None,
 ) -> list[Stepped[State]]:
-    """Return the outcome of each measurement of a group that is not used or rejected, and then of the accepted ones together.
+    """Return the outcomes of a group: of each unused or rejected measurement, then of the accepted ones together.
 
     Args:
-        group: After screening.
-        update: What those that are used did; None where none is.
-        before: The state before them.
-        against: As of ``Stepped``.
+        group: Group after screening.
+        update: Update by the used ones; None without any.
+        before: State before them.
+        against: See ``Stepped``.
     """
     unused = np.flatnonzero(~group.used.any(axis=1)).tolist()
-    found = [Stepped(_some(group, [i]), before, before, group.unused(i)) for i in unused]
+    found = [Stepped(_subset(group, [i]), before, before, group.unused(i)) for i in unused]
     if update is None:
         return found
     assert update.after is not None
@@ -46,7 +46,7 @@ def outcomes(
         # nothing changes
         moments: Any = {"mean_after": update.before, "covariance_after": update.covariance}
         same = replace(update, **moments, signal=0.0, log_likelihood=np.nan)
-        event = _some(group, [int(at[i])])
+        event = _subset(group, [int(at[i])])
         found.append(Stepped(event, before, before, _innovation(same, np.array([i]))))
     if accepted.size:
         known = against if accepted.size == len(at) else None
@@ -56,18 +56,18 @@ def outcomes(
             decision="accepted",
             error_inflation=float(accepted.size / np.sum(1.0 / judgements.error_factor[accepted])),
         )
-        found.append(Stepped(_some(group, at[accepted]), before, update.after, innovation, known))
+        found.append(Stepped(_subset(group, at[accepted]), before, update.after, innovation, known))
     return found
 
 
-def _some(group: Screened, at: Any) -> Any:
-    """Return the event of some measurements of a group."""
+def _subset(group: Screened, at: Any) -> Any:
+    """Return the event of a subset of a group."""
     event = group.event
     return event.rows(at) if isinstance(event, Profiles) and len(at) < len(event) else event
 
 
 def _innovation(update: Update, at: Indices) -> Innovation:
-    """Return the innovation of some of the measurements of a column together: means over them, and sums."""
+    """Return the joint innovation of some measurements of a column: means over them, and sums."""
     column, judgements, several = update.column, update.judgements, len(at) > 1
     group, own = column.screened, column.at[at]
     first = group.unused(int(own[0]))
@@ -115,7 +115,7 @@ def _innovation(update: Update, at: Indices) -> Innovation:
 
 
 def misfits(group: Screened, column: Column, mean: Array) -> Array:
-    """Return measured minus predicted values of all measurements of a group, shape (n m, 2) [m/s]; NaN, or 0 of several, where not used."""
+    """Return the innovations of all values of a group, shape (n m, 2) [m/s]; unused ones are NaN, or 0 in a group."""
     used = column.misfit(mean)
     if len(group.flags) == 1:
         return np.asarray(used[0])

@@ -1,8 +1,8 @@
-"""Whether a measurement agrees with the estimate, and how large its errors are.
+"""Gate: consistency of a measurement with the estimate, and adaptation of its errors.
 
-The rows of a measurement carry all that it says of the unknowns; what the compression leaves is noise alone. Its square over its degrees of
-freedom shows errors that are larger than stated, where it is improbable. With errors so adapted, the normalised square of the innovation is
-held against chi-square: beyond it the measurement is rejected.
+The rows of a measurement carry all its information on the unknowns; the residual of the compression is noise alone. An improbably large
+residual square per degree of freedom shows errors larger than stated. With errors so adapted, the normalised innovation squared is tested
+against chi-square: above the threshold the measurement is rejected.
 """
 
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ from replay_kit.core.arrays import Array, Indices, Mask
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgements:
-    """The decisions on n measurements of a column.
+    """Gate decisions on n measurements of a column.
 
     Attributes:
-        error_factor: shape (n,), factors on their error variances, at least 1.
-        statistic: shape (n,), normalised squares of the innovations, with these factors.
-        threshold: shape (n,), chi-square quantiles that they are held against; inf without a gate.
-        nis: shape (n,), the same with the stated errors, what the compression left included.
+        error_factor: shape (n,), factors on the error variances, at least 1.
+        statistic: shape (n,), normalised innovations squared with these factors.
+        threshold: shape (n,), chi-square quantiles; inf without a gate.
+        nis: shape (n,), normalised innovations squared with stated errors, including the compression's residual.
         rows: shape (n,), numbers of rows.
-        left: shape (n,), degrees of freedom of what the compression left.
+        left: shape (n,), degrees of freedom of the compression's residual.
     """
 
     error_factor: Array
@@ -37,20 +37,20 @@ class Judgements:
 
     @property
     def accepted(self) -> Mask:
-        """Which measurements are assimilated."""
+        """Mask of assimilated measurements."""
         return np.asarray(self.statistic <= self.threshold)
 
 
 def judged(
     innovation: Array, covariance: Array, residual: tuple[Array, int], probability: float | None
 ) -> Judgements:
-    """Return the decisions on measurements of one layout.
+    """Return the gate decisions on measurements of one layout.
 
     Args:
-        innovation: shape (n, m), of rows of unit noise.
-        covariance: shape (m, m), of their prediction.
-        residual: Squares that the compression leaves, shape (n,), and their degrees of freedom.
-        probability: That sound measurements exceed the gate; None accepts all with their stated errors.
+        innovation: shape (n, m), innovations of rows of unit noise.
+        covariance: shape (m, m), covariance of their prediction.
+        residual: Residual squares of the compression, shape (n,), and their degrees of freedom.
+        probability: Probability that valid measurements exceed the gate; None accepts all with their stated errors.
     """
     square, left = residual
     n, rows = innovation.shape
@@ -68,7 +68,7 @@ def judged(
 
 
 def _normalised(innovation: Array, covariance: Array, noise: float) -> Array:
-    """Return the normalised squares of innovations, shape (n,), with a variance of noise."""
+    """Return the normalised innovations squared, shape (n,), for a noise variance."""
     lower, _ = dpotrf(covariance + noise * np.eye(len(covariance)), lower=1)
     white, _ = dtrtrs(lower, innovation.T, lower=1)
     return np.asarray(np.sum(white**2, axis=0))
@@ -76,5 +76,5 @@ def _normalised(innovation: Array, covariance: Array, noise: float) -> Array:
 
 @lru_cache(maxsize=1024)
 def quantile(probability: float, dof: int) -> float:
-    """Return the value that a chi-square variable exceeds with a probability; inf without degrees of freedom."""
+    """Return the chi-square quantile of an exceedance probability; inf without degrees of freedom."""
     return float(chdtri(dof, probability)) if dof else np.inf

@@ -1,4 +1,4 @@
-"""How values see the column of water at their place; measurements of equal depths and errors see it alike.
+"""Layouts: the observation of a water column by values at one position, common to values of equal depths and errors.
 
 Whitened by W, W N W' = 1, and compressed by W J = Q R, Q orthonormal, the values are the rows R a of unit noise (``columns.py``).
 """
@@ -16,17 +16,17 @@ _ROUNDING = 1e-10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """How the used values of a measurement see their column; alike for measurements of equal depths and errors.
+    """Observation of a column by the used values of a measurement, common to equal depths and errors.
 
     Attributes:
-        levels: shape (m, Z), functions of the levels at the values' depths; (m, 0) of sums over several places.
-        functions: shape (m, K), J, of one component.
+        levels: shape (m, Z), functions of the levels at the values' depths; (m, 0) for sums over several positions.
+        functions: shape (m, K), J for one component.
         whiten: shape (w, m), W.
         q: shape (w, p), Q.
         r: shape (p, K), R.
-        std: shape (m,) [m/s], error of each value with the representation's.
-        half_log_det: Of N.
-        unwhiten: shape (m, w), of values that are known up to a constant; None of others.
+        std: shape (m,) [m/s], error of each value with representation error.
+        half_log_det: Half the log determinant of N.
+        unwhiten: shape (m, w), for values known up to a constant; None for others.
     """
 
     levels: Array
@@ -39,12 +39,12 @@ class Layout:
     unwhiten: Array | None = None
 
     def known(self, values: Array) -> Array:
-        """Return what is known of values, shape (..., m, n): of relative ones all but a constant."""
+        """Return the known part of values, shape (..., m, n): for relative ones without a constant."""
         return values if self.unwhiten is None else self.unwhiten @ (self.whiten @ values)
 
     @staticmethod
     def of(levels: Array, functions: Array, covariance: Array, is_relative: bool) -> "Layout":
-        """Return it of levels and functions, as above, and N, shape (m, m) [m^2/s^2], without the shared error where that is infinite.
+        """Return the layout of levels, functions, and N, shape (m, m) [m^2/s^2], without an infinite common error.
 
         Raises:
             numpy.linalg.LinAlgError: A covariance is not positive definite.

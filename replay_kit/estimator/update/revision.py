@@ -1,8 +1,8 @@
-"""The prior after the rows, as the log shows it to be: formulas in ``evidence.py``.
+"""Revision of the prior by the log after assimilation, with the formulas of ``evidence.py``.
 
-A prior that is **far too narrow** rejects what is sound. A gate that rejects all would keep a wrong estimate for ever. Single faults are
-few, and an instrument that fails at first gets better; where most of the first measurements are rejected, and the latest too, it is the
-ensemble that does not hold this water. Its variance is then multiplied by the likeliest factor, and what was rejected is assimilated.
+A **far too narrow** prior rejects valid measurements, and a gate that rejects all would keep a wrong estimate. If most of the first
+measurements and the latest are rejected, the ensemble is at fault: its variance is then multiplied by the likeliest factor, and the
+rejected measurements are assimilated.
 """
 
 from collections.abc import Callable
@@ -42,15 +42,15 @@ _SCALES = 2.0 ** np.arange(0.0, 9.0)
 # Not slotted: what members left out show is computed when first asked for.
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the log may say of the prior.
+    """Revision of the prior by the log.
 
     Attributes:
-        parts: Which unknowns are what.
-        members: The ensemble's, in few modes.
-        settings: Of the prior.
+        parts: Slices of the unknowns by kind.
+        members: Members of the ensemble in few modes.
+        settings: Settings of the prior.
         bound: Standard deviation below which directions were dropped [m/s].
-        is_made: Whether the ensemble was made of other fields, whose variance is not that of a forecast.
-        averages_amplitude: Whether the prior variance of the ensemble mean's amplitude is averaged over.
+        is_made: Whether the ensemble was built from other fields, with another variance than a forecast's.
+        averages_amplitude: Whether to average over the prior variance of the ensemble mean's amplitude.
     """
 
     parts: Parts
@@ -62,12 +62,12 @@ class Evidence:
 
     @cached_property
     def expected(self) -> float:
-        """The factor on variances that members left out show."""
+        """Factor on variances by cross-validation over members."""
         return calibration(self._prior)
 
     @cached_property
     def kernels(self) -> Array:
-        """The probabilities of the kernels about members that members left out show, shape (H,)."""
+        """Probabilities of the kernels about members by cross-validation, shape (H,)."""
         return fitted_kernels(self._prior)
 
     @cached_property
@@ -75,7 +75,7 @@ class Evidence:
         return MembersPrior.of(self.members, self.settings, self.bound)
 
     def revised(self, before: int, state: State) -> State:
-        """Return a state under the prior that the log suggests, where it is time to ask: after more profiles than ``before``."""
+        """Return a state under the revised prior, if a revision is due: after more profiles than ``before``."""
         if _is_refuted(state.doubt):
             return self._rescaled(state)
         if any(before < count <= state.profiles for count in SCALED):
@@ -88,7 +88,7 @@ class Evidence:
         return state
 
     def published(self, state: State) -> tuple[Array, Array, float | Callable[[], float]]:
-        """Return mean and covariance under the prior that the log suggests, and what returns the factor on all variances."""
+        """Return mean and covariance under the revised prior, and the factor on all variances or a function that returns it."""
         if not state.profiles:
             return state.x, state.covariance, 1.0
         centre = self._centre(state) if state.centre is None else state.centre
@@ -99,20 +99,20 @@ class Evidence:
         return max(1.0, self._scale(state))
 
     def _scale(self, state: State) -> float:
-        """Return the most probable factor on the prior variance of members and local directions as the state has it."""
+        """Return the most probable factor on the prior variance of members and local directions for a state."""
         part, root = self.parts.scaled, np.sqrt(state.scale)
         expected = 1.0 if self.is_made or state.scale != 1.0 else self.expected
         lower = state.folded().p[part, part] / state.scale
         return fitted_scale(state.x[part] / root, lower, expected, state.rows, state.square)
 
     def _scaled(self, state: State, factor: float) -> State:
-        """Return the state had the prior variance of members and local directions been multiplied."""
+        """Return the state with the prior variance of members and local directions multiplied by a factor."""
         scales = state.scale, state.scale * factor
         moments = with_variance(state.x, state.covariance, self.parts.scaled, *scales)
         return replace(state.with_moments(*moments), scale=scales[1])
 
     def _averaged(self, state: State) -> tuple[Array, Array]:
-        """Return mean and covariance after the average over the prior variance of the ensemble mean's amplitude."""
+        """Return mean and covariance averaged over the prior variance of the ensemble mean's amplitude."""
         x, p, variance = state.x, state.covariance, self.parts.amplitude_variance
         if not (self.parts.has_amplitude and self.averages_amplitude):
             return x, p
@@ -121,7 +121,7 @@ class Evidence:
         return with_marginal(x, p, 0, mean / size, left / variance)
 
     def _centre(self, state: State) -> Array:
-        """Return the prior mean of the sample's unknowns as the members' kernels move it; zero where the current is like no member."""
+        """Return the prior mean of the sample's unknowns under the members' kernels; zero if the current resembles no member."""
         parts = self.parts
         if state.scale != 1.0 or self.is_made:
             return np.zeros(parts.sample.stop - parts.sample.start)
@@ -130,7 +130,7 @@ class Evidence:
         return member_centre(marginal, parts.anomaly, parts.members, state.profiles, self.kernels)
 
     def _rescaled(self, state: State) -> State:
-        """Return a state whose columns speak against the prior with its likeliest variance, and with the columns that were rejected."""
+        """Return a state with the likeliest prior variance and the rejected columns assimilated, if the columns refute the prior."""
         assert state.doubt is not None
         part, columns, found = self.parts.scaled, state.doubt.columns, []
         lower = state.covariance[part, part] / state.scale
@@ -146,7 +146,7 @@ class Evidence:
 
 
 def noted(state: State, updates: list[Update]) -> State:
-    """Return the state with the decisions on columns, as long as the prior's variance may be doubted."""
+    """Return the state with gate decisions recorded, as long as the prior variance is in doubt."""
     for update in updates if state.doubt is not None else ():
         doubt, rejected = state.doubt, not bool(update.judgements.accepted.all())
         if doubt is None or (len(doubt.rejected) + 1 >= _MOST and not rejected):
@@ -157,7 +157,7 @@ def noted(state: State, updates: list[Update]) -> State:
 
 
 def _is_refuted(doubt: Doubt | None) -> bool:
-    """Return whether the first columns speak against the prior's variance."""
+    """Return whether the first columns refute the prior variance."""
     if doubt is None or len(doubt.rejected) < _LEAST:
         return False
     most = sum(doubt.rejected) >= _SHARE * len(doubt.rejected)

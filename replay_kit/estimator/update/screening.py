@@ -1,4 +1,4 @@
-"""Screening: which bins of measurements an estimator of a region can use, and the innovation of a measurement that is not used."""
+"""Screening: usable bins for an estimator of a region, and innovations of unused measurements."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -28,13 +28,13 @@ from replay_kit.core.table import Columns
 def screen(
     columns: Columns, grid: Grid, relative: bool = True, places: tuple[Array, Array] | None = None
 ) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Return flags and reasons of values after the region's own checks, shapes (n, m).
+    """Return flags and reasons of values after the checks of the region, shapes (n, m).
 
     Args:
-        columns: Of n measurements of m values each, as of ``Profiles``.
-        grid: The region.
-        relative: Whether profiles relative to a platform of unknown velocity can be used.
-        places: Longitude and latitude of each value [degrees], shapes (m,), of one measurement whose values have places of their own.
+        columns: Columns of n measurements of m values each, as in ``Profiles``.
+        grid: Grid of the region.
+        relative: Whether profiles relative to a platform of unknown velocity are usable.
+        places: Longitude and latitude [degrees], shapes (m,), of one measurement with a position per value.
     """
     flags, reasons = columns["flags"].copy(), columns["reasons"].copy()
     depth, value, error_std = columns["depth"], columns["velocity"], columns["error_std"]
@@ -64,7 +64,7 @@ def screen(
 
 
 def _is_wet(grid: Grid, depth: Array, east: Array, north: Array) -> NDArray[np.bool_]:
-    """Return whether values, shape (n, m), lie in the forecast's water: the level nearest in depth decides, at the nearest grid point."""
+    """Return whether values, shape (n, m), lie in the forecast's water: wet at the nearest level and grid point."""
     level = np.argmin(np.abs(depth[..., None] - grid.levels), axis=-1)
     nearest = np.argmin(
         (grid.east.ravel() - east[..., None]) ** 2 + (grid.north.ravel() - north[..., None]) ** 2,
@@ -75,17 +75,17 @@ def _is_wet(grid: Grid, depth: Array, east: Array, north: Array) -> NDArray[np.b
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Screened:
-    """Profiles that are assimilated as one, or another measurement, after screening: n measurements of m values each.
+    """Group of profiles, or another measurement, after screening: n measurements of m values each.
 
     Attributes:
-        event: Of profiles or another kind.
-        columns: Of the event, as of ``Profiles``; depths are those of values.
-        linear: The same as sums of components; None of profiles.
+        event: Group of profiles, or another measurement.
+        columns: Columns of the event, as in ``Profiles``, with depths of values.
+        linear: Linear measurement; None for profiles.
         flags: shape (n, m).
         reasons: shape (n, m).
-        used: shape (n, m), which values are used.
-        refused: shape (n,), why none is although some are usable.
-        turn: shape (n, 2, 2), of true east and true north, along the local axes at the last point of each.
+        used: shape (n, m), whether values are used.
+        refused: shape (n,), reason why a measurement with usable values is not used.
+        turn: shape (n, 2, 2), rotation from true to local axes at the last point of each.
     """
 
     event: Profiles | LinearMeasurement | Any
@@ -99,12 +99,12 @@ class Screened:
 
     @property
     def at(self) -> Indices:
-        """Those of which any value is used, shape (n',)."""
+        """Indices of measurements with a used value, shape (n',)."""
         return np.flatnonzero(self.used.any(axis=1))
 
     @property
     def is_used(self) -> bool:
-        """Whether any value is."""
+        """Whether any value is used."""
         return bool(self.used.any())
 
     @property
@@ -113,9 +113,9 @@ class Screened:
         return self.linear is None or self.linear.at_one_place
 
     def local(self, at: Indices) -> tuple[Array, Array]:
-        """Return values of some, shape (n', m, c) [m/s], and the components of the local axes that they measure, shape (c, 2).
+        """Return values of some measurements, shape (n', m, c) [m/s], and the measured components in local axes, shape (c, 2).
 
-        Both components become those of the local axes; directions are those at the last point.
+        Two components are rotated to local axes; directions are those at the last point.
         """
         value = self.columns["velocity"][at]
         if self.linear is None:
@@ -124,7 +124,7 @@ class Screened:
         return (value @ turned, BOTH_COMPONENTS) if len(turned) == 2 else (value, turned)
 
     def relative_velocity(self) -> Array | None:
-        """Return the mean velocity of the used bins relative to the platform, shape (2,) [m/s], local axes; None where it is not stated."""
+        """Return the mean velocity of used bins relative to the platform, shape (2,) [m/s], local axes; None if not stated."""
         platform, at = self.columns["platform"], self.at
         unknown = np.isnan(platform[:, 0])
         stated = [i for i in at.tolist() if not (unknown[i] and self._is_absolute(i))]
@@ -139,7 +139,7 @@ class Screened:
         return bool(np.isfinite(self.columns["common_std"][i])) or not both
 
     def unused(self, i: int) -> Innovation:
-        """Return the innovation of a measurement that is not used, with the mean along a path that it states."""
+        """Return the innovation of an unused measurement, with its mean along a path if any."""
         refused = self.refused[i]
         flags, reasons = self.flags[i], self.reasons[i] | refused
         if refused:
@@ -186,14 +186,14 @@ def screened(
     earliest: float = -np.inf,
     relative: bool = True,
 ) -> tuple[list[Screened], Last | None]:
-    """Return measurements after screening, and the last one of which a value is used; profiles of as many bins are screened together.
+    """Return measurements after screening, and the last used one; profiles of equal length are screened together.
 
     Args:
-        events: In order.
-        grid: The region.
-        last: The last one used before them.
-        earliest: Time before which they are too old for the estimate [ns, UTC].
-        relative: As of ``screen``.
+        events: Measurements in order.
+        grid: Grid of the region.
+        last: Last used measurement before them.
+        earliest: Time before which measurements are too old [ns, UTC].
+        relative: See ``screen``.
     """
     found = list[Screened]()
     given = [Profiles.of([one]) if isinstance(one, Observation) else one for one in events]
@@ -223,13 +223,13 @@ def screened(
 
 
 def _shape(numbered: tuple[int, Measurement]) -> tuple[int, int]:
-    """Return what is the same of events that are screened together: profiles of as many bins."""
+    """Return the key of events that are screened together: the number of bins of profiles."""
     number, event = numbered
     return (event["depth"].shape[1], -1) if isinstance(event, Profiles) else (0, number)
 
 
 def _columns(events: Sequence[Any]) -> tuple[Columns, LinearMeasurement | None]:
-    """Return events that are screened together in columns, and of one that is no profile the sums that it is."""
+    """Return the columns of events that are screened together, and the linear form of one that is no profile."""
     if not isinstance(events[0], Profiles):
         return columns_of(events[0]), events[0].linear
     if len(events) == 1:
@@ -239,7 +239,7 @@ def _columns(events: Sequence[Any]) -> tuple[Columns, LinearMeasurement | None]:
 
 
 def columns_of(event: Measurement) -> Columns:
-    """Return an event as an estimator sees it, in columns as of ``Profiles``: one row, whose depths are those of values."""
+    """Return an event as columns of ``Profiles``: one row, with depths of values."""
     if isinstance(event, Profiles):
         return event.columns
     linear = event.linear
@@ -262,7 +262,7 @@ def columns_of(event: Measurement) -> Columns:
 def _refuse_duplicates(
     columns: Columns, used: NDArray[np.bool_], refused: NDArray[np.int32], last: Last | None
 ) -> Last | None:
-    """Mark measurements that equal the last one used in every number: logged twice, they hold no new information; return the last used."""
+    """Mark measurements equal to the last used one, duplicates without new information; return the last used."""
     at, times, before = (
         np.flatnonzero(used.any(axis=1) & (refused == Reason.NONE)),
         columns["time"],

@@ -1,1 +1,1 @@
-"""Windows that follow the vehicle: each is an estimator of its own, and hands over its information to the next."""
+"""Windows that follow vehicles: each has its own estimator and hands its information over to the next."""

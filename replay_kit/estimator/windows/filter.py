@@ -1,4 +1,4 @@
-"""An estimator of windows that follow vehicles."""
+"""Estimator of windows that follow vehicles."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -24,19 +24,18 @@ _STRAYS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowedEstimator(Estimator[WindowedState]):
-    """Constant estimates of windows; each begins with the information of the one that its vehicle was in before, where they overlap.
+    """Constant estimates of windows; each begins with the information of its vehicle's previous window in their overlap.
 
-    Vehicles near each other are in one window, and each measurement is given to all windows that hold it, as if each were alone. So
-    nothing counts twice in any. What is asked of a state is answered from the vehicle's window. All windows have one local frame, and the
-    same levels.
+    Vehicles near each other share a window. Each measurement is assimilated in all windows that contain it, once in each. Results refer to
+    the vehicle's window. All windows have one local frame and the same levels.
 
     Attributes:
-        first: The vehicle's first window [degrees].
-        margin: Distance from a vehicle to its window's sides that an estimate needs [m].
-        bounds: The forecast's box [degrees].
-        build: Returns the estimator of a window; the same window gives the same estimator, and the latest are kept.
-        grouping: Which profiles are combined; None combines none.
-        vehicle: Number of the vehicle whose measurements it is given.
+        first: First window of the vehicle [degrees].
+        margin: Required distance of a vehicle from its window's sides [m].
+        bounds: Box of the forecast [degrees].
+        build: Returns the estimator of a window, with a cache of the latest.
+        grouping: Rule for combining profiles; None for no groups.
+        vehicle: Number of the vehicle of the measurements.
     """
 
     first: Region
@@ -59,23 +58,23 @@ class WindowedEstimator(Estimator[WindowedState]):
         return replace(self, vehicle=number, first=first)
 
     def initial(self) -> WindowedState:
-        """Return the state without a window: a vehicle's first one begins with its first measurement."""
+        """Return the state without a window; a vehicle's first one begins with its first measurement."""
         return WindowedState()
 
     def window(self, state: WindowedState) -> Region:
-        """Return the vehicle's window; before its first measurement the one that holds where it begins, or its first one."""
+        """Return the vehicle's window; before its first measurement one that contains its start, or its first one."""
         held = state.where.get(self.vehicle)
         return held or state.holding(centre(self.first), self.bounds, 0.0) or self.first
 
     def _own(self, state: WindowedState) -> tuple[ReducedBasisEstimator, State]:
-        """Return the estimator of the vehicle's window, and its state: the prior where there is none yet."""
+        """Return estimator and state of the vehicle's window, the prior if there is none yet."""
         estimator = self.build(region := self.window(state))
         return estimator, state.states.get(region) or estimator.initial()
 
     def assimilate(
         self, state: WindowedState, block: Sequence[Measurement]
     ) -> tuple[WindowedState, list[Stepped[WindowedState]]]:
-        """Return the state after measurements, each in the window that it lies in, and the outcome of each."""
+        """Return the state after measurements, each in its window, and their outcomes."""
         found, waiting = list[Stepped[WindowedState]](), list[Measurement]()
         for item in block:
             if waiting and (len(waiting) == self.block_size or not self._stays(state, item)):
@@ -107,13 +106,13 @@ class WindowedEstimator(Estimator[WindowedState]):
         return before, found
 
     def _stays(self, state: WindowedState, observation: Measurement) -> bool:
-        """Return whether an observation certainly leaves the vehicle in its window."""
+        """Return whether an observation leaves the vehicle in its window for certain."""
         region, place = self.window(state), _place(observation)
         stays = next_window(region, self.margin, self.bounds, place) is None
         return stays and self.vehicle not in state.strays and bool(inside(region, *place))
 
     def moved(self, state: WindowedState, measurement: Measurement) -> WindowedState:
-        """Return the state with the vehicle in the window that a measurement needs."""
+        """Return the state with the vehicle in the window required by a measurement."""
         place, region = _place(measurement), self.window(state)
         if self.vehicle not in state.where:
             state = state.entered(self.vehicle, region, self._own(state)[1])
@@ -136,7 +135,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         return replace(state, loss=max(state.loss, loss))
 
     def usable(self, observation: Measurement) -> bool:
-        """Return whether an observation has a value that would be used, if it lies in water: windows are made when they are needed."""
+        """Return whether an observation has a usable value, assuming water outside the first window, as windows are built on demand."""
         place, first = _place(observation), self.build(self.first)
         if inside(self.first, *place):
             return first.usable(observation)
@@ -146,7 +145,7 @@ class WindowedEstimator(Estimator[WindowedState]):
         return bool(known.any() and inside(self.bounds, *place))
 
     def innovation(self, state: WindowedState, event: Measurement) -> Array:
-        """Return measured minus predicted in the vehicle's window; as of ``Estimator``."""
+        """Return measured minus predicted in the vehicle's window; see ``Estimator``."""
         estimator, own = self._own(state)
         return estimator.innovation(own, event)
 
@@ -156,16 +155,16 @@ class WindowedEstimator(Estimator[WindowedState]):
         return estimator.flow(own)
 
     def left_flows(self, state: WindowedState) -> Iterator[FlowEstimate]:
-        """Yield the last estimate of each window that was left; before the latest ones each is made from the forecast again."""
+        """Yield the last estimate of each window left; earlier ones are built from the forecast again."""
         for region, last in state.left:
             yield self.build(region).flow(last)
 
     def without_left(self, state: WindowedState) -> WindowedState:
-        """Return a state that holds the windows of vehicles alone, so that its size does not grow with their ways."""
+        """Return a state without windows that vehicles have left, so that its size does not grow along tracks."""
         return replace(state, left=()) if state.left else state
 
     def of_own(self, state: WindowedState) -> WindowedState:
-        """Return a state of the vehicle's window alone; as it is where there is no other."""
+        """Return a state with the vehicle's window alone."""
         region = state.where.get(self.vehicle)
         if region is None or len(state.states) == 1:
             return state
@@ -177,8 +176,8 @@ class WindowedEstimator(Estimator[WindowedState]):
         return self.build(self.first).notes()
 
     def remarks(self, state: WindowedState) -> list[str]:
-        """Return how many windows there were, what was lost between them, and which could not be made."""
-        lost = f"up to {100.0 * state.loss:.1f} cm/s RMS of what one had learnt was not handed over"
+        """Return notes on the number of windows, the loss between them, and failed windows."""
+        lost = f"up to {100.0 * state.loss:.1f} cm/s RMS of the information was not handed over"
         vehicles = "vehicles" if len(state.where) > 1 else "vehicle"
         followed = f"{state.number} windows followed the {vehicles}; {lost}"
         refused = (

@@ -1,17 +1,17 @@
-"""The information of one window, as measurements for the next.
+"""Information of one window as measurements for the next.
 
-Both windows know the current where they overlap, each in its own basis. There v are up to a thousand combinations of the velocities at
-points of the overlap: the directions in which the first basis varies there, times its functions of depth. With the first window's prior and
-posterior of v, N(m0, C0) and N(m1, C1), all the information of its measurements on v is a likelihood, whatever the prior was. Along the
-eigenvectors a of C0 - C1 relative to C0, with eigenvalues l in 0..1, it is that of a measurement
+Both windows estimate the current in their overlap, each in its own basis. Let v be up to a thousand combinations of velocities there: the
+directions in which the first basis varies, times its depth functions. With the first window's prior and posterior of v, N(m0, C0) and N(m1,
+C1), the information of its measurements is a likelihood, independent of the prior. Along the eigenvectors a of C0 - C1 relative to C0, with
+eigenvalues l in 0..1, it is that of a measurement
 
     a v = a m0 + a (m1 - m0) / l   with error variance (1 - l) / l,
 
-as N(0, 1) and that measurement give the variance 1 - l and the mean a (m1 - m0). Directions with l = 0 taught nothing, and are left
-out. The second window takes these as measurements of its own unknowns: outside the overlap its own prior carries them on. Nothing is
-counted twice: the first window's prior is not handed over, for the second has its own of the same members.
+as N(0, 1) and that measurement give the variance 1 - l and the mean a (m1 - m0). Directions with l = 0 carry no information and are
+dropped. The second window assimilates these as measurements of its own unknowns; its prior extends them outside the overlap. Nothing counts
+twice, as the first window's prior is not handed over.
 
-What the second basis cannot represent, and what the combinations leave out, is added to the errors, and returned as the loss.
+Parts that the second basis or the combinations cannot represent are added to the errors and returned as the loss.
 """
 
 from dataclasses import replace
@@ -41,17 +41,17 @@ _ROUNDING, _LEAST_LEARNT = 1e-8, 0.01
 def hand_over(
     before: ReducedBasisEstimator, state: State, after: ReducedBasisEstimator
 ) -> tuple[State, float]:
-    """Return the next window's first state, with the information of the one before where they overlap.
+    """Return the next window's first state, with the information of the previous one in their overlap.
 
     Args:
-        before: Estimator of the window before.
+        before: Estimator of the previous window.
         state: Its last state.
         after: Estimator of the next window, in the same local frame and with the same levels.
 
     Returns:
-        The state, and the root mean square of what was learnt and is not in it [m/s], each component.
+        State, and RMS of the information lost [m/s], per component.
     """
-    begun = _begun(state, before, after)
+    begun = _initial_state(state, before, after)
     points = overlap(before.grid, after.grid)
     if not len(points):
         return begun, 0.0
@@ -82,8 +82,10 @@ def hand_over(
     return replace(after_rows, profiles=state.profiles), float(np.sqrt(np.mean(lost**2)))
 
 
-def _begun(state: State, before: ReducedBasisEstimator, after: ReducedBasisEstimator) -> State:
-    """Return the next window's state before the information of another: under the prior of the same members, as the log showed it."""
+def _initial_state(
+    state: State, before: ReducedBasisEstimator, after: ReducedBasisEstimator
+) -> State:
+    """Return the next window's state before the hand-over, under the prior of the same members as revised by the log."""
     first = after.initial()
     begun = replace(first, time_ns=state.time_ns, last=state.last, measured=state.measured)
     if before.evidence is None or after.evidence is None:
@@ -98,7 +100,7 @@ def _begun(state: State, before: ReducedBasisEstimator, after: ReducedBasisEstim
 
 
 def overlap(one: Grid, other: Grid) -> Array:
-    """Return points at which two windows both know the current, shape (P, 2) [m]: nodes of the first, thinned to some hundreds."""
+    """Return points in the overlap of two windows, shape (P, 2) [m]: nodes of the first, thinned to some hundreds."""
     wet = one.wet[0] & inside_grid(other, one.east, one.north)
     every = max(1, int(np.ceil(np.sqrt(wet.sum() / _POINTS))))
     thin = np.zeros_like(wet)
@@ -108,7 +110,7 @@ def overlap(one: Grid, other: Grid) -> Array:
 
 
 def _at(observer: Observer, points: Array) -> tuple[Process, Array, Array]:
-    """Return the unknowns, and velocities at points: of the modes, shape (2P, r), and of unknowns that are zero, shape (2P, Z)."""
+    """Return the process, and velocities at points: of the modes, shape (2P, r), and for zero unknowns, shape (2P, Z)."""
     basis, process = observer.basis, observer.process
     modes = basis.horizontal.velocity(points, basis.modes).reshape(2 * len(points), -1)
     offset = with_potential(basis.horizontal, points, basis.offset, basis.potential)
@@ -116,12 +118,12 @@ def _at(observer: Observer, points: Array) -> tuple[Process, Array, Array]:
 
 
 def _design(process: Process, vertical: Array, modes: Array) -> Array:
-    """Return the effect of one unit of each unknown on combinations of velocities in functions of depth, shape (q c, k).
+    """Return the effect of a unit of each unknown on combinations of velocities in depth functions, shape (q c, k).
 
     Args:
-        process: The unknowns.
-        vertical: shape (q, Z), functions of depth.
-        modes: shape (c, r), of each mode on each combination.
+        process: Process of the unknowns.
+        vertical: shape (q, Z), depth functions.
+        modes: shape (c, r), effect of each mode on each combination.
     """
     between = vertical @ process.functions.T
     rows = np.einsum("qf,kfr,cr->qck", between, process.loading(0), modes, optimize=True)
@@ -139,7 +141,7 @@ def _combinations(process: Process, modes: Array) -> Array:
 
 
 def _learnt_directions(before: Array, after: Array) -> tuple[Array, Array]:
-    """Return directions a, shape (m, n), with a C0 a' = 1 and a C1 a' = 1 - l, and l, shape (m,), of those that were learnt.
+    """Return informative directions a, shape (m, n), with a C0 a' = 1 and a C1 a' = 1 - l, and l, shape (m,).
 
     Args:
         before: shape (n, n), C0.

@@ -1,4 +1,4 @@
-"""Where windows lie, around vehicles and ahead of them, and which vehicle each follows."""
+"""Positions of windows around and ahead of vehicles, and the window of each vehicle."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -22,16 +22,16 @@ from replay_kit.estimator.state import State
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowedState:
-    """The estimates in the windows that follow vehicles, and the last ones of those that all left, until they are forgotten.
+    """Estimates in the windows of vehicles, and the last ones of windows left by all.
 
     Attributes:
-        states: Of the estimators of windows that follow a vehicle, in the order in which these began.
-        where: The window of each vehicle, from its first measurement on.
-        left: Windows that were left and their last states, in order; those forgotten are not among them.
-        number: Of windows so far.
-        loss: Largest root mean square so far of the information on the next window that was not handed over [m/s].
-        strays: Of a vehicle, how many measurements in a row lay outside its window; none where the last one did not.
-        unusable: Windows that could not be made, each with the reason.
+        states: States of windows with a vehicle, in order of their start.
+        where: Window of each vehicle, from its first measurement on.
+        left: Windows left and their last states, in order, as long as they are kept.
+        number: Number of windows so far.
+        loss: Largest RMS so far of information not handed over [m/s].
+        strays: Number of consecutive measurements of a vehicle outside its window; no entry for 0.
+        unusable: Windows that failed, with the reason.
     """
 
     states: Mapping[Region, State] = field(default_factory=dict)
@@ -43,19 +43,19 @@ class WindowedState:
     unusable: Mapping[Region, str] = field(default_factory=dict)
 
     def holding(self, place: tuple[float, float], bounds: Region, least: float) -> Region | None:
-        """Return the window that holds a place farthest from its sides; None where none holds it so far from them.
+        """Return the window with a position farthest from its sides; None if that is nearer than ``least``.
 
         Args:
             place: Longitude and latitude [degrees].
-            bounds: The forecast's box.
-            least: Distance from the sides [m].
+            bounds: Box of the forecast.
+            least: Least distance from the sides [m].
         """
         rooms = {region: room_in(region, bounds, place) for region in self.states}
         found = max(rooms, key=rooms.__getitem__, default=None)
         return found if found is not None and rooms[found] >= least else None
 
     def entered(self, vehicle: int, region: Region, begun: State) -> "WindowedState":
-        """Return the state with a vehicle in a window, one of these, or a new one in its first state; that it was alone in is left."""
+        """Return the state with a vehicle in an existing or new window; a window that it was alone in is left."""
         where = {**self.where, vehicle: region}
         states = {**self.states, region: self.states.get(region, begun)}
         followed = {one: state for one, state in states.items() if one in where.values()}
@@ -69,7 +69,7 @@ class WindowedState:
         )
 
     def with_strays(self, vehicle: int, number: int) -> "WindowedState":
-        """Return the state with how many measurements in a row lay outside a vehicle's window."""
+        """Return the state with a number of consecutive measurements outside a vehicle's window."""
         if number == self.strays.get(vehicle, 0):
             return self
         strays = {key: count for key, count in {**self.strays, vehicle: number}.items() if count}
@@ -87,15 +87,15 @@ _MORE = 0.25
 def next_window(
     region: Region, margin: float, bounds: Region, place: tuple[float, float]
 ) -> Region | None:
-    """Return the window that a vehicle needs that nears the side of its own; None where it does not, or where none has more room.
+    """Return the next window of a vehicle near the side of its own; None if it is not, or if none has more room.
 
-    It is as large as the one before and lies ahead: the way from the middle of the window before to the vehicle goes on. At the side of the
-    forecast it is moved into it.
+    It is as large as the previous one and lies ahead, along the line from its centre to the vehicle. At the edge of the forecast it is
+    moved inside.
 
     Args:
-        region: The window.
-        margin: Distance from the vehicle to a window's sides that an estimate needs [m]; nearer than half of it is near.
-        bounds: The forecast's box.
+        region: Current window.
+        margin: Required distance of the vehicle from a window's sides [m]; less than half of it is near.
+        bounds: Box of the forecast.
         place: Longitude and latitude of the vehicle [degrees].
     """
     room = room_in(region, bounds, place)
@@ -114,7 +114,7 @@ def next_window(
 
 
 def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float:
-    """Return how far a place lies from the nearest side of a window that is not the forecast's own [m]; negative outside it."""
+    """Return the distance of a position from the nearest side of a window inside the forecast [m]; negative outside it."""
     (x, y), half = centre(region), np.array([width(region), region[3] - region[1]]) / 2.0
     at = np.array([float(unwrap_longitude(place[0], x)) - x, place[1] - y])
     rooms = np.array([half + at, half - at]) * [degree_of_longitude(y), DEGREE]
@@ -125,7 +125,7 @@ def room_in(region: Region, bounds: Region, place: tuple[float, float]) -> float
 
 
 def moved_into(bounds: Region, middle: ArrayLike, half: Array) -> Region:
-    """Return a window about a place, shape (2,), of half a width and height, moved into a box where it reaches beyond it [degrees]."""
+    """Return a window about a position, shape (2,), of half a width and height, moved into a box [degrees]."""
     x, (east, north) = centre(bounds), np.asarray(middle, np.float64)
     room = np.maximum(np.array([width(bounds), bounds[3] - bounds[1]]) / 2.0 - half, 0.0)
     if width(bounds) < 360.0:

@@ -1,7 +1,7 @@
-"""Bottom-track records of AD2CP files, decoded and given to the pings that they were measured with.
+"""Bottom-track records of AD2CP files, decoded and assigned to pings.
 
-Source: Nortek, "Integrators Guide, AD2CP" (N3015-007), bottom track data record definition (DF20): velocities as of the water, along
-the beams away from the instrument or along its axes, times 10 to the power of the velocity scaling [m/s]; distances [mm].
+Source: Nortek, "Integrators Guide, AD2CP" (N3015-007), bottom track data record definition (DF20): velocities as for water, along the beams
+away from the instrument or along its axes, times 10 to the power of the velocity scaling [m/s]; distances [mm].
 """
 
 import struct
@@ -28,17 +28,17 @@ _MOST_MERIT = 1000
 # A ping and the bottom ping beside it are fractions of a second apart [ns].
 _BESIDE_NS = 3_000_000_000
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-NOT_FOUND = "bottom not found: velocity, distance or figure of merit says so"
+NOT_FOUND = "bottom not found: by velocity, distance or figure of merit"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BottomTracks:
-    """Velocities of the bottom relative to the instrument, of one coordinate system.
+    """Bottom velocities relative to the instrument, in one coordinate system.
 
     Attributes:
         time_ns: shape (n,), increasing [ns], by the instrument's clock.
-        velocity: shape (n, components) [m/s]; NaN where no bottom was found.
-        distance: shape (n, beams), vertical [m]; NaN where no bottom was found.
+        velocity: shape (n, components) [m/s]; NaN without bottom.
+        distance: shape (n, beams), vertical [m]; NaN without bottom.
     """
 
     time_ns: NDArray[np.int64]
@@ -49,11 +49,11 @@ class BottomTracks:
 def bottom_tracks(
     data: bytes, records: Sequence[Record]
 ) -> tuple[dict[str, BottomTracks], Counter[str]]:
-    """Return the bottom tracks of a file by coordinate system, and how many records hold none, by reason.
+    """Return the bottom tracks of a file by coordinate system, and the number of unusable records by reason.
 
     Args:
         data: The file.
-        records: Its sound records.
+        records: Its valid records.
     """
     rows: dict[str, list[tuple[int, Array, Array]]] = {}
     unused: Counter[str] = Counter()
@@ -77,7 +77,7 @@ def _as_columns(rows: list[tuple[int, Array, Array]]) -> BottomTracks:
 
 
 def _stacked(rows: list[Array]) -> Array:
-    """Return rows as one array, NaN where some have fewer beams."""
+    """Return rows as one array, padded with NaN."""
     stacked = np.full((len(rows), max(row.size for row in rows)), np.nan)
     for k, row in enumerate(rows):
         stacked[k, : row.size] = row
@@ -85,7 +85,7 @@ def _stacked(rows: list[Array]) -> Array:
 
 
 def _decoded(body: bytes) -> tuple[str, tuple[int, Array, Array] | None]:
-    """Return the coordinate system, and time, velocity and distance of a record; or why it has none of use, and None."""
+    """Return coordinate system, and time, velocity and distance of a record; or the reason and None for an unusable one."""
     if len(body) < _LEAST:
         return f"bottom track of {len(body)} bytes, {_LEAST} are needed", None
     (config,), (beams_cy,) = struct.unpack_from("<H", body, 2), struct.unpack_from("<H", body, 30)
@@ -137,15 +137,15 @@ def _time_ns(body: bytes) -> int | None:
 def with_bottom(profiles: RawProfiles, tracks: Mapping[str, BottomTracks]) -> RawProfiles:
     """Return pings with the bottom track nearest in time, within three seconds, in the pings' own coordinates.
 
-    Bottom tracks in beam or instrument coordinates become those of the pings by the beams' unit vectors; others must agree.
+    Beam and instrument coordinates are converted to the pings' by the beams' unit vectors; others must agree.
 
     Args:
         profiles: The pings.
-        tracks: By coordinate system.
+        tracks: Bottom tracks by coordinate system.
     """
     system, vectors = profiles.common["coordinate_system"], profiles.common["beam_unit_vectors"]
     for own, track in tracks.items():
-        velocity = _turned(track.velocity, own, system, vectors)
+        velocity = _converted(track.velocity, own, system, vectors)
         if velocity is not None:
             after = np.clip(
                 np.searchsorted(track.time_ns, profiles.time_ns), 1, max(track.time_ns.size - 1, 1)
@@ -165,8 +165,8 @@ def with_bottom(profiles: RawProfiles, tracks: Mapping[str, BottomTracks]) -> Ra
     return profiles
 
 
-def _turned(velocity: Array, own: str, wanted: str, vectors: Any) -> Array | None:
-    """Return velocities in the wanted coordinates, shape (n, components); None where they cannot be turned."""
+def _converted(velocity: Array, own: str, wanted: str, vectors: Any) -> Array | None:
+    """Return velocities in other coordinates, shape (n, components); None if no conversion exists."""
     if own == wanted:
         return velocity
     if (

@@ -1,7 +1,7 @@
-"""The ensembles of a PD0 file by their own leaders: which share a configuration, where it changes, which cannot be read.
+"""Ensembles of a PD0 file grouped by the configuration in their leaders, and the reasons of unreadable ones.
 
-MHKiT applies one configuration to all ensembles that it is given, and reads a variable leader of the length that the firmware's number
-promises, whatever length it has. So it is given ensembles of one configuration at a time, with leaders of full length.
+MHKiT applies one configuration to all ensembles of a file, and assumes the length of the variable leader from the firmware's number. It is
+therefore called per configuration, with leaders of full length.
 
 Source: Teledyne RD Instruments, "WorkHorse Commands and Output Data Format", PD0: header, fixed and variable leader.
 """
@@ -29,18 +29,18 @@ _MOST_NOTED = 3
 
 
 class Configuration(NamedTuple):
-    """What a fixed leader says of its ensemble's profile, and what the variable one lacks; equal where ensembles can be read together.
+    """Configuration of an ensemble by its fixed leader; ensembles of equal configuration can be read together.
 
     Attributes:
         cells: Number of cells.
-        cell_size: [cm].
+        cell_size: Cell size [cm].
         first_cell: Distance of the first cell's centre [cm].
         coordinates: EX: coordinates and transformations, a bit mask.
-        alignment: EA [0.01 degree].
-        declination: EB [0.01 degree].
+        alignment: EA, heading alignment [0.01 degree].
+        declination: EB, magnetic declination [0.01 degree].
         sensors: Source and availability of sensors, two bit masks.
         instrument: Firmware and system configuration: frequency, beams, orientation.
-        has_pressure: Whether the variable leader is long enough to have the pressure.
+        has_pressure: Whether the variable leader includes the pressure.
     """
 
     cells: int
@@ -54,7 +54,7 @@ class Configuration(NamedTuple):
     has_pressure: bool
 
     def changes_to(self, other: "Configuration") -> str:
-        """Return what differs in another, in words."""
+        """Return the differences to another configuration as text."""
         looks = {True: "up", False: "down"}
         pairs = (
             ("cells", self.cells, other.cells),
@@ -80,13 +80,13 @@ class Configuration(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Ensembles:
-    """The readable ensembles of a file.
+    """Readable ensembles of a file.
 
     Attributes:
         groups: Configuration to the ordinals of its ensembles in the file, increasing.
-        parts: The ensembles by ordinal, as MHKiT reads them rightly.
-        unreadable: Why ensembles cannot be read: reason to count.
-        notes: Where the configuration changes.
+        parts: Bytes of the ensembles by ordinal, in the form that MHKiT needs.
+        unreadable: Number of unreadable ensembles by reason.
+        notes: Notes on changes of the configuration.
     """
 
     groups: Mapping[Configuration, tuple[int, ...]]
@@ -96,11 +96,11 @@ class Ensembles:
 
 
 def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
-    """Return the ensembles of a file by their configurations.
+    """Return the ensembles of a file by configuration.
 
     Args:
         data: The file.
-        records: Its sound ensembles.
+        records: Its valid ensembles.
     """
     groups: dict[Configuration, list[int]] = defaultdict(list)
     parts: dict[int, bytes] = {}
@@ -108,7 +108,7 @@ def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
     order: list[tuple[int, Configuration]] = []
     for ordinal, record in enumerate(records):
         types = _types(data, record)
-        if reason := _lacks(types):
+        if reason := _missing_types(types):
             unreadable[reason] += 1
             continue
         configuration = _configuration(types[_FIXED], len(types[_VARIABLE]))
@@ -125,7 +125,7 @@ def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
 
 
 def _types(data: bytes, record: Record) -> dict[int, bytes]:
-    """Return the data types of an ensemble by their identifiers, each up to where the next begins."""
+    """Return the data types of an ensemble by identifier, each up to the start of the next."""
     count = data[record.start + 5]
     offsets = sorted(
         {*struct.unpack_from(f"<{count}H", data, record.start + 6), record.end - 2 - record.start}
@@ -141,8 +141,8 @@ def _types(data: bytes, record: Record) -> dict[int, bytes]:
     }
 
 
-def _lacks(types: Mapping[int, bytes]) -> str:
-    """Return what an ensemble lacks to be read; empty when nothing."""
+def _missing_types(types: Mapping[int, bytes]) -> str:
+    """Return the missing data types of an ensemble as text; empty if complete."""
     # a narrow-band instrument's first profile has other identifiers; MHKiT knows them
     if _FIXED not in types:
         return "ensemble without the fixed leader of a first profile"
@@ -184,7 +184,7 @@ def _configuration(leader: bytes, variable_size: int) -> Configuration:
 
 
 def _with_full_leader(ensemble: bytes, leader: bytes) -> bytes:
-    """Return an ensemble whose variable leader has its full length: zeros, and the century that its clock does not state."""
+    """Return an ensemble with its variable leader padded by zeros to full length, and the clock's century set."""
     missing = _FULL_LEADER - len(leader)
     if missing <= 0:
         return ensemble

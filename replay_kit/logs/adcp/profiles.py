@@ -1,6 +1,6 @@
-"""Profiles from a dataset of MHKiT, in the names and units of ``replay_kit.AdcpPing``: plain arrays, ping after ping.
+"""Profiles in an MHKiT dataset as plain arrays by ping, in the names and units of ``replay_kit.AdcpPing``.
 
-Nothing is rotated here: velocities stay in the file's own coordinates, with the attitude and geometry that rotate them.
+Velocities stay in the file's coordinates; attitude and geometry to rotate them are included.
 """
 
 import json
@@ -24,15 +24,15 @@ _CLOCK_TICK_NS = 100_000  # the finest clock of the formats; MHKiT carries secon
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RawProfiles:
-    """The pings of one profiling mode.
+    """Pings of one profiling mode.
 
     Attributes:
         time_ns: shape (n,) [ns], by the instrument's clock.
-        known: shape (n,), False where the file has no time, or no ping at that time.
-        common: Fields that all pings share, in the form of a ping.
-        per_ping: Name to shape (n, ...) of the fields that differ, NaN where missing.
-        ordinals: shape (n,), of each ping in the file.
-        bottom: Bottom track's velocity, shape (n, components) [m/s], and vertical distance, shape (n, beams) [m]; None without.
+        known: shape (n,), False without a time or a ping.
+        common: Fields common to all pings, in the form of a ping.
+        per_ping: Name to shape (n, ...) of the other fields, NaN where missing.
+        ordinals: shape (n,), ordinal of each ping in the file.
+        bottom: Bottom-track velocity, shape (n, components) [m/s], and vertical distance, shape (n, beams) [m]; None without.
     """
 
     time_ns: NDArray[np.int64]
@@ -47,12 +47,12 @@ def raw_profiles(dataset: Any, tag: str, ordinals: Sequence[int] | None = None) 
     """Return the pings of a dataset.
 
     Args:
-        dataset: From MHKiT (xarray).
+        dataset: Dataset of MHKiT (xarray).
         tag: ``""`` for the burst or only mode, ``"_avg"`` for the averaging one.
-        ordinals: Of its pings in the file; None where they are all of the file's.
+        ordinals: Ordinals of its pings in the file; None for all.
 
     Raises:
-        LookupError: A setting is missing or none of those known, such as a horizontal instrument, whose cells have no depths.
+        LookupError: A setting is missing or not supported, such as a horizontal instrument, whose cells have no depths.
     """
     teledyne = dataset.attrs["inst_make"] == "TRDI"
     make = _teledyne if teledyne else _nortek
@@ -99,7 +99,7 @@ def raw_profiles(dataset: Any, tag: str, ordinals: Sequence[int] | None = None) 
 
 
 def _without_cells(dataset: Any) -> Any:
-    """Return a dataset without a profile as one with no cells."""
+    """Return a dataset without profiles as one of zero cells."""
     time, beams = dataset["time"], dataset["vel_bt"].dims[0]
     shape = dataset.sizes[beams], 0, time.size
     bare = dataset.drop_vars([name for name in dataset.variables if "range" in dataset[name].dims])
@@ -118,7 +118,7 @@ def _times(values: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
 
 
 def _by_ping(dataset: Any, name: str) -> Array:
-    """Return a variable with the ping first, cells before components; MHKiT has the ping last."""
+    """Return a variable with dimensions ping, cell, component; MHKiT has the ping last."""
     return np.array(np.asarray(dataset[name].values, dtype=np.float64).T)
 
 
@@ -135,7 +135,7 @@ def _geometry(dataset: Any, tag: str) -> dict[str, Any]:
 
 
 def _teledyne(dataset: Any, tag: str) -> dict[str, Any]:
-    """Return the settings in Teledyne's fixed leader: EX (transformations), EB (declination), the head's geometry."""
+    """Return the settings in Teledyne's fixed leader: EX (transformations), EB (declination), head geometry."""
     del tag
     attributes = dataset.attrs
     turned = attributes["coord_sys"] in ("ship", "earth")
@@ -154,7 +154,7 @@ def _teledyne(dataset: Any, tag: str) -> dict[str, Any]:
 
 
 def _nortek(dataset: Any, tag: str) -> dict[str, Any]:
-    """Return the settings in Nortek's configuration; DECL is added to the heading by the instrument."""
+    """Return the settings in Nortek's configuration; the instrument adds DECL to the heading."""
     configuration = json.loads(dataset.attrs["filehead_config"])
     declination = float(configuration.get("USER", {}).get("DECL", 0.0))
     earth = dataset.attrs["coord_sys"] == "earth"
@@ -169,7 +169,7 @@ def _nortek(dataset: Any, tag: str) -> dict[str, Any]:
 
 
 def _vectors(matrix: Array, nortek: bool) -> list[list[float]] | None:
-    """Return the beams' unit vectors from the matrix beam to instrument; None when it has no inverse.
+    """Return the beams' unit vectors from the beam-to-instrument matrix; None if it is singular.
 
     Teledyne's fourth row is the error velocity; Nortek's third and fourth are two estimates of z, each from two beams.
     """
@@ -187,7 +187,7 @@ def _vectors(matrix: Array, nortek: bool) -> list[list[float]] | None:
 
 
 def one_vertical(velocity: Array, system: str) -> Array:
-    """Return Nortek's velocities with one vertical component, the mean of the two; beams are left alone."""
+    """Return Nortek velocities with one vertical component, the mean of the two; beam velocities are unchanged."""
     if system == "beam" or velocity.shape[-1] < 4:
         return velocity
     return np.concatenate(
@@ -209,7 +209,7 @@ def _echoes(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
 
 
 def _depths(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
-    """Return the pressure where there is a sensor, and the transducer's depth where the operator entered it."""
+    """Return the pressure, if measured, and the transducer depth, if entered by the operator."""
     n = dataset[f"time{tag}"].size
     stated = f"pressure{tag}" in dataset
     # of an old leader the depth stands for the pressure that it lacks

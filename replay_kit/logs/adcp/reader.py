@@ -1,7 +1,7 @@
-"""Raw Teledyne (PD0, VMDAS, WinRiver) and Nortek (AD2CP) files as messages of the kinds that other logs hold.
+"""Raw Teledyne (PD0, VMDAS, WinRiver) and Nortek (AD2CP) files as messages of the kinds in other logs.
 
-The records are found and checked here, decoded by MHKiT. Velocities stay in the file's own coordinates, relative to the platform,
-with attitude, beam geometry and bottom track in the same message: ``measurements`` rotates them and makes them absolute.
+Records are found and checked here and decoded by MHKiT. Velocities stay in the file's coordinates, relative to the platform, with attitude,
+beam geometry and bottom track in the message; ``measurements`` makes them absolute.
 """
 
 from collections import Counter
@@ -42,18 +42,18 @@ _HALF_DAY_NS = 43_200 * _SECOND_NS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fixes(Positions):
-    """A vessel's fixes.
+    """Fixes of a vessel.
 
     Attributes:
-        offset_ns: What is to be added to the instrument's clock to have UTC [ns]; None without fixes.
-        n_bad: Records of the GPS that are no fix.
+        offset_ns: UTC minus the instrument's clock [ns]; None without fixes.
+        n_bad: Number of GPS records without a fix.
     """
 
     offset_ns: int | None
     n_bad: int
 
     def declination_deg(self, time_ns: int) -> float | None:
-        """Return the magnetic declination at the first fix from a time on, or at the last; None without fixes and before 2010."""
+        """Return the magnetic declination at the first fix from a time on, or at the last; None without fixes or before 2010."""
         if not self.time_ns.size:
             return None
         near = min(int(np.searchsorted(self.time_ns, time_ns)), self.time_ns.size - 1)
@@ -61,7 +61,7 @@ class Fixes(Positions):
 
 
 def fixes_of(datasets: Sequence[Any]) -> Fixes:
-    """Return the fixes in datasets of MHKiT (xarray) of one file, in any order."""
+    """Return the fixes in the MHKiT datasets (xarray) of one file, in any order."""
     found = [
         _raw_fixes(dataset)
         for dataset in datasets
@@ -93,7 +93,7 @@ def fixes_of(datasets: Sequence[Any]) -> Fixes:
 
 
 def _raw_fixes(dataset: Any) -> tuple[NDArray[Any], ...]:
-    """Return GPS time and instrument's clock [ns], longitude, latitude, and whether each is a fix, shape (n,) each."""
+    """Return GPS time and instrument's clock [ns], longitude, latitude, and validity of each fix, shape (n,) each."""
     gps, instrument = (
         dataset[name].values.astype("datetime64[us]").astype(np.int64)
         for name in ("time_gps", "hdwtime_gps")
@@ -115,13 +115,12 @@ def _raw_fixes(dataset: Any) -> tuple[NDArray[Any], ...]:
 def clock_offset_ns(
     gps_ns: NDArray[np.int64], instrument_ns: NDArray[np.int64], dated: bool
 ) -> int:
-    """Return what is to be added to the instrument's clock to have UTC [ns]: the median over the fixes.
+    """Return UTC minus the instrument's clock [ns], the median over the fixes.
 
     Args:
         gps_ns: shape (n,), GPS time of each fix.
-        instrument_ns: shape (n,), the instrument's clock when it was recorded.
-        dated: Whether the GPS time has a date of its own; where it has the instrument's, the offset is known up to whole days and
-            the one within half a day is returned.
+        instrument_ns: shape (n,), the instrument's clock at each fix.
+        dated: Whether the GPS time has its own date; otherwise the offset is known modulo a day and the one within half a day is returned.
     """
     difference = gps_ns - instrument_ns
     if not dated:
@@ -132,7 +131,7 @@ def clock_offset_ns(
 def declination_deg(time_ns: int, longitude: float, latitude: float) -> float | None:
     """Return the magnetic declination [degrees, positive east] by the World Magnetic Model of the time; None before 2010.
 
-    Places are rounded to a tenth of a degree and times to a tenth of a year, over which it changes by less than a compass resolves.
+    Positions are rounded to 0.1 degree and times to 0.1 year, below the resolution of a compass.
     """
     year = datetime.fromtimestamp(time_ns // _SECOND_NS, UTC)
     return _declination(
@@ -167,13 +166,13 @@ _UNTURNED = "bottom track in coordinates that cannot be turned to those of the p
 
 
 class RawAdcpReader(LogFile):
-    """A raw ADCP file, read whole. An instrument has one clock, set right by GPS where the file has fixes."""
+    """Reader of a raw ADCP file, read whole; the instrument's clock is corrected by GPS fixes in the file."""
 
     def _prepare(self) -> None:
         """Read the file.
 
         Raises:
-            LogError: The file cannot be read, has no sound ensemble, or MHKiT is not installed or cannot read it.
+            LogError: The file cannot be read, has no valid ensemble, or MHKiT is not installed or cannot read it.
         """
         with self._opened() as file:
             data = file.read()
@@ -221,7 +220,7 @@ class RawAdcpReader(LogFile):
         ]
 
     def _ad2cp(self, data: bytes) -> tuple[Fixes, list[Stream]]:
-        """Return the fixes, none, and the profiles of each mode with their bottom tracks, each configuration a stream of its own."""
+        """Return empty fixes, and the profiles of each mode and configuration with bottom tracks as streams."""
         tracks, self._no_bottom = bottom_tracks(data, self._records)
         found: list[Stream] = []
         names, said, errors = Counter[str](), [], list[Exception]()
@@ -257,8 +256,8 @@ class RawAdcpReader(LogFile):
     def messages(self) -> Iterator[Message]:
         """Yield the messages in order of time.
 
-        ``/vehicle/fix``: the vessel's GPS. ``/adcp``: velocities relative to the platform; ``/adcp/average``: those of a Nortek's
-        averaging mode. Further configurations of a Nortek have topics of their own, ``/adcp/2`` and so on.
+        ``/vehicle/fix``: the vessel's GPS. ``/adcp``: velocities relative to the platform; ``/adcp/average``: Nortek's averaging mode.
+        Further configurations of a Nortek are on ``/adcp/2`` and so on.
         """
         self.statistics = ReadStatistics()
         self.statistics.notes = self._notes
@@ -305,7 +304,7 @@ class RawAdcpReader(LogFile):
 
 
 def _bottom_track(profiles: RawProfiles, k: int) -> dict[str, Any] | None:
-    """Return the bottom's velocity relative to the instrument, in the ping's coordinates, and its distance by beam."""
+    """Return the bottom velocity relative to the instrument, in the ping's coordinates, and its distance by beam."""
     if profiles.bottom is None or not np.isfinite(profiles.bottom[0][k]).any():
         return None
     velocity, distance = (numbers(np.round(values[k], 4)) for values in profiles.bottom)

@@ -1,10 +1,10 @@
-"""Records of raw ADCP files: found by their checksums, and decoded by MHKiT's dolfyn reader.
+"""Records of raw ADCP files, found by their checksums and decoded by MHKiT's dolfyn reader.
 
-MHKiT does not check the records: only Teledyne PD0 ensembles and Nortek AD2CP records that pass their checksums are given to it, other
-bytes are counted. It is isolated because it prints, logs, warns and writes an index file next to its input.
+MHKiT does not verify checksums: it receives valid records only, other bytes are counted. It is isolated because it prints, logs, warns and
+writes an index file next to its input.
 
-Sources: Teledyne RD Instruments, "WorkHorse Commands and Output Data Format", PD0 header and checksum; Nortek, "Integrators Guide,
-AD2CP" (N3015-007), common header and checksum.
+Sources: Teledyne RD Instruments, "WorkHorse Commands and Output Data Format", PD0 header and checksum; Nortek, "Integrators Guide, AD2CP"
+(N3015-007), common header and checksum.
 """
 
 import contextlib
@@ -46,7 +46,7 @@ _FIXED_LEADERS = (0x0000, 0x0001)
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """A record that passed its checksums.
+    """Record with valid checksums.
 
     Attributes:
         start: Offset of its first byte.
@@ -60,15 +60,15 @@ class Record:
 
 
 def holds_ensemble(head: bytes) -> bool:
-    """Return whether a file that begins with these bytes has a sound ensemble of PD0 there, after packets or bytes of another kind."""
+    """Return whether the first bytes of a file contain a valid PD0 ensemble, possibly after other packets or bytes."""
     return PD0_MAGIC in head and any(record.kind == 0 for record in scan(head))
 
 
 def scan(data: bytes) -> tuple[Record, ...]:
-    """Return the sound records of a file.
+    """Return the valid records of a file.
 
     Args:
-        data: The whole file; of one that begins with no magic of Nortek's the ensembles of PD0, and packets of other kinds between them.
+        data: The whole file; without Nortek's magic byte it is read as PD0 ensembles with other packets between them.
     """
     values = np.frombuffer(data, np.uint8)
     sums = _Sums(values)
@@ -90,7 +90,7 @@ def _candidates(
     magics: Sequence[bytes],
     find: Callable[[Bytes, "_Sums", Indices], Found],
 ) -> Found:
-    """Return the records that pass their checksums; they may overlap. Of a magic of one byte any second one is looked at."""
+    """Return the records with valid checksums, possibly overlapping; after a magic of one byte any second byte is accepted."""
     found = []
     for first in range(0, values.size - 1, _SEARCHED):
         start = first + np.flatnonzero(values[first : first + _SEARCHED] == magics[0][0])
@@ -109,11 +109,11 @@ def _chained(found: Found) -> tuple[Record, ...]:
 
 
 def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: int) -> None:
-    """Record the bytes of a file that are in none of its sound records as losses.
+    """Record the bytes outside valid records as losses.
 
     Args:
-        statistics: Where the losses are recorded.
-        records: From ``scan``.
+        statistics: Statistics that receive the losses.
+        records: Result of ``scan``.
         size: Size of the file [bytes].
     """
     start, end = (
@@ -121,13 +121,13 @@ def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: in
         .reshape(-1, 2)
         .T
     )
-    last = lose_gaps(statistics, "bad bytes between two sound records, skipped", 0, start, end)
+    last = lose_gaps(statistics, "bad bytes between two valid records, skipped", 0, start, end)
     if last < size:
-        statistics.lose("at the end: a cut record or bad bytes, skipped", last, size - last)
+        statistics.lose("at the end: a truncated record or bad bytes, skipped", last, size - last)
 
 
 def _pd0(values: Bytes, sums: "_Sums", start: Indices) -> Found:
-    """Return the sound ensembles among some candidates."""
+    """Return the valid ensembles among candidates."""
     head = values.take(start[:, None] + np.arange(8), mode="clip").view("<u2").astype(np.int64)
     size, first = head[:, 1], head[:, 3]
     check, n_types = start + size, head[:, 2] >> 8
@@ -145,7 +145,7 @@ def _pd0(values: Bytes, sums: "_Sums", start: Indices) -> Found:
 
 
 def _packets(values: Bytes, sums: "_Sums", start: Indices) -> Found:
-    """Return the sound packets of other kinds among some candidates: two bytes of a kind, a size, contents, a checksum."""
+    """Return the valid packets of other kinds among candidates: two bytes of kind, size, contents, checksum."""
     head = values.take(start[:, None] + np.arange(4), mode="clip").astype(np.int64)
     check = start + (head[:, 2] | head[:, 3] << 8)
     fits = (check >= start + 4) & (check + 2 <= values.size) & (head[:, 1] != PD0_MAGIC[1])
@@ -155,7 +155,7 @@ def _packets(values: Bytes, sums: "_Sums", start: Indices) -> Found:
 
 
 def _ad2cp(values: Bytes, sums: "_Sums", start: Indices) -> Found:
-    """Return the sound records among some candidates."""
+    """Return the valid records among candidates."""
     head = values.take(start[:, None] + np.arange(12), mode="clip")
     words = head.view("<u2").astype(np.int64)
     # a header of the long kind has a size of four bytes
@@ -176,7 +176,7 @@ def _word(values: Bytes, at: Indices) -> Indices:
 
 
 def _nortek_checksums(values: Bytes, sums: "_Sums", start: Indices, end: Indices) -> Indices:
-    """Return the sum of the words of each part of a file; a last single byte is the high one of its word."""
+    """Return the sum of the 16-bit words of each part of a file; a last single byte is the high one of its word."""
     bytes_of = sums.of(start, end)
     low = np.where(start % 2 == 0, bytes_of[:, 0], bytes_of[:, 1])
     last = np.where((end - start) % 2 == 1, values[end - 1].astype(np.int64), 0)
@@ -187,10 +187,7 @@ def _nortek_checksums(values: Bytes, sums: "_Sums", start: Indices, end: Indices
 
 
 class _Sums:
-    """Sums of parts of a file's bytes, from those of its blocks: magic bytes without a record may each claim 65 kB to be summed.
-
-    All are modulo 2^16, as the checksums are.
-    """
+    """Sums of byte ranges modulo 2^16 from block sums, as each magic byte without a record may claim 65 kB."""
 
     def __init__(self, values: Bytes) -> None:
         self._values = values
@@ -203,7 +200,7 @@ class _Sums:
             np.cumsum(of_blocks, dtype=np.uint16, out=self._before[1 : 1 + of_blocks.size, lane])
 
     def of(self, start: Indices, end: Indices) -> Indices:
-        """Return the sums of the bytes at even and at odd places of each part, shape (n, 2)."""
+        """Return the sums of the bytes at even and at odd offsets of each part, shape (n, 2)."""
         return (self._up_to(end) - self._up_to(start)).astype(np.int64)
 
     def _up_to(self, end: Indices) -> NDArray[np.uint16]:
@@ -222,21 +219,19 @@ _AVERAGE, BURST = 0x16, 0x15
 _CLOCK_LINE = re.compile(rb"GETCLOCKSTR[^\r\n]*")
 #: Where a record's kind is in its head, and a profile's ensemble counter in its data [bytes].
 _KIND, _ENSEMBLE = 2, 72
-NO_ENSEMBLE = (
-    "no sound ensemble of velocities is in it (checksums); copy it from the instrument again"
-)
+NO_ENSEMBLE = "no valid ensemble of velocities (checksums); copy it from the instrument again"
 
 
 def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:
-    """Return the dataset (xarray) that MHKiT makes of ensembles of one configuration.
+    """Return the MHKiT dataset (xarray) of ensembles of one configuration.
 
     Args:
-        path: The file, for messages.
+        path: File named in errors.
         parts: The ensembles.
-        has_pressure: Whether their leaders hold the pressure; it is left out where they do not.
+        has_pressure: Whether the leaders hold the pressure; otherwise it is dropped.
 
     Raises:
-        LogError: MHKiT is not installed, or cannot read this.
+        LogError: MHKiT is not installed or fails.
     """
     read_rdi, _ = _readers(path)
     # MHKiT reads an ensemble only where another follows, and needs two to begin
@@ -249,13 +244,13 @@ def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:
 
 
 class Mode(NamedTuple):
-    """The profiles of one kind and configuration of an AD2CP file.
+    """Profiles of one kind and configuration of an AD2CP file.
 
     Attributes:
-        kind: Record identifier, of bursts or of averages.
-        text: The record with the instrument's configuration that holds for them.
-        pings: Their records.
-        ordinals: Of each among the records of its kind.
+        kind: Record identifier, bursts or averages.
+        text: Record with the instrument's configuration.
+        pings: Records of the profiles.
+        ordinals: Ordinal of each among the records of its kind.
     """
 
     kind: int
@@ -265,14 +260,14 @@ class Mode(NamedTuple):
 
 
 def modes_of(path: Path, data: bytes, records: Sequence[Record]) -> list[Mode]:
-    """Return the profiles of an AD2CP file by kind and configuration, in the order of the first of each.
+    """Return the profiles of an AD2CP file by kind and configuration, in order of first occurrence.
 
-    MHKiT reads a configuration alone: modes of unequal numbers of pings, and a second configuration, are errors to it.
+    MHKiT fails on several configurations and on modes with unequal numbers of pings.
 
     Args:
-        path: The file, for messages.
+        path: File named in errors.
         data: Its bytes.
-        records: Its sound records.
+        records: Its valid records.
 
     Raises:
         LogError: There is no profile, or no record with the instrument's configuration.
@@ -305,10 +300,10 @@ def modes_of(path: Path, data: bytes, records: Sequence[Record]) -> list[Mode]:
 
 
 def read_mode(path: Path, mode: Mode) -> Any:
-    """Return the dataset (xarray) that MHKiT makes of one mode.
+    """Return the MHKiT dataset (xarray) of one mode.
 
     Raises:
-        LogError: MHKiT is not installed, or cannot read this.
+        LogError: MHKiT is not installed or fails.
     """
     _, read_signature = _readers(path)
     # MHKiT needs a second ping to know how long one is
@@ -325,9 +320,9 @@ def read_mode(path: Path, mode: Mode) -> Any:
 
 
 def _numbered(pings: Sequence[bytes]) -> Iterator[bytes]:
-    """Yield records of profiles whose ensemble counters go up by one; MHKiT merges or leaves out pings where they do not.
+    """Yield profile records with consecutive ensemble counters, as MHKiT merges or drops others.
 
-    Checksums are not made anew: MHKiT does not ask for them.
+    Checksums are not updated: MHKiT does not verify them.
     """
     numbers: Counter[int] = Counter()
     for ping in pings:
@@ -337,8 +332,8 @@ def _numbered(pings: Sequence[bytes]) -> Iterator[bytes]:
 
 
 def _read(path: Path, content: bytes, read: Callable[[str], list[Any]]) -> list[Any]:
-    """Return what MHKiT reads of a file with this content."""
-    with tempfile.TemporaryDirectory() as folder, _quiet():
+    """Return the result of MHKiT for a file of this content."""
+    with tempfile.TemporaryDirectory() as folder, _without_output():
         copy = Path(folder) / "records"
         copy.write_bytes(content)
         # MHKiT raises whatever its arithmetic raises on settings it does not know, bare Exception too
@@ -352,7 +347,7 @@ def _read(path: Path, content: bytes, read: Callable[[str], list[Any]]) -> list[
 
 def _readers(path: Path) -> tuple[Any, Any]:
     try:
-        with _quiet():
+        with _without_output():
             from mhkit.dolfyn.io.nortek2 import read_signature
             from mhkit.dolfyn.io.rdi import read_rdi
     except ImportError as error:
@@ -363,8 +358,8 @@ def _readers(path: Path) -> tuple[Any, Any]:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Suppress output, log records and warnings: the reader counts what they are about."""
+def _without_output() -> Iterator[None]:
+    """Suppress output, log records and warnings of MHKiT."""
     # without a handler of its own the root logger would be configured for the whole program by the first warning
     handler, disabled = logging.NullHandler(), logging.root.manager.disable
     logging.root.addHandler(handler)

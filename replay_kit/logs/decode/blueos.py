@@ -1,8 +1,8 @@
-"""MAVLink messages that a BlueOS recording holds as JSON, converted to the payloads of a telemetry log.
+"""MAVLink messages recorded by BlueOS as JSON, converted to the payloads of a telemetry log.
 
-On ``mavlink/{system}/{component}/{NAME}`` a message is ``{"header": {...}, "message": {"type": NAME, ...}}``; enums come as
-``{"type": "MAV_..."}`` or as their name, flags as ``{"bits": n}`` or as names joined by ``|``. The recorder guesses the
-schemas from each topic's first message; they are not used. Source: bluerobotics/blueos-recorder, bluerobotics/mavlink-server.
+On ``mavlink/{system}/{component}/{NAME}`` a message is ``{"header": {...}, "message": {"type": NAME, ...}}``; enums come as ``{"type":
+"MAV_..."}`` or as their name, flags as ``{"bits": n}`` or as names joined by ``|``. The recorded schemas are guesses from each topic's
+first message and are not used. Source: bluerobotics/blueos-recorder, bluerobotics/mavlink-server.
 """
 
 import re
@@ -21,7 +21,7 @@ _PART = re.compile(r"mavlink/\d+/\d+/[A-Z][A-Z0-9_]*/\w+", re.ASCII)
 
 
 def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]]] | None:
-    """Return the schema name and the decoder of a JSON channel that carries MAVLink; None for any other topic.
+    """Return the schema name and the decoder of a JSON channel of MAVLink; None for any other topic.
 
     Args:
         topic: The channel's topic.
@@ -37,7 +37,7 @@ def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]]]
 
 @dataclass(frozen=True, slots=True)
 class _Fields:
-    """The dialect's definition of one message's fields: those that are text, and the enum of others; empty for an unknown message."""
+    """Text fields of a MAVLink message, and the enum of others; empty for an unknown message."""
 
     texts: frozenset[str]
     enums: Mapping[str, str]
@@ -45,7 +45,7 @@ class _Fields:
 
 @cache
 def _fields() -> dict[str, _Fields]:
-    """Return the fields of each message of the dialect, by its name."""
+    """Return the fields of each message of the dialect by name."""
     found = {}
     for message in dialect.mavlink_map.values():
         kinds = zip(message.fieldnames, message.fieldtypes, strict=True)
@@ -57,12 +57,12 @@ def _fields() -> dict[str, _Fields]:
 
 @cache
 def _enum_values() -> dict[str, int]:
-    """Return the value of each name in any of the dialect's enums."""
+    """Return the values of all enum names of the dialect."""
     return {entry.name: value for enum in dialect.enums.values() for value, entry in enum.items()}
 
 
 def _payload(value: dict[str, Any], fields: _Fields) -> dict[str, Any]:
-    """Return a message's fields; a payload without an envelope is a message already, as ``convert`` writes it."""
+    """Return the fields of a message, with or without the envelope; ``convert`` writes none."""
     message = value.get("message")
     if not isinstance(message, dict) or not isinstance(message.get("type"), str):
         return value
@@ -88,7 +88,7 @@ def _value(name: str, value: Any, fields: _Fields) -> Any:
 
 
 def _number_of(words: Any) -> Any:
-    """Return the number that an enum's name stands for, or names joined by ``|``; the names themselves where one is unknown."""
+    """Return the number of an enum name, or of names joined by ``|``; unknown names are returned unchanged."""
     if not isinstance(words, str):
         return words
     values = [_enum_values().get(word.strip()) for word in words.split("|")]
@@ -96,7 +96,7 @@ def _number_of(words: Any) -> Any:
 
 
 def _text(value: Any) -> Any:
-    """Return a character array as text without its padding; written as text, as characters or as codes."""
+    """Return a character array, given as text, characters or codes, as text without padding."""
     if isinstance(value, list):
         value = "".join(
             chr(item) if isinstance(item, int) and 0 <= item < 256 else str(item) for item in value
@@ -105,6 +105,6 @@ def _text(value: Any) -> Any:
 
 
 def _field(data: bytes) -> dict[str, Any]:
-    """Return a field that has a topic of its own; what is no object gets a name."""
+    """Return the payload of a field on its own topic; a value that is no object becomes ``value``."""
     value = loads(data)
     return value if isinstance(value, dict) else {"value": value}

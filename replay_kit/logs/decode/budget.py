@@ -1,7 +1,7 @@
-"""What one message and one schema may cost: the same budget for every encoding.
+"""Decoding budget of a message and a schema, equal for all encodings.
 
-A few bytes can claim billions of values: an array of messages without fields takes no bytes at all, and compressed JSON a thousandth of its
-length. A decoder therefore pays for values before it makes them, and a message that cannot pay is undecodable.
+A few bytes can claim billions of values: empty messages in an array take no bytes, compressed JSON a thousandth of its length. Decoders
+therefore charge values to a budget before creating them; a message beyond it is undecodable.
 """
 
 from replay_kit.core.errors import ReplayKitError
@@ -20,28 +20,28 @@ MOST_SCHEMA, MOST_SCHEMAS, MOST_DECLARED = 1 << 18, 1 << 20, 1 << 23
 
 
 class BudgetError(ReplayKitError, ValueError):
-    """A message or schema that claims more than the budget allows."""
+    """Message or schema beyond the budget."""
 
 
 class Budget:
-    """What one message may still cost; mutable, as a decoder spends from it while it reads."""
+    """Remaining budget of one message; mutable, as decoders charge it while they read."""
 
     __slots__ = ("left",)
 
     def __init__(self, size: int) -> None:
-        """Begin with the budget of a message of that many bytes.
+        """Create the budget of a message.
 
         Raises:
-            BudgetError: It is longer than any that is decoded.
+            BudgetError: The message is longer than the limit.
         """
         check_size(size, MOST_BYTES, "a message")
         self.left = min(MOST_VALUES, FREE + PER_BYTE * size)
 
     def spend(self, values: int) -> None:
-        """Pay for values before they are made.
+        """Charge values before they are created.
 
         Raises:
-            BudgetError: The message holds more than it may.
+            BudgetError: The budget is exceeded.
         """
         self.left -= values
         if self.left < 0:
@@ -51,12 +51,12 @@ class Budget:
 
 
 def check_size(size: int, most: int, what: str) -> None:
-    """Raise BudgetError when something has more bytes than it may.
+    """Raise BudgetError if a size exceeds its limit.
 
     Args:
-        size: Its length [bytes].
-        most: What it may have.
-        what: What it is, as a sentence begins.
+        size: Size [bytes].
+        most: Limit [bytes].
+        what: Subject of the message.
     """
     if size > most:
         raise BudgetError(f"{what}: {size} bytes, more than the {most} that are read")

@@ -1,7 +1,7 @@
-"""Payload bytes of an MCAP channel to plain dicts, one decoder a channel.
+"""Decoders of MCAP payloads to plain dicts, one per channel.
 
-A payload of any encoding becomes a dict of numbers, strings, bytes, lists and dicts under the schema's names. Protobuf and ROS 1
-times become ``{"sec", "nsec"}``; ROS 2 times keep their own ``{"sec", "nanosec"}``.
+A payload becomes a dict of numbers, strings, bytes, lists and dicts under the schema's names. Protobuf and ROS 1 times become ``{"sec",
+"nsec"}``; ROS 2 times keep their own ``{"sec", "nanosec"}``.
 """
 
 import json
@@ -40,11 +40,11 @@ _KNOWN = "json, protobuf, cdr with ros2msg, ros1 with ros1msg"
 
 
 def channel_decoder(message_encoding: str, schema: Schema | None) -> Decoder | str:
-    """Return the decoder of a channel's payloads, or the reason why there is none.
+    """Return the decoder of a channel's payloads, or the reason why none exists.
 
     Args:
-        message_encoding: As the channel record states it.
-        schema: The channel's schema; None when it has none.
+        message_encoding: Encoding in the channel record.
+        schema: Schema of the channel, if any.
     """
     if message_encoding == MessageEncoding.JSON:
         return decode_json
@@ -70,7 +70,7 @@ def channel_decoder(message_encoding: str, schema: Schema | None) -> Decoder | s
 
 
 def explain(error: BaseException) -> str:
-    """Return one line that says why a payload could not be decoded."""
+    """Return the reason of a decoding error as one line."""
     return f"payload does not fit the schema: {_words(error)}"
 
 
@@ -86,10 +86,10 @@ _BARE_NUMBER = re.compile(
 
 
 def decode_json(data: bytes) -> dict[str, Any]:
-    """Return a JSON object as a dict; bare NaN, Infinity, inf and their negatives are numbers.
+    """Return a JSON object as a dict; bare NaN, Infinity, inf and their negatives are accepted.
 
     Raises:
-        ValueError: The bytes are no JSON, or the value is no object.
+        ValueError: The bytes are no JSON object.
     """
     value = loads(data)
     if not isinstance(value, dict):
@@ -101,7 +101,7 @@ def loads(data: bytes) -> Any:
     """Return any JSON value, bare numbers as in ``decode_json``.
 
     Raises:
-        ValueError: The bytes are no JSON, or claim more than the budget of a message.
+        ValueError: The bytes are no JSON, or exceed the budget of a message.
     """
     # a shorter message cannot hold more: a value takes two bytes, a mapping three
     if len(data) > MOST_VALUES // 2:

@@ -1,4 +1,4 @@
-"""Protobuf payloads to plain dicts, by converters built once from the descriptors."""
+"""Decoder of protobuf payloads to plain dicts, with converters compiled once from the descriptors."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -32,14 +32,14 @@ _MOST_IN_PLACE = 16
 def protobuf_decoder(schema: Schema) -> Callable[[bytes], dict[str, Any]]:
     """Return the decoder of a protobuf schema's payloads.
 
-    Original field names; enums as ints; times and durations as ``{"sec", "nsec"}``; repeated fields as lists, maps as dicts.
-    Unset scalars have their default; unset messages, ``optional`` scalars and members of a oneof are None.
+    Original field names; enums as ints; times and durations as ``{"sec", "nsec"}``; repeated fields as lists, maps as dicts. Unset scalars
+    have their default; unset messages, ``optional`` scalars and members of a oneof are None.
 
     Raises:
         google.protobuf.message.DecodeError: The schema is no descriptor set.
-        BudgetError: It has more types, or its own type more fields, than any in use.
-        KeyError: The descriptor set does not hold the schema's own type.
-        TypeError: The descriptors contradict each other.
+        BudgetError: It has too many types or fields.
+        KeyError: The descriptor set lacks the schema's type.
+        TypeError: The descriptors are inconsistent.
         ValueError: Two of its files have the same name.
     """
     descriptor = _pool(schema.data).FindMessageTypeByName(schema.name)
@@ -58,7 +58,7 @@ def protobuf_decoder(schema: Schema) -> Callable[[bytes], dict[str, Any]]:
 
 
 def _pool(data: bytes) -> DescriptorPool:
-    """Return the types of a descriptor set, whose files come in any order."""
+    """Return the types of a descriptor set, whose files may be in any order."""
     try:
         pay(DESCRIPTORS, data, Budget(len(data)))
     except BudgetError as error:
@@ -83,10 +83,10 @@ def _pool(data: bytes) -> DescriptorPool:
 
 
 def _converter(descriptor: Descriptor) -> _Read:
-    """Return the function that turns a message of this type into a dict.
+    """Return the function that converts a message of this type to a dict.
 
-    It is written as one dict display a type and compiled, which takes half the time of closures over field names. Names come
-    from the log: they enter the text only as quoted strings, or as attributes once they are plain identifiers.
+    It is compiled from one dict display per type, twice as fast as closures over field names. Names from the log enter the source only as
+    quoted strings, or as attributes if they are plain identifiers.
     """
     text = _Text({}, [])
     name = text.function(descriptor)
@@ -98,11 +98,11 @@ def _converter(descriptor: Descriptor) -> _Read:
 
 @dataclass(slots=True)
 class _Text:
-    """The text of a converter while it is written.
+    """Source code of a converter under construction.
 
     Attributes:
         functions: Full name of a type to the name of its function.
-        lines: The functions, one a line.
+        lines: The functions, one per line.
         fields: Number of fields in them.
     """
 
@@ -111,14 +111,14 @@ class _Text:
     fields: int = 0
 
     def function(self, descriptor: Descriptor) -> str:
-        """Return the name of the function of a type, whose text is added when it is new; types may contain themselves."""
+        """Return the name of the function of a type, whose source is added if new; types may be recursive."""
         if descriptor.full_name not in self.functions:
             name = self.functions[descriptor.full_name] = f"convert_{len(self.functions)}"
             self.lines.append(f"def {name}(m): return {self._display(descriptor, 'm')}")
         return self.functions[descriptor.full_name]
 
     def _display(self, descriptor: Descriptor, variable: str) -> str:
-        """Return the text of the dict that a message in a variable becomes."""
+        """Return the source of the dict of a message variable."""
         if descriptor.full_name in _TIMES:
             return f'{{"sec": {variable}.seconds, "nsec": {variable}.nanos}}'
         self.fields += len(descriptor.fields)
@@ -135,7 +135,7 @@ class _Text:
         )
 
     def _value(self, field: FieldDescriptor, variable: str) -> str:
-        """Return the text of a field's plain value."""
+        """Return the source of a field's value."""
         plain = field.name.isidentifier() and not iskeyword(field.name)
         value = f"{variable}.{field.name}" if plain else f"getattr({variable}, {field.name!r})"
         kind = field.message_type
@@ -160,7 +160,7 @@ class _Text:
 
 
 def _flat(descriptor: Descriptor) -> bool:
-    """Return whether a type has few fields, all of them numbers and texts that are always there."""
+    """Return whether a type has only few number and text fields that are always present."""
     fields = descriptor.fields
     return len(fields) <= _MOST_IN_PLACE and not any(
         field.message_type or field.is_repeated or field.containing_oneof for field in fields
@@ -185,11 +185,11 @@ _TEXTS = (FieldDescriptor.TYPE_STRING, FieldDescriptor.TYPE_BYTES)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cost:
-    """What the messages of a type cost.
+    """Budget cost of the messages of a type.
 
     Attributes:
-        own: A message without what is repeated or nested in it; every field of it is in the mapping, set or not.
-        parts: By number, the cost of a nested message, or the bytes of a number in a packed list; texts and numbers cost one.
+        own: Cost of a message without repeated or nested fields; unset fields count too.
+        parts: By field number, cost of a nested message, or bytes of a number in a packed list; texts and numbers cost one.
     """
 
     own: int
@@ -208,11 +208,11 @@ DESCRIPTORS = Cost(0, {1: Cost(0, {4: _TYPE, 5: _LEAF, 6: _LEAF})})
 
 
 def cost_of(descriptor: Descriptor, known: dict[str, Cost]) -> Cost:
-    """Return what messages of a type cost.
+    """Return the cost of the messages of a type.
 
     Args:
         descriptor: The type.
-        known: By full name, types found already, as types may contain themselves; grows.
+        known: Costs by full name, extended here; types may be recursive.
     """
     if descriptor.full_name not in known:
         cost = known[descriptor.full_name] = Cost(MAPPING + len(descriptor.fields), {})
@@ -225,7 +225,7 @@ def cost_of(descriptor: Descriptor, known: dict[str, Cost]) -> Cost:
 
 
 def longest_cheap(cost: Cost) -> int:
-    """Return the length of a payload [bytes] up to which it keeps its budget whatever is in it: a nested message takes two."""
+    """Return the payload length [bytes] below which the budget cannot be exceeded: a nested message takes two bytes."""
     dearest, found, left = 2, {id(cost)}, [cost]
     while left:
         for part in left.pop().parts.values():
@@ -243,11 +243,11 @@ def longest_cheap(cost: Cost) -> int:
 
 
 def pay(cost: Cost, data: bytes, budget: Budget) -> None:
-    """Spend the budget of a payload on what is in it.
+    """Charge the contents of a payload to its budget.
 
     Raises:
-        BudgetError: It holds more than it may.
-        ValueError: It is no protobuf, or nested too deeply.
+        BudgetError: The budget is exceeded.
+        ValueError: The payload is no protobuf, or nested too deeply.
     """
     try:
         _pay(cost, data, 0, len(data), budget, 0)
@@ -256,7 +256,7 @@ def pay(cost: Cost, data: bytes, budget: Budget) -> None:
 
 
 def _pay(cost: Cost, data: bytes, at: int, end: int, budget: Budget, depth: int) -> None:
-    """Spend on the fields of a message between two bytes."""
+    """Charge the fields of a message between two offsets."""
     if depth > _DEEPEST:
         raise ValueError(f"messages are nested more than {_DEEPEST} deep")
     budget.spend(cost.own)
@@ -281,7 +281,7 @@ def _pay(cost: Cost, data: bytes, at: int, end: int, budget: Budget, depth: int)
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """Return the number that begins at a byte, seven bits a byte, and where it ends."""
+    """Return the variable-length integer at an offset and its end."""
     value = shift = 0
     while True:
         byte = data[at]

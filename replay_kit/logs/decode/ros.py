@@ -1,7 +1,7 @@
-"""ROS messages to plain dicts: the serialization of ROS 1, and the CDR of ROS 2, which aligns values and states the order of bytes.
+"""Decoder of ROS messages to plain dicts: ROS 1 serialization, and CDR of ROS 2 with alignment and byte order.
 
-A reader of a type is built once, from its definition: neighbouring numbers are one ``struct``. Each value is paid for from the message's
-budget before it is made. Sources: wiki.ros.org/msg; OMG, "DDS-RTPS" 2.3, 10.2 (encapsulation), and "CORBA" 3.4, 9.3 (CDR alignment).
+The reader of a type is built once, from its definition: neighbouring numbers form one ``struct``. Each value is charged to the message's
+budget before it is created. Sources: wiki.ros.org/msg; OMG, "DDS-RTPS" 2.3, 10.2 (encapsulation), and "CORBA" 3.4, 9.3 (CDR alignment).
 """
 
 import re
@@ -45,12 +45,12 @@ _CONSTANT = re.compile(rf"{_NAME}(?:<=\d+)?[ \t]+\w+[ \t]*=", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field of a type.
+    """Field of a type.
 
     Attributes:
-        name: Its name.
-        kind: A primitive type, or the name of a type as ``package/Name``.
-        length: Of an array whose length is fixed; -1 for one whose length is sent; None for a single value.
+        name: Field name.
+        kind: Primitive type, or type name as ``package/Name``.
+        length: Length of a fixed array; -1 for variable length; None for a single value.
     """
 
     name: str
@@ -62,11 +62,11 @@ def definitions(name: str, text: str) -> dict[str, tuple[Field, ...]]:
     """Return the fields of the types that a schema declares, by ``package/Name``.
 
     Args:
-        name: The schema's own type; ``package/msg/Name`` is ``package/Name``.
-        text: The definition, with those of other types after lines of ``=`` and ``MSG: package/Name``.
+        name: Type of the schema; ``package/msg/Name`` equals ``package/Name``.
+        text: Definition, followed by other types after lines of ``=`` and ``MSG: package/Name``.
 
     Raises:
-        ValueError: A line is no declaration, or a name no name of a type.
+        ValueError: A line is no declaration, or a type name is invalid.
     """
     found = {}
     for part in _SEPARATOR.split(text):
@@ -78,7 +78,7 @@ def definitions(name: str, text: str) -> dict[str, tuple[Field, ...]]:
 
 
 def _full(name: str, package: str) -> str:
-    """Return a type as ``package/Name``; one without a package is of the package given, and ``Header`` of std_msgs."""
+    """Return a type as ``package/Name``; without a package the given one, or std_msgs for ``Header``."""
     parts = name.split("/")
     if len(parts) == 1 and package:
         return f"{'std_msgs' if name == 'Header' else package}/{name}"
@@ -110,7 +110,7 @@ _ENCAPSULATION = 4
 
 
 class _Wire:
-    """The bytes of one message as they are read; mutable, as the place moves on."""
+    """Bytes of one message being read; mutable, as the offset advances."""
 
     __slots__ = ("at", "budget", "cdr", "data", "order", "origin")
 
@@ -122,7 +122,7 @@ class _Wire:
         self.order = ">" if cdr and not data[1] & 1 else "<"
 
     def array(self, code: str, count: int) -> list[Any]:
-        """Return that many numbers of one code."""
+        """Return ``count`` numbers of one type code."""
         self.budget.spend(count)
         if not count:
             return []
@@ -134,17 +134,17 @@ class _Wire:
         return list(values)
 
     def count(self, fixed: int | None = -1) -> int:
-        """Return how many elements follow: a number that is fixed, or at -1 the number that is sent."""
+        """Return the number of elements: ``fixed``, or read from the message if it is -1."""
         return fixed if fixed is not None and fixed >= 0 else int(self.array("I", 1)[0])
 
     def places(self, fixed: int | None) -> int:
-        """Return how many elements follow, each of whose places in a list is paid for: what claims too many is refused before the first."""
+        """Return the number of elements after charging them to the budget."""
         count = self.count(fixed)
         self.budget.spend(count)
         return count
 
     def bytes(self, size: int) -> bytes:
-        """Return that many bytes."""
+        """Return the next ``size`` bytes."""
         end = self.at + size
         if end > len(self.data):
             raise ValueError(f"{size} bytes at byte {self.at}, the message has {len(self.data)}")
@@ -152,7 +152,7 @@ class _Wire:
         return value
 
     def text(self) -> str:
-        """Return a text; that of CDR ends with a zero."""
+        """Return a text, without the terminating zero of CDR."""
         self.budget.spend(1)
         value = self.bytes(self.count())
         return (value[:-1] if self.cdr else value).decode("utf-8")
@@ -164,17 +164,17 @@ _Step = tuple[tuple[str, ...], _Read, bool]
 
 
 def ros_decoder(name: str, text: str, cdr: bool) -> Callable[[bytes], dict[str, Any]]:
-    """Return the decoder of a type's payloads.
+    """Return the decoder of a type.
 
-    Times of ROS 1 become ``{"sec", "nsec"}``; those of ROS 2 are messages. Arrays of bytes are bytes, other arrays lists.
+    ROS 1 times become ``{"sec", "nsec"}``; ROS 2 times are messages. Byte arrays are bytes, other arrays lists.
 
     Args:
-        name: The type, ``package/Name`` or ``package/msg/Name``.
-        text: Its definition, with those of the types in it.
-        cdr: Whether messages are in the CDR of ROS 2, not in the serialization of ROS 1.
+        name: Type, ``package/Name`` or ``package/msg/Name``.
+        text: Definition of the type and of nested types.
+        cdr: Whether messages are CDR of ROS 2 instead of ROS 1 serialization.
 
     Raises:
-        ValueError: The definition cannot be understood, or lacks a type.
+        ValueError: The definition is invalid or lacks a type.
     """
     types = definitions(name, text)
     if cdr:
@@ -188,7 +188,7 @@ def ros_decoder(name: str, text: str, cdr: bool) -> Callable[[bytes], dict[str, 
 def _message(
     name: str, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool
 ) -> _Read:
-    """Return the reader of a type, and keep it in ``readers``: types may contain themselves."""
+    """Return the reader of a type, cached in ``readers``, as types may be recursive."""
     if name in readers:
         return readers[name]
     if name not in types:
@@ -225,7 +225,7 @@ def _message(
 
 
 def _run(codes: str) -> _Read:
-    """Return the reader of numbers that follow one another; where CDR aligns them depends on the place at which they begin."""
+    """Return the reader of consecutive numbers; CDR alignment depends on their first offset."""
     forms: dict[tuple[str, int], struct.Struct] = {}
 
     def read(wire: _Wire) -> tuple[Any, ...]:
@@ -241,7 +241,7 @@ def _run(codes: str) -> _Read:
 
 
 def _aligned(order: str, phase: int, codes: str) -> struct.Struct:
-    """Return the form of numbers that begin at a place modulo 8; at -1 nothing is aligned."""
+    """Return the struct of numbers from an offset modulo 8; -1 for no alignment."""
     parts, at = [order], phase
     for code in codes:
         size = struct.calcsize(f"<{code}")
@@ -254,7 +254,7 @@ def _aligned(order: str, phase: int, codes: str) -> struct.Struct:
 def _field(
     field: Field, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool
 ) -> _Read:
-    """Return the reader of a field that is no single number."""
+    """Return the reader of a field that is not a single number."""
     kind, length = field.kind, field.length
     code = (ROS2_NUMBERS if cdr else ROS1_NUMBERS).get(kind)
     if code is not None and kind in _OF_BYTES[cdr]:
@@ -270,7 +270,7 @@ def _field(
 def _element(
     kind: str, types: Mapping[str, Sequence[Field]], readers: dict[str, _Read], cdr: bool
 ) -> _Read:
-    """Return the reader of one value that is no number."""
+    """Return the reader of one value that is not a number."""
     if kind == "string":
         return _Wire.text
     if "/" in kind:

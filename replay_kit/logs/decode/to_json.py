@@ -1,4 +1,4 @@
-"""Decoded messages to JSON, with the channels and schemas that declare them."""
+"""Conversion of decoded messages to JSON, with channels and schemas."""
 
 import base64
 from collections import Counter
@@ -142,7 +142,7 @@ ANY_OBJECT: dict[str, Any] = {"type": "object"}
 
 
 class JsonChannels:
-    """Turns messages to JSON, a channel for each topic and schema, sequence numbers for each topic."""
+    """Converter of messages to JSON, with a channel per topic and schema and sequence numbers per topic."""
 
     def __init__(self) -> None:
         self._channels: dict[tuple[str, str], RawChannel] = {}
@@ -178,7 +178,7 @@ class JsonChannels:
         )
 
     def _channel(self, topic: str, schema: str) -> RawChannel:
-        """Return the channel of a topic and schema; one topic of two schemas has two channels."""
+        """Return the channel of a topic and schema."""
         channel = self._channels.get((topic, schema))
         if channel is None:
             text = orjson.dumps(JSON_SCHEMAS.get(schema, ANY_OBJECT))

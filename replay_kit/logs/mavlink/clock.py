@@ -1,6 +1,6 @@
-"""The clocks of a telemetry log by its SYSTEM_TIME messages: each sender's time since its start, and UTC where it has it.
+"""Clocks of a telemetry log from its SYSTEM_TIME messages: each sender's time since boot, and UTC if known.
 
-The recorder's stamps order a replay unless ``header`` is asked for. Here they are compared with UTC, and the senders' clocks are fitted.
+The recorder's stamps order a replay unless the clock is ``header``. They are compared with UTC, and the senders' clocks are fitted.
 """
 
 from dataclasses import dataclass
@@ -37,13 +37,13 @@ _PAIR = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class StartClock:
-    """The clock of one sender between two starts.
+    """Clock of one sender between two boots.
 
     Attributes:
-        sender: 256 times the system's number plus the component's.
-        position: Of the first of its SYSTEM_TIME messages in the file.
-        fit: The clock fitted to UTC.
-        from_utc: Whether to the UTC that the messages state; otherwise to the recorder's stamps.
+        sender: 256 times the system number plus the component number.
+        position: Position of its first SYSTEM_TIME message in the file.
+        fit: Fit of the clock to UTC.
+        from_utc: Whether the fit uses UTC in the messages; otherwise the recorder's stamps.
     """
 
     sender: int
@@ -53,7 +53,7 @@ class StartClock:
 
 
 class SystemTimes:
-    """The SYSTEM_TIME messages of a log, collected in bounded memory."""
+    """SYSTEM_TIME messages of a log, collected in bounded memory."""
 
     def __init__(self) -> None:
         self._kept: list[NDArray[np.void]] = []
@@ -63,7 +63,7 @@ class SystemTimes:
         self._starts: dict[int, tuple[int, int]] = {}
 
     def add(self, frames: Frames, position: int) -> None:
-        """Add a block of entries, the first of which has this position in the file."""
+        """Add a block of entries; ``position`` is that of the first in the file."""
         places = np.flatnonzero(frames.message_id == MESSAGE_ID)
         if not places.size:
             return
@@ -88,7 +88,7 @@ class SystemTimes:
             self._n_kept, self._stride = self._kept[0].size, 2 * self._stride
 
     def clocks(self) -> list[StartClock]:
-        """Return the clock of each sender after each of its starts, in the order of the file."""
+        """Return the clock of each sender after each boot, in file order."""
         found = []
         pairs = self._pairs()
         for sender, start in np.unique(pairs[["sender", "start"]]).tolist():
@@ -103,7 +103,7 @@ class SystemTimes:
         return sorted(found, key=lambda clock: clock.position)
 
     def notes(self) -> tuple[str, ...]:
-        """Return what a user should know: how the recorder's stamps agree with UTC, and how each clock was fitted."""
+        """Return notes on the recorder's stamps against UTC, and on the fit of each clock."""
         pairs = self._pairs()
         timed = pairs[pairs["utc_us"] >= UTC_SINCE_US]
         notes = []
@@ -128,7 +128,7 @@ class SystemTimes:
         return np.concatenate(self._kept) if self._kept else np.zeros(0, dtype=_PAIR)
 
     def _count_starts(self, pairs: NDArray[np.void], sender: int) -> None:
-        """Number the starts of one sender in its pairs."""
+        """Number the boots of one sender in its pairs."""
         own = np.flatnonzero(pairs["sender"] == sender)
         start, last_ms = self._starts.get(sender, (0, 0))
         boot_ms = pairs["boot_ms"][own]
@@ -138,11 +138,11 @@ class SystemTimes:
 
 
 def header_time(payload: dict[str, object], clock: ClockFit | None) -> int | None:
-    """Return the time that a message states about itself [ns, UTC]; None when it states none, or its sender's clock is not known.
+    """Return the time stated in a message [ns, UTC]; None without one or if the sender's clock is unknown.
 
     Args:
-        payload: The message. ``time_usec`` is UTC when it is after the year 2000, else the time since the sender's start.
-        clock: The sender's clock.
+        payload: Message; ``time_usec`` is UTC if after the year 2000, else time since boot.
+        clock: Clock of the sender.
     """
     time_us, boot_ms = payload.get("time_usec"), payload.get("time_boot_ms")
     if isinstance(time_us, int) and UTC_SINCE_US <= time_us <= _MAX_US:

@@ -1,8 +1,8 @@
 """Reader of ArduPilot's DataFlash logs (.BIN).
 
 A record is the bytes a3 95, its type, and the fields that the FMT record of that type declares. There is no checksum: after bad bytes a
-record counts only when another one begins, or the log ends, where it ends. The letters of the fields are those of ArduPilot's
-``libraries/AP_Logger/README.md``; some imply a factor, which is applied, while units and multipliers (UNIT, MULT, FMTU) are not.
+record counts only if another record or the end of the log follows it. The field letters are in ArduPilot's
+``libraries/AP_Logger/README.md``; their factors are applied, units and multipliers (UNIT, MULT, FMTU) are not.
 """
 
 import struct
@@ -50,14 +50,14 @@ _BATCH = 4096
 
 @dataclass(frozen=True)
 class Format:
-    """One kind of record.
+    """Record type declared by FMT.
 
     Attributes:
-        type: Its number.
+        type: Type number.
         name: ``GPS``, ``BARO`` and so on.
-        length: Bytes of a record, with its head.
-        letters: One for each column.
-        columns: Their names.
+        length: Length of a record with its header [bytes].
+        letters: Type letter of each column.
+        columns: Column names.
     """
 
     type: int
@@ -68,7 +68,7 @@ class Format:
 
     @cached_property
     def layout(self) -> struct.Struct | None:
-        """The fields after the head; None when a letter is unknown, or they do not agree with the columns and the length."""
+        """Struct of the fields; None if a letter is unknown or the columns or length disagree."""
         if not len(self.letters) == len(self.columns) == len(set(self.columns)):
             return None
         if not set(self.letters) <= _CODES.keys():
@@ -78,7 +78,7 @@ class Format:
 
     @cached_property
     def stamp(self) -> tuple[int, int] | None:
-        """Index of the field that is the time since the vehicle's start, and its unit [microseconds]; None without one."""
+        """Index and unit [microseconds] of the field with the time since boot; None without one."""
         fields = [*zip(self.columns, self.letters, strict=False)] if self.layout else []
         stamps = ((("TimeUS", "Q"), 1), (("TimeMS", "I"), 1000))
         return next(
@@ -86,7 +86,7 @@ class Format:
         )
 
     def payload(self, values: tuple[Any, ...]) -> dict[str, Any]:
-        """Return the fields by name, with the letters' factors applied, and text as text; a FILE's pieces stay bytes."""
+        """Return the fields by name, with the letters' factors applied and texts decoded; FILE data stay bytes."""
         named, fields = {}, iter(values)
         for name, letter in zip(self.columns, self.letters, strict=True):
             value: Any = [*islice(fields, 32)] if letter == "a" else next(fields)
@@ -103,7 +103,7 @@ FMT = Format(_FMT_TYPE, "FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format",
 
 
 class Record(NamedTuple):
-    """One record: its kind, its fields as they are stored, and its own time [microseconds], None where it states none."""
+    """Record: its type, stored fields, and time since boot [microseconds], None if not stated."""
 
     form: Format
     values: tuple[Any, ...]
@@ -111,7 +111,7 @@ class Record(NamedTuple):
 
 
 def _declared(values: tuple[Any, ...]) -> Format | None:
-    """Return the format that an FMT record declares, or None when it is none: bytes that only look like one, or that are damaged."""
+    """Return the format declared by an FMT record; None if the bytes are no valid declaration."""
     try:
         name, letters, columns = (part.split(b"\0", 1)[0].decode("ascii") for part in values[2:])
     except UnicodeDecodeError:
@@ -126,7 +126,7 @@ def _declared(values: tuple[Any, ...]) -> Format | None:
 
 
 def is_dataflash(head: bytes) -> bool:
-    """Return whether the declaration of a kind of record is among these first bytes of a file."""
+    """Return whether the first bytes of a file contain the declaration of a record type."""
     at, mark = -1, MAGIC + bytes([_FMT_TYPE])
     while (at := head.find(mark, at + 1)) >= 0:
         body = head[at + _HEAD : at + FMT.length]
@@ -136,7 +136,7 @@ def is_dataflash(head: bytes) -> bool:
 
 
 class _Walk:
-    """One walk through the records of a log, under the formats declared so far."""
+    """Iteration over the records of a log, under the formats declared so far."""
 
     def __init__(self, data: mmap, statistics: ReadStatistics) -> None:
         self._data = data
@@ -145,19 +145,19 @@ class _Walk:
         self._formats = {_FMT_TYPE: FMT}
 
     def records(self) -> Iterator[Record]:
-        """Yield the records one after another; bytes between them, and a cut last record, are losses."""
+        """Yield the records; bytes between them and a truncated last record are losses."""
         data, at = self._data, 0
         while at < self._size:
-            form = self._begins(at)
+            form = self._format_at(at)
             if form is None or not (
-                self._followed(at + form.length)
+                self._is_followed(at + form.length)
                 # the next one is damaged, unless a sound one begins in this one
                 or self._next(at + 1, at + form.length) is None
             ):
                 following = self._next(at + 1, self._size)
                 end = self._size if following is None else following
                 what = (
-                    "at the end: a cut record or bad bytes, skipped"
+                    "at the end: a truncated record or bad bytes, skipped"
                     if following is None
                     else "bad bytes, or records of an unknown type, skipped"
                 )
@@ -172,41 +172,41 @@ class _Walk:
             )
             at += form.length
 
-    def _begins(self, at: int) -> Format | None:
-        """Return the kind of the record that begins at a byte; None where none does, or it is cut."""
+    def _format_at(self, at: int) -> Format | None:
+        """Return the format of the record at an offset; None without a whole record."""
         if self._data[at : at + 2] != MAGIC or at + _HEAD > self._size:
             return None
         form = self._formats.get(self._data[at + 2])
         return form if form is not None and at + form.length <= self._size else None
 
-    def _followed(self, end: int) -> bool:
-        """Return whether a record begins, or the log ends, at a byte; the second of two magic bytes may be cut off."""
+    def _is_followed(self, end: int) -> bool:
+        """Return whether a record or the end of the log follows at an offset; the second magic byte may be missing."""
         return MAGIC.startswith(self._data[end : end + 2])
 
     def _next(self, first: int, last: int) -> int | None:
-        """Return where a record begins that another one, or the end of the log, follows; None without one."""
+        """Return the offset of the next record that another record or the end of the log follows; None without one."""
         at = first - 1
         while (at := self._data.find(MAGIC, at + 1, min(last + 1, self._size))) >= 0:
-            form = self._begins(at)
-            if form is not None and self._followed(at + form.length):
+            form = self._format_at(at)
+            if form is not None and self._is_followed(at + form.length):
                 return at
         return None
 
 
 class DataflashReader(LogFile):
-    """A DataFlash log opened for reading. It has one clock.
+    """Reader of a DataFlash log, which has one clock.
 
-    Times are UTC when the log has GPS time, fitted to the vehicle's clock over the whole log; otherwise they count from the vehicle's
-    start, which the report notes.
+    Times are UTC if the log has GPS time, fitted to the vehicle's clock over the whole log; otherwise they count from boot, as the report
+    notes.
     """
 
     format = "dataflash"
 
     def messages(self) -> Iterator[Message]:
-        """Yield the wanted records in the order in which the file holds them.
+        """Yield the wanted records in file order.
 
-        ``topic`` is ``dataflash/{NAME}``, ``schema`` is ``dataflash.{NAME}``, ``position`` the ordinal of the record in the file,
-        unwanted ones counted. A record without a stamp has that of the record before.
+        ``topic`` is ``dataflash/{NAME}``, ``schema`` is ``dataflash.{NAME}``, ``position`` the ordinal among all records of the file. A
+        record without a stamp takes that of the previous one.
 
         Raises:
             LogError: The file cannot be read.
@@ -236,7 +236,7 @@ class DataflashReader(LogFile):
             yield from _Walk(data, statistics).records()
 
     def _fit_clock(self) -> tuple[ClockFit | None, int, tuple[str, ...]]:
-        """Return the clock fitted to the GPS time of the whole log, the log's first stamp [microseconds], and notes on both."""
+        """Return the clock fitted to the log's GPS time, the log's first stamp [microseconds], and notes."""
         gps, first_us = [], None
         for form, values, boot_us in self._records(ReadStatistics()):
             if boot_us is None or boot_us > _MAX_BOOT_US:
@@ -260,10 +260,10 @@ class DataflashReader(LogFile):
 
 
 class _Stamps:
-    """Times since the vehicle's start of consecutive records, with counts of implausible stamps; mutable, as records are streamed."""
+    """Times since boot of consecutive records, with counts of implausible stamps; mutable, as records are streamed."""
 
     def __init__(self, first_us: int) -> None:
-        """Begin with the stamp for records before the first that has one [microseconds]."""
+        """Create the state from the stamp for records before the first stamped one [microseconds]."""
         self._last = first_us
         self._backward = 0
         self._most_us = 0
@@ -271,7 +271,7 @@ class _Stamps:
         self._spikes = 0
 
     def of(self, stated: list[int | None]) -> NDArray[np.int64]:
-        """Return the stamp of each of the next records [microseconds]; one without a stamp has that of the record before."""
+        """Return the stamps of the next records [microseconds]; a record without a stamp takes that of the previous one."""
         known = [k for k, stamp in enumerate(stated) if stamp is not None and stamp <= _MAX_BOOT_US]
         self._impossible += len(stated) - stated.count(None) - len(known)
         stamps, spikes = without_spikes(np.array([stated[k] for k in known], np.int64), self._last)
@@ -285,7 +285,7 @@ class _Stamps:
         return filled
 
     def notes(self) -> tuple[str, ...]:
-        """Return what a user should know."""
+        """Return notes for the user."""
         notes = (
             (
                 self._backward,

@@ -1,7 +1,7 @@
-"""Entries of a MAVLink telemetry log, found and checked a block at a time.
+"""Entries of a MAVLink telemetry log, found and checked by blocks.
 
-An entry is eight bytes of microseconds, big-endian, then one MAVLink 1 or 2 frame. Only the frame's own checksum shows that an
-entry is sound: every candidate is checked, and the next entry is the first sound one after the end of the last.
+An entry is eight bytes of microseconds, big-endian, then one MAVLink 1 or 2 frame. Only the frame's checksum validates an entry: every
+candidate is checked, and the next entry is the first valid one after the end of the last.
 """
 
 import re
@@ -41,18 +41,18 @@ for _id, _message in dialect.mavlink_map.items():
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frames:
-    """Entries of one block whose frames passed their checksum, or whose message is unknown and followed by another entry.
+    """Entries of one block with valid checksums, or of unknown messages followed by another entry.
 
     Attributes:
-        data: The block, and some bytes of padding.
-        offset: Where the block begins in the file.
-        start: Where each entry begins in the block, shape (n,).
-        end: Where it ends.
-        payload: Where its payload begins.
-        length: Bytes of payload.
-        stamp_us: The recorder's stamp [microseconds].
-        sender: 256 times the system's number plus the component's.
-        message_id: Kind of message.
+        data: Block with padding.
+        offset: Offset of the block in the file.
+        start: Start of each entry in the block, shape (n,).
+        end: End of each entry.
+        payload: Start of each payload.
+        length: Length of each payload [bytes].
+        stamp_us: Recorder's stamp [microseconds].
+        sender: 256 times the system number plus the component number.
+        message_id: MAVLink message number.
     """
 
     data: bytes
@@ -66,7 +66,7 @@ class Frames:
     message_id: Indices
 
     def take(self, which: Indices | NDArray[np.bool_]) -> "Frames":
-        """Return some of the entries."""
+        """Return a subset of the entries."""
         if which.all() if which.dtype == np.bool_ else which.size == self.start.size:
             return self
         columns = (
@@ -82,20 +82,20 @@ class Frames:
 
 
 def is_tlog(head: bytes) -> bool:
-    """Return whether a sound entry of a telemetry log is among these first bytes of a file."""
+    """Return whether the first bytes of a file contain a valid entry of a telemetry log."""
     frames, _ = scan(head, 0, at_end=True)
     return any(message_id in dialect.mavlink_map for message_id in frames.message_id.tolist())
 
 
 def read_frames(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Frames]:
-    """Yield the sound entries block after block; bad bytes between two of them, and a cut last entry, are losses."""
+    """Yield the valid entries by blocks; bytes between them and a truncated last entry are losses."""
     data, offset, sound_end, at_end = b"", 0, 0, False
     while not at_end:
         block = file.read(BLOCK)
         at_end = not block
         data += block
         frames, used = scan(data, offset, at_end)
-        gap = "bad bytes between two sound frames, skipped"
+        gap = "bad bytes between two valid frames, skipped"
         sound_end = lose_gaps(
             statistics, gap, sound_end, frames.start + offset, frames.end + offset
         )
@@ -103,17 +103,17 @@ def read_frames(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Frames]:
         data, offset = data[used:], offset + used
     if offset > sound_end:
         statistics.lose(
-            "at the end: a cut frame or bad bytes, skipped", sound_end, offset - sound_end
+            "at the end: a truncated frame or bad bytes, skipped", sound_end, offset - sound_end
         )
 
 
 def scan(data: bytes, offset: int, at_end: bool) -> tuple[Frames, int]:
-    """Return the sound entries of part of a log, and how many of its bytes need not be seen again.
+    """Return the valid entries of part of a log, and the number of bytes that are finished.
 
     Args:
-        data: Part of the log; its first byte begins an entry, or bytes to be searched for one.
-        offset: Where the part begins in the file.
-        at_end: Whether the log ends with it; otherwise entries that might not be whole are left for the next part.
+        data: Part of the log, from an entry or from bytes to be searched.
+        offset: Offset of the part in the file.
+        at_end: Whether the log ends with it; otherwise incomplete entries are left for the next part.
     """
     size = len(data)
     searched = size if at_end else max(size - _LONGEST - _BEYOND, 0)
@@ -124,13 +124,13 @@ def scan(data: bytes, offset: int, at_end: bool) -> tuple[Frames, int]:
 
 
 def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
-    """Return the candidates: every place where an entry seems to begin and to be whole.
+    """Return the candidates: every offset at which a whole entry may begin.
 
     Args:
-        data: The block, then padding, so that the fields of what is too short can be read.
-        offset: Where it begins in the file.
-        size: Bytes of the block.
-        searched: Entries begin before this byte of it.
+        data: Block with padding for reading beyond its end.
+        offset: Offset of the block in the file.
+        size: Size of the block [bytes].
+        searched: End of the search in the block.
     """
     view = np.frombuffer(data, dtype=np.uint8)
     start = np.flatnonzero(view[8 : min(searched, max(size - _SHORTEST + 1, 0)) + 8] >= _V2)
@@ -151,7 +151,7 @@ def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
 
 
 def _sound(frames: Frames, size: int, at_end: bool) -> NDArray[np.bool_]:
-    """Return which entries are sound: a known message's checksum fits; after an unknown one another candidate begins."""
+    """Return the mask of valid entries: the checksum matches, or another candidate follows an unknown message."""
     view = np.frombuffer(frames.data, dtype=np.uint8)
     check = frames.payload + frames.length
     stated = view[check].astype(np.uint16) | view[check + 1].astype(np.uint16) << 8
@@ -177,13 +177,13 @@ PADDING = 2 * _WORDS
 def checksums(
     data: NDArray[np.uint8], start: Indices, end: Indices, extra: NDArray[np.uint16]
 ) -> NDArray[np.uint16]:
-    """Return the checksum of parts of the data, each followed by one more byte, shape (n,).
+    """Return the checksums of parts of the data, each with one more byte, shape (n,).
 
     Args:
         data: The bytes, and ``PADDING`` more of any value after the last part.
-        start: Where each part begins, shape (n,).
-        end: Where it ends.
-        extra: The byte that follows each.
+        start: Start of each part, shape (n,).
+        end: End of each part.
+        extra: Additional byte of each.
     """
     words = (end - start) // 2
     longest_first = np.argsort(words.astype(np.uint16), kind="stable")[::-1]
@@ -215,7 +215,7 @@ def _with_byte(
 
 
 def _after_bits(bits: int) -> NDArray[np.uint16]:
-    """Return the value of each register, shape (2**bits,), after that many bits are shifted out."""
+    """Return each register value, shape (2**bits,), after ``bits`` shifts."""
     register = np.arange(1 << bits, dtype=np.uint16)
     for _ in range(bits):
         register = (register >> np.uint16(1)) ^ (register & np.uint16(1)) * np.uint16(_REVERSED)

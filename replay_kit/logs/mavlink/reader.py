@@ -1,4 +1,4 @@
-"""Streaming reader of MAVLink telemetry logs: entries found and checked a block at a time, wanted ones decoded one by one."""
+"""Streaming reader of MAVLink telemetry logs: entries are found and checked by blocks, wanted ones decoded."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
@@ -21,10 +21,10 @@ Unpack = Callable[[bytes], dict[str, Any]]
 
 
 def unpacker(message_id: int) -> Unpack:
-    """Return the function from a payload to its fields, for a message of the dialect.
+    """Return the function that decodes the payload of a message of the dialect.
 
-    The zeros that MAVLink 2 cuts off at the end of a payload are filled in; of a longer payload, with fields that are not in the
-    dialect, the known fields are read. Character arrays are text without the padding.
+    Trailing zeros truncated by MAVLink 2 are restored, and fields unknown to the dialect are ignored. Character arrays are text without
+    padding.
     """
     message = dialect.mavlink_map[message_id]
     size, unpack, names = (
@@ -67,7 +67,7 @@ _first = attrgetter("position")
 
 
 class _Kind(NamedTuple):
-    """Messages of one kind from one sender: topic, name, and how they are decoded; None leaves them undecoded."""
+    """Messages of one kind from one sender: topic, name and decoder; None leaves them undecoded."""
 
     topic: str
     name: str
@@ -75,10 +75,10 @@ class _Kind(NamedTuple):
 
 
 class TlogReader(LogFile):
-    """A telemetry log opened for reading.
+    """Reader of a telemetry log.
 
-    The clock ``publish`` is the recorder's as ``log`` is; ``header`` is the time that a message states: UTC, or the time since its
-    sender's start, which is fitted to UTC, or to the recorder's stamps when the log has no UTC.
+    The clocks ``log`` and ``publish`` are the recorder's; ``header`` is the time stated in a message: UTC, or the time since boot, fitted
+    to UTC or, in a log without UTC, to the recorder's stamps.
     """
 
     format = "tlog"
@@ -94,13 +94,13 @@ class TlogReader(LogFile):
         self._kinds: dict[int, _Kind] = {}
 
     def messages(self) -> Iterator[Message]:
-        """Yield the wanted messages in the order in which the file holds them.
+        """Yield the wanted messages in file order.
 
-        ``topic`` is ``mavlink/{system}/{component}/{NAME}``, ``schema`` the message's name, ``position`` the ordinal of the
-        frame in the file, unwanted ones counted.
+        ``topic`` is ``mavlink/{system}/{component}/{NAME}``, ``schema`` the message name, ``position`` the ordinal among all frames of the
+        file.
 
         Raises:
-            LogError: The file cannot be read; or only some messages are wanted, and positions of several systems are among them.
+            LogError: The file cannot be read; or only some messages are wanted and several systems send positions.
         """
         self._prepare()
         if self._clock == "header":
@@ -115,7 +115,7 @@ class TlogReader(LogFile):
             yield from self._decoded(frames, position)
 
     def frames(self) -> Iterator[RawMessage]:
-        """Yield the entries as they are in the file, on the topic ``mavlink/frames``, or ``mavlink/frames/{input}`` after the first log."""
+        """Yield the raw entries on the topic ``mavlink/frames``, or ``mavlink/frames/{input}`` after the first log."""
         topic = _FRAMES_TOPIC if self.input == 0 else f"{_FRAMES_TOPIC}/{self.input}"
         channel = RawChannel(0, topic, MAVLINK_FRAMES, (), None)
         position = 0
@@ -139,7 +139,7 @@ class TlogReader(LogFile):
                     position += 1
 
     def report(self) -> LogReport:
-        """Return what was found so far."""
+        """Return the report on the entries read so far."""
         notes = self._times.notes()
         if self._spikes:
             notes = (spikes_note(self._spikes), *notes)
@@ -154,7 +154,7 @@ class TlogReader(LogFile):
         return replace(super().report(), notes=notes)
 
     def _read(self, statistics: ReadStatistics) -> Iterator[tuple[Frames, int, int]]:
-        """Yield the entries block by block, the position of the first in the file, and the number of stamps far from their neighbours."""
+        """Yield blocks of entries, the position of the first in the file, and the number of outlier stamps."""
         position, last_us = 0, None
         with self._opened() as file:
             for frames in read_frames(file, statistics):
@@ -164,7 +164,7 @@ class TlogReader(LogFile):
                 last_us = int(stamp_us[-1]) if stamp_us.size else last_us
 
     def _decoded(self, frames: Frames, position: int) -> Iterator[Message]:
-        """Yield the wanted messages of a block and count all; the first has this position."""
+        """Yield the wanted messages of a block and count all; ``position`` is that of the first."""
         keys, kind_of, counts = np.unique(
             frames.message_id.astype(np.int64) << 16 | frames.sender,
             return_inverse=True,
@@ -213,7 +213,7 @@ class TlogReader(LogFile):
         return f"set system in [logs] of the configuration to one of {', '.join(map(str, sorted(self._positions_of)))}"
 
     def _kind(self, key: int) -> _Kind:
-        """Return what is known of the messages of one kind from one sender."""
+        """Return topic, name and decoder of the messages of one kind from one sender."""
         message_id, system, component = key >> 16, key >> 8 & 0xFF, key & 0xFF
         known = dialect.mavlink_map.get(message_id)
         if known is None:

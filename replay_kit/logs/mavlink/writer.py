@@ -1,7 +1,7 @@
-"""The messages of our own logs as a MAVLink 2 telemetry log: a stamp of microseconds, then a frame, and so on.
+"""Writer of messages as a MAVLink 2 telemetry log: stamps in microseconds and frames.
 
-MAVLink has no message for a depth-averaged current, and no field for a ping's amplitude, correlation and the like: these
-are left out and counted. A ping is written as five ``DEBUG_FLOAT_ARRAY`` frames; unknown values are NaN.
+MAVLink has no message for a depth-averaged current and no fields for a ping's amplitude, correlation and so on: these are dropped and
+counted. A ping is written as five ``DEBUG_FLOAT_ARRAY`` frames; unknown values are NaN.
 """
 
 import math
@@ -34,7 +34,7 @@ _STATED = ("n_cells", "cell_size", "bin0_distance")
 
 
 class _UnfitError(Exception):
-    """A message has no frame, for a reason that can be named."""
+    """Message without a frame, with the reason."""
 
 
 _UNFIT = (
@@ -49,18 +49,18 @@ _UNFIT = (
 
 
 class TlogFrames:
-    """Makes the entries of a telemetry log from messages, and counts what they cannot hold.
+    """Converter of messages to entries of a telemetry log, with counts of dropped parts.
 
     Attributes:
-        left_out: Number of messages by (topic, what was left out and why).
+        left_out: Number of messages by topic and dropped part with its reason.
     """
 
     def __init__(self, beside_vehicle: bool = False) -> None:
-        """Begin with no message.
+        """Create a converter.
 
         Args:
-            beside_vehicle: Whether the log holds the vehicle's own frames too: the new ones are then from the onboard computer, a
-                MAVLink component with a clock of its own.
+            beside_vehicle: Whether the log also holds the vehicle's own frames: the new ones then come from the onboard computer, a
+                component with its own clock.
         """
         self.left_out: Counter[tuple[str, str]] = Counter()
         component = dialect.MAV_COMP_ID_ONBOARD_COMPUTER if beside_vehicle else _COMPONENT
@@ -68,10 +68,10 @@ class TlogFrames:
         self._boot_ns: int | None = None
 
     def entries(self, message: Message) -> Iterator[tuple[str, bytes]]:
-        """Yield MAVLink name and entry (stamp and frame) for each frame of a message; none for one that has none.
+        """Yield MAVLink name and entry (stamp and frame) for each frame of a message, if any.
 
         Args:
-            message: ``foxglove.LocationFix`` or ``replay_kit.AdcpPing``; any other is left out.
+            message: ``foxglove.LocationFix`` or ``replay_kit.AdcpPing``; others are dropped.
 
         Raises:
             LogError: A ping has more than 58 cells.
@@ -95,15 +95,13 @@ class TlogFrames:
             why = (
                 error
                 if isinstance(error, _UnfitError)
-                else "a field is not of the kind that is expected, or out of a frame's range"
+                else "a field is not of the expected type, or out of a frame's range"
             )
             self.left_out[message.topic, f"no frame can be made: {why}"] += 1
             return
-        lost = _not_held(message.payload) if message.schema == "replay_kit.AdcpPing" else ()
+        lost = _dropped_fields(message.payload) if message.schema == "replay_kit.AdcpPing" else ()
         if lost:
-            self.left_out[
-                message.topic, f"of each its {', '.join(lost)}, for which a frame has no field"
-            ] += 1
+            self.left_out[message.topic, f"{', '.join(lost)}: a frame has no field for each"] += 1
         yield from packed
 
     def _packed(self, frame: Any) -> bytes:
@@ -116,8 +114,8 @@ def write_tlog(path: Path, messages: Iterable[Message]) -> Mapping[str, int]:
     """Write fixes, dead-reckoned positions and pings as a telemetry log and return the number of frames by MAVLink name.
 
     Args:
-        path: The log; a file of that name is replaced.
-        messages: ``foxglove.LocationFix`` and ``replay_kit.AdcpPing`` in order of time; others have no frame and are left out.
+        path: Log; an existing file is replaced.
+        messages: ``foxglove.LocationFix`` and ``replay_kit.AdcpPing`` in order of time; others are dropped.
 
     Raises:
         ConfigError: The file cannot be written.
@@ -214,7 +212,7 @@ def _cells(payload: Mapping[str, Any]) -> list[list[Any]]:
 
 
 def _columns(payload: Mapping[str, Any]) -> list[list[float]]:
-    """Return a ping's velocities by component, two or three; NaN for what a cell does not state."""
+    """Return a ping's velocities by component, two or three; NaN for missing values."""
     cells = _cells(payload)
     if len(cells) != payload["n_cells"]:
         raise _UnfitError("expected as many cells of velocity as n_cells says")
@@ -227,8 +225,8 @@ def _columns(payload: Mapping[str, Any]) -> list[list[float]]:
     ]
 
 
-def _not_held(payload: Mapping[str, Any]) -> list[str]:
-    """Return the fields of a ping that its frames do not hold."""
+def _dropped_fields(payload: Mapping[str, Any]) -> list[str]:
+    """Return the fields of a ping that its frames cannot hold."""
     lost = sorted(
         key
         for key, value in payload.items()

@@ -1,4 +1,4 @@
-"""Messages of an MCAP file in columns: one walk through the records of a chunk, for every use of them."""
+"""Messages of an MCAP chunk as columns, from one pass over its records."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -30,13 +30,13 @@ Row = tuple[int, int, int, int, int, int, int]
 
 
 class Part(NamedTuple):
-    """Messages that follow one another, in the file or in time.
+    """Consecutive messages, in the file or in time.
 
     Attributes:
-        contents: Bytes that hold their records.
-        offset: Where each message record begins in them, shape (n,), increasing [bytes].
+        contents: Bytes with their records.
+        offset: Start of each message record, shape (n,), increasing [bytes].
         head: ``MESSAGE_START`` of each.
-        ordinal: Of each in the file.
+        ordinal: Ordinal of each in the file.
     """
 
     contents: bytes
@@ -46,29 +46,29 @@ class Part(NamedTuple):
 
     @property
     def stop(self) -> NDArray[np.int64]:
-        """Where each message record ends, shape (n,) [bytes]."""
+        """End of each message record, shape (n,) [bytes]."""
         stop: NDArray[np.int64] = self.offset + HEAD_SIZE + self.head["length"].astype(np.int64)
         return stop
 
     def take(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Part":
-        """Return some of the messages."""
+        """Return a subset of the messages."""
         return Part(self.contents, self.offset[which], self.head[which], self.ordinal[which])
 
     def rows(self) -> Iterator[Row]:
-        """Yield the messages one by one."""
+        """Yield the messages."""
         columns = (self.head[name].tolist() for name in MESSAGE_START.names[2:])  # type: ignore[index]
         starts, stops = (self.offset + MESSAGE_START.itemsize).tolist(), self.stop.tolist()
         return zip(*columns, starts, stops, self.ordinal.tolist(), strict=True)
 
 
 class Walked(NamedTuple):
-    """The records of a chunk's contents.
+    """Records of a chunk's contents.
 
     Attributes:
-        part: The messages; their ordinals count from the first.
-        declared: Opcode, and where the body begins and ends, of the schema and channel records.
-        short: Lengths of message records that are too short to be one.
-        end: Bytes that whole records take; fewer than there are where no record follows.
+        part: Messages, with ordinals from the first.
+        declared: Opcode, start and end of the body of schema and channel records.
+        short: Lengths of truncated message records.
+        end: End of the last whole record [bytes].
     """
 
     part: Part
@@ -78,11 +78,11 @@ class Walked(NamedTuple):
 
 
 def walk(data: bytes, strict: bool = False) -> Walked:
-    """Return the records of a chunk's contents, up to where no whole record follows.
+    """Return the records of a chunk's contents, up to the last whole one.
 
     Args:
-        data: The contents.
-        strict: Whether a record that is no schema, channel or message ends the walk, not a kind of a later version of the format.
+        data: Contents of the chunk.
+        strict: Whether a record other than schema, channel or message ends the walk; otherwise it is skipped.
     """
     offset: list[int] = []
     declared: list[tuple[int, int, int]] = []
@@ -110,7 +110,7 @@ def messages_alone(data: bytes) -> Part:
     """Return the messages of a whole chunk.
 
     Raises:
-        ValueError: It holds more than schemas, channels and messages.
+        ValueError: It holds other records than schemas, channels and messages.
     """
     found = walk(data, strict=True)
     if found.short or found.end < len(data):

@@ -1,9 +1,8 @@
-"""An MCAP file with an index in the order of log times, whatever the order of its chunks.
+"""Messages of an indexed MCAP file in order of log time, for any order of its chunks.
 
-Recorders and tools write topic after topic, or chunks that overlap in time. Where the message indexes say that messages come later than the
-reorder window allows, the file is read in slices of time, each of which fits into memory: the chunks that reach into a slice are
-decompressed for it, some more than once. A file whose clock was set back, by which times of a topic fall for more than a day, keeps its
-order.
+Recorders and tools write topic after topic, or chunks that overlap in time. If by the message indexes messages are later than the reorder
+window allows, the file is read in time slices that fit into memory; some chunks are decompressed more than once. A file whose clock was set
+back by more than a day keeps its order.
 """
 
 from collections.abc import Iterator
@@ -26,13 +25,13 @@ _SLICE, _TIMES = 1 << 26, 17
 
 
 class ChunkTimes(NamedTuple):
-    """When the messages of a chunk were logged.
+    """Log times of a chunk.
 
     Attributes:
-        chunk: As the index has it.
-        first: Ordinal in the file of the first message.
-        messages: Number of them.
-        times: shape (17,) [ns], from the earliest to the latest; between two neighbours are equally many messages.
+        chunk: Index entry of the chunk.
+        first: Ordinal of its first message in the file.
+        messages: Number of messages.
+        times: shape (17,) [ns], quantiles of the times in equal steps.
     """
 
     chunk: ChunkIndex
@@ -42,12 +41,12 @@ class ChunkTimes(NamedTuple):
 
 
 def disordered(file: BinaryIO, summary: Summary, window_ns: int) -> list[ChunkTimes] | None:
-    """Return the times in each chunk; None where the order of the file will do, or its index does not tell of another.
+    """Return the times of each chunk; None if the file order suffices or the index does not show another.
 
     Args:
         file: The open file.
-        summary: Its summary.
-        window_ns: How long messages are held back for older ones [ns].
+        summary: Summary of the file.
+        window_ns: Reorder window [ns].
     """
     held, newest, first, latest = list[ChunkTimes](), dict[int, int](), 0, 0
     for chunk in summary.chunks:
@@ -78,18 +77,18 @@ def disordered(file: BinaryIO, summary: Summary, window_ns: int) -> list[ChunkTi
 
 
 def _lag(times: NDArray[np.int64], newest: int) -> tuple[int, int]:
-    """Return by how much times are older than the newest before them at most [ns], and the newest of all."""
+    """Return the largest lag of times behind the newest before them [ns], and the newest of all."""
     tops = np.maximum.accumulate(np.append(newest, times))
     return int((tops[1:] - times).max(initial=0)), int(tops[-1])
 
 
 def slices(file: BinaryIO, held: list[ChunkTimes], statistics: ReadStatistics) -> Iterator[Part]:
-    """Yield the messages of a file in the order of their log times, those of one time in the order of the file.
+    """Yield the messages of a file in order of log time, equal times in file order.
 
     Args:
         file: The open file.
-        held: The times in each chunk.
-        statistics: Counts chunks that are damaged, and those that no checksum covers.
+        held: Times of each chunk.
+        statistics: Statistics that count damaged and unchecked chunks.
     """
     times = np.concatenate([each.times[1:] for each in held])
     sizes = np.repeat([each.chunk.uncompressed_size / (_TIMES - 1) for each in held], _TIMES - 1)

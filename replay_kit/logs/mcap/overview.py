@@ -1,4 +1,4 @@
-"""What the index at the end of an MCAP file says: a few reads, however large the file is."""
+"""Overview of an MCAP file from its index, by a few reads."""
 
 import os
 import struct
@@ -33,12 +33,12 @@ def overview_of(
     decoded: Callable[[Channels, Part, Row], Message | None],
     rename: Callable[[str], str],
 ) -> Overview | str:
-    """Return the overview of an open file, or why its index says too little; empty when the file is so small that all can be read.
+    """Return the overview of an open file, or why its index does not suffice; empty for a file small enough to read whole.
 
     Args:
         file: The file.
-        decoded: Returns a message decoded; None when it cannot be.
-        rename: Gives what a topic of the file is called.
+        decoded: Returns a decoded message; None if undecodable.
+        rename: Returns the name of a topic of the file.
     """
     summary = read_summary(file, os.fstat(file.fileno()).st_size)
     held = _chunks_by_channel(summary)
@@ -59,7 +59,7 @@ def overview_of(
 
 
 def _chunks_by_channel(summary: Summary) -> dict[int, list[ChunkIndex]]:
-    """Return the chunks that hold messages of each channel, in the order of the file."""
+    """Return the chunks with messages of each channel, in file order."""
     held: dict[int, list[ChunkIndex]] = defaultdict(list)
     for chunk in summary.chunks:
         for number in chunk.message_index_offsets:
@@ -68,7 +68,7 @@ def _chunks_by_channel(summary: Summary) -> dict[int, list[ChunkIndex]]:
 
 
 def problem_of(summary: Summary) -> str:
-    """Return why an index says too little of its file; empty when it says enough."""
+    """Return why an index does not suffice; empty if it does."""
     held = _chunks_by_channel(summary)
     statistics = summary.statistics
     if statistics is None:
@@ -109,7 +109,7 @@ def _topics(
 
 
 def _edge(file: BinaryIO, channel: int, chunks: Sequence[ChunkIndex], last: bool) -> int | None:
-    """Return a channel's earliest, or latest, log time [ns] by its message indexes; None when many chunks might hold it."""
+    """Return a channel's earliest or latest log time [ns] from its message indexes; None if too many chunks may hold it."""
     sign = -1 if last else 1
     # by the bound that each chunk states for its own messages
     bounds = sorted(
@@ -130,10 +130,10 @@ def _edge(file: BinaryIO, channel: int, chunks: Sequence[ChunkIndex], last: bool
 
 
 def index_entries(file: BinaryIO, channel: int, chunk: ChunkIndex) -> NDArray[np.void]:
-    """Return what a chunk's message index lists for a channel: ``log_ns``, and ``offset`` in the contents.
+    """Return a channel's message index in a chunk: ``log_ns``, and ``offset`` in the contents.
 
     Raises:
-        struct.error, ValueError: ``RECORD_ERRORS``; no such index is where the summary says.
+        struct.error, ValueError: ``RECORD_ERRORS``; the index is not at the offset in the summary.
     """
     offset = chunk.message_index_offsets[channel]
     file.seek(offset)
@@ -149,7 +149,7 @@ def _first_messages(
     held: Mapping[int, Sequence[ChunkIndex]],
     decoded: Callable[[Channels, Part, Row], Message | None],
 ) -> Iterator[Message]:
-    """Yield the first messages of each channel that can be decoded.
+    """Yield the first decodable messages of each channel.
 
     Raises:
         struct.error, ValueError: ``RECORD_ERRORS``; a chunk is damaged.

@@ -1,4 +1,4 @@
-"""Streaming MCAP reader: one chunk in memory, messages in file order or that of the index, damage counted and skipped."""
+"""Streaming MCAP reader: one chunk in memory, messages in file or index order, damage counted and skipped."""
 
 import os
 import struct
@@ -41,22 +41,22 @@ Make = Callable[[Channels, Part, Row], _T | None]
 
 
 class McapReader(LogFile):
-    """An MCAP file opened for reading. The clock of the configuration chooses which stamp becomes ``time_ns``."""
+    """Reader of an MCAP file; the configured clock selects the stamp for ``time_ns``."""
 
     format = "mcap"
 
     def messages(self) -> Iterator[Message]:
-        """Yield the decoded messages in the order in which the file holds them; in order of log time where its index tells of another.
+        """Yield the decoded messages in file order, or in order of log time if the index shows another.
 
-        ``position`` is the ordinal of the message in the file, undecodable ones counted.
+        ``position`` is the ordinal of the message in the file, including undecodable ones.
 
         Raises:
             LogError: The file cannot be read or is no MCAP file.
         """
-        yield from self._made(self._decoded)
+        yield from self._each(self._decoded)
 
     def blocks(self, wanted: Callable[[str, str], bool]) -> Iterator[Block]:
-        """Yield a block for each chunk; only wanted topics are decoded, and of others the first message. As ``LogFile.blocks``."""
+        """Yield a block per chunk, decoding wanted topics and the first message of others; see ``LogFile.blocks``."""
         if self._clock == "header":
             # the stamp is in the payload
             yield from super().blocks(wanted)
@@ -66,7 +66,7 @@ class McapReader(LogFile):
             yield self._block(channels, part, wanted, sampled)
 
     def overview(self) -> Overview | str:
-        """Return what the index at the end of the file says; as ``LogFile.overview``."""
+        """Return the overview from the index at the end of the file; see ``LogFile.overview``."""
         if self._clock != "log":
             return f"the index holds log times alone, and the clock is {self._clock}"
         self.statistics = ReadStatistics()
@@ -74,7 +74,7 @@ class McapReader(LogFile):
             return overview_of(file, self._decoded, self._topic)
 
     def raw_messages(self, on_extra: OnExtra | None = None) -> Iterator[RawMessage]:
-        """Yield the messages as they are in the file, none decoded; the clock ``header`` decodes to find the stamp.
+        """Yield the raw messages; only the clock ``header`` needs decoding.
 
         Args:
             on_extra: Called with each attachment and metadata record; damaged ones are losses.
@@ -82,10 +82,10 @@ class McapReader(LogFile):
         Raises:
             LogError: The file cannot be read or is no MCAP file.
         """
-        yield from self._made(self._raw, on_extra)
+        yield from self._each(self._raw, on_extra)
 
     def frames(self) -> Iterator[RawMessage]:
-        """Yield the entries of a telemetry log that was converted to this file."""
+        """Yield the entries of a telemetry log converted to this file."""
         with self._opened() as file:
             summary = read_summary(file, os.fstat(file.fileno()).st_size)
             channels = Channels(summary, self._topic)
@@ -96,7 +96,7 @@ class McapReader(LogFile):
                         yield self._copy(sink, part, row, row[2])
 
     def profile(self) -> str | None:
-        """Return the profile that the header states; None when the header is damaged."""
+        """Return the profile in the header; None if it is damaged."""
         with self._opened() as file:
             record = next(file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size))
         try:
@@ -109,22 +109,22 @@ class McapReader(LogFile):
             return None
 
     def is_gliders(self) -> bool:
-        """Return whether a channel states mean currents of dives; without an index of the channels, whether a message does."""
+        """Return whether a channel, or without a channel index a message, holds mean currents of dives."""
         with self._opened() as file:
             schemas = read_summary(file, os.fstat(file.fileno()).st_size).schemas
         if schemas:
             return any(schema.name == DIVE_MEAN for schema in schemas.values())
         return any(message.schema == DIVE_MEAN for message in self.messages())
 
-    def _made(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
-        """Yield what is made of each message."""
+    def _each(self, make: Make[_T], on_extra: OnExtra | None = None) -> Iterator[_T]:
+        """Yield the result of ``make`` for each message."""
         for channels, part in self._parts(on_extra):
             for row in part.rows():
                 if (made := make(channels, part, row)) is not None:
                     yield made
 
     def _parts(self, on_extra: OnExtra | None = None) -> Iterator[tuple[Channels, Part]]:
-        """Yield the messages of one pass in parts; in order of time where the index tells that the file is in another."""
+        """Yield the messages of one pass in parts, in order of time if the index shows another order of the file."""
         self.statistics = ReadStatistics()
         with self._opened() as file:
             self._check_magic(file)
@@ -152,7 +152,7 @@ class McapReader(LogFile):
             )
 
     def _decoded(self, channels: Channels, part: Part, row: Row) -> Message | None:
-        """Return a message decoded; None, and a count, when it cannot be."""
+        """Return a decoded message; None, counted, if undecodable."""
         channel, _, time_ns, publish_ns, start, stop, position = row
         sink = channels.sinks.get(channel) or channels.sink(channel)
         statistics = self.statistics
@@ -181,7 +181,7 @@ class McapReader(LogFile):
         wanted: Callable[[str, str], bool],
         sampled: set[tuple[str, str]],
     ) -> Block:
-        """Return a part as a block, of which only wanted messages are decoded, and of other kinds one that can be."""
+        """Return a part as a block with wanted messages decoded, and one message of other kinds."""
         numbers, kind = np.unique(part.head["channel"], return_inverse=True)
         sinks = [channels.sink(number) for number in numbers.tolist()]
         times = part.head[f"{self._clock}_ns"]
@@ -192,7 +192,7 @@ class McapReader(LogFile):
             which, named, tried = kind == number, (sink.topic, sink.schema), 0
             count = int(np.count_nonzero(which))
             if callable(sink.decode):
-                decoded = self._begins(channels, part, which)
+                decoded = self._decodable(channels, part, which)
                 before = self.statistics.read[sink.topic]
                 if wanted(*named) or not possible[which].all():
                     made += decoded
@@ -211,10 +211,10 @@ class McapReader(LogFile):
             [message for _, message in made],
         )
 
-    def _begins(
+    def _decodable(
         self, channels: Channels, part: Part, which: NDArray[np.bool_]
     ) -> Iterator[tuple[int, Message]]:
-        """Yield those of some messages that can be decoded, with where each begins."""
+        """Yield decodable messages of a selection with their offsets."""
         for row in part.take(which).rows():
             if (message := self._decoded(channels, part, row)) is not None:
                 yield row[4], message
@@ -232,7 +232,7 @@ class McapReader(LogFile):
         return self._copy(sink, part, row, time_ns)
 
     def _copy(self, sink: Sink, part: Part, row: Row, time_ns: int) -> RawMessage:
-        """Return a message as it is in the file."""
+        """Return a raw message."""
         _, sequence, log_ns, publish_ns, start, stop, position = row
         return RawMessage(
             *(time_ns, self.input, position, sink.channel, sequence, log_ns, publish_ns),
@@ -240,7 +240,7 @@ class McapReader(LogFile):
         )
 
     def _stamped(self, payload: Mapping[str, Any], log_ns: int) -> int:
-        """Return a payload's own stamp; the log time, and a count, when it has none."""
+        """Return a payload's own stamp; without one the log time, counted."""
         stamp = header_stamp(payload)
         if stamp is None:
             self.statistics.without_stamp += 1
@@ -249,7 +249,7 @@ class McapReader(LogFile):
 
 
 def _extra(file: BinaryIO, record: Record) -> Attachment | Metadata:
-    """Return a metadata record, or an attachment, whose body is read here and checked.
+    """Return a metadata record or an attachment after a check.
 
     Raises:
         struct.error, ValueError, OverflowError, mcap.exceptions.McapError: ``RECORD_ERRORS``; it is damaged.

@@ -1,8 +1,7 @@
 """Records of an MCAP file with their byte offsets, and the contents of chunks, in bounded memory.
 
-The framing (one byte of opcode, eight of length) is walked here and not by ``mcap.stream_reader`` because a damaged file
-must be read by offset, and because the library reads and decompresses whatever size a file claims. The contents
-of a record are parsed by ``mcap.records``.
+The framing (one byte of opcode, eight of length) is parsed here, not by ``mcap.stream_reader``, as a damaged file must be read by offset
+and the library decompresses any claimed size. Record bodies are parsed by ``mcap.records``.
 """
 
 import struct
@@ -61,20 +60,20 @@ _Parsed = TypeVar("_Parsed", bound=McapRecord)
 
 
 class ChunkError(ValueError):
-    """A chunk whose contents cannot be decompressed or do not match its checksum; the text states why."""
+    """Chunk with contents that cannot be decompressed or fail their checksum; the text states the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One record of the file, or the rest of a damaged one.
+    """Record of the file, or the rest of a damaged one.
 
     Attributes:
-        opcode: What it is; 0 when no record begins here.
-        offset: Where it begins [bytes].
-        end: Where it ends or the file does [bytes].
-        body: Its bytes after opcode and length; empty for kinds of records that are not read.
-        whole: False when the file ends inside it or it claims more than is believable; nothing follows it then.
-        crc: CRC-32 of the file before it, from where the walk began.
+        opcode: Opcode; 0 if no record begins here.
+        offset: Start [bytes].
+        end: End of the record or the file [bytes].
+        body: Bytes after opcode and length; empty for skipped record types.
+        whole: False if the file ends inside it or its length is implausible; nothing follows it then.
+        crc: CRC-32 of the file from the first record to this one.
     """
 
     opcode: int
@@ -87,15 +86,15 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """A chunk record, its contents still compressed.
+    """Chunk record with compressed contents.
 
     Attributes:
-        start_ns: Earliest log time in it, as stated [ns].
-        end_ns: Latest.
-        size: Bytes of its contents when decompressed, as stated.
-        crc: CRC-32 of them; 0 for none.
+        start_ns: Stated earliest log time [ns].
+        end_ns: Stated latest log time [ns].
+        size: Stated size of the decompressed contents [bytes].
+        crc: CRC-32 of the contents; 0 for none.
         compression: ``zstd``, ``lz4`` or empty.
-        data: The contents, compressed.
+        data: Compressed contents.
     """
 
     start_ns: int
@@ -107,14 +106,14 @@ class Chunk:
 
     @property
     def span(self) -> tuple[int, int] | None:
-        """First and last of its messages' times, as stated [ns]; None when that cannot be true."""
+        """Stated first and last time of its messages [ns]; None if impossible."""
         return (self.start_ns, self.end_ns) if 0 < self.end_ns >= self.start_ns else None
 
 
 def parse_chunk(body: bytes) -> Chunk:
-    """Return the chunk in a record's body; what is missing at its end is missing in ``data``.
+    """Return the chunk in a record's body; ``data`` ends with a truncated body.
 
-    Parsed here and not by the library, which copies the data.
+    The library would copy the data.
 
     Raises:
         struct.error, ValueError: ``RECORD_ERRORS``; the body is no chunk.
@@ -131,13 +130,13 @@ def parse_chunk(body: bytes) -> Chunk:
 def file_records(
     file: BinaryIO, start: int, size: int, bound: Callable[[int], int | None] | None = None
 ) -> Iterator[Record]:
-    """Yield the records of a file up to and with the footer, or up to and with the first that is not whole.
+    """Yield the records of a file up to the footer or the first incomplete record, inclusive.
 
     Args:
-        file: The open log; it may be moved between two records.
+        file: Open log; its position may change between records.
         start: Byte offset of the first record.
         size: Size of the file [bytes].
-        bound: Gives where a record is known to begin after an offset; one that reaches beyond it is not whole.
+        bound: Returns the next known start of a record after an offset; a record that extends beyond it is incomplete.
     """
     offset, crc = start, zlib.crc32(MAGIC)
     while True:
@@ -168,7 +167,7 @@ def file_records(
 
 
 def crc_of_rest(file: BinaryIO, length: int, crc: int) -> int:
-    """Return the CRC carried over the next bytes, read in pieces: an attachment may be larger than memory."""
+    """Return the CRC updated with the next bytes, read in pieces: attachments may exceed memory."""
     while length > 0:
         piece = file.read(min(length, _PIECE))
         if not piece:
@@ -179,7 +178,7 @@ def crc_of_rest(file: BinaryIO, length: int, crc: int) -> int:
 
 
 def parse(kind: type[_Parsed], body: bytes) -> _Parsed:
-    """Return a record's body as the library's value.
+    """Return a record's body parsed by the library.
 
     Raises:
         struct.error, ValueError, OverflowError, mcap.exceptions.McapError: ``RECORD_ERRORS``; the body is no such record.
@@ -190,10 +189,10 @@ def parse(kind: type[_Parsed], body: bytes) -> _Parsed:
 
 
 def chunk_contents(chunk: Chunk) -> bytes:
-    """Return the records of a whole chunk, decompressed and checked against size and CRC.
+    """Return the contents of a whole chunk, decompressed and checked against size and CRC.
 
     Raises:
-        ChunkError: The size claimed is not believable, the data do not decompress to it, or the CRC differs.
+        ChunkError: The claimed size is implausible or wrong, or the CRC differs.
     """
     _check_claim(chunk)
     data = _decompress(chunk, strict=True)
@@ -205,10 +204,10 @@ def chunk_contents(chunk: Chunk) -> bytes:
 
 
 def cut_contents(chunk: Chunk) -> bytes:
-    """Return the contents that can be recovered from a chunk whose end is missing or unknown; if all are, the checksum must match.
+    """Return the recoverable contents of a chunk whose end is missing or unknown; complete contents must match the checksum.
 
     Raises:
-        ChunkError: The size claimed is not believable, the compression is unknown, or all is there and the CRC differs.
+        ChunkError: The claimed size is implausible, the compression is unknown, or the CRC of complete contents differs.
     """
     _check_claim(chunk)
     data = _decompress(chunk, strict=False)
@@ -230,7 +229,7 @@ def _check_claim(chunk: Chunk) -> None:
 
 
 def _decompress(chunk: Chunk, strict: bool) -> bytes:
-    """Return at most one byte more than claimed, whatever the compressed data hold."""
+    """Return the decompressed data, at most one byte more than claimed."""
     if chunk.compression == "":
         return bytes(chunk.data)
     limit = chunk.size + 1

@@ -1,4 +1,4 @@
-"""Resynchronisation after damage to an MCAP file: the next offset at which records, or a chunk whose checksum fits, begin."""
+"""Resynchronisation after damage to an MCAP file: the next offset of records or of a chunk with valid checksum."""
 
 import re
 import struct
@@ -53,11 +53,11 @@ _INDEX_HEAD = struct.Struct("<HI")
 
 
 class WholeChunk(NamedTuple):
-    """A chunk whose checksum fits its contents, wherever its record is said to end.
+    """Chunk with a valid checksum, whatever the stated length of its record.
 
     Attributes:
-        contents: Its records.
-        end: Where its data end in the file [bytes].
+        contents: Records of the chunk.
+        end: End of its data in the file [bytes].
     """
 
     contents: bytes
@@ -65,7 +65,7 @@ class WholeChunk(NamedTuple):
 
 
 def _is_index(body: bytes, length: int) -> bool:
-    """Return whether the body of a record, or its beginning, is that of a message index of so many bytes."""
+    """Return whether the body of a record, or its beginning, is that of a message index of this length."""
     if len(body) < _INDEX_HEAD.size:
         return False
     listed: int = _INDEX_HEAD.unpack_from(body)[1]
@@ -73,17 +73,17 @@ def _is_index(body: bytes, length: int) -> bool:
 
 
 class Salvage:
-    """Says what is a record of one file, and where reading resumes; what checksums of candidates cost is bounded by the file's size."""
+    """Recovery of records of a damaged file; the cost of checking candidates is bounded by the file size."""
 
     def __init__(self, file: BinaryIO, size: int, summary: Summary) -> None:
-        """Begin with a file, its size [bytes] and its summary."""
+        """Create the recovery of a file from its size [bytes] and summary."""
         self._file = file
         self._size = size
         self._summary = summary
         self._left = _COST * size
 
     def begins_record(self, offset: int) -> int | None:
-        """Return where the record ends that begins at a byte [bytes]; None when its opcode and length are those of no record."""
+        """Return the end of the record at an offset [bytes]; None if opcode or length are invalid."""
         self._file.seek(offset)
         head = self._file.read(HEAD_SIZE + _INDEX_HEAD.size)
         if len(head) < HEAD_SIZE + 4:
@@ -100,7 +100,7 @@ class Salvage:
         return end if opcode != Opcode.FOOTER or end + len(MAGIC) >= self._size else None
 
     def begins_chain(self, offset: int) -> bool:
-        """Return whether three records follow one another from a byte on, or fewer that end where the file does."""
+        """Return whether three consecutive records, or fewer up to the end of the file, begin at an offset."""
         for _ in range(_CHAIN):
             end = self.begins_record(offset)
             if end is None:
@@ -112,7 +112,7 @@ class Salvage:
         return True
 
     def is_believable(self, record: Record) -> bool:
-        """Return whether a record is whole, the one that the summary lists at its offset, and of a kind and length that records have."""
+        """Return whether a record is whole, agrees with the summary, and has a valid kind and length."""
         if not record.whole:
             return False
         if (listed := self._summary.chunk_at(record.offset)) is not None:
@@ -131,14 +131,14 @@ class Salvage:
         return self.begins_chain(record.end)
 
     def follows(self, record: Record) -> bool:
-        """Return whether a record begins where this one ends, by the summary or by the next records themselves."""
+        """Return whether a record follows this one, by the summary or by the next records."""
         listed = self._summary.chunk_at(record.offset) is not None
         return listed or record.end == self._size or self.begins_chain(record.end)
 
     def indexed_messages(self, record: Record) -> int | None:
-        """Return how many messages the message indexes after a chunk list; None when none follow, or no record follows them.
+        """Return the number of messages in the message indexes after a chunk; None if no index, or no record after them, follows.
 
-        A chunk that is an index itself, whose opcode is damaged, holds no message; the indexes after it belong to the chunk before.
+        An index with a damaged opcode is no chunk; the indexes after it belong to the chunk before.
         """
         if _is_index(record.body, record.end - record.offset - HEAD_SIZE):
             return 0
@@ -154,12 +154,12 @@ class Salvage:
         return count if offset == self._size else None
 
     def resume(self, damaged: int, search_from: int, inner: bool) -> int | None:
-        """Return where the next record begins, by the summary or by the records themselves; None without one.
+        """Return the offset of the next record, by the summary or by a search; None without one.
 
         Args:
-            damaged: Where the record is that is damaged [bytes].
-            search_from: Where the search begins [bytes]: before that record when the length of the one before may be wrong.
-            inner: As of ``next_record``.
+            damaged: Offset of the damaged record [bytes].
+            search_from: Start of the search [bytes]: before that record if the previous length may be wrong.
+            inner: See ``next_record``.
         """
         following = self._summary.next_offset(damaged)
         if self._summary.chunks:
@@ -167,10 +167,10 @@ class Salvage:
         return self.next_record(search_from, following or self._size, inner) or following
 
     def whole_chunk(self, offset: int) -> WholeChunk | None:
-        """Return the chunk that begins at a byte by its own lengths and checksum, whatever opcode and length its record states.
+        """Return the chunk at an offset by its own lengths and checksum, ignoring the record's opcode and length.
 
         Args:
-            offset: Where its record begins [bytes].
+            offset: Start of its record [bytes].
         """
         self._file.seek(offset + HEAD_SIZE)
         head = self._file.read(_LEAST[Opcode.CHUNK] + 4)
@@ -194,13 +194,12 @@ class Salvage:
             return None
 
     def next_record(self, offset: int, end: int, inner: bool) -> int | None:
-        """Return where the next record begins: three chained by opcodes and lengths, or a chunk whose checksum fits; None without one.
+        """Return the offset of the next three consecutive records, or of a chunk with valid checksum; None without one.
 
         Args:
-            offset: Where the search begins [bytes].
-            end: Where it ends [bytes].
-            inner: Whether the kinds of records that a chunk holds may come first: in a file of chunks they are the contents of one, whose
-                checksum would not be asked.
+            offset: Start of the search [bytes].
+            end: End of the search [bytes].
+            inner: Whether schemas, channels and messages may come first; in a file of chunks they belong to a chunk with a checksum.
         """
         buffer, base = b"", offset
         self._file.seek(offset)
@@ -227,5 +226,5 @@ class Salvage:
 
 
 def goes_on(resume: int | None) -> str:
-    """Return the end of a sentence that says where reading resumes; empty when it does not."""
+    """Return the end of a sentence with the offset at which reading resumes; empty without one."""
     return "" if resume is None else f"; reading resumes at byte {resume}"

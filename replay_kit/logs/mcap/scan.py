@@ -1,4 +1,4 @@
-"""One scan of an MCAP file: its messages in parts, in the order of the file; damage is counted and skipped."""
+"""Scan of an MCAP file: messages in parts, in file order; damage is counted and skipped."""
 
 import os
 from collections.abc import Callable, Generator, Iterator
@@ -35,10 +35,10 @@ _PART = 1 << 20
 
 
 class Scan:
-    """One scan of an open file.
+    """Scan of an open file.
 
     Attributes:
-        channels: What is declared up to the part that was yielded last.
+        channels: Declarations up to the last part.
     """
 
     def __init__(
@@ -49,15 +49,14 @@ class Scan:
         statistics: ReadStatistics,
         on_extra: Callable[[Record], None] | None = None,
     ) -> None:
-        """Remember what to do with each kind of record.
+        """Create a scan.
 
         Args:
             file: The open file.
-            summary: Its summary.
-            channels: Where schemas and channels are declared.
-            statistics: Counts losses and what no checksum covers.
-            on_extra: Called with each attachment and metadata record that is whole, an attachment without its body; an exception of
-                ``RECORD_ERRORS`` that it raises is a loss.
+            summary: Summary of the file.
+            channels: Channels that receive the declarations.
+            statistics: Statistics that count losses and unchecked records.
+            on_extra: Called with each whole attachment (without body) and metadata record; an exception of ``RECORD_ERRORS`` is a loss.
         """
         self._file = file
         self._statistics = statistics
@@ -80,7 +79,7 @@ class Scan:
             statistics.lose(what, self._size, 0, messages=0)
 
     def parts(self) -> Iterator[Part]:
-        """Yield the messages in the order of the file: those of a chunk, or some of those outside chunks."""
+        """Yield the messages in file order: those of a chunk, or some outside chunks."""
         offset: int | None = len(MAGIC)
         while offset is not None:
             offset = yield from self._read_from(offset)
@@ -140,7 +139,7 @@ class Scan:
         return None
 
     def pass_on(self, record: Record) -> None:
-        """Give an attachment or metadata record to ``on_extra``; one that it cannot take is a loss."""
+        """Pass an attachment or metadata record to ``on_extra``; its errors are losses."""
         try:
             if self._on_extra is not None:
                 self._on_extra(record)
@@ -153,7 +152,7 @@ class Scan:
             )
 
     def _chunk(self, record: Record) -> Generator[Part, None, int | None]:
-        """Yield the messages of a whole chunk record; return where reading resumes, or None."""
+        """Yield the messages of a whole chunk record; return the offset at which reading resumes, or None."""
         try:
             chunk = parse_chunk(record.body)
             data = chunk_contents(chunk)
@@ -190,7 +189,7 @@ class Scan:
         return resume
 
     def _damaged_chunk(self, record: Record, error: Exception) -> Generator[Part, None, int | None]:
-        """Yield the messages of a chunk that its record does not hold as stated, if its own lengths and checksum fit; as ``_chunk``."""
+        """Yield the messages of a chunk with a wrong record header if its own lengths and checksum are valid; as ``_chunk``."""
         if (own := self._salvage.whole_chunk(record.offset)) is not None:
             return (yield from self._as_stated_by_itself(record, own))
         in_data = isinstance(error, ChunkError)
@@ -216,13 +215,13 @@ class Scan:
     def _as_stated_by_itself(
         self, record: Record, own: WholeChunk
     ) -> Generator[Part, None, int | None]:
-        """Yield the messages of a chunk whose record states another kind or length; return where reading resumes, or None."""
+        """Yield the messages of a chunk whose record states another kind or length; as ``_chunk``."""
         self._chunked = True
         yield from self._contents(own.contents, record, None)
         return self._after_chunk(record, own.end)
 
     def _after_chunk(self, record: Record, end: int) -> int | None:
-        """Count the damage to the opcode or length of a chunk whose checksum fits; return where reading resumes, or None."""
+        """Count damage to the opcode or length of a valid chunk; return the offset at which reading resumes, or None."""
         resume = (
             end
             if (follows := self._salvage.begins_chain(end))
@@ -240,13 +239,13 @@ class Scan:
     def _contents(
         self, data: bytes, record: Record, unchecked: Chunk | None
     ) -> Generator[Part, None, int]:
-        """Yield the messages of a chunk's contents; return how many bytes of them are whole records.
+        """Yield the messages of a chunk's contents; return the length of the whole records [bytes].
 
         Args:
-            data: The contents.
-            record: The record that holds them.
-            unchecked: The chunk, when no checksum covers the contents: a message that contradicts the chunk's head is then left out, and
-                a record that is no schema, channel or message is damage, not a kind of a later version of the format.
+            data: Contents.
+            record: Record of the chunk.
+            unchecked: Chunk without a checksum: messages that contradict its header are then excluded, and records other than schemas,
+                channels and messages are damage.
         """
         found = walk(data, strict=unchecked is not None)
         for opcode, start, stop in found.declared:
@@ -266,14 +265,14 @@ class Scan:
         return found.end
 
     def _counted(self, part: Part) -> Iterator[Part]:
-        """Yield a part with the ordinals of its messages, if it has any."""
+        """Yield a part with the ordinals of its messages, if any."""
         if n := part.offset.size:
             ordinal = self._position + np.arange(n)
             self._position += n
             yield part._replace(ordinal=ordinal)
 
     def _outside_chunks(self, record: Record) -> Iterator[Part]:
-        """Gather a message outside chunks; yield those gathered when they are many."""
+        """Collect a message outside chunks; yield the collected ones if they are many."""
         self._n_outside += 1
         if len(record.body) < SHORTEST:
             self._lose("a message record is too short and excluded", record.offset, record.end, 1)
@@ -283,14 +282,14 @@ class Scan:
             yield from self._from_outside()
 
     def _from_outside(self) -> Iterator[Part]:
-        """Yield the messages outside chunks that were gathered."""
+        """Yield the collected messages outside chunks."""
         if self._outside:
             part = walk(bytes(self._outside)).part
             self._outside.clear()
             yield from self._counted(part)
 
     def _cut(self, record: Record) -> Generator[Part, None, int | None]:
-        """Yield the messages of what is left of a record that is not whole; return where reading resumes, or None."""
+        """Yield the messages in the rest of an incomplete record; return the offset at which reading resumes, or None."""
         if (own := self._salvage.whole_chunk(record.offset)) is not None:
             return (yield from self._as_stated_by_itself(record, own))
         resume = self._salvage.resume(record.offset, self._search_from, not self._chunked)
@@ -342,7 +341,7 @@ class Scan:
             )
 
     def _check(self, record: Record) -> None:
-        """Compare the file's statements about itself with what was found, unless a loss already explains a difference."""
+        """Compare the file's statistics with the records found, unless a loss explains a difference."""
         if record.opcode == Opcode.FOOTER:
             self._file.seek(record.end)
             if self._file.read(len(MAGIC)) != MAGIC:

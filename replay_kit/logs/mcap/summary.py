@@ -1,4 +1,4 @@
-"""What an MCAP file declares: its summary section, and topic, schema and decoder of each channel."""
+"""Declarations of an MCAP file: its summary section, and topic, schema and decoder of each channel."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
@@ -46,16 +46,16 @@ _KINDS: Mapping[int, Any] = {
 
 @dataclass(frozen=True)
 class Summary:
-    """The summary section; all is empty when the file has none, or its end is missing or damaged.
+    """Summary section; empty if missing or damaged.
 
     Attributes:
-        schemas: By number.
-        channels: By number.
-        chunks: In the order of their offsets.
-        offsets: Where chunks, attachments, metadata and the summary itself begin [bytes], increasing.
-        statistics: The file's own counts; None when it states none.
-        problem: Why a summary that is there is not used; empty when it is used, or there is none.
-        checked: Whether a checksum covers it.
+        schemas: Schemas by number.
+        channels: Channels by number.
+        chunks: Index entries of chunks by offset.
+        offsets: Offsets of chunks, attachments, metadata and the summary [bytes], increasing.
+        statistics: Counts stated in the file; None without.
+        problem: Why an existing summary is not used; else empty.
+        checked: Whether it has a checksum.
     """
 
     schemas: dict[int, Schema]
@@ -71,17 +71,17 @@ class Summary:
         return tuple(chunk.chunk_start_offset for chunk in self.chunks)
 
     def chunk_at(self, offset: int) -> ChunkIndex | None:
-        """Return the index entry of the chunk that begins at a byte; None when none does."""
+        """Return the index entry of the chunk at an offset; None without one."""
         place = bisect_right(self._chunk_starts, offset) - 1
         return self.chunks[place] if place >= 0 and self._chunk_starts[place] == offset else None
 
     def next_offset(self, offset: int) -> int | None:
-        """Return the offset of the next record after a byte that the summary lists; None when it lists none."""
+        """Return the offset of the next record listed in the summary; None without one."""
         place = bisect_right(self.offsets, offset)
         return self.offsets[place] if place < len(self.offsets) else None
 
     def in_index(self, offset: int) -> bool:
-        """Return whether a byte belongs to the message index of a chunk, which holds no messages."""
+        """Return whether a byte belongs to a chunk's message index, which holds no messages."""
         place = bisect_right(self._chunk_starts, offset) - 1
         if place < 0:
             return False
@@ -94,7 +94,7 @@ _NOTHING = Summary({}, {}, (), ())
 
 
 def read_summary(file: BinaryIO, size: int) -> Summary:
-    """Return the summary section, checked by its checksum when it has one.
+    """Return the summary section, verified by its checksum if any.
 
     Args:
         file: The open log.
@@ -163,13 +163,13 @@ def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
 
 @dataclass(frozen=True, slots=True)
 class Sink:
-    """Where the messages of one channel go.
+    """Topic, schema and decoder of one channel.
 
     Attributes:
-        topic: The channel's topic.
-        schema: Name of its schema; empty when it has none.
-        decode: The decoder; the reason why there is none; or None for kept frames, whose decoded messages are on other topics.
-        channel: As the file declares it.
+        topic: Topic of the channel.
+        schema: Name of its schema; empty without one.
+        decode: Decoder; the reason for a missing one; or None for raw frames, whose decoded messages are on other topics.
+        channel: Channel as declared in the file.
     """
 
     topic: str
@@ -179,14 +179,14 @@ class Sink:
 
 
 class Channels:
-    """The channels and schemas declared so far; a decoder is built when its first message comes."""
+    """Channels and schemas declared so far; decoders are built at the first message."""
 
     def __init__(self, summary: Summary, rename: Callable[[str], str]) -> None:
-        """Start with nothing declared.
+        """Create an empty registry.
 
         Args:
-            summary: The file's summary, used for channels that were not declared before their use, as after a lost chunk.
-            rename: Gives what a topic of the file is called.
+            summary: Summary of the file, for channels without a declaration, as after a lost chunk.
+            rename: Returns the name of a topic of the file.
         """
         self._summary = summary
         self._rename = rename
@@ -203,7 +203,7 @@ class Channels:
         """Add a schema or channel record.
 
         Raises:
-            struct.error, ValueError, OverflowError, mcap.exceptions.McapError: The body is no such record, or the log declares too much.
+            struct.error, ValueError, OverflowError, mcap.exceptions.McapError: The body is invalid, or the log declares too much.
         """
         check_size(self._declared + len(body), MOST_DECLARED, "all schemas and channels")
         if opcode == Opcode.SCHEMA:
@@ -220,7 +220,7 @@ class Channels:
                 self.sinks.pop(channel.id, None)
 
     def sink(self, channel_id: int) -> Sink:
-        """Return where the messages of this channel go, known or not."""
+        """Return the sink of a channel, declared or not."""
         found = self.sinks.get(channel_id)
         if found is None:
             found = self.sinks[channel_id] = self._build(channel_id)
@@ -258,7 +258,7 @@ class Channels:
         return Sink(topic, name, decode, raw)
 
     def _decoder(self, encoding: str, schema: Schema | None) -> Decoder | str:
-        """Return what ``channel_decoder`` does; the reason where the schemas of the log are too large in all."""
+        """Return the result of ``channel_decoder``, or the reason if the log's schemas are too large in total."""
         if schema is None:
             return channel_decoder(encoding, None)
         key = encoding, schema.name, schema.encoding, schema.data

@@ -1,4 +1,4 @@
-"""Writer of MCAP logs: the same messages give the same bytes."""
+"""Writer of MCAP logs; equal messages give equal bytes."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -20,18 +20,18 @@ _CHUNK = 64 << 10
 
 
 class McapLogWriter:
-    """An MCAP log being written; ``open_mcap_log`` makes one.
+    """MCAP log being written; ``open_mcap_log`` creates one.
 
     Attributes:
         attachments: Attachments written so far.
     """
 
     def __init__(self, file: BinaryIO, profile: str = "") -> None:
-        """Begin the log.
+        """Write the header.
 
         Args:
-            file: Where it goes.
-            profile: The header's profile, which names a convention for channels and messages.
+            file: Output file.
+            profile: Profile in the header, the name of a convention for channels and messages.
         """
         # Not compressed and without the library's version in the header: the bytes then do not depend on the version of
         # zstd, lz4 or mcap, so that a log that is kept in a repository can be made again and compared.
@@ -50,7 +50,7 @@ class McapLogWriter:
 
     @property
     def written(self) -> Mapping[str, int]:
-        """Messages written so far, by topic."""
+        """Number of messages written so far, by topic."""
         return dict(self._written)
 
     def write(self, message: Message) -> None:
@@ -92,12 +92,12 @@ class McapLogWriter:
 def open_mcap_log(
     path: Path, profile: str = "", check: Callable[[Path, McapLogWriter], None] | None = None
 ) -> Iterator[McapLogWriter]:
-    """Yield a writer of a log that takes its name when the block ends without an error.
+    """Yield a writer of a log that gets its final name if the block ends without an error.
 
     Args:
-        path: The log; a file of that name is replaced.
-        profile: For the file's header.
-        check: Called with the complete file under its temporary name and the writer; if it raises, the file keeps that name.
+        path: Log; an existing file is replaced.
+        profile: Profile in the header.
+        check: Called with the complete temporary file and the writer; if it raises, the file keeps its temporary name.
 
     Raises:
         ConfigError: The file cannot be written.
@@ -115,11 +115,11 @@ def open_mcap_log(
 
 
 def write_mcap_log(path: Path, messages: Iterable[Message]) -> Mapping[str, int]:
-    """Write messages, in the order given, as an MCAP log and return their number by topic.
+    """Write messages in the given order as an MCAP log and return their number by topic.
 
     Args:
-        path: The log; a file of that name is replaced.
-        messages: Payloads are plain mappings, as readers give them.
+        path: Log; an existing file is replaced.
+        messages: Messages with plain mappings as payloads, as from readers.
 
     Raises:
         ConfigError: The file cannot be written.

@@ -1,1 +1,1 @@
-"""Gliders' NetCDF files."""
+"""NetCDF files of gliders."""

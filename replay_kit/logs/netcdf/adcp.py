@@ -1,10 +1,10 @@
-"""ADCPs of gliders as ``replay_kit.AdcpPing``: a Seaglider's, a Nortek AD2CP exported by MIDAS, and a SeaExplorer's in real time.
+"""Glider ADCPs as ``replay_kit.AdcpPing``: Seaglider, Nortek AD2CP exported by MIDAS, and SeaExplorer in real time.
 
-What a Seaglider's files do not state, and how it was determined:
+Properties that Seaglider files do not state, and their evidence:
 
-* ``ad2cp_velX, velY, velZ`` are not along the instrument's axes: the basestation takes them as east, north and up as the
-  instrument reports them, and on real dives velZ equals the vertical speed from pressure at pitches of 35 degrees. East and
-  north are by the instrument's own compass: they lag the track by the declination, which is thus not applied.
+* ``ad2cp_velX, velY, velZ`` are not along the instrument's axes: the basestation takes them as east, north and up, and on real dives velZ
+  equals the vertical speed from pressure at pitches of 35 degrees. East and north are magnetic: they deviate from the track by the
+  declination, which is thus not applied.
 * The first cell's centre is one blanking and one cell from the instrument, which looks up or down (``orientation``).
 * ``ad2cp_soundspeed`` is in tenths of m/s and ``ad2cp_temperature`` in tenths of a degree, whatever their units attribute states.
 
@@ -52,14 +52,14 @@ FROM_SURFACE = {
 def earth_ping(
     time_ns: int, ordinal: int, dive: int | None, velocity: Array, cells: tuple[float | None, float]
 ) -> dict[str, Any]:
-    """Return a ping in earth coordinates, or the beginning of another; unknown fields are null.
+    """Return a ping in earth coordinates, also as a template for others; unknown fields are null.
 
     Args:
         time_ns: [ns, UTC].
-        ordinal: Of the ping.
+        ordinal: Ordinal of the ping.
         dive: Number of its dive; None when unknown.
         velocity: shape (n_cells, k) [m/s], east, north, perhaps up; NaN where missing.
-        cells: Size of the cells, None where unknown, and distance of the first one's centre [m].
+        cells: Cell size, None if unknown, and distance of the first cell's centre [m].
     """
     return {
         "stamp": stamp(time_ns),
@@ -84,15 +84,14 @@ _FASTEST_SOUND = 2000.0  # m/s; more than this is stated in tenths
 
 
 def seaglider_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
-    """Yield the velocities relative to the glider, and the absolute profiles of the descent and the ascent.
+    """Yield velocities relative to the glider, and absolute profiles of descent and ascent.
 
-    A profile's time is the end of its leg, where the position is known: the deepest point for the descent, the last
-    sample or the end fix, whichever is earlier, for the ascent. The inversion itself needs the fix after the dive.
-    Because it takes the dive's pings and mean current, ``also_in`` of the pings, ``inverted_in`` of the mean current and ``computed_from``
-    of the profiles name each other.
+    A profile's time is the end of its half dive: the deepest point for the descent; the last sample or, if earlier, the end fix for the
+    ascent. The inversion uses the dive's pings and DAC: ``also_in`` of the pings, ``inverted_in`` of the DAC and ``computed_from`` of the
+    profiles refer to each other.
 
     Raises:
-        LogError: A variable has a unit that is not understood.
+        LogError: The unit of a variable is unknown.
     """
     inverted = list(_inverted(file))
     for entry in _relative(file, notes):
@@ -168,7 +167,7 @@ def _inverted(file: NetcdfFile) -> Iterator[Entry]:
 
 
 def _leg_ends(file: NetcdfFile) -> tuple[int, ...]:
-    """Return the times [ns] at which the descent and the ascent end; nothing when the dive has no depths."""
+    """Return the end times [ns] of descent and ascent; empty if the dive has no depths."""
     time_ns, known = units.time_ns("ctd_time", file.variables["ctd_time"], file.path, [])
     depth = np.where(known, file.array("ctd_depth"), np.nan)
     if not np.isfinite(depth).any():
@@ -179,7 +178,7 @@ def _leg_ends(file: NetcdfFile) -> tuple[int, ...]:
 
 
 def _metres(file: NetcdfFile, name: str) -> float:
-    """Return a length [m], converted from the unit that the file states.
+    """Return a length [m] converted from the stated unit.
 
     Raises:
         LogError: The unit is no length.
@@ -202,17 +201,17 @@ _PARTS, _ERRORS = 10, 2.0
 
 
 def agreement(velocity: Array, depth: Array, distance: Array) -> float:
-    """Return how much better shears agree if the instrument looks up than if it looks down: a ratio of variances, above 1 for up.
+    """Return the ratio of shear variances for a downward and an upward instrument; above 1 for upward.
 
-    The instrument's own motion is the same in all cells of a ping and leaves their differences alone.
+    The instrument's motion is equal in all cells of a ping and cancels in the shear.
 
     Args:
         velocity: shape (n, k, 2), east and north [m/s]; NaN where missing.
-        depth: shape (n,), of the instrument [m].
-        distance: shape (k,), of the cells from it [m].
+        depth: shape (n,) [m], depth of the instrument.
+        distance: shape (k,) [m], distance of the cells.
 
     Returns:
-        The ratio; NaN where too few pings overlap.
+        The ratio; NaN if too few pings overlap.
     """
     shear = velocity[:, _APART:] - velocity[:, :-_APART]
     middle = 0.5 * (distance[_APART:] + distance[:-_APART])
@@ -221,13 +220,13 @@ def agreement(velocity: Array, depth: Array, distance: Array) -> float:
 
 
 def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]) -> str:
-    """Return ``up`` or ``down``, by the agreement of the shears; up where that is no evidence.
+    """Return ``up`` or ``down`` by the agreement of the shears; ``up`` if undecided.
 
     Args:
-        velocity: As of ``agreement``, as are the next two.
-        depth: Of the instrument.
-        distance: Of the cells.
-        notes: What was found is added here.
+        velocity: As in ``agreement``, as the next two.
+        depth: Depth of the instrument.
+        distance: Distance of the cells.
+        notes: Receives a note on the result.
     """
     ratio = agreement(velocity, depth, distance)
     part = np.arange(len(depth)) * _PARTS // max(len(depth), 1)
@@ -239,7 +238,7 @@ def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]
     decided = abs(np.log(ratio)) > _ERRORS * error
     found = "down" if decided and ratio < 1.0 else "up"
     notes.append(
-        f"ADCP: looks {found} by its shears, whose variance is {max(ratio, 1.0 / ratio):.2f} times smaller than the other way"
+        f"ADCP: looks {found} by its shears: variance {max(ratio, 1.0 / ratio):.2f} times smaller than for the opposite"
         if decided
         else "ADCP: assumed to look up; neither the file nor its shears show its orientation"
     )
@@ -247,7 +246,7 @@ def orientation(velocity: Array, depth: Array, distance: Array, notes: list[str]
 
 
 def _variance_within(shear: Array, depth: Array) -> float:
-    """Return the variance of shears about the means of their depths' bins; NaN when no bin has enough."""
+    """Return the variance of shears about the means of their depth bins; NaN if no bin has enough."""
     known = np.isfinite(shear).all(axis=-1) & np.isfinite(depth) & (depth > 0.0)
     values, at = shear[known], (depth[known] // _BIN).astype(np.int64)
     count = np.bincount(at)
@@ -275,10 +274,10 @@ _FLAT = ("heading", "pitch", "roll", "pressure", "speedofsound", "accelerometerz
 
 
 def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
-    """Yield the pings of an AD2CP exported by MIDAS, along its beams, relative to the glider.
+    """Yield the pings of an AD2CP exported by MIDAS, in beam coordinates relative to the glider.
 
     Raises:
-        LogError: The times have a unit that is not understood, or the beams have other cells than each other.
+        LogError: The unit of the times is unknown, or the beams have different cells.
     """
     held = {name.lower().replace(" ", ""): name for name in file.variables}
     if "time" not in held:
@@ -330,10 +329,10 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
 
 
 def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
-    """Return values by ping, cell and beam, whichever of the two dimensions a beam's variable has first.
+    """Return values by ping, cell and beam, for either order of a beam's dimensions.
 
     Raises:
-        LogError: A beam has other cells than the first, or not one row for each of the n times.
+        LogError: A beam has other cells than the first, or not one row per time.
     """
     beams = [file.array(name) for name in names]
     by_ping = [beam if beam.shape[:1] == (n,) else beam.T for beam in beams]
@@ -347,7 +346,7 @@ def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
 
 
 def _distances(file: NetcdfFile, n: int) -> Array:
-    """Return the cells' distances [m] by the instrument's configuration."""
+    """Return the distances of the cells [m] from the instrument's configuration."""
     size, blanking = (
         float(file.attributes.get(name, 1.0)) for name in ("avg_cellSize", "avg_blankingDistance")
     )
@@ -355,9 +354,9 @@ def _distances(file: NetcdfFile, n: int) -> Array:
 
 
 def seaexplorer_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
-    """Yield nothing, and say why: in real time a SeaExplorer keeps one cell of its AD2CP."""
+    """Yield nothing and add a note: in real time a SeaExplorer sends one cell of its AD2CP."""
     if any(name.lower().startswith("ad2cp_v") for name in file.variables):
         notes.append(
-            "AD2CP in real time: one cell, relative to the glider, which alone says nothing of the current; add the MIDAS export"
+            "AD2CP in real time: one cell, relative to the glider, without information on the current; add the MIDAS export"
         )
     return iter(())

@@ -1,4 +1,4 @@
-"""A glider file's quantities as columns in SI units: samples along the track, fixes, mean currents, absolute profiles."""
+"""Columns of a glider file in SI units: samples along the track, fixes, mean currents, absolute profiles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ _LATITUDE = 45.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """What a file, or the files of one log, hold.
+    """Contents of a file, or of the files of one log.
 
     Attributes:
-        samples: Along the track in order of time; with the mean current of their dive where the file repeats it at each of them.
-        gps: Fixes that have variables of their own.
-        dac: Mean currents that have a dimension of their own.
-        profile: Absolute currents: ``east`` and ``north``, shape (n, k) [m/s], at the samples of a file that has one for each
-            profile, and ``depth``, shape (k,) [m]; empty for other files.
+        samples: Samples along the track in order of time, with their dive's mean current if the file repeats it.
+        gps: Fixes with their own variables.
+        dac: Mean currents with their own dimension.
+        profile: Absolute currents ``east`` and ``north``, shape (n, k) [m/s], at the samples of a file with one per profile, and ``depth``,
+            shape (k,) [m]; else empty.
     """
 
     samples: Table
@@ -45,16 +45,16 @@ class Columns:
 def read_values(
     file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str], notes: list[str]
 ) -> dict[str, NDArray[Any]]:
-    """Return the quantities of a file in SI units, in the shapes that they are stored in; times in ns UTC, 0 where unknown.
+    """Return the quantities of a file in SI units, in their stored shapes; times in ns UTC, 0 if unknown.
 
     Args:
         file: The file.
-        dialect: Its dialect.
-        chosen: The variable of each quantity.
-        notes: What was assumed is added here.
+        dialect: Dialect of the file.
+        chosen: Variable of each quantity.
+        notes: Receives notes on assumptions.
 
     Raises:
-        LogError: A time has a unit that is not understood.
+        LogError: The unit of a time is unknown.
     """
     forced = _units_by_values(file, dialect, chosen)
     notes.append("read as " + ", ".join(f"{_words(key)}: {name}" for key, name in chosen.items()))
@@ -82,15 +82,15 @@ def read_values(
 
 
 def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
-    """Return the columns of a glider's file.
+    """Return the columns of a glider file.
 
     Args:
         file: The file.
-        dialect: Its dialect.
-        told: What was assumed, and cannot be used, is added here.
+        dialect: Dialect of the file.
+        told: Receives assumptions and counts of unusable values.
 
     Raises:
-        LogError: The file holds no times, or a time has a unit that is not understood.
+        LogError: The file has no times, or the unit of a time is unknown.
     """
     notes = told.notes
     chosen = dialect.by_standard_names(file.variables, notes)
@@ -123,7 +123,7 @@ def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
 
 
 def _units_by_values(file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str]) -> Names:
-    """Return the dialect's units, with degrees for positions that are not in degrees and minutes as the dialect has them."""
+    """Return the dialect's units, with degrees for positions that are not in degrees and minutes."""
     places = {
         key: file.array(chosen[key])
         for key, unit in dialect.units.items()
@@ -138,7 +138,7 @@ def _units_by_values(file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, st
 def _spread_by_profile(
     file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
 ) -> None:
-    """Repeat what a ragged array states once for each profile, or each drifter, at each sample of it."""
+    """Repeat values of each profile or drifter of a ragged array at its samples."""
     sizes, dims = profile_sizes(file)
     if not dims:
         return
@@ -154,7 +154,7 @@ def _spread_by_profile(
 
 
 def profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return how many samples each profile of a ragged array has, and its dimension; no dimension for other files."""
+    """Return the number of samples of each profile of a ragged array and its dimension; no dimension for other files."""
     for name, stored in file.variables.items():
         if stored.text("sample_dimension") or name.lower() in SIZES:
             sizes = np.maximum(np.nan_to_num(stored.unpacked()).astype(np.int64).ravel(), 0)
@@ -169,7 +169,7 @@ def _words(key: str) -> str:
 
 
 def _missing(chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]) -> list[str]:
-    """Return how many values of which variables are missing, as one sentence; none when all are there."""
+    """Return the numbers of missing values by variable as one sentence; empty if none."""
     counts = {
         chosen[key]: int((~np.isfinite(found)).sum())
         for key, found in values.items()
@@ -186,7 +186,7 @@ def _without_bad(
     values: dict[str, NDArray[Any]],
     told: Told,
 ) -> None:
-    """Take away what flags call unusable, and count the fixes and mean currents among it."""
+    """Remove values with bad flags, and count fixes and mean currents among them."""
     for key, name in chosen.items():
         part = key.partition("_")[0] if key.endswith("_flag") else ""
         own = [
@@ -213,7 +213,7 @@ def _without_bad(
 def _with_sign(
     file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
 ) -> None:
-    """Turn depths that count upwards."""
+    """Change the sign of depths that are positive up."""
     depth = values.get("depth")
     if depth is None or not np.isfinite(depth).any():
         return
@@ -227,7 +227,7 @@ def _with_sign(
 def _with_depth(
     chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
 ) -> None:
-    """Add depths that only a pressure tells."""
+    """Add depths computed from pressure."""
     if not np.isfinite(values.get("pressure", np.nan)).any():
         return
     latitude = values.get("latitude", np.empty(0))
@@ -237,7 +237,7 @@ def _with_depth(
 
 
 def _grouped(values: Mapping[str, NDArray[Any]]) -> Columns:
-    """Return quantities as tables: those as long as the samples' times, or single numbers, belong to the samples."""
+    """Return quantities as tables; columns as long as the samples' times, and scalars, belong to the samples."""
     n = values["time"].size if "time" in values else 0
     samples = _sorted(
         {
@@ -267,7 +267,7 @@ def _grouped(values: Mapping[str, NDArray[Any]]) -> Columns:
 def _same_length(
     values: Mapping[str, NDArray[Any]], keys: Sequence[str], first: str
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns that are as long as one of them; none without it."""
+    """Return the columns with the length of column ``first``; empty without it."""
     held = {key: values[key].ravel() for key in keys if key in values}
     return {key: held[key] for key in held if first in held and held[key].size == held[first].size}
 
@@ -281,7 +281,7 @@ def _sorted(samples: Table) -> dict[str, NDArray[Any]]:
 
 
 def _profile(values: Mapping[str, NDArray[Any]], n: int) -> Mapping[str, Array]:
-    """Return absolute currents with profiles first, whichever dimension the file has first."""
+    """Return absolute currents with the profile as first dimension."""
     if not {"profile_east", "profile_north", "profile_depth"} <= set(values):
         return {}
     depth = values["profile_depth"].ravel()
@@ -300,10 +300,10 @@ def _profile(values: Mapping[str, NDArray[Any]], n: int) -> Mapping[str, Array]:
 
 
 def joined(parts: Sequence[Columns]) -> Columns:
-    """Return the columns of several files of one mission as one, in order of time.
+    """Return the joined columns of several files of one mission, in order of time.
 
     Raises:
-        LogError: The files hold profiles at different depths.
+        LogError: The files have profiles at different depths.
     """
     if len(parts) == 1:
         return parts[0]
@@ -318,7 +318,7 @@ def joined(parts: Sequence[Columns]) -> Columns:
 
 
 def _stacked(tables: Sequence[Table]) -> Table:
-    """Return tables one below the other; what one of them lacks is unknown there."""
+    """Return concatenated tables; missing columns are unknown."""
     held = [table for table in tables if table]
     keys = dict.fromkeys(key for table in held for key in table)
     return {

@@ -1,7 +1,7 @@
-"""Fixes of a glider, and the mean currents of its dives, each once, with the fixes between which it is the mean.
+"""Fixes of a glider and mean currents of its dives, each once, with the fixes around it.
 
-Files repeat a mean current at each sample of its dive, state it once for each profile, or report it at the surface after the dive. All
-three become one form: a time within the dive, from which the fix before and the fix after are found.
+Files repeat a mean current at each sample of its dive, state it once per profile, or report it at the surface afterwards. All become a time
+within the dive, from which the fixes before and after are found.
 """
 
 from collections.abc import Iterable, Sequence
@@ -27,18 +27,18 @@ _FIX_STATE = 119
 
 
 def fixes_of(columns: Columns, told: Told) -> Positions:
-    """Return the fixes of a mission; those that lack a time or a position are counted.
+    """Return the fixes of a mission; incomplete ones are counted.
 
-    Those that have variables of their own; else those at either end of a stretch at the surface, by the flag of dead reckoning or by
-    the vehicle's state, because between them the last position is repeated.
+    Fixes with their own variables are preferred; else samples at either end of each time at the surface, by dead-reckoning flag or vehicle
+    state, as the last position is repeated between them.
 
     Args:
-        columns: The mission.
-        told: What was assumed, and cannot be used, is added here.
+        columns: Columns of the mission.
+        told: Receives assumptions and counts of unusable values.
     """
     samples = columns.samples
     parts = ((columns.gps, "gps_"), (samples, "start_"), (samples, "end_"))
-    found = [*map(np.concatenate, zip(*(_stated(*part) for part in parts), strict=True))]
+    found = [*map(np.concatenate, zip(*(_fixes_in(*part) for part in parts), strict=True))]
     whole = _whole(found)
     # files repeat the fix, or write none, at each sample of a dive: only a time without a place in a table of fixes is a loss
     own = columns.gps.get("gps_time", np.empty(0)).size
@@ -46,8 +46,8 @@ def fixes_of(columns: Columns, told: Told) -> Positions:
     flagged = sum(n for (topic, _), n in told.skipped.items() if topic == "/vehicle/fix")
     told.skipped["/vehicle/fix", "GPS fix without time or position"] += max(lost - flagged, 0)
     if not whole.any():
-        marked = _marked(samples, told.notes)
-        found = [*_stated({key: held[marked] for key, held in samples.items()}, "")]
+        marked = _measured_samples(samples, told.notes)
+        found = [*_fixes_in({key: held[marked] for key, held in samples.items()}, "")]
         whole = _whole(found)
     _, first = np.unique(found[0][whole], return_index=True)
     repeated = int(whole.sum()) - first.size
@@ -60,8 +60,8 @@ def _whole(fixes: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
     return np.asarray((fixes[0] > 0) & np.isfinite(fixes[1] + fixes[2]))
 
 
-def _stated(table: Table, part: str) -> tuple[NDArray[Any], ...]:
-    """Return time, longitude, latitude and error of the fixes that a table states; none where it lacks any of the first three."""
+def _fixes_in(table: Table, part: str) -> tuple[NDArray[Any], ...]:
+    """Return time, longitude, latitude and error of the fixes in a table; empty if one of the first three is missing."""
     time_ns = table.get(f"{part}time", np.empty(0, np.int64))
     if not {f"{part}longitude", f"{part}latitude"} <= set(table):
         time_ns = time_ns[:0]
@@ -72,8 +72,8 @@ def _stated(table: Table, part: str) -> tuple[NDArray[Any], ...]:
     return time_ns, *columns
 
 
-def _marked(samples: Table, notes: list[str]) -> NDArray[np.intp]:
-    """Return the samples at either end of each stretch that a flag or the state marks as measured."""
+def _measured_samples(samples: Table, notes: list[str]) -> NDArray[np.intp]:
+    """Return the first and last sample of each period marked as measured by a flag or state."""
     measured = np.zeros(samples.get("time", np.empty(0)).size, np.bool_)
     if "dead_reckoning" in samples:
         measured = samples["dead_reckoning"] == 0.0
@@ -95,19 +95,19 @@ def _marked(samples: Table, notes: list[str]) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, slots=True)
 class DiveMean:
-    """The mean current of a dive.
+    """Mean current of a dive.
 
     Attributes:
-        east: [m/s], true.
-        north: [m/s], true.
-        error: Standard error of each component [m/s]; NaN when not stated.
-        start: Before the dive.
-        end: After it.
+        east: True east [m/s].
+        north: True north [m/s].
+        error: Standard error of each component [m/s]; NaN if not stated.
+        start: Fix before the dive.
+        end: Fix after it.
         max_depth: Greatest depth of the dive [m]; NaN when unknown.
-        dive: Its number; None without.
-        middle: Where the vehicle was deepest; None where the file's samples say it.
-        radius: Of its goal [m]; NaN when not stated.
-        declination: Of the Earth's magnetic field [degrees east]; NaN when not stated.
+        dive: Number of the dive; None without.
+        middle: Position of the deepest point; None if the file has samples.
+        radius: Radius of its goal [m]; NaN if not stated.
+        declination: Magnetic declination [degrees east]; NaN if not stated.
     """
 
     east: float
@@ -124,7 +124,7 @@ class DiveMean:
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A mean current before its ends are known: rows of the samples that state it, or none; time, place [.., NaN where unknown]."""
+    """Mean current before its fixes are known: its row in a table, and the samples that state it, if any."""
 
     row: int
     table: Table
@@ -138,7 +138,7 @@ class _Candidate:
         return int(self.table[key][self.row]) if key in self.table else 0
 
     def fix(self, part: str = "dac_") -> Fix | None:
-        """Return a time and a place; None where it does not state all of both."""
+        """Return a time and position; None if either is incomplete."""
         place = self.number(f"{part}longitude"), self.number(f"{part}latitude")
         known = self.time(part) > 0 and np.isfinite(place).all()
         return Fix(self.time(part), *place) if known else None
@@ -150,10 +150,10 @@ def mean_currents(
     """Return the mean currents of a mission in order of time.
 
     Args:
-        columns: The mission.
+        columns: Columns of the mission.
         fixes: Its fixes.
-        ascent_share: As of ``Dialect``.
-        told: What was assumed, and cannot be used, is added here.
+        ascent_share: As in ``Dialect``.
+        told: Receives assumptions and counts of unusable values.
     """
     notes = told.notes
     table = columns.samples if "dac_east" in columns.samples else columns.dac
@@ -191,7 +191,7 @@ def mean_currents(
 
 
 def _numbered(means: Sequence[DiveMean], samples: Table) -> tuple[DiveMean, ...]:
-    """Return the mean currents in order of time, those of a file that neither numbers dives nor comes to the surface by their order."""
+    """Return the mean currents, numbered by order if the file neither numbers dives nor has samples at the surface."""
     depth = samples.get("depth", np.empty(0))
     if any(mean.dive is not None for mean in means) or (depth <= _SURFACE).any():
         return tuple(means)
@@ -201,7 +201,7 @@ def _numbered(means: Sequence[DiveMean], samples: Table) -> tuple[DiveMean, ...]
 def _repeated(
     table: Table, rows: NDArray[np.intp], fixes: Positions, notes: list[str]
 ) -> list[_Candidate]:
-    """Return the mean currents that samples repeat, each once: by their own time, else by the fixes between which they stand."""
+    """Return the mean currents repeated by samples, each once, by their own time or the fixes around them."""
     velocity = table["dac_east"] + 1j * table["dac_north"]
     # a value that a dive repeats may stand at the fixes at its ends, too, where it could be of either dive
     at_fix = np.isin(table["time"][rows], fixes.time_ns)
@@ -227,9 +227,9 @@ def _with_ends(
     farthest = int(time[np.argmax(np.diff(time)) + 1]) if time.size > 1 else 0
     ends = (
         _stated_ends(candidate, ascent_share)
-        or _about(inside or farthest, time, fixes.longitude, fixes.latitude)
+        or _around(inside or farthest, time, fixes.longitude, fixes.latitude)
         or _outer_samples(candidate)
-        or _about(inside, *_at_surface(samples))
+        or _around(inside, *_at_surface(samples))
     )
     if ends is None or not 0 < ends[1].time_ns - ends[0].time_ns <= _LONGEST_NS:
         return None
@@ -255,7 +255,7 @@ def _with_ends(
 
 
 def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[Fix, Fix] | None:
-    """Return the ends that the file states, or that follow from the middle of the dive and one more place on its straight way."""
+    """Return the start and end stated in the file, or extrapolated from the deepest point and one other position of the dive."""
     start, end = candidate.fix("start_"), candidate.fix("end_")
     if start and end:
         return start, end
@@ -266,20 +266,20 @@ def _stated_ends(candidate: _Candidate, ascent_share: float) -> tuple[Fix, Fix] 
     way = [at - mid for at, mid in zip(other._replace(longitude=near), middle, strict=True)]
     # from the middle to the profile's place is the ascent's share of the way, less a half
     step = way if end else [0.5 * part / (ascent_share - 0.5) for part in way]
-    return _moved(middle, [-part for part in step]), end or _moved(middle, step)
+    return _displaced(middle, [-part for part in step]), end or _displaced(middle, step)
 
 
-def _moved(middle: Fix, step: Sequence[float]) -> Fix:
-    """Return an end, whose longitude may have gone beyond the antimeridian."""
+def _displaced(middle: Fix, step: Sequence[float]) -> Fix:
+    """Return a displaced fix with its longitude wrapped at the antimeridian."""
     time_ns, longitude, latitude = (mid + part for mid, part in zip(middle, step, strict=True))
     turns = 360.0 * (longitude < -180.0) - 360.0 * (longitude > 360.0)
     return Fix(round(time_ns), longitude + turns, latitude)
 
 
-def _about(
+def _around(
     inside: int, time_ns: NDArray[np.int64], longitude: Array, latitude: Array
 ) -> tuple[Fix, Fix] | None:
-    """Return the places before a time within the dive and at or after it; None outside of them."""
+    """Return the positions before and at or after a time within the dive; None without them."""
     after = int(np.searchsorted(time_ns, inside))
     if not 0 < after < time_ns.size:
         return None
@@ -290,7 +290,7 @@ def _about(
 
 
 def _time_within(candidate: _Candidate, samples: Table) -> int:
-    """Return a time within the dive [ns]; 0 when the file has neither times nor depths to tell it from."""
+    """Return a time within the dive [ns]; 0 if the file has neither times nor depths to determine it."""
     time_ns, depth = samples.get("time", np.empty(0, np.int64)), samples.get("depth", np.empty(0))
     known, stated = np.isfinite(depth), candidate.time()
     if not known.any() or not (stated or candidate.rows.size):
@@ -307,7 +307,7 @@ def _time_within(candidate: _Candidate, samples: Table) -> int:
 
 
 def _outer_samples(candidate: _Candidate) -> tuple[Fix, Fix] | None:
-    """Return the first and the last sample that state the mean current, where there are no fixes."""
+    """Return the first and the last sample with the mean current, for files without fixes."""
     if not candidate.rows.size:
         return None
     first, last = (replace(candidate, row=int(candidate.rows[k])).fix("") for k in (0, -1))

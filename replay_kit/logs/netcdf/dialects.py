@@ -1,6 +1,6 @@
-"""What a dialect of files of columns is: one entry says how its files are recognised, and under which names and units they hold what.
+"""Dialect of columnar files: how its files are recognised, and the names and units of their contents.
 
-A name is compared without regard to case. Of several names of a quantity the first that a file has is read, standard names before.
+Names are case-insensitive. The first name of a quantity in a file is read, after standard names.
 """
 
 import re
@@ -66,12 +66,12 @@ _ALWAYS = re.compile(f"({'|'.join((*SIZES, *MISSIONS))}).*")
 
 @dataclass(slots=True)
 class Told:
-    """What is found beside the messages of a log's files.
+    """Findings while the files of a log are read.
 
     Attributes:
-        notes: What was assumed.
-        skipped: Topic and reason of what cannot be used, to its number.
-        mission: Of which they are; empty when they state none.
+        notes: Assumptions.
+        skipped: Number of unusable messages by topic and reason.
+        mission: Name of the mission; empty if not stated.
     """
 
     notes: list[str] = field(default_factory=list)
@@ -87,27 +87,27 @@ Read = Callable[[Sequence[NetcdfFile], "Dialect", LogConfig, Told], Entries]
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """One convention of files of columns.
+    """Convention of columnar files.
 
     Attributes:
         name: As in ``LogReport.format``.
-        title: For a person.
-        signature: Names that a file of the dialect has, all of them; ``a|b`` is one of both.
-        names: Quantity to the names that it may have, the preferred first, with spaces between them.
-        convention: Text in the attribute ``Conventions`` that is enough to recognise the dialect; empty for none.
-        standard: Quantity to the standard name by which its variable is found before its names are tried.
-        quantities: The quantities that are read, with their units and bounds.
-        units: Unit of a quantity where the dialect has one that the files do not state.
-        flag_meanings: ``value meaning`` pairs of flags in files that do not state them.
-        heading: What headings count from.
+        title: Description.
+        signature: Names that all files of the dialect have; ``a|b`` is either.
+        names: Quantity to its possible names in order of preference, separated by spaces.
+        convention: Text in the attribute ``Conventions`` that identifies the dialect; empty for none.
+        standard: Quantity to the standard name that is tried before its names.
+        quantities: Quantities that are read, with units and bounds.
+        units: Unit of a quantity if files do not state it.
+        flag_meanings: ``value meaning`` pairs of flags if files do not state them.
+        heading: Reference of headings.
         beside: Pattern of further names that are read, in lower case.
-        ascent_share: Where in a dive a profile's own time and place lie, from 0 at its start to 1 at its end; 0 where that is not known.
+        ascent_share: Position of a profile's own time and place in the dive, from 0 (start) to 1 (end); 0 if unknown.
         dac_kind: How the mean currents were computed.
-        pings: Reads the pings of an ADCP from a file, and adds to the notes what it assumed; None for a dialect without one.
-        log_of: Which files are one log: each alone, those of one ``mission``, or ``all`` of the dialect.
-        raw: Whether values are as the vehicle wrote them: their units are fixed, and positions before the first fix are unfounded.
-        read: What the columns are; None for a glider's.
-        by_times: Whether a file may be larger than memory: only its times are read when it is opened.
+        pings: Reads the pings of an ADCP from a file and adds notes on assumptions; None without an ADCP.
+        log_of: Files of one log: each alone, those of one ``mission``, or ``all`` of the dialect.
+        raw: Whether values are raw vehicle data: units are fixed, and positions before the first fix are unfounded.
+        read: Reader of the columns; None for gliders.
+        by_times: Whether a file may exceed memory: only its times are read when it is opened.
     """
 
     name: str
@@ -138,7 +138,7 @@ class Dialect:
         return by_name or bool(self.convention and self.convention in stated.upper())
 
     def chosen(self, held: Mapping[str, Stored]) -> dict[str, str]:
-        """Return the variable of each quantity that a file has, in the file's own case."""
+        """Return the variable of each quantity of a file, in the file's case."""
         own = {name.lower(): name for name in held}
         found = {
             key: [own[name] for name in listed.split() if name in own]
@@ -151,7 +151,7 @@ class Dialect:
         return {key: names[0] for key, names in found.items() if names}
 
     def wanted(self, held: Mapping[str, Stored]) -> list[str]:
-        """Return which of a file's variables are read: those of quantities, their flags, and those beside."""
+        """Return the variables to read: those of quantities, their flags, and further ones."""
         found = self.chosen(held)
         chosen = set(found.values())
         if self.read is None and not {"dac_east", "dac_north"} <= set(found):
@@ -167,18 +167,18 @@ class Dialect:
         ]
 
     def _may_be_mean(self, name: str, stored: Stored) -> bool:
-        """Return whether a variable may be a component of a mean current: by its standard name, or by a unit of velocity without one."""
+        """Return whether a variable may be a component of a mean current, by standard name or by a unit of velocity."""
         if re.fullmatch(self.beside, name.lower()):
             return False
         by_unit = not stored.text("standard_name") and metres_per_second(stored.units) is not None
         return bool(_direction(stored)) or by_unit
 
     def by_standard_names(self, held: Mapping[str, Stored], notes: list[str]) -> dict[str, str]:
-        """Return the variable of each quantity, components of currents by their standard names wherever one is present.
+        """Return the variable of each quantity; components of currents by standard name if any has one.
 
         Args:
-            held: The file's variables.
-            notes: What names and standard names contradict, and which variables may be mean currents, is added here.
+            held: Variables of the file.
+            notes: Receives conflicts of names and standard names, and possible mean currents.
         """
         found = self.chosen(held)
         for part in ("dac", "profile"):
@@ -188,7 +188,7 @@ class Dialect:
             if stated in (["north", "east"], ["north", ""], ["", "east"]):
                 found |= dict(zip(keys, reversed(named), strict=True))
                 notes.append(
-                    f"{' and '.join(named)}: read as their standard names state, northward and eastward; their names say the contrary"
+                    f"{' and '.join(named)}: read as their standard names state, northward and eastward; their names state the opposite"
                 )
             elif stated in (["north"] * 2, ["east"] * 2):
                 notes.append(
@@ -216,6 +216,6 @@ class Dialect:
 
 
 def _direction(stored: Stored) -> str:
-    """Return ``east`` or ``north`` for a variable whose standard name is of a component of the current; empty for others."""
+    """Return ``east`` or ``north`` for a variable with the standard name of a current component; empty for others."""
     match = _CURRENT.fullmatch(stored.text("standard_name"))
     return "" if match is None or match[0].startswith("surface") else match[1][:-4]

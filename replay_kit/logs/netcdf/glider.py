@@ -1,4 +1,4 @@
-"""What a glider's columns are: fixes, positions, mean currents, pings and other instruments, as messages."""
+"""Messages of a glider's columns: fixes, positions, mean currents, pings and other instruments."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,21 +30,20 @@ _PROFILES = "/adcp/absolute"
 
 
 def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
-    """Return the messages of the files of a glider, which are read whole: a mission has some ten thousand samples.
+    """Return the messages of a glider's files, which are read whole.
 
-    ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with the depth, once a minute. ``/adcp``: velocity
-    relative to the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: as
-    ``_INSTRUMENTS``. ``/adcp/inverted``, ``/adcp/absolute``: absolute profiles. ``/dac``: the mean current of each dive, at the
-    fix after it.
+    ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with depth, once a minute. ``/adcp``: velocity relative to
+    the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: see ``_INSTRUMENTS``. ``/adcp/inverted``,
+    ``/adcp/absolute``: absolute profiles. ``/dac``: mean current of each dive, at the fix after it.
 
     Args:
-        files: Of one log, in order of time.
-        dialect: Theirs.
-        config: Without effect.
-        told: What was assumed, and cannot be used, is added here.
+        files: Files of one log, in order of time.
+        dialect: Dialect of the files.
+        config: Ignored.
+        told: Receives assumptions and counts of unusable values.
 
     Raises:
-        LogError: A variable has a unit that is not understood.
+        LogError: The unit of a variable is unknown.
     """
     del config
     notes = told.notes
@@ -101,7 +100,7 @@ def _dacs(means: Sequence[DiveMean], pings: Sequence[Entry], kind: str) -> Itera
 def _positions(
     samples: Table, means: Sequence[DiveMean], fixes: Positions, dialect: Dialect
 ) -> Iterator[Entry]:
-    """Yield the track, one position a minute; the first and the deepest sample are treated like the others."""
+    """Yield the track, one position per minute, first and deepest samples included."""
     for mean in means:
         if (middle := mean.middle) is not None:
             fix = location_fix(*middle, mean.max_depth, True, math.nan)
@@ -135,7 +134,7 @@ def _positions(
 
 
 def _depth_at_times(samples: Mapping[str, Any]) -> Any:
-    """Return the samples' depths [m], NaN where samples at other depths have the same time."""
+    """Return the samples' depths [m], NaN where samples of one time have different depths."""
     if "depth" not in samples:
         return np.full(samples["time"].size, np.nan)
     depth = np.array(samples["depth"], np.float64)
@@ -187,10 +186,10 @@ _INSTRUMENTS = MappingProxyType(
 
 
 def _instrument_entries(samples: Table) -> list[Iterator[Entry]]:
-    """Return the messages of each instrument that a glider has, in order of time: SI units, degrees, degrees Celsius, V, A h; null unknown.
+    """Return the messages of each instrument in order of time: SI units, degrees, degrees Celsius, V, A h; null if unknown.
 
     Args:
-        samples: Along the track.
+        samples: Samples along the track.
     """
     return [
         _entries(topic, samples)
@@ -200,7 +199,7 @@ def _instrument_entries(samples: Table) -> list[Iterator[Entry]]:
 
 
 def _entries(topic: str, samples: Table) -> Iterator[Entry]:
-    """Yield an instrument's messages: each of the CTD, a waypoint when it changes, others once a minute."""
+    """Yield an instrument's messages: every CTD sample, changes of the waypoint, others once a minute."""
     schema, beside, own = _INSTRUMENTS[topic]
     held = [name for name in own if name in samples]
     values = np.column_stack([samples[name] for name in held])
@@ -222,9 +221,9 @@ def _entries(topic: str, samples: Table) -> Iterator[Entry]:
 def _absolute_profiles(
     columns: Columns, means: Sequence[DiveMean], notes: list[str]
 ) -> Iterator[Entry]:
-    """Yield the absolute profiles of a mission as pings at the middle of their dives, where the file states it.
+    """Yield the absolute profiles of a mission as pings at the stated middle of their dives.
 
-    They were referenced to the mean currents: ``computed_from`` and, in the mean currents, ``also_in`` keep them from counting twice.
+    They are referenced to the DACs: ``computed_from`` and ``also_in`` of the DACs prevent double counting.
     """
     profile, samples = columns.profile, columns.samples
     if not profile:
@@ -261,10 +260,10 @@ _ATTRIBUTES = (("deployment_name", None), ("id", "og1"), ("glider_name", None))
 
 
 def missions_of(file: NetcdfFile, dialect: str) -> tuple[str, ...]:
-    """Return the names of the missions in a file; none when it does not state them.
+    """Return the names of the missions in a file; empty if not stated.
 
     Args:
-        file: With the variables ``trajectory`` and ``mission_name``, if it has them.
+        file: File with the variables ``trajectory`` and ``mission_name``, if any.
         dialect: Name of its dialect.
     """
     if dialect == "seaexplorer":
@@ -282,7 +281,7 @@ def missions_of(file: NetcdfFile, dialect: str) -> tuple[str, ...]:
 
 
 def _one_mission(files: Sequence[NetcdfFile], dialect: Dialect, notes: list[str]) -> str:
-    """Return the mission that all files are of; empty when they state none, or several, which is noted."""
+    """Return the mission of all files; empty if not stated or if there are several, which is noted."""
     names = list(dict.fromkeys(name for file in files for name in missions_of(file, dialect.name)))
     if len(names) > 1:
         shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"

@@ -1,4 +1,4 @@
-"""The dialects of glider files: how each is recognised, and under which names it holds what.
+"""Dialects of glider files: how each is recognised, and the names of its contents.
 
 To add one, write its ``Dialect`` here and add it to ``GLIDERS``.
 """

@@ -1,6 +1,6 @@
-"""Tables of pings, a row a depth, in files or in memory: columns as they are asked for, by CF standard name, or by name.
+"""Tables of pings, one row per depth, in files or memory: columns by request, CF standard name or name.
 
-Rows of one time and place are a profile.
+Rows of equal time and position form a profile.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,10 +31,10 @@ Asked = Mapping[Any, str | float]
 
 
 def _chosen(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]:
-    """Return a table, with a column for each number that is asked for, and the column of each quantity.
+    """Return a table with a column for each requested constant, and the column of each quantity.
 
     Raises:
-        ConfigError: A column that is asked for is not there, or one is not found.
+        ConfigError: A requested or required column is missing.
     """
     held = dict(file.variables)
     chosen = PINGS.chosen(held)
@@ -58,13 +58,13 @@ def _chosen(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]
 def profiles_in_memory(
     name: str, variables: Mapping[str, Stored], asked: Asked, notes: list[str]
 ) -> tuple[list[Observation], int]:
-    """Return the profiles of a table in memory, whose times are texts, dates or whole nanoseconds where they state no epoch.
+    """Return the profiles of a table in memory; times without an epoch are text, dates or integer nanoseconds.
 
     Args:
-        name: What it is called in errors.
-        variables: Its columns.
-        asked: As of ``profiles_of``, as are the notes and the errors.
-        notes: What was assumed is added here.
+        name: Name of the table in errors.
+        variables: Columns of the table.
+        asked: As in ``profiles_of``, also for errors.
+        notes: Receives notes on assumptions.
     """
     table, chosen = _chosen(NetcdfFile(Path(name), {}, variables, ()), asked)
     time = table.variables[chosen["time"]]
@@ -76,16 +76,16 @@ def profiles_in_memory(
 
 
 def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[Observation], int]:
-    """Return the profiles of a table in order of time, and the number of rows without a time or a place, which are left out.
+    """Return the profiles of a table in order of time, and the number of excluded rows without time or position.
 
     Args:
-        file: The table; its path is what it is called in errors.
-        asked: What is not to be found by standard name or name.
-        notes: What was assumed is added here.
+        file: Table; its path is named in errors.
+        asked: Columns and constants that override standard names and names.
+        notes: Receives notes on assumptions.
 
     Raises:
-        ConfigError: A column is missing, or an error is none.
-        LogError: The times have a unit that is not understood.
+        ConfigError: A column is missing, or a standard error is invalid.
+        LogError: The unit of the times is unknown.
     """
     file, chosen = _chosen(file, asked)
     rows = _over_rows(file, chosen, read_values(file, PINGS, chosen, notes))
@@ -113,7 +113,7 @@ def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[
 def _over_rows(
     file: NetcdfFile, chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]
 ) -> dict[str, NDArray[Any]]:
-    """Return quantities at each row, in the order of the dimensions of all; one that lacks a dimension is repeated along it."""
+    """Return quantities by row in the order of all dimensions; missing dimensions are broadcast."""
     sizes: dict[str, int] = {}
     for key, own in values.items():
         for dim, size in zip(file.variables[chosen[key]].dims, own.shape, strict=False):
@@ -147,7 +147,7 @@ def _pings(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
 
 
 def ping_of(profile: Observation, ordinal: int) -> dict[str, Any]:
-    """Return a profile as an ``AdcpPing`` with a place of its own."""
+    """Return a profile as an ``AdcpPing`` with its own position."""
     good = usable(profile.flags)[:, None]
     velocity = np.where(good, profile.velocity, np.nan)
     std = np.hypot(profile.error_std, profile.common_std)

@@ -1,4 +1,4 @@
-"""The reader of all files of columns: NetCDF, and tables in text. A dialect says what the columns are."""
+"""Reader of columnar files, NetCDF and text tables, by dialect."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -29,12 +29,12 @@ _LARGE = 1 << 24
 def dialect_of(
     held: Mapping[str, Stored], attributes: Mapping[str, Any], text: bool = False
 ) -> Dialect | None:
-    """Return the dialect of a file with these variables and attributes; None for a file of no known dialect.
+    """Return the dialect of a file with these variables and attributes; None if unknown.
 
     Args:
-        held: The variables.
-        attributes: Of the file.
-        text: Whether it is a table in text that is no SeaExplorer's: no glider's dialect is tried, nor one whose files are read in parts.
+        held: Variables of the file.
+        attributes: Global attributes of the file.
+        text: Whether it is a text table other than a SeaExplorer's, which excludes glider dialects and those read in parts.
     """
     added = additions("dialects", lambda value: isinstance(value, Dialect), "a Dialect").values()
     return next(
@@ -49,7 +49,7 @@ def dialect_of(
 
 
 class ColumnsReader(LogFile):
-    """The files of one dialect that are one log."""
+    """Reader of the files of one log in one dialect."""
 
     def __init__(
         self,
@@ -63,15 +63,15 @@ class ColumnsReader(LogFile):
         """Read the files.
 
         Args:
-            files: The log's files in order of time; the log is named after the first.
-            dialect: Theirs.
+            files: Files of the log in order of time; the first gives its name.
+            dialect: Dialect of the files.
             input: Position of the log among the run's inputs.
-            config: How logs are read.
-            losses: Damage found while the files were opened.
-            notes: What was assumed then.
+            config: Settings of log reading.
+            losses: Damage found when the files were opened.
+            notes: Assumptions made then.
 
         Raises:
-            LogError: A file cannot be read, or a variable has a unit that is not understood.
+            LogError: A file cannot be read, or the unit of a variable is unknown.
         """
         paths = [path for file in files for path in file.sources or (file.path,)]
         super().__init__(paths, input, config)
@@ -83,7 +83,7 @@ class ColumnsReader(LogFile):
         self.statistics.notes = self._notes()
 
     def messages(self) -> Iterator[Message]:
-        """Yield the log's messages in order of time; their topics are named where each dialect's content is made."""
+        """Yield the messages of the log in order of time; topics depend on the dialect."""
         self.statistics = ReadStatistics()
         self.statistics.notes = self._notes()
         for loss in self._losses:
@@ -94,11 +94,11 @@ class ColumnsReader(LogFile):
         self.statistics.notes = self._notes()
 
     def is_gliders(self) -> bool:
-        """Return whether the dialect is of gliders."""
+        """Return whether the dialect is a glider's."""
         return self._gliders
 
     def _notes(self) -> tuple[str, ...]:
-        """Return each note once; those that several files give say how many."""
+        """Return each note once, with the number of files if several."""
         alike = gather(self._told.notes).items()
         return tuple(
             by_variable(
@@ -114,13 +114,13 @@ def open_columns(
     config: LogConfig | None = None,
     wanted: frozenset[str] | None = None,
 ) -> LogFile:
-    """Return the reader of the files that are one log.
+    """Return the reader of the files of one log.
 
     Args:
-        paths: The files.
+        paths: Files of the log.
         input: Position of the log among the run's inputs.
-        config: How logs are read.
-        wanted: Without effect.
+        config: Settings of log reading.
+        wanted: Ignored.
 
     Raises:
         LogError: A file cannot be read, or is a forecast.
@@ -133,7 +133,7 @@ def open_columns(
 
 
 def log_of(path: Path) -> tuple[str, ...] | None:
-    """Return the names of a file's dialect and missions, which all its profiles or parts share; None where a mission is one file.
+    """Return the names of a file's dialect and missions, common to all files of its log; None if a mission is one file.
 
     Raises:
         LogError: The file cannot be read, or is a forecast.
@@ -147,7 +147,7 @@ def log_of(path: Path) -> tuple[str, ...] | None:
 
 
 def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFile, Dialect]:
-    """Return the variables of a file that its dialect reads, or those alone that name its mission, and the dialect."""
+    """Return the variables of a file that its dialect reads, or only those with its mission, and the dialect."""
     form = form_of(path)
     found: list[Dialect] = []
 

@@ -1,4 +1,4 @@
-"""NetCDF files of no known dialect: each time is a message, for ``[[measurements.map]]``."""
+"""NetCDF files of unknown dialect: a message per time, for ``[[measurements.map]]``."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -31,7 +31,7 @@ _EXPECTED = "expected a Seaglider basestation file or a glider file of another k
 
 
 def on_a_grid(path: str | Path, names: Collection[str]) -> LogError:
-    """Return the error for a forecast that is given as a log."""
+    """Return the error for a forecast given as a log."""
     return LogError(
         f"{path}: {_EXPECTED}, got currents on a grid: {some_text(list(names))}{_NOT_A_LOG}"
     )
@@ -40,10 +40,10 @@ def on_a_grid(path: str | Path, names: Collection[str]) -> LogError:
 def rows_of(
     files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
 ) -> Entries:
-    """Return the messages of a file whose variables are rows over one time; rows without a time are counted and left out.
+    """Return the messages of a file with rows over one time; rows without a time are counted and excluded.
 
     Raises:
-        LogError: The file holds no time, or is a forecast.
+        LogError: The file has no time, or is a forecast.
     """
     del dialect, config
     file = files[0]
@@ -80,7 +80,7 @@ def _entries(
     fixed: Mapping[str, Array],
     at: NDArray[np.intp],
 ) -> Iterator[Entry]:
-    """Yield the messages of rows, some at a time: those of a long file would take many times its memory."""
+    """Yield the messages of rows in batches, to limit memory."""
     for_all = {
         name: numbers(values) if values.ndim else float(values) for name, values in fixed.items()
     }
@@ -94,7 +94,7 @@ def _entries(
 
 
 def _time_name(file: NetcdfFile) -> str:
-    """Return the name of the variable of time: the longest of those with an epoch, then of those with the name."""
+    """Return the name of the time variable: the longest of those with an epoch, else of those named so."""
     sized = {
         name: stored
         for name, stored in file.variables.items()
@@ -115,7 +115,7 @@ def _time_name(file: NetcdfFile) -> str:
 
 
 def _split(file: NetcdfFile, time: str, n: int) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the variables with a row for each time, and those that hold for all, such as levels; names with dots can be in no path."""
+    """Return the variables with one row per time, and the constant ones, such as levels; names with dots are excluded."""
     rows: dict[str, Array] = {}
     fixed: dict[str, Array] = {}
     for name, stored in file.variables.items():

@@ -1,4 +1,4 @@
-"""Currents at the surface in columns: total vectors of HF radars, each time a message, and tracks of drifters, each fix a message."""
+"""Surface currents in columns: total vectors of HF radars, a message per time, and drifter tracks, a message per fix."""
 
 import math
 import re
@@ -48,7 +48,7 @@ _DROGUE, _DEGREE = 15.0, 111_200.0
 
 
 def depth_of(frequency: float) -> float:
-    """Return the depth that a radar of a frequency [MHz] sees, about [m]: its wavelength over 8 pi.
+    """Return the approximate measuring depth of a radar of a frequency [MHz]: its wavelength over 8 pi [m].
 
     Source: Stewart and Joy (1974), Deep-Sea Research 21.
     """
@@ -58,10 +58,10 @@ def depth_of(frequency: float) -> float:
 def _totals(
     files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
 ) -> Entries:
-    """Return the vectors of each time, in SI units and degrees; those without an error are left out, as those that fail their flags.
+    """Return the vectors of each time in SI units and degrees, without missing errors or failed flags.
 
     Raises:
-        LogError: A file holds no time.
+        LogError: A file has no time.
     """
     del config
     notes = told.notes
@@ -96,7 +96,7 @@ def _totals(
 def _vectors(
     path: Path, begin: int, dialect: Dialect, notes: list[str]
 ) -> Callable[[int], tuple[dict[str, Any], int]]:
-    """Return a function of a time among some of a file that gives its vectors and how many failed."""
+    """Return a function of a time index that returns the vectors and the number of failed ones."""
     file = open_netcdf(path, lambda held, _: dialect.wanted(held), slice(begin, begin + _ROWS))
     chosen = dialect.chosen(file.variables)
     values = read_values(file, dialect, chosen, notes)
@@ -140,12 +140,12 @@ def _vectors(
 
 
 def is_failed(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Return which values QARTOD flags call failed or missing; others may be used, or were not tested."""
+    """Return whether QARTOD flags are fail or missing."""
     return np.asarray((flags == Flag.FAIL) | (flags == Flag.MISSING))
 
 
 def worst_flag(flags: Sequence[NDArray[np.int8]], shape: tuple[int, ...]) -> NDArray[np.int8]:
-    """Return the worst of each value's QARTOD flags, of a shape; not evaluated where there are none."""
+    """Return the worst QARTOD flag of each value; not evaluated without flags."""
     ranked = np.stack([np.full(shape, Flag.NOT_EVALUATED, np.float64), *flags])
     # a test that was passed is more than one that was not made
     passed = Flag.NOT_EVALUATED + 0.5
@@ -155,7 +155,7 @@ def worst_flag(flags: Sequence[NDArray[np.int8]], shape: tuple[int, ...]) -> NDA
 
 
 def _quality(file: NetcdfFile, shape: tuple[int, ...]) -> NDArray[np.int8]:
-    """Return the QARTOD flag of each vector: that which sums up all tests, else the worst of the tests."""
+    """Return the QARTOD flag of each vector: the summary flag if any, else the worst of the tests."""
     by_pattern = [
         [
             _as_qartod(stored).reshape(shape)
@@ -168,7 +168,7 @@ def _quality(file: NetcdfFile, shape: tuple[int, ...]) -> NDArray[np.int8]:
 
 
 def _as_qartod(stored: Stored) -> NDArray[np.int8]:
-    """Return flags as QARTOD's, by their stated meanings; else by their numbers."""
+    """Return flags as QARTOD flags, by their stated meanings or else by number."""
     found = np.nan_to_num(stored.unpacked(), nan=Flag.NOT_EVALUATED).astype(np.int8)
     flags = found.copy()
     for value, words in units.stated_meanings(stored).items():
@@ -179,9 +179,9 @@ def _as_qartod(stored: Stored) -> NDArray[np.int8]:
 
 
 def _parameters(file: NetcdfFile, name: str) -> tuple[float, float]:
-    """Return the signal's variance [cm2/s2] and the decorrelation length [km]; NaN and 0 where not stated.
+    """Return the signal variance [cm2/s2] and the decorrelation length [km]; NaN and 0 if not stated.
 
-    A variable lists how the vectors were made, with descriptions in its comment or as numbered attributes (``parameter6``,
+    They are processing parameters of the vectors, described in a comment or as numbered attributes (``parameter6``,
     ``parameter6_description``).
     """
     stored = file.variables.get(name, Stored(np.empty(0), {}))
@@ -203,7 +203,7 @@ def _parameters(file: NetcdfFile, name: str) -> tuple[float, float]:
 
 
 def _error(stored: Stored, variance: float, dialect: Dialect, notes: list[str]) -> Array:
-    """Return standard errors [m/s], NaN where none is stated or it is of questionable quality."""
+    """Return standard errors [m/s], NaN if not stated or of questionable quality."""
     if stored.units not in ("", "1"):
         return units.in_si("error", stored, units.SPEED, notes)
     values = stored.unpacked()
@@ -219,7 +219,7 @@ def _error(stored: Stored, variance: float, dialect: Dialect, notes: list[str]) 
 
 
 def _depth(attributes: Mapping[str, Any]) -> tuple[float, str]:
-    """Return the depth that the radars see [m], and where it is from."""
+    """Return the measuring depth of the radars [m] and its derivation."""
     stated = [match for text in attributes.values() if (match := _MHZ.search(str(text)))]
     frequency = float(stated[0][1]) if stated else _LONG_RANGE
     how = "as stated" if stated else "assumed"
@@ -257,10 +257,10 @@ TOTALS = Dialect(
 def _drifters(
     files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
 ) -> Entries:
-    """Return the fixes of the drifters, which say whether they have their drogues.
+    """Return the fixes of drifters with their drogue status.
 
     Raises:
-        LogError: Columns are of unlike lengths.
+        LogError: Columns have different lengths.
     """
     del config
     columns = [_columns(file, dialect, told.notes) for file in files]
@@ -268,7 +268,7 @@ def _drifters(
 
 
 def _fixes(columns: Mapping[str, NDArray[Any]]) -> Iterator[Entry]:
-    """Yield the fixes in order of time, each made as it is needed."""
+    """Yield the fixes in order of time."""
     times = columns["time"]
     known = np.isfinite(columns["longitude"] + columns["latitude"]) & (times > 0)
     found = np.flatnonzero(known)
@@ -286,7 +286,7 @@ def _columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> dict[str, 
     sizes, _ = profile_sizes(file)
 
     def spread(key: str, found: Any) -> NDArray[Any]:
-        """Return values at each fix: those of a drifter are repeated at its fixes."""
+        """Return values at each fix; values per drifter are repeated."""
         found = np.ravel(found)
         if found.size == sizes.size and sizes.sum() == time.size:
             found = np.repeat(found, sizes)

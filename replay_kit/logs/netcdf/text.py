@@ -1,4 +1,4 @@
-"""Columns of tables in text, as variables: CSV, and the files of a SeaExplorer, perhaps compressed."""
+"""Columns of text tables as variables: CSV and SeaExplorer files, possibly compressed."""
 
 import csv
 import gzip
@@ -27,7 +27,7 @@ _UNREADABLE = (OSError, EOFError, ValueError, csv.Error, zlib.error)
 
 
 def form_of(path: Path) -> Literal["netcdf", "seaexplorer", "table"]:
-    """Return of which form a file of columns is: NetCDF, a SeaExplorer's in text, or another table in text."""
+    """Return the form of a columnar file: NetCDF, SeaExplorer text or another text table."""
     with open(path, "rb") as file:
         head = file.read(_HEAD)
     if head.startswith((b"CDF", b"\x89HDF")):
@@ -36,16 +36,16 @@ def form_of(path: Path) -> Literal["netcdf", "seaexplorer", "table"]:
 
 
 def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
-    """Return the columns of a table that are chosen, as texts: names, perhaps with units in brackets or in the next row, then a row each.
+    """Return the chosen columns of a table as text; units may be in brackets or in a second header row.
 
     Args:
-        path: The file.
-        choose: Says which columns are read.
-        exact: Whether all rows must be as long as the heading. A SeaExplorer's file may be cut anywhere: lines that have not as many
-            columns are counted and left out.
+        path: Text table.
+        choose: Selects the columns.
+        exact: Whether all rows must be as long as the header. Otherwise shorter or longer lines, as in truncated SeaExplorer files, are
+            counted and excluded.
 
     Raises:
-        LogError: It cannot be read, or its rows are of unlike lengths.
+        LogError: It cannot be read, or its rows have different lengths.
     """
     try:
         lines = _lines(path)
@@ -69,7 +69,7 @@ def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
             raise ValueError(f"{left_out} rows that are not as long as the names")
     except _UNREADABLE as error:
         raise LogError(
-            f"{path}: expected a table: names, perhaps units, rows as long; got: {error}; is the file whole?"
+            f"{path}: expected a table: names, perhaps units, rows as long; got: {error}; is the file complete?"
         ) from error
     begin = [np.isfinite([as_number(text) for text in row]).sum() for row in cells.T[:2]]
     in_row = exact and len(begin) == 2 and 2 * begin[0] < begin[1]
@@ -83,16 +83,16 @@ def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
 
 
 def _name_and_unit(heading: str) -> tuple[str, str]:
-    """Return the name of a column, and the unit in brackets after it."""
+    """Return name and bracketed unit of a column."""
     name, _, unit = heading.strip().partition("[" if "[" in heading else "(")
     return name.strip(), unit.rstrip("]) ")
 
 
 def _lines(path: Path) -> Iterator[str]:
-    """Yield the lines of a file, unpacked where it is compressed, without comments.
+    """Yield the decompressed lines of a file without comments.
 
     Raises:
-        EOFError, ValueError: It holds more than a file of its size can, or a line hardly ends.
+        EOFError, ValueError: The decompressed size is implausible, or a line is too long.
     """
     with open_input(path) as raw, ExitStack() as stack:
         compressed = raw.read(2) == GZIP_MAGIC
@@ -114,7 +114,7 @@ def _lines(path: Path) -> Iterator[str]:
 
 
 def _block(rows: Sequence[Sequence[str]], width: int) -> NDArray[np.bytes_]:
-    """Return the columns of some rows of a table as texts, shape (width, n).
+    """Return the columns of some rows of a table as text, shape (width, n).
 
     Raises:
         ValueError: A cell is too long for a value.

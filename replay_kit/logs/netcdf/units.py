@@ -1,6 +1,6 @@
-"""Values of glider files in SI units: units by their names, times by their epochs, what is missing, and what was assumed.
+"""Values of glider files in SI units: unit names, epochs of times, missing values and assumptions.
 
-Every function that assumes something says so in ``notes``, as a sentence for a person.
+Functions add each assumption to ``notes`` as a sentence for the user.
 """
 
 import re
@@ -36,13 +36,13 @@ _TURN, _LEAST_ANGLES = 6.3, 20
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A physical quantity.
+    """Physical quantity.
 
     Attributes:
-        unit: The unit used inside.
-        factor: Of a unit's name, in lower case without spaces, what turns it into this one; None where it is not known.
-        low: Least believable value; less is taken for a mark of a missing one.
-        high: Largest believable value.
+        unit: Internal unit.
+        factor: Returns the conversion factor of a unit name in lower case without spaces; None if unknown.
+        low: Least plausible value; lower ones count as missing.
+        high: Largest plausible value.
     """
 
     unit: str
@@ -85,15 +85,15 @@ NUMBER = Quantity("", dict[str, float]().get, -1e9, 1e9)
 
 
 def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit: str = "") -> Array:
-    """Return a variable in its quantity's unit, NaN where it is missing or not believable.
+    """Return a variable in its quantity's unit, NaN where missing or implausible.
 
     Args:
-        name: Of the variable, for the notes.
+        name: Name of the variable in notes.
         stored: The variable.
-        quantity: What it is.
-        notes: What was assumed is added here.
-        unit: Unit to take where the file states none that is known; ``nmea``, degrees and minutes (ddmm.mmm), whatever it states. Empty
-            for the stated one.
+        quantity: Its quantity.
+        notes: Receives notes on assumptions.
+        unit: Unit if the file states none that is known; ``nmea``, degrees and minutes (ddmm.mmm), overrides the file. Empty for the stated
+            one.
     """
     values = stored.unpacked()
     stated = stored.units
@@ -121,7 +121,7 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
 
 
 def from_minutes(values: Array) -> Array:
-    """Return degrees of degrees and minutes (ddmm.mmm); marks of no fix, such as 69696969, become more degrees than there are."""
+    """Return degrees from degrees and minutes (ddmm.mmm); marks of no fix, such as 69696969, exceed the valid range."""
     return np.sign(values) * (np.abs(values) // 100.0 + np.abs(values) % 100.0 / 60.0)
 
 
@@ -130,11 +130,10 @@ def _unit_key(unit: str) -> str:
 
 
 def in_minutes(places: Mapping[str, Array]) -> bool:
-    """Return whether positions are degrees and minutes (ddmm.mmm), because there are more than there are degrees.
+    """Return whether positions are degrees and minutes (ddmm.mmm): values exceed the range of degrees.
 
     Args:
-        places: Latitudes and longitudes by names that end in these words, as stored. A latitude near the equator does not tell them
-            apart, its longitude does.
+        places: Stored latitudes and longitudes by names with these endings; near the equator only longitudes are conclusive.
     """
     # marks of no fix, such as 69696969, are more than either
     most = {key: 90.0 if key.endswith("latitude") else 360.0 for key in places}
@@ -144,13 +143,13 @@ def in_minutes(places: Mapping[str, Array]) -> bool:
 
 
 def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str]) -> Array:
-    """Return angles in degrees, of a variable that says degrees and may hold radians.
+    """Return angles in degrees from a variable in stated degrees that may hold radians.
 
     Args:
-        name: Of the variable, for the notes.
-        values: shape (n,), taken as degrees so far.
-        whole_turn: Whether it is a heading, which covers a turn; else a tilt.
-        notes: What was assumed is added here.
+        name: Name of the variable in notes.
+        values: shape (n,), assumed degrees.
+        whole_turn: Whether it is a heading, with a range of 360 degrees; else a tilt.
+        notes: Receives notes on assumptions.
     """
     known = np.abs(values[np.isfinite(values)])
     most = _TURN if whole_turn else _TURN / 4.0
@@ -165,10 +164,10 @@ def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str
 def time_ns(
     name: str, stored: Stored, where: str | Path, notes: list[str]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return times to the millisecond [ns, UTC], 0 where unknown, and whether each is known; ``datetime64`` to the nanosecond.
+    """Return times [ns, UTC] and whether each is known, 0 if not; precise to 1 ms, ``datetime64`` to 1 ns.
 
     Raises:
-        LogError: No value is a time of a mission in the unit that the file states.
+        LogError: No value is plausible in the stated unit.
     """
     if stored.values.dtype.kind == "M":
         dated = ~np.isnat(stored.values)
@@ -204,10 +203,10 @@ def time_ns(
 
 
 def _seconds_of(texts: Sequence[str]) -> Array:
-    """Return seconds since 1970 of times, in UTC unless they state an offset; NaN for other texts.
+    """Return times in seconds since 1970, UTC without an offset; NaN for other text.
 
     Args:
-        texts: In ISO 8601, or as a SeaExplorer writes them, day/month/year.
+        texts: Times in ISO 8601 or as day/month/year of a SeaExplorer.
     """
     iso = [
         f"{text[6:10]}-{text[3:5]}-{text[:2]}T{text[11:]}" if text[2:3] == "/" else text
@@ -242,13 +241,13 @@ UNUSABLE = re.compile(r"bad|fail|miss|suspect|question|unsampled|reject|spike|st
 
 
 def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
-    """Return which values their flags call unusable, by the meanings of the flags and never by their numbers.
+    """Return the mask of bad values by the meanings of their flags, never by number.
 
     Args:
-        name: Of the flags, for the notes.
-        flags: The flags, of whatever type.
-        meanings: ``value meaning`` pairs to take where the file states none.
-        notes: What was found is added here.
+        name: Name of the flags in notes.
+        flags: Flags of any type.
+        meanings: ``value meaning`` pairs if the file states none.
+        notes: Receives notes on the result.
     """
     known = stated_meanings(flags) or dict(
         zip(map(int, meanings.split()[::2]), meanings.split()[1::2], strict=True)
@@ -266,7 +265,7 @@ def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> ND
 
 
 def stated_meanings(flags: Stored) -> dict[int, str]:
-    """Return the meanings of flags; some writers state the values as one text."""
+    """Return the meanings of flags by value; some writers state the values as one text."""
     values: Any = flags.attributes.get("flag_values")
     if values is None or not flags.text("flag_meanings"):
         return {}

@@ -1,4 +1,4 @@
-"""Variables of a NetCDF file, classic or NetCDF-4, as stored; only those asked for are read."""
+"""Stored variables of a NetCDF file, classic or NetCDF-4; only requested ones are read."""
 
 import math
 import mmap
@@ -54,12 +54,12 @@ _MAPPED = 1 << 24  # bytes of a file that is not read into memory whole
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stored:
-    """A variable as stored: nothing decoded, nothing masked.
+    """Variable as stored, neither decoded nor masked.
 
     Attributes:
-        values: Of any shape and type.
-        attributes: By name; those of ``_ATTRIBUTES`` that there are, and maybe more.
-        dims: Names of its dimensions; empty names where the file does not name them.
+        values: Values of any shape and type.
+        attributes: Attributes by name, at least those of ``_ATTRIBUTES``.
+        dims: Names of its dimensions; empty if not named.
     """
 
     values: NDArray[Any]
@@ -68,24 +68,24 @@ class Stored:
 
     @property
     def units(self) -> str:
-        """Unit as the file states it; empty when it states none."""
+        """Stated unit; empty without one."""
         return self.text("units")
 
     def text(self, attribute: str) -> str:
-        """Return an attribute as text; empty when there is none."""
+        """Return an attribute as text; empty without one."""
         value = self.attributes.get(attribute, "")
         return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
     @property
     def packing(self) -> tuple[float, float]:
-        """Scale and offset of the values; 1 and 0 when the file states none."""
+        """Scale factor and offset of the values; 1 and 0 by default."""
         factor, offset = (
             float(np.ravel(self.attributes.get(name, default))[0]) for name, default in _PACKING
         )
         return factor, offset
 
     def texts(self) -> list[str]:
-        """Return the texts of an array of characters or of texts, without the blanks and zeros that fill them up; none of other arrays."""
+        """Return the elements of a text or character array without padding; empty for other arrays."""
         if self.values.dtype.kind != "S" or not self.values.size:
             return []
         values = np.ascontiguousarray(self.values)
@@ -119,7 +119,7 @@ _PACKING = (("scale_factor", 1.0), ("add_offset", 0.0))
 
 
 def as_number(text: str) -> float:
-    """Return a text as a number; NaN when it is none."""
+    """Return text as a number; NaN if it is none."""
     try:
         return float(text)
     except ValueError:
@@ -132,14 +132,14 @@ Choose = Callable[[Mapping[str, Stored], Mapping[str, Any]], Collection[str]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetcdfFile:
-    """Some variables of a file.
+    """Variables of a file.
 
     Attributes:
-        path: The file.
-        attributes: Of the file as a whole, and of its group ``Config``.
-        variables: Those read, by name; of a group ``Data/Average`` by their own names.
-        names: Of all variables of the file.
-        sources: The files that it was put together from; empty for one file.
+        path: Path of the file.
+        attributes: Global attributes, and those of the group ``Config``.
+        variables: Variables read, by name, also of the group ``Data/Average``.
+        names: Names of all variables of the file.
+        sources: Files from which it was joined; empty for one file.
     """
 
     path: Path
@@ -153,29 +153,29 @@ class NetcdfFile:
         return all(name in self.variables for name in names)
 
     def array(self, name: str) -> Array:
-        """Return a variable, NaN where it has its fill value."""
+        """Return a variable, NaN for fill values."""
         return self.variables[name].unpacked()
 
     def scalar(self, name: str) -> float:
-        """Return a number; NaN when the file has none."""
+        """Return a scalar variable; NaN without one."""
         values = self.array(name).ravel() if self.has(name) else np.empty(0)
         return float(values[0]) if values.size else float("nan")
 
     @property
     def dive_number(self) -> int | None:
-        """The dive that a basestation's file is of; None for files that are not of one dive."""
+        """Number of the dive of a basestation file; None for other files."""
         stated = self.attributes.get("dive_number", self.scalar("log_dive"))
         known = isinstance(stated, int | float | np.number) and np.isfinite(stated)
         return int(stated) if known else None
 
 
 def open_netcdf(path: Path, choose: Choose, rows: slice = slice(None)) -> NetcdfFile:
-    """Return the variables of a file that are chosen, loaded.
+    """Return the chosen variables of a file, loaded.
 
     Args:
-        path: The file.
-        choose: Says which variables are read; texts of variable length are read as bytes.
-        rows: Of variables with several dimensions, those of the first that are read.
+        path: NetCDF file.
+        choose: Selects the variables; variable-length texts are read as bytes.
+        rows: Slice of the first dimension of variables with several dimensions.
 
     Raises:
         LogError: The file cannot be read as NetCDF.
@@ -185,7 +185,9 @@ def open_netcdf(path: Path, choose: Choose, rows: slice = slice(None)) -> Netcdf
             classic = file.read(3) == b"CDF"
         return (_read_classic if classic else _read_hdf5)(path, choose, rows)
     except _UNREADABLE as error:
-        raise LogError(f"{path}: cannot be read as NetCDF: {error}; is the file whole?") from error
+        raise LogError(
+            f"{path}: cannot be read as NetCDF: {error}; is the file complete?"
+        ) from error
 
 
 def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
@@ -226,7 +228,7 @@ def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
 
 
 def _stored(item: h5py.Dataset, part: Any) -> NDArray[Any]:
-    """Return a variable's values, texts of variable length as bytes."""
+    """Return a variable's values, variable-length texts as bytes."""
     return np.asarray(
         item[part]
         if item.dtype.kind != "O"
@@ -235,7 +237,7 @@ def _stored(item: h5py.Dataset, part: Any) -> NDArray[Any]:
 
 
 def _dims(file: Any, name: str, item: Any) -> tuple[str, ...]:
-    """Return the names of a variable's dimensions; a variable that is a dimension's coordinate names none but its own."""
+    """Return the names of a variable's dimensions; a coordinate variable has its own name."""
     if "DIMENSION_LIST" in item.attrs:
         return tuple(
             file[refs[0]].name.rpartition("/")[2] if len(refs) else ""
@@ -274,10 +276,10 @@ _OBJECT = struct.Struct("<HH4xQ")
 
 
 def endless_heap(path: Path) -> int | None:
-    """Return where a global heap begins that the HDF5 library would read for ever [bytes]; None without one.
+    """Return the offset of a global heap on which the HDF5 library would loop forever [bytes]; None without one.
 
     Args:
-        path: A file that is not empty.
+        path: File that is not empty.
     """
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         at = data.find(_BEGINS)
@@ -289,7 +291,7 @@ def endless_heap(path: Path) -> int | None:
 
 
 def _is_endless(data: mmap.mmap, begin: int) -> bool:
-    """Return whether the objects of a heap lead to free space without a size, from which no step leads on."""
+    """Return whether the objects of a heap lead to free space of size zero, an endless loop."""
     if begin + _SIZE.size > len(data):
         return False
     end = min(begin + _SIZE.unpack_from(data, begin)[0], len(data))

@@ -1,1 +1,1 @@
-"""What the readers of several log formats share: read statistics, clocks, chains of records, payloads of our own messages."""
+"""Parts common to several log formats: read statistics, clocks, chains of records, payloads of our own messages."""

@@ -1,4 +1,4 @@
-"""What a reader finds in a log: counts and damage, messages as columns, and the overview that the log's own index gives."""
+"""Results of reading a log: counts and damage, messages as columns, and the overview from the log's index."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,13 +16,13 @@ MAX_LOSSES = 20
 
 
 class ReadStatistics:
-    """Counts messages and damage while a log is read, and returns them as a ``LogReport``.
+    """Counts of messages and damage while a log is read.
 
     Attributes:
-        read: Messages found, by topic, decoded or not.
-        unchecked: What no checksum covers: kind to count.
-        without_stamp: Messages ordered by their log time for want of a stamp of their own.
-        notes: What a user should know of the log's clocks.
+        read: Number of messages by topic, decoded or not.
+        unchecked: Counts of records without a checksum, by kind.
+        without_stamp: Number of messages without their own stamp, ordered by log time.
+        notes: Notes on the log's clocks.
     """
 
     def __init__(self) -> None:
@@ -41,12 +41,12 @@ class ReadStatistics:
         return bool(self._losses)
 
     def undecodable(self, topic: str, reason: str, messages: int = 1) -> None:
-        """Count messages that no decoder could read; the topic's first reason is kept."""
+        """Count undecodable messages; the first reason of a topic is kept."""
         count, first = self._undecodable.get(topic, (0, reason))
         self._undecodable[topic] = (count + messages, first)
 
     def skip(self, topic: str, reason: str, messages: int = 1) -> None:
-        """Count messages as found and as undecodable."""
+        """Count messages as read and undecodable."""
         if messages:
             self.read[topic] += messages
             self.undecodable(topic, reason, messages)
@@ -62,9 +62,9 @@ class ReadStatistics:
         """Record damage.
 
         Args:
-            what: Description for a person.
-            offset: Byte offset in the file at which whole records end.
-            size: Number of bytes that could not be used.
+            what: Description.
+            offset: Byte offset of the end of the last whole record.
+            size: Number of unusable bytes.
             messages: Number of messages in them; None when unknown.
             span: Their first and last possible time [ns]; None when unknown.
         """
@@ -79,10 +79,10 @@ class ReadStatistics:
         )
 
     def report(self, path: str, format_name: str) -> LogReport:
-        """Return a copy of the counts.
+        """Return the counts as a report.
 
         Args:
-            path: The log.
+            path: Path of the log.
             format_name: As in ``LogReport.format``.
         """
         return LogReport(
@@ -98,7 +98,7 @@ class ReadStatistics:
 
 
 def _sum(total: Loss, loss: Loss, places: int) -> Loss:
-    """Return two losses as one; a figure that is unknown in either is unknown in the sum."""
+    """Return the sum of two losses; figures unknown in either are unknown."""
     return Loss(
         f"{places} further damaged places, not listed one by one",
         total.offset,
@@ -115,13 +115,13 @@ _SIZE = 4096
 
 
 class Block(NamedTuple):
-    """Messages that follow one another in a log; those that could not be decoded, as far as that was tried, are left out.
+    """Consecutive messages of a log, without those found undecodable.
 
     Attributes:
         kinds: Topic and schema of each kind of message.
-        kind: Which of them each message is, shape (n,).
+        kind: Index in ``kinds`` of each message, shape (n,).
         time_ns: Time that orders each message, shape (n,) [ns, UTC].
-        messages: The decoded ones.
+        messages: Decoded messages.
     """
 
     kinds: tuple[tuple[str, str], ...]
@@ -153,13 +153,13 @@ Indices = NDArray[np.signedinteger[Any]]
 
 
 def chain(start: Indices, end: Indices) -> Indices:
-    """Return which candidates are records when each search begins at the end of the record before, shape (m,), increasing.
+    """Return the indices of candidates that are records, shape (m,), increasing: each search begins at the end of a record.
 
-    A candidate that begins inside a record is none: its first bytes are the record's contents.
+    Candidates that begin inside a record are excluded.
 
     Args:
-        start: Where each candidate begins, shape (n,), increasing.
-        end: Where each ends, shape (n,), greater than its start.
+        start: Start of each candidate, shape (n,), increasing.
+        end: End of each candidate, shape (n,), after its start.
     """
     keep = np.ones(start.size, dtype=np.bool_)
     overlapped = np.flatnonzero(start[1:] < end[:-1])
@@ -173,14 +173,14 @@ def chain(start: Indices, end: Indices) -> Indices:
 def lose_gaps(
     statistics: ReadStatistics, what: str, before: int, start: Indices, end: Indices
 ) -> int:
-    """Record the bytes between records as losses and return where the last record ends [bytes].
+    """Record the bytes between records as losses and return the end of the last record [bytes].
 
     Args:
-        statistics: Where the losses are recorded.
-        what: Description of such a loss.
-        before: Where the record before the first one ends in the file.
-        start: Where each record begins in the file, shape (n,), increasing.
-        end: Where each ends, shape (n,).
+        statistics: Statistics that receive the losses.
+        what: Description of the losses.
+        before: End of the previous record in the file.
+        start: Start of each record in the file, shape (n,), increasing.
+        end: End of each record, shape (n,).
     """
     ends = np.concatenate([[before], end])
     for gap in np.flatnonzero(start > ends[:-1]).tolist():
@@ -190,13 +190,13 @@ def lose_gaps(
 
 @dataclass(frozen=True, slots=True)
 class TopicExtent:
-    """One topic of a file, by its index.
+    """Extent of one topic, by the file's index.
 
     Attributes:
         schema: Name of its schema.
         messages: Number of messages.
-        first_ns: Earliest log time [ns]; None when the index does not say it in a few reads.
-        last_ns: Latest.
+        first_ns: Earliest log time [ns]; None if it takes more than a few reads of the index.
+        last_ns: Latest log time [ns].
     """
 
     schema: str
@@ -205,7 +205,7 @@ class TopicExtent:
     last_ns: int | None
 
     def joined(self, other: "TopicExtent") -> "TopicExtent":
-        """Return this topic with the messages of another channel."""
+        """Return the extent of this topic on two channels."""
         firsts, lasts = (self.first_ns, other.first_ns), (self.last_ns, other.last_ns)
         first_ns = None if None in firsts else min(firsts)  # type: ignore[type-var]
         last_ns = None if None in lasts else max(lasts)  # type: ignore[type-var]
@@ -214,12 +214,12 @@ class TopicExtent:
 
 @dataclass(frozen=True, slots=True)
 class Overview:
-    """A file by its index.
+    """Overview of a file by its index.
 
     Attributes:
-        topics: By name.
-        undecodable: Topic to the reason why none of its messages can be decoded.
-        first: The first messages of each other topic, in order of time.
+        topics: Extents by topic.
+        undecodable: Topic to the reason why it cannot be decoded.
+        first: First messages of each other topic, in order of time.
     """
 
     topics: Mapping[str, TopicExtent]

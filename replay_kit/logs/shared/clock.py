@@ -1,4 +1,4 @@
-"""A clock that counts from the vehicle's start, fitted to UTC although some of the log's UTC stamps are late or wrong."""
+"""Clock that counts from boot, fitted to UTC with late or wrong UTC stamps excluded."""
 
 from dataclasses import dataclass
 
@@ -30,15 +30,15 @@ _LEAP_NS = np.array(_LEAP_DAYS.split(), dtype="datetime64[ns]").astype(np.int64)
 
 @dataclass(frozen=True, slots=True)
 class ClockFit:
-    """UTC as a straight line over a clock that counts from the vehicle's start.
+    """Linear fit of UTC to a clock that counts from boot.
 
     Attributes:
-        boot_ns: A time on that clock [ns].
+        boot_ns: Reference time on that clock [ns].
         utc_ns: UTC at that time [ns].
         drift: Rate at which UTC gains on the clock [s/s].
-        residual_std: Standard deviation of the pairs that fit [s].
-        pairs: Pairs of stamps it was fitted to.
-        outliers: Those of them that do not fit.
+        residual_std: Standard deviation of the inliers [s].
+        pairs: Number of pairs of stamps.
+        outliers: Number of outliers among them.
     """
 
     boot_ns: int
@@ -60,7 +60,7 @@ class ClockFit:
 
 
 def fit_clock(boot_ns: Times, utc_ns: Times) -> ClockFit:
-    """Return the fit to pairs of stamps: median offset and, over ten minutes and more, the median slope (Theil and Sen).
+    """Return the fit to pairs of stamps: median offset and, over at least ten minutes, the median slope (Theil and Sen).
 
     Args:
         boot_ns: Times on the vehicle's clock, shape (n,), n at least 1 [ns].
@@ -89,7 +89,7 @@ def fit_clock(boot_ns: Times, utc_ns: Times) -> ClockFit:
 
 
 def _median_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    """Return the median slope of the lines through two points each (Theil, Sen); a few wrong points do not move it."""
+    """Return the median slope of the lines through two points each (Theil, Sen), robust to outliers."""
     # scipy.stats has it too, but takes longer to import than a log takes to read
     first, second = np.triu_indices(x.size, 1)
     apart = x[second] != x[first]
@@ -97,14 +97,14 @@ def _median_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
 
 
 def without_spikes(stamp_us: Times, before_us: int | None) -> tuple[Times, int]:
-    """Return stamps in which single ones far from both neighbours are replaced by the next one, and their number.
+    """Return stamps with single outliers replaced by the next stamp, and the number of outliers.
 
-    A stamp has no checksum. One flipped bit can put it years ahead, and all messages after it would count as late. The last
-    one has no next one and stays, as does one in many thousand, at the edge of a reader's block.
+    A stamp has no checksum: one flipped bit can put it years ahead, and all later messages would count as late. The last stamp, also of a
+    reader's block, is kept.
 
     Args:
-        stamp_us: Stamps that follow one another, shape (n,) [microseconds].
-        before_us: The stamp before them; None when there is none.
+        stamp_us: Consecutive stamps, shape (n,) [microseconds].
+        before_us: Previous stamp; None without one.
     """
     if stamp_us.size < 3:
         return stamp_us, 0
@@ -127,17 +127,17 @@ def spikes_note(spikes: int) -> str:
 
 
 def gps_to_utc(week: NDArray[np.int64], week_ms: NDArray[np.int64]) -> Times:
-    """Return UTC [ns] of GPS time: the leap seconds, which GPS does not count, are subtracted.
+    """Return UTC [ns] from GPS time, which has no leap seconds.
 
     Args:
         week: Weeks since 6 January 1980, not folded into 1024.
-        week_ms: Milliseconds since the week began.
+        week_ms: Milliseconds of the week.
     """
     gps_ns = _GPS_EPOCH_NS + (week * _WEEK_MS + week_ms) * 1_000_000
     return gps_ns - leap_seconds(gps_ns) * 10**9
 
 
 def leap_seconds(gps_ns: Times) -> NDArray[np.int64]:
-    """Return by how many seconds GPS time is ahead of UTC, at times counted by GPS [ns since 1970]."""
+    """Return GPS time minus UTC [s] at times of GPS [ns since 1970]."""
     ahead = np.arange(1, _LEAP_NS.size + 1)
     return np.searchsorted(_LEAP_NS + ahead * 10**9, gps_ns, side="right").astype(np.int64)

@@ -1,4 +1,4 @@
-"""Parts of the messages made from foreign formats: stamps, fixes, missing numbers, notes."""
+"""Parts of messages converted from other formats: stamps, fixes, missing numbers, notes."""
 
 import math
 import re
@@ -21,12 +21,12 @@ def stamp(time_ns: int) -> dict[str, int]:
 
 
 def number(value: float) -> float | None:
-    """Return a number, or None when it is not finite: JSON has no NaN."""
+    """Return a number, or None if it is not finite, as JSON has no NaN."""
     return value if math.isfinite(value) else None
 
 
 def numbers(values: NDArray[Any]) -> list[Any]:
-    """Return an array as nested lists with None for what is not finite."""
+    """Return an array as nested lists with None for values that are not finite."""
     values = np.asarray(values, dtype=np.float64)
     plain: NDArray[Any] = values.astype(object)
     plain[~np.isfinite(values)] = None
@@ -43,8 +43,8 @@ def location_fix(
         longitude: [degrees east].
         latitude: [degrees north].
         depth: [m], positive down.
-        dead_reckoned: Whether the position was computed, not measured.
-        error: Standard deviation of each horizontal component [m]; NaN or 0 when unknown.
+        dead_reckoned: Whether the position was dead-reckoned.
+        error: Standard error of each horizontal component [m]; NaN or 0 if unknown.
     """
     stated = error > 0.0
     variance = float(error) ** 2 if stated else 0.0
@@ -65,13 +65,13 @@ def location_fix(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Positions:
-    """A vehicle's fixes at the surface.
+    """Fixes of a vehicle at the surface.
 
     Attributes:
         time_ns: shape (n,) [ns, UTC], increasing.
         longitude: shape (n,) [degrees east].
         latitude: shape (n,) [degrees north].
-        error: shape (n,) [m], standard deviation of each component; NaN where unknown.
+        error: shape (n,) [m], standard error of each component; NaN if unknown.
     """
 
     time_ns: NDArray[np.int64]
@@ -95,7 +95,7 @@ _READ_AS = "read as "
 
 
 def gather(notes: Iterable[str]) -> Mapping[str, list[str]]:
-    """Return each note with its occurrences, in the order of the first; those that differ in numbers alone are one, with the ranges."""
+    """Return notes with their occurrences in order of the first; notes that differ only in numbers are merged with ranges."""
     alike: dict[str, list[str]] = {}
     for note in notes:
         alike.setdefault(note if note.startswith(_READ_AS) else _NUMBER.sub("#", note), []).append(
@@ -105,7 +105,7 @@ def gather(notes: Iterable[str]) -> Mapping[str, list[str]]:
 
 
 def by_variable(notes: Iterable[str]) -> list[str]:
-    """Return notes with those that say the same of several variables as one, after the names of all."""
+    """Return notes with equal texts on several variables merged."""
     names: dict[str, list[str]] = {}
     for note in notes:
         name, _, said = note.partition(": ")
@@ -116,14 +116,14 @@ def by_variable(notes: Iterable[str]) -> list[str]:
 
 
 def short(note: str) -> str:
-    """Return a note for a summary, with the number of the variables read in place of their names."""
+    """Return a note for a summary, with the number of variables instead of their names."""
     if not note.startswith(_READ_AS):
         return note
     return f"{note.count(': ')} variables were read by their names, which replay-kit info lists"
 
 
 def _with_ranges(same: list[str]) -> str:
-    """Return notes that differ in numbers as one, with the least and the largest of each number that differs."""
+    """Return notes that differ in numbers as one, with the range of each number."""
     numbers = [_NUMBER.findall(note) for note in same]
     columns = iter([list(dict.fromkeys(column)) for column in zip(*numbers, strict=True)])
 

@@ -1,4 +1,4 @@
-"""Whether the times of a log can be those of a mission, and which clock or unit would be plausible where they are not."""
+"""Plausibility of the times of a log, and the likely clock or unit of implausible ones."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -14,10 +14,10 @@ _MAX_NS = 2**63 - 1
 
 
 def header_stamp(payload: Mapping[str, Any]) -> int | None:
-    """Return the time that a payload states about itself [ns, UTC]; None when it states none.
+    """Return the time stated in a payload [ns, UTC]; None without one.
 
-    Read from ``header.stamp``, ``stamp`` and ``timestamp``, as a mapping of seconds and nanoseconds under the names in
-    use. Zero means unset, as in ROS; what int64 cannot hold is no time.
+    Read from ``header.stamp``, ``stamp`` and ``timestamp``, as a mapping of seconds and nanoseconds under the names in use. Zero means
+    unset, as in ROS; values beyond int64 are ignored.
     """
     header = payload.get("header")
     stamps = [header.get("stamp")] if isinstance(header, Mapping) else []
@@ -39,12 +39,12 @@ def _first_integer(stamp: Mapping[str, Any], names: tuple[str, ...]) -> int | No
 def doubtful_times(
     span: tuple[int, int], samples: Iterable[tuple[int, Mapping[str, Any]]], now_ns: int | None
 ) -> str:
-    """Return what is odd about the times of a log, and what would be plausible; empty for times that can be a mission's.
+    """Return the anomaly of the times of a log and a plausible explanation; empty for plausible times.
 
     Args:
         span: First and last time [ns, UTC].
-        samples: Time and payload of some messages.
-        now_ns: After which no time can be, but for a day [ns, UTC]; None where the answer must not depend on the day.
+        samples: Times and payloads of some messages.
+        now_ns: Latest possible time, with a tolerance of a day [ns, UTC]; None for a result independent of today.
     """
     first_ns, last_ns = span
     latest = _MAX_NS if now_ns is None else now_ns + 86_400 * 10**9
@@ -54,7 +54,7 @@ def doubtful_times(
     if first_ns < EARLIEST_NS:
         odd = f"{begin}, before 1990"
     elif last_ns > latest:
-        odd = f"the log ends {time_text(last_ns)}, which is yet to come"
+        odd = f"the log ends {time_text(last_ns)}, in the future"
     elif abs(apart) > _APART_NS:
         odd = f"{begin}, {abs(apart) / 86_400e9:.0f} days {'before' if apart > 0 else 'after'} the stamps in its messages"
     else:

@@ -1,1 +1,1 @@
-"""Slocum's binary files: a header, a list of sensors and cycles; raw or compressed."""
+"""Binary files of Slocum gliders: header, list of sensors and cycles; raw or compressed."""

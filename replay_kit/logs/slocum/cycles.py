@@ -1,7 +1,7 @@
-"""The cycles of a Slocum's file: which sensors were written when, and their values.
+"""Cycles of a Slocum file: the sensors written in each, and their values.
 
-A cycle is a tag, two bits for each sensor (0 not written, 1 written and the same as before, 2 a new value), and the new values one after
-the other. Where a cycle begins follows from the one before it; all else is read at once for many cycles.
+A cycle is a tag, two bits per sensor (0 not written, 1 unchanged, 2 new value), and the new values. The start of a cycle follows from the
+previous one; all else is read for many cycles at once.
 """
 
 import re
@@ -32,12 +32,12 @@ _PATTERNS = 1 << 14
 
 
 class Lost(NamedTuple):
-    """Bytes that are no cycles.
+    """Bytes outside cycles.
 
     Attributes:
-        offset: Where they begin.
-        size: How many.
-        what: What was expected there.
+        offset: Offset of the first.
+        size: Number of bytes.
+        what: Description of the expected contents.
     """
 
     offset: int
@@ -46,12 +46,12 @@ class Lost(NamedTuple):
 
 
 class Cycles(NamedTuple):
-    """The cycles of a file.
+    """Cycles of a file.
 
     Attributes:
-        written: By sensor, which cycles write it, shape (n,): 0 not, 1 the same as before, 2 a new value.
-        values: By sensor, the last value written, shape (n,); NaN before the first one, and after damage until the next new one.
-        lost: Damage.
+        written: State of each sensor by cycle, shape (n,): 0 not written, 1 unchanged, 2 new value.
+        values: Last value of each sensor by cycle, shape (n,); NaN before the first, and after damage until the next.
+        lost: Damaged parts.
     """
 
     written: Mapping[str, NDArray[np.uint8]]
@@ -63,10 +63,10 @@ def read_cycles(data: bytes, at: int, sensors: Sequence[Sensor], wanted: Collect
     """Return the cycles of a file.
 
     Args:
-        data: The file, decompressed.
-        at: Where the cycles begin, after the list of sensors.
-        sensors: In the order of their values.
-        wanted: Names of those that are returned.
+        data: Decompressed file.
+        at: Offset of the first cycle, after the list of sensors.
+        sensors: Sensors in the order of their values.
+        wanted: Names of the sensors to return.
     """
     known = data[at : at + 16]
     order = next((order for order, expected in _KNOWN.items() if known == expected), None)
@@ -87,7 +87,7 @@ def read_cycles(data: bytes, at: int, sensors: Sequence[Sensor], wanted: Collect
     return Cycles(
         {sensors[k].name: written for k, (written, _) in columns.items()},
         {
-            sensors[k].name: _held(values, written == 2, runs)
+            sensors[k].name: _last_values(values, written == 2, runs)
             for k, (written, values) in columns.items()
         },
         lost,
@@ -95,7 +95,7 @@ def read_cycles(data: bytes, at: int, sensors: Sequence[Sensor], wanted: Collect
 
 
 class _Lengths(dict[bytes, int]):
-    """Bytes of the new values of a cycle, by its states; -1 for states that do not exist."""
+    """Length of the new values of a cycle by its states; -1 for invalid states."""
 
     def __init__(self, sensors: Sequence[Sensor]) -> None:
         n = (len(sensors) + 3) // 4
@@ -120,7 +120,7 @@ _SHIFTS = np.array([6, 4, 2, 0], np.uint8)
 def _find_cycles(
     data: bytes, at: int, sensors: Sequence[Sensor]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[Lost, ...]]:
-    """Return where the cycles begin; the first cycle of each run without damage; and the damage between the runs."""
+    """Return the starts of the cycles, the first cycle of each intact run, and the damage between runs."""
     lengths, states, size = _Lengths(sensors), (len(sensors) + 3) // 4, len(data)
     # newer firmware writes no mark of the end; what fills the last block of a transfer is no cycle either
     last = len(data.rstrip(b"\0\x1a"))
@@ -129,7 +129,7 @@ def _find_cycles(
     tries = iter(range(_TRIES))
 
     def end_of(start: int) -> int:
-        """Return where a cycle ends; -1 where there is none, or no tag after it."""
+        """Return the end of a cycle; -1 without a cycle or a tag after it."""
         body = start + 1 + states
         if data[start] != _CYCLE or body > size or (length := lengths[data[start + 1 : body]]) < 0:
             return -1
@@ -138,7 +138,7 @@ def _find_cycles(
         return end if ends or (end < size and data[end] in (_CYCLE, _END)) else -1
 
     def next_run(start: int) -> int:
-        """Return where some cycles in a row begin after damage; the end of the file where they do nowhere."""
+        """Return the start of the next consecutive cycles after damage; the end of the file without any."""
         for tag, _ in zip(_TAG.finditer(data, start), tries, strict=False):
             end = tag.start()
             for _ in range(_IN_A_ROW):
@@ -168,7 +168,7 @@ def _read_block(
     sensors: Sequence[Sensor],
     wanted: Mapping[int, tuple[NDArray[np.uint8], Array]],
 ) -> None:
-    """Write the states and the new values of some cycles into the arrays of the sensors that are wanted, by their positions."""
+    """Write the states and new values of some cycles into the arrays of the wanted sensors, by sensor index."""
     raw, states = np.frombuffer(data, np.uint8), (len(sensors) + 3) // 4
     bits = raw[starts[:, None] + 1 + np.arange(states)][:, :, None] >> _SHIFTS & 3
     bits = bits.reshape(starts.size, 4 * states)[:, : len(sensors)]
@@ -183,7 +183,7 @@ def _read_block(
             values[new] = raw[at[:, None] + np.arange(size)].view(order + _KINDS[size])[:, 0]
 
 
-def _held(values: Array, new: NDArray[np.bool_], runs: NDArray[np.int64]) -> Array:
+def _last_values(values: Array, new: NDArray[np.bool_], runs: NDArray[np.int64]) -> Array:
     """Return the last new value at each cycle; NaN before the first one of each run."""
     cycle = np.arange(values.size)
     last = np.maximum.accumulate(np.where(new, cycle, -1)) if values.size else cycle

@@ -1,7 +1,7 @@
-"""Headers, sensor lists and compression of a Slocum's binary files.
+"""Headers, sensor lists and compression of Slocum binary files.
 
-A file begins with lines ``key: value``. The list of its sensors follows, or lies in a cache that is named after the list's checksum
-(``sensor_list_factored``). Compressed files and caches are LZ4 blocks, each after its length as two bytes, high byte first.
+A file begins with lines ``key: value``. The list of sensors follows, or is in a cache named after its checksum (``sensor_list_factored``).
+Compressed files and caches are LZ4 blocks, each after its length as two bytes, big-endian.
 """
 
 import re
@@ -34,11 +34,11 @@ _SENSOR = re.compile(rb"s: ([TF]) +(\d{1,5}) +(-?\d{1,5}) +([1248]) (\S+) (\S*)[
 
 
 class Unpacked(NamedTuple):
-    """A file's bytes.
+    """Decompressed bytes of a file.
 
     Attributes:
-        data: Decompressed; as they are of a file that is not compressed.
-        lost_at: Byte of the compressed file at which the first block that cannot be decompressed begins; -1 when there is none.
+        data: Bytes, unchanged for an uncompressed file.
+        lost_at: Offset of the first damaged block in the compressed file; -1 without one.
     """
 
     data: bytes
@@ -46,11 +46,11 @@ class Unpacked(NamedTuple):
 
 
 def unpacked(stored: bytes, most: int = 1 << 40) -> Unpacked:
-    """Return the bytes of a file, decompressed up to the first damaged block where they are compressed.
+    """Return the bytes of a file, decompressed up to the first damaged block.
 
     Args:
-        stored: The file.
-        most: Enough bytes; blocks after them are left out.
+        stored: Bytes of the file.
+        most: Number of bytes after which no further block is decompressed.
     """
     if not (_COMPRESSED.match(stored) or _COMPRESSED_LIST.match(stored)):
         return Unpacked(stored, -1)
@@ -71,7 +71,7 @@ def unpacked(stored: bytes, most: int = 1 << 40) -> Unpacked:
 
 
 class Sensor(NamedTuple):
-    """A sensor whose values a file holds: its name, the bytes of a value, its unit."""
+    """Sensor of a file: name, bytes per value, unit."""
 
     name: str
     size: int
@@ -80,12 +80,12 @@ class Sensor(NamedTuple):
 
 @dataclass(frozen=True)
 class Header:
-    """The header of a file.
+    """Header of a file.
 
     Attributes:
         path: The file.
-        tags: Its lines, key to value.
-        size: Its length [bytes], in the decompressed file.
+        tags: Lines, key to value.
+        size: Length in the decompressed file [bytes].
     """
 
     path: Path
@@ -94,7 +94,7 @@ class Header:
 
     @cached_property
     def segment(self) -> str:
-        """Name of the segment, which the files of both computers share: ``vehicle-year-day-mission-segment``."""
+        """Name of the segment, common to the files of both computers: ``vehicle-year-day-mission-segment``."""
         return self.tags["full_filename"]
 
     @property
@@ -105,17 +105,17 @@ class Header:
 
     @property
     def is_science(self) -> bool:
-        """Whether the science computer wrote it."""
+        """Whether the science computer wrote the file."""
         return "." + self.tags["filename_extension"].lower() in SCIENCE
 
     @property
     def cache(self) -> str:
-        """Name of its list of sensors, in lower case and without an ending; empty where the list is in the file."""
+        """Name of the cache of the sensor list, in lower case without ending; empty if the list is in the file."""
         return self.tags["sensor_list_crc"].lower() if self.tags["factored"] == "1" else ""
 
     @property
     def number(self) -> tuple[int, ...]:
-        """The numbers in the segment's name, by which segments are in order of time."""
+        """Numbers in the segment's name, which order segments in time."""
         return tuple(map(int, re.findall(r"\d{1,9}", self.segment.removeprefix(self.vehicle))))
 
 
@@ -126,11 +126,11 @@ def read_header(path: Path, data: bytes) -> Header:
     """Return the header of a file.
 
     Args:
-        path: The file, for errors.
+        path: File named in errors.
         data: Its first bytes, decompressed.
 
     Raises:
-        LogError: The header is not whole, or a line of it is missing or not understood.
+        LogError: The header is incomplete, or a line is missing or invalid.
     """
     tags: dict[str, str] = {}
     at = 0
@@ -156,10 +156,10 @@ def read_header(path: Path, data: bytes) -> Header:
 
 
 def first_header(path: Path) -> Header:
-    """Return the header of a file of which only the first bytes are read.
+    """Return the header of a file, reading only its first bytes.
 
     Raises:
-        LogError: As of ``read_header``; or the file cannot be read.
+        LogError: See ``read_header``; or the file cannot be read.
     """
     with open_input(path) as file:
         head = file.read(_BLOCK + 2)
@@ -170,12 +170,12 @@ def read_sensors(header: Header, text: bytes, where: str) -> tuple[tuple[Sensor,
     """Return the sensors of a file in the order of their values, and the length of the list [bytes].
 
     Args:
-        header: Of the file.
-        text: Begins with the list.
-        where: What holds the list, for errors.
+        header: Header of the file.
+        text: Bytes that begin with the list.
+        where: Source of the list in errors.
 
     Raises:
-        LogError: The list is not whole, or does not fit the header.
+        LogError: The list is incomplete or does not match the header.
     """
     held: dict[int, Sensor] = {}
     at, count = 0, 0
@@ -199,23 +199,23 @@ def read_sensors(header: Header, text: bytes, where: str) -> tuple[tuple[Sensor,
 
 
 class SensorLists:
-    """The caches of sensor lists near the files of a log; each folder is listed once, each list read once."""
+    """Caches of sensor lists near the files of a log; each folder is listed and each list read once."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Begin with none.
+        """Create an empty collection.
 
         Args:
-            folder: Holds the caches; None to look beside the files and in ``cac`` and ``cache`` there and in the three folders above.
+            folder: Folder of the caches; None to search the file's folder, ``cac`` and ``cache`` in it, and the three folders above.
         """
         self._folder = folder
         self._listed: dict[Path, dict[str, Path]] = {}
         self._texts: dict[Path, bytes] = {}
 
     def find(self, header: Header) -> tuple[Path, bytes]:
-        """Return the cache of a file and its text.
+        """Return the path and contents of the cache of a file.
 
         Raises:
-            LogError: There is none.
+            LogError: The cache is missing.
         """
         near = header.path.resolve().parents
         folders = (

@@ -1,4 +1,4 @@
-"""Reader of a Slocum's binary files: the segments of one glider as two tables, flight and science, which glider files are read from."""
+"""Reader of Slocum binary files: segments of one glider as two tables, flight and science."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -39,14 +39,14 @@ _FAR = 30 * 86_400.0
 
 
 class Segment(NamedTuple):
-    """A file, read.
+    """Contents of one file.
 
     Attributes:
-        header: Its header.
-        rows: What its sensors measured.
+        header: Header.
+        rows: Values of its sensors.
         units: Units of the sensors, by name.
-        losses: What is damaged.
-        out_of_time: Cycles that are left out because their time is not that of the others.
+        losses: Damaged parts.
+        out_of_time: Number of cycles excluded for inconsistent times.
     """
 
     header: Header
@@ -57,16 +57,16 @@ class Segment(NamedTuple):
 
 
 def read_segment(path: Path, lists: SensorLists) -> Segment:
-    """Return a file as it was measured.
+    """Return the contents of a file.
 
-    The first cycle has what the sensors held when the file was opened, and is no measurement.
+    The first cycle repeats earlier values and is skipped.
 
     Args:
-        path: The file.
-        lists: Finds its list of sensors.
+        path: Binary file.
+        lists: Caches of sensor lists.
 
     Raises:
-        LogError: The file, or its list of sensors, cannot be read.
+        LogError: The file or its list of sensors cannot be read.
     """
     try:
         with open_input(path) as file:
@@ -116,10 +116,10 @@ def open_slocum(
     """Return the reader of the binary files of one Slocum.
 
     Args:
-        paths: The files.
+        paths: Binary files.
         input: Position of the log among the run's inputs.
-        config: How logs are read; ``caches`` says where the lists of sensors are.
-        wanted: Without effect.
+        config: Settings of log reading; ``caches`` is the folder of the sensor lists.
+        wanted: Ignored.
 
     Raises:
         LogError: No file can be read.
@@ -139,7 +139,7 @@ def open_slocum(
     segments.sort(key=lambda segment: (segment.header.number, segment.header.segment))
     losses = [loss for segment in segments for loss in segment.losses]
     losses += [Loss(f"{error}; not used", 0, file.stat().st_size) for file, error in errors.items()]
-    notes += _completeness(segments)
+    notes += _missing_files(segments)
     parts = [
         part
         for is_science in (False, True)
@@ -149,7 +149,7 @@ def open_slocum(
 
 
 def glider_of(path: Path) -> tuple[str, ...]:
-    """Return the name of the glider that a file is of; none when the header cannot be read."""
+    """Return the name of the glider of a file; empty if the header cannot be read."""
     try:
         return (first_header(path).vehicle,)
     except (LogError, OSError):
@@ -157,7 +157,7 @@ def glider_of(path: Path) -> tuple[str, ...]:
 
 
 def _without_subsets(paths: Sequence[Path], notes: list[str]) -> list[Path]:
-    """Return the files without those that hold a subset of another's sensors: of each segment and computer, the one with all is left."""
+    """Return the files without those of sensor subsets: one per segment and computer, with all sensors if possible."""
     best: dict[tuple[str, bool], Path] = {}
     unknown, left_out = [], []
     for path in paths:
@@ -182,15 +182,15 @@ def _without_subsets(paths: Sequence[Path], notes: list[str]) -> list[Path]:
 
 
 def _rank(path: Path) -> int:
-    """Return the place of a file among those of one segment and computer, the one with most sensors first."""
+    """Return the rank of a file among those of one segment and computer, the one with most sensors first."""
     endings = (*zip(FLIGHT, SCIENCE, strict=True),)
     return next(
         (k % 3 * 2 + k // 3 for k, pair in enumerate(endings) if path.suffix.lower() in pair), 9
     )
 
 
-def _completeness(segments: Sequence[Segment]) -> list[str]:
-    """Return which segments lack the files of one of the computers, as a sentence; none where none does."""
+def _missing_files(segments: Sequence[Segment]) -> list[str]:
+    """Return a sentence on segments without files of one computer; empty if none."""
     flight, science = (
         {s.header.segment for s in segments if s.header.is_science == which}
         for which in (False, True)
@@ -203,8 +203,8 @@ def _completeness(segments: Sequence[Segment]) -> list[str]:
     ]
 
 
-def _lacking(parts: Sequence[Segment], units: Mapping[str, str]) -> Iterator[str]:
-    """Yield which sensors some files of a computer lack, of those that others have, as sentences."""
+def _missing_sensors(parts: Sequence[Segment], units: Mapping[str, str]) -> Iterator[str]:
+    """Yield sentences on sensors that some files of a computer lack and others have."""
     without: dict[tuple[str, ...], list[str]] = {}
     for part in parts:
         if lacks := tuple(name for name in units if name not in part.units):
@@ -221,12 +221,12 @@ def _lacking(parts: Sequence[Segment], units: Mapping[str, str]) -> Iterator[str
 
 
 def _joined(segments: Sequence[Segment], is_science: bool, notes: list[str]) -> NetcdfFile | None:
-    """Return the files of one computer as one, in order of time; None when there are none."""
+    """Return the joined files of one computer in order of time; None without files."""
     parts = [segment for segment in segments if segment.header.is_science == is_science]
     if not parts:
         return None
     units = {name: unit for segment in parts for name, unit in segment.units.items()}
-    notes += _lacking(parts, units)
+    notes += _missing_sensors(parts, units)
     rows = Rows.joined([segment.rows for segment in parts], list(units))
     if late := sum(segment.out_of_time for segment in parts):
         notes.append(

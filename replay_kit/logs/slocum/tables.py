@@ -1,4 +1,4 @@
-"""What the sensors of a Slocum say, as the columns that glider files are read from: samples, fixes, mean currents."""
+"""Values of a Slocum's sensors as columns of a glider file: samples, fixes, mean currents."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -46,8 +46,8 @@ class Rows:
 
     Attributes:
         time: shape (n,) [s since 1970].
-        held: By sensor, the last value written, shape (n,).
-        written: By sensor, shape (n,): 0 not written in the cycle, 1 the same as before, 2 a new value.
+        held: Last value of each sensor by cycle, shape (n,).
+        written: State of each sensor by cycle, shape (n,): 0 not written, 1 unchanged, 2 new value.
     """
 
     time: Array
@@ -56,7 +56,7 @@ class Rows:
 
     @classmethod
     def joined(cls, parts: Sequence["Rows"], names: Sequence[str]) -> "Rows":
-        """Return the cycles of several files in order of time; a sensor that a file lacks is not written there."""
+        """Return the cycles of several files in order of time; missing sensors count as not written."""
         time = np.concatenate([part.time for part in parts])
         order = np.argsort(time, kind="stable")
         held, written = (
@@ -74,11 +74,11 @@ class Rows:
         return cls(time[order], held, written)
 
     def has(self, names: Sequence[str]) -> bool:
-        """Return whether all these sensors are there."""
+        """Return whether all these sensors exist."""
         return set(names) <= set(self.held)
 
     def any_written(self, names: Sequence[str], least: int = 1) -> NDArray[np.bool_]:
-        """Return the cycles in which one of some sensors is written; with 2, with a new value."""
+        """Return the cycles in which any of some sensors is written; with 2, with a new value."""
         found = np.zeros(self.time.size, np.bool_)
         for name in names:
             if name in self.written:
@@ -86,17 +86,17 @@ class Rows:
         return found
 
     def now(self, name: str) -> Array:
-        """Return a sensor's values, NaN where it is not written."""
+        """Return a sensor's values, NaN where not written."""
         return np.where(self.written[name] > 0, self.held[name], np.nan)
 
 
 def science_table(rows: Rows, units: Mapping[str, str], notes: list[str]) -> dict[str, Stored]:
-    """Return pressure, temperature and conductivity at the cycles that write one of them.
+    """Return pressure, temperature and conductivity at the cycles that write any of them.
 
     Args:
-        rows: The cycles.
-        units: By sensor.
-        notes: What was assumed is added here.
+        rows: Cycles.
+        units: Units by sensor.
+        notes: Receives notes on assumptions.
     """
     names = [name for name in _CTD if name in rows.held]
     at = np.flatnonzero(rows.any_written(names))
@@ -117,15 +117,15 @@ def flight_table(rows: Rows, units: Mapping[str, str], notes: list[str]) -> dict
     """Return samples along the track, fixes and mean currents.
 
     Args:
-        rows: The cycles.
-        units: By sensor.
-        notes: What was assumed is added here.
+        rows: Cycles.
+        units: Units by sensor.
+        notes: Receives notes on assumptions.
     """
     found = _fixes(rows)
     at = np.flatnonzero(rows.any_written((*_PLACE, *_DEPTHS, *_ATTITUDE, *_OTHERS, *_WAYPOINT)))
     time = rows.time[at]
     samples: dict[str, Array] = {name: rows.now(name)[at] for name in _OTHERS if name in rows.held}
-    samples |= {name: _held(rows, name)[at] for name in _ATTITUDE if name in rows.held}
+    samples |= {name: _recent_values(rows, name)[at] for name in _ATTITUDE if name in rows.held}
     if depth := next((name for name in _DEPTHS if name in rows.held), ""):
         known = np.isfinite(rows.now(depth))
         samples[depth] = _between(time, rows.time[known], rows.held[depth][known], _BETWEEN_DEPTHS)
@@ -154,13 +154,13 @@ def flight_table(rows: Rows, units: Mapping[str, str], notes: list[str]) -> dict
 
 
 def _degrees(rows: Rows, name: str) -> Array:
-    """Return a latitude or longitude [degrees]; NaN where it is no place, such as 69696969."""
+    """Return a latitude or longitude [degrees]; NaN for invalid values, such as 69696969."""
     values = from_minutes(rows.held[name])
     return np.where(np.abs(values) <= (90.0 if name.endswith("lat") else 360.0), values, np.nan)
 
 
 def _fixes(rows: Rows) -> dict[str, Stored]:
-    """Return the fixes, each once: the cycles in which a latitude or longitude is new."""
+    """Return the fixes, each once: cycles with a new latitude or longitude."""
     if not rows.has(_FIX):
         return {}
     at = np.flatnonzero(rows.any_written(_FIX, 2))
@@ -176,9 +176,9 @@ def _fixes(rows: Rows) -> dict[str, Stored]:
 def _places(
     rows: Rows, time: Array, fixes: Mapping[str, Stored], notes: list[str]
 ) -> dict[str, Array]:
-    """Return dead-reckoned positions at some times: between those that the glider writes, and between a fix and the first after it.
+    """Return dead-reckoned positions at some times, interpolated between written ones and from a fix to the next.
 
-    The last one of a dive is not interpolated to the fix after it, which shows how wrong dead reckoning was.
+    The last one of a dive is not interpolated to the fix after it, which shows the error of dead reckoning.
     """
     computed = rows.any_written(_PLACE)
     known = np.column_stack([rows.time, *(_degrees(rows, name) for name in _PLACE)])[computed]
@@ -210,7 +210,7 @@ def _places(
 
 
 def _between(time: Array, known: Array, values: Array, longest: float) -> Array:
-    """Return values at some times, interpolated between those known that are not farther apart than stated [s]; NaN elsewhere."""
+    """Return values interpolated at some times between known ones at most ``longest`` apart [s]; NaN elsewhere."""
     if not known.size:
         return np.full(time.size, np.nan)
     after = np.clip(np.searchsorted(known, time), 0, known.size - 1)
@@ -220,8 +220,8 @@ def _between(time: Array, known: Array, values: Array, longest: float) -> Array:
     return np.where(near, np.interp(time, known, values), np.nan)
 
 
-def _held(rows: Rows, name: str) -> Array:
-    """Return the last value of a sensor that was written within a minute; NaN where none was."""
+def _recent_values(rows: Rows, name: str) -> Array:
+    """Return the last value of a sensor written within a minute; NaN without one."""
     cycle = np.arange(rows.time.size)
     last = np.maximum.accumulate(np.where(rows.written[name] > 0, cycle, -1))
     recent = (last >= 0) & (rows.time - rows.time[last] <= _ATTITUDE_HOLDS)
@@ -229,10 +229,10 @@ def _held(rows: Rows, name: str) -> Array:
 
 
 def _currents(rows: Rows, units: Mapping[str, str]) -> dict[str, Stored]:
-    """Return the mean currents that are new, in the order of their precedence, each at the last sample of the dive before it.
+    """Return new mean currents in order of precedence, each at the last sample of its dive.
 
-    The glider computes the mean current of a dive when it has surfaced, and corrects it with later fixes. One that was corrected while
-    a file was begun is written there as unchanged, so that what differs from the one before is new.
+    The glider computes a dive's mean current at the surface and corrects it with later fixes. One corrected at the start of a file is
+    written as unchanged, so that any different value counts as new.
     """
     reports = [
         np.column_stack([rows.time, rows.held[x], rows.held[y]])[_is_new(rows, (x, y))]
@@ -257,7 +257,7 @@ def _currents(rows: Rows, units: Mapping[str, str]) -> dict[str, Stored]:
 
 
 def _is_new(rows: Rows, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Return the cycles that write a new value of a sensor, or one that differs from the last one written."""
+    """Return the cycles that write a new value of a sensor, or one that differs from the last written."""
     written = rows.any_written(names)
     table = np.column_stack([rows.held[name] for name in names])[written]
     differs = np.r_[True, (table[1:] != table[:-1]).any(axis=1)][: len(table)]

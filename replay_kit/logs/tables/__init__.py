@@ -1,1 +1,1 @@
-"""A topic's messages to tables of rows in SI units."""
+"""Messages of a topic as tables of rows in SI units."""

@@ -1,4 +1,4 @@
-"""Fields of many payloads as columns: numbers, words and cells, whatever encoding wrote them; and messages grouped by topic."""
+"""Fields of many payloads as columns of numbers, words and cells, for any encoding; and messages grouped by topic."""
 
 import math
 from collections import defaultdict
@@ -26,12 +26,12 @@ _LARGEST_DIVE = 2**32 - 1
 
 
 class Rows(NamedTuple):
-    """What payloads say, a row each.
+    """Contents of payloads, one row each.
 
     Attributes:
-        kind: Of the rows.
-        columns: By name, values of all payloads, or one value.
-        reasons: Why some are not used, from where that holds, shape (n,); the first that does counts.
+        kind: Kind of the rows.
+        columns: Values of all payloads, or one common value, by name.
+        reasons: Reasons for exclusion with masks, shape (n,); the first that applies counts.
         fixed: As in ``Table``.
     """
 
@@ -42,11 +42,11 @@ class Rows(NamedTuple):
 
 
 class Held(tuple[Payload, ...]):
-    """Payloads, and their fields."""
+    """Payloads with their fields as columns."""
 
     @cached_property
     def columns(self) -> Mapping[str, Sequence[Any]]:
-        """Values by name, where all payloads have the same fields; else none."""
+        """Values by name if all payloads have the same fields; else empty."""
         with suppress(*MALFORMED):
             first = self[0]
             if len(first) > 1 and {*map(len, self)} == {len(first)}:
@@ -59,8 +59,8 @@ def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     """Return messages grouped by log, topic and schema.
 
     Args:
-        messages: In the order of the stream.
-        first: Place of the first one in the stream.
+        messages: Messages in the order of the stream.
+        first: Position of the first one in the stream.
     """
     groups = defaultdict[tuple[int, str, str], list[int]](list)
     for k, key in enumerate(map(itemgetter(4, 1, 2), messages)):
@@ -82,13 +82,13 @@ def some(raw: Raw, chosen: Mask) -> Raw:
 
 
 def table(raw: Raw, kind: Kind, at: Any, columns: Columns, fixed: Mapping[str, Any]) -> Table:
-    """Return a table of some of a topic's messages."""
+    """Return a table of a subset of a topic's messages."""
     at_rows = raw.time[at], raw.order[at], raw.position[at]
     return Table(kind, raw.topic, raw.input, *at_rows, columns, fixed)
 
 
 def unused(raw: Raw, reasons: Any, times: Any = 1) -> Tables:
-    """Return the table of the messages that have a reason not to be used, each so many times; none without any."""
+    """Return the table of excluded messages, each ``times`` times; empty without any."""
     words = np.full(len(raw.time), reasons, object)
     at = np.repeat(np.arange(words.size), times)
     at = at[words[at] != ""]
@@ -96,7 +96,7 @@ def unused(raw: Raw, reasons: Any, times: Any = 1) -> Tables:
 
 
 def kept(raw: Raw, rows: Rows) -> Tables:
-    """Return the tables of messages that are used, and of those that are not."""
+    """Return the tables of used and excluded messages."""
     n = len(raw.time)
     words = np.broadcast_to(why(rows.reasons), n)
     good = words == ""
@@ -109,7 +109,7 @@ def kept(raw: Raw, rows: Rows) -> Tables:
 
 
 def why(reasons: Mapping[str, Any]) -> Any:
-    """Return the first reason that holds for each message, empty where none does, from where each holds, shape (n,)."""
+    """Return the first reason that applies to each message, or empty, from masks, shape (n,)."""
     found = np.full(np.broadcast_shapes(*map(np.shape, reasons.values())), "")
     for word, holds in [*reasons.items()][::-1]:
         if np.any(holds):
@@ -120,13 +120,13 @@ def why(reasons: Mapping[str, Any]) -> Any:
 def read_each(
     kind: Kind, names: str, payloads: Sequence[Payload], read: Callable[[Payload], Any]
 ) -> Rows:
-    """Return rows of payloads that are read one by one.
+    """Return rows of payloads read one by one.
 
     Args:
-        kind: Of the rows.
-        names: Of the columns.
-        payloads: What is read.
-        read: Returns a row's values, or its only one, or in words why there are none.
+        kind: Kind of the rows.
+        names: Names of the columns.
+        payloads: Payloads.
+        read: Returns the values of a row, a single value, or the reason for exclusion.
     """
     found, named = [guarded(read, payload) for payload in payloads], names.split()
     words = [row if isinstance(row, str) else "" for row in found]
@@ -137,7 +137,7 @@ def read_each(
 
 
 def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
-    """Return what a function reads of a payload, or in words why it cannot; values stay out, so that alike messages count as one."""
+    """Return the result of reading a payload, or the reason of a failure, without values so that equal reasons are counted together."""
     try:
         return read(payload)
     except MeasurementError as error:
@@ -147,7 +147,7 @@ def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
 
 
 def field(payloads: Sequence[Any], path: str) -> Sequence[Any]:
-    """Return the values of a field, which parts of the message may hold (``pose.position``); None where there is none."""
+    """Return the values of a field given by a dotted path (``pose.position``); None if missing."""
     values, alike = payloads, getattr(payloads, "columns", None)
     for name in path.split("."):
         try:
@@ -165,12 +165,12 @@ def field(payloads: Sequence[Any], path: str) -> Sequence[Any]:
 
 
 def stated(payloads: Sequence[Payload], names: str, part: str = "") -> list[Array]:
-    """Return the numbers in fields of a part of messages, one column each, shape (n,); NaN where there is none."""
+    """Return numeric fields of a part of messages as columns, shape (n,); NaN if missing."""
     return [numbers(field(payloads, part + name)) for name in names.split()]
 
 
 def regular(values: Sequence[Any]) -> Array:
-    """Return nested lists as an array, NaN where not finite; one NaN alone where lengths differ or there is something else in them."""
+    """Return nested lists as an array, NaN where not finite; a single NaN for ragged or other contents."""
     flat: Sequence[Any] = values
     shape = [len(flat)]
     try:
@@ -190,7 +190,7 @@ def regular(values: Sequence[Any]) -> Array:
 
 
 def numbers(values: Sequence[Any]) -> Array:
-    """Return values as numbers, shape (n,); NaN for what is none and for anything infinite."""
+    """Return values as numbers, shape (n,); NaN for others and infinities."""
     if {*map(type, values)} == {NoneType}:
         return np.full(len(values), np.nan)
     plain = regular(values)
@@ -198,7 +198,7 @@ def numbers(values: Sequence[Any]) -> Array:
 
 
 def number(value: Any) -> float:
-    """Return a payload's number; None, strings such as "NaN" and anything infinite become NaN."""
+    """Return a payload's number; NaN for None, other values and infinities."""
     try:
         result = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -207,7 +207,7 @@ def number(value: Any) -> float:
 
 
 def rows(values: Sequence[Any], least: int = 0) -> Array:
-    """Return rows of any lengths, shape (n, longest, or the least); NaN where a row is shorter or holds no number."""
+    """Return rows of any lengths, shape (n, longest, or at least ``least``); NaN where missing or no number."""
     plain = regular(values)
     if plain.ndim == 1:
         plain = plain[:, None]
@@ -218,24 +218,24 @@ def rows(values: Sequence[Any], least: int = 0) -> Array:
 
 
 def _padded(values: Array, least: int) -> Array:
-    """Return values, shape (..., k), with at least so many in a row, NaN where one is missing."""
+    """Return values, shape (..., k), padded with NaN to at least ``least`` per row."""
     missing = np.full((*values.shape[:-1], max(least - values.shape[-1], 0)), np.nan)
     return np.concatenate([values, missing], axis=-1)
 
 
 def whole_number(value: Any) -> int | None:
-    """Return an integer, which some encodings write as a float; None for anything else."""
+    """Return an integer, also from a float; None for anything else."""
     known = isinstance(value, int | float) and not isinstance(value, bool)
     return int(value) if known and value % 1 == 0 else None
 
 
 def dive_number(value: Any) -> int:
-    """Return the dive that a message states; -1 for what can be none."""
+    """Return the dive number in a message; -1 if invalid."""
     return value if type(value) is int and 0 <= value <= _LARGEST_DIVE else -1
 
 
 def word(value: Any, known: Sequence[str]) -> str:
-    """Return a word given by itself or by its number among the known; of anything else a short text that is none of them."""
+    """Return a known word, given as text or number; other values as shortened text."""
     code = whole_number(value)
     if code is not None and 0 <= code < len(known):
         return known[code]
@@ -243,17 +243,17 @@ def word(value: Any, known: Sequence[str]) -> str:
 
 
 def velocity_cells(payloads: Sequence[Payload], systems: Sequence[str]) -> Array:
-    """Return the components of each cell of pings' velocities, shape (n, m, at least 3) [m/s]; protobuf carries them flat.
+    """Return the velocity components of the cells of pings, shape (n, m, at least 3) [m/s], also from flat protobuf lists.
 
-    In earth coordinates a cell has east and north, or is missing as a whole.
+    In earth coordinates a cell has east and north, or is missing.
 
     Args:
-        payloads: ``velocity``, ``n_cells`` and ``coordinate_system`` of them are read; the latter are those of the first.
-        systems: The coordinate systems that are known.
+        payloads: Pings with ``velocity``, and ``n_cells`` and ``coordinate_system`` of the first.
+        systems: Known coordinate systems.
 
     Raises:
-        MeasurementError: Cells are not as many as ``n_cells``, or one has not the components that it must have.
-        ValueError: Pings are unlike.
+        MeasurementError: The number of cells is not ``n_cells``, or a cell lacks components.
+        ValueError: The pings differ in form.
     """
     values, said = field(payloads, "velocity"), payloads[0].get("n_cells")
     m = whole_number(said) or 0
@@ -270,17 +270,17 @@ def velocity_cells(payloads: Sequence[Payload], systems: Sequence[str]) -> Array
 
 
 def by_cell(values: Array, m: int) -> Array | None:
-    """Return numbers listed by cell or flat, shape (n, m, b); None where they are not those of m cells."""
+    """Return numbers listed by cell or flat, shape (n, m, b); None if they do not fit m cells."""
     if values.ndim == 2 and values.shape[1] % m == 0:
         values = values.reshape(len(values), m, -1)
     return values if values.ndim == 3 and values.shape[1] == m and values.size else None
 
 
 def _cells_of(cells: Sequence[Any], m: int, earth: bool) -> Array:
-    """Return the velocities of a ping whose cells are flat, missing, or of different lengths, shape (m, k).
+    """Return the velocities of a ping with flat, missing or ragged cells, shape (m, k).
 
     Raises:
-        MeasurementError: As ``velocity_cells``.
+        MeasurementError: See ``velocity_cells``.
     """
     if len(cells) > m and not any(isinstance(item, list | tuple | Mapping) for item in cells):
         width = len(cells) // m

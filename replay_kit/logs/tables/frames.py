@@ -1,7 +1,6 @@
-"""ADCP pings carried by MAVLink: ``DEBUG_FLOAT_ARRAY`` frames joined to the payload of a ``replay_kit.AdcpPing``.
+"""ADCP pings carried by MAVLink: ``DEBUG_FLOAT_ARRAY`` frames joined to ``replay_kit.AdcpPing`` payloads.
 
-Five frames make a ping: they belong together when topic, ``array_id`` and ``time_usec`` agree. The layout of ``ADCP_CFG`` is in
-``ADCP_PING.md``. NaN means unknown.
+A ping is five frames of equal topic, ``array_id`` and ``time_usec``. The layout of ``ADCP_CFG`` is in ``ADCP_PING.md``. NaN means unknown.
 """
 
 import math
@@ -55,24 +54,24 @@ Open = Mapping[tuple[str, int, int], Mapping[str, Sequence[Any]]]
 
 
 def joined(pending: Open, raws: Sequence[Raw], config: MeasurementConfig) -> tuple[Open, Tables]:
-    """Return the frames of pings that are not complete, and the tables of those that are and of frames that cannot be used.
+    """Return the frames of incomplete pings, and the tables of complete pings and unusable frames.
 
     Args:
-        pending: Frames of pings that were not complete before.
-        raws: Frames whose names are of ``PARTS``.
-        config: As of ``pings``.
+        pending: Frames of earlier incomplete pings.
+        raws: Frames with names of ``PARTS``.
+        config: See ``pings``.
     """
     held, found = dict(pending), Tables()
     order = sorted((place, r, k) for r, raw in enumerate(raws) for k, place in enumerate(raw.order))
-    taken = {(r, k): _taken(held, raws[r].topic, raws[r].payloads[k]) for _, r, k in order}
+    taken = {(r, k): _add_frame(held, raws[r].topic, raws[r].payloads[k]) for _, r, k in order}
     for r, raw in enumerate(raws):
         payloads, counts = zip(*(taken[r, k] for k in range(len(raw.time))), strict=True)
         found += pings(raw, payloads, config, counts)
     return held, found
 
 
-def _taken(held: dict[Any, Any], topic: str, payload: Payload) -> tuple[Payload | str, int]:
-    """Take in a frame; return the ping that it completes, or why frames can be part of none, and the number of frames."""
+def _add_frame(held: dict[Any, Any], topic: str, payload: Payload) -> tuple[Payload | str, int]:
+    """Add a frame; return the completed ping or the reason for exclusion, and the number of frames."""
     name, data = payload["name"], payload.get("data")
     key = topic, *(whole_number(payload.get(part)) for part in ("array_id", "time_usec"))
     if None in key or not isinstance(data, list | tuple):
@@ -89,7 +88,7 @@ def _taken(held: dict[Any, Any], topic: str, payload: Payload) -> tuple[Payload 
 
 
 def lost(pending: Open, order: int) -> Tables:
-    """Return the tables of the frames whose pings are not complete when the log ends, at a place in the stream."""
+    """Return the tables of frames of incomplete pings at the end of the log, at a position in the stream."""
     found = Tables()
     for (topic, _, _), frames in pending.items():
         zero, at = np.zeros(len(frames), np.int64), np.full(len(frames), order, np.int64)
@@ -98,7 +97,7 @@ def lost(pending: Open, order: int) -> Tables:
 
 
 def _assembled(frames: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
-    """Return the ping's payload, as if it had come as JSON; what a frame is too short for is left for the ping's own checks."""
+    """Return the ping's payload in the form of JSON; short frames are left to the ping's own checks."""
     payload = _configuration(frames["ADCP_CFG"])
     n_cells = max(whole_number(payload["n_cells"]) or 0, 0)
     *components, std = [frames[part][:n_cells] for part in PARTS[1:] if part in frames]
@@ -107,14 +106,14 @@ def _assembled(frames: Mapping[str, Sequence[Any]]) -> dict[str, Any]:
 
 
 def declination_in(payload: Payload) -> float:
-    """Return the magnetic declination [degrees east] that a frame states; NaN when it is not the one that does."""
+    """Return the magnetic declination [degrees east] in a frame; NaN in others."""
     if payload.get("name") != "ADCP_CFG" or not isinstance(payload.get("data"), list | tuple):
         return math.nan
     return number(_configuration(payload["data"])["magnetic_declination"])
 
 
 def _configuration(data: Sequence[Any]) -> dict[str, Any]:
-    """Return the named values of ``ADCP_CFG``; none where the frame is too short for one, or holds NaN."""
+    """Return the named values of ``ADCP_CFG``; None where missing or NaN."""
     values = zip(CONFIGURATION, chain(data, repeat(math.nan)), strict=False)
     # NaN is no number that two pings could have in common
     return {name: value if name in WORDS or value == value else None for name, value in values}

@@ -1,4 +1,4 @@
-"""Payloads of a ``replay_kit.AdcpPing`` as tables of pings; names and units of the fields are in ``ADCP_PING.md``.
+"""Payloads of ``replay_kit.AdcpPing`` as tables of pings; fields and units are in ``ADCP_PING.md``.
 
 Columns of a table of pings of m cells, with shapes after (n,):
 
@@ -7,14 +7,14 @@ Columns of a table of pings of m cells, with shapes after (n,):
 * heading, pitch, roll, declination [degrees]; pressure [dbar]; transducer_depth [m], below that pressure or the vehicle's depth.
 * bottom (b) [m/s], of the ground relative to the platform, along the ping's axes; bottom_std [m/s]; bottom_range [m], vertical, nearest.
 * platform (2) [m/s], east and north, of the platform over the ground; platform_std [m/s].
-* amplitude, correlation, percent_good, snr (m, b), error_velocity (m, 1 or more), of pings that have them; no_amplitude and so on, in words
-  why a ping has none, else empty.
-* dive, -1 for none; messages, of how many a ping was made; place (3), longitude, latitude [degrees] and depth [m] of a mooring.
+* amplitude, correlation, percent_good, snr (m, b), error_velocity (m, 1 or more), of pings that have them; no_amplitude and so on, why a
+  ping has none, else empty.
+* dive, -1 for none; messages, number of messages of a ping; place (3), longitude, latitude [degrees] and depth [m] of a mooring.
 
-What is an instrument's is in ``fixed``: frame (beam, instrument, ship or earth), reference (earth or platform), orientation (down or up),
-cell_size [m], vectors ((b, 3), unit vectors of beams, or None), bin_mapped, noise_floor ((1 or b,) [dB]), needs_depth, correlation_depth
-[m], derived, convention (teledyne or nortek), gimbal, tilt_applied, declination_applied (or None), and layout, equal for tables that can
-be joined.
+Properties of the instrument are in ``fixed``: frame (beam, instrument, ship or earth), reference (earth or platform), orientation (down or
+up), cell_size [m], vectors ((b, 3), unit vectors of beams, or None), bin_mapped, noise_floor ((1 or b,) [dB]), needs_depth,
+correlation_depth [m], derived, convention (teledyne or nortek), gimbal, tilt_applied, declination_applied (or None), and layout, equal for
+tables that can be joined.
 """
 
 import math
@@ -97,27 +97,26 @@ def pings(
     messages: Any = 1,
     places: Any = math.nan,
 ) -> list[Table]:
-    """Return the tables of pings that messages hold, one for each layout, and that of those that cannot be used.
+    """Return the tables of pings in messages, one per layout, and that of unusable ones.
 
     Args:
-        raw: The messages.
-        payloads: Fields of a ``replay_kit.AdcpPing`` for each of them, with JSON's lists of lists or protobuf's flat ones; or in words why
-            there are none.
-        config: What the velocities are relative to, and their unit, where payloads do not say.
-        messages: Number of messages that make each ping, or that have a reason to be none.
-        places: shape (n, 3), longitude, latitude and depth of the instrument; NaN for one on the vehicle.
+        raw: Messages.
+        payloads: Fields of a ``replay_kit.AdcpPing`` for each, with nested (JSON) or flat (protobuf) lists; or the reason for exclusion.
+        config: Reference and unit of velocities if payloads do not state them.
+        messages: Number of messages of each ping or exclusion.
+        places: shape (n, 3), longitude, latitude and depth of the instrument; NaN if on the vehicle.
     """
     n = len(payloads)
     reasons = [one if isinstance(one, str) else "" for one in payloads]
     counts, place = np.full(n, messages, np.int64), np.full((n, 3), places, np.float64)
     at = [k for k in range(n) if not reasons[k]]
-    held, found = _of(payloads, at), list[Table]()
+    held, found = _subset(payloads, at), list[Table]()
     said = (field(held, name) for name in _LISTS)
     sizes = [[*map(len, _lists(one))] for one in said if {list, tuple} & {*map(type, one)}]
-    left = _alike(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)]) if at else []
+    left = _grouped(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)]) if at else []
     while left:
         at = left.pop()
-        held = _of(payloads, at)
+        held = _subset(payloads, at)
         try:
             columns, fixed = _columns(held, config)
         except (MeasurementError, ValueError, TypeError, OverflowError) as error:
@@ -132,13 +131,13 @@ def pings(
     return found + unused(raw, reasons, counts)
 
 
-def _of(payloads: Sequence[Any], at: Sequence[int]) -> Sequence[Any]:
+def _subset(payloads: Sequence[Any], at: Sequence[int]) -> Sequence[Any]:
     """Return some payloads."""
     return payloads if len(at) == len(payloads) else Held(payloads[k] for k in at)
 
 
-def _alike(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
-    """Return the numbers of pings in groups that have the same in all columns."""
+def _grouped(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
+    """Return the indices of pings grouped by equal values in all columns."""
     unlike = [one for one in columns if one.count(one[0]) < len(one)]
     if not unlike:
         return [at]
@@ -149,7 +148,7 @@ def _alike(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
 
 
 def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:
-    """Return values of which those are empty that are no lists, or shorter ones."""
+    """Return values with empty lists for other types and lists that are too short."""
     kinds = (list, tuple)
     if not least and {*map(type, values)} <= {*kinds}:
         return [*values]
@@ -159,11 +158,11 @@ def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:
 def _columns(
     payloads: Sequence[Payload], config: MeasurementConfig
 ) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Return the columns of pings that have a layout in common, and what is fixed of them.
+    """Return the columns and fixed values of pings of one layout.
 
     Raises:
-        MeasurementError: One cannot be used.
-        ValueError: They are unlike.
+        MeasurementError: A ping is unusable.
+        ValueError: The pings differ in layout.
     """
     fixed, velocity = _instrument(payloads[0], config), velocity_cells(payloads, SYSTEMS)
     n, m, _ = velocity.shape
@@ -194,10 +193,10 @@ def _columns(
 
 
 def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
-    """Return what all pings of an instrument have in common.
+    """Return the common properties of all pings of an instrument.
 
     Raises:
-        MeasurementError: A word is none of the known.
+        MeasurementError: A word is unknown.
     """
     said = payload.get
     if said("reference") is None:
@@ -230,22 +229,22 @@ def _instrument(payload: Payload, config: MeasurementConfig) -> dict[str, Any]:
 
 
 def _vectors(value: Any) -> Array:
-    """Return vectors listed one by one or flat, as protobuf carries them, shape (b, 3); (0, 3) where they are none."""
+    """Return vectors, nested or flat (protobuf), shape (b, 3); (0, 3) if invalid."""
     plain = regular([value])
     return plain.reshape(-1, 3) if plain.size % 3 == 0 else np.empty((0, 3))
 
 
 def believed(errors: Array) -> Array:
-    """Return errors [m/s]; NaN where a stated one cannot be believed."""
+    """Return errors [m/s]; NaN where implausible."""
     least, most = STD_BELIEVED
     return np.where((errors >= least) & (errors <= most), errors, np.nan)
 
 
 def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
-    """Return how far the centres of m cells are from the transducer, shape (n, m) [m]: as listed, or evenly spaced.
+    """Return the distances of cell centres from the transducer, shape (n, m) [m], listed or evenly spaced.
 
     Raises:
-        MeasurementError: The list has another length, or first distance and size are none.
+        MeasurementError: The list has another length, or first distance or size are invalid.
     """
     listed = field(payloads, "cell_distances")
     if {*map(type, listed)} != {NoneType}:
@@ -266,7 +265,7 @@ def _distance(payloads: Sequence[Payload], n: int, m: int) -> Array:
 
 
 def _by_cell(said: Sequence[Any], name: str, n: int, m: int) -> tuple[Array | None, NDArray[Any]]:
-    """Return a field with one or more numbers for each of m cells, shape (n, m, b), and why pings have none, shape (n,)."""
+    """Return a field with numbers for each of m cells, shape (n, m, b), and why pings lack it, shape (n,)."""
     none = f"the ping has no {name}"
     if not any(said):
         return None, np.full(n, none, object)

@@ -1,4 +1,4 @@
-"""Messages that the configuration says how to read, ``[[measurements.map]]``."""
+"""Messages read by a mapping of the configuration, ``[[measurements.map]]``."""
 
 import math
 from collections.abc import Mapping
@@ -46,11 +46,11 @@ def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the tables of messages by their topic's mapping.
 
     Args:
-        entry: The mapping.
-        raw: The messages.
-        config: As of ``pings``.
+        entry: Mapping.
+        raw: Messages.
+        config: See ``pings``.
     """
-    found = [guarded(partial(_said, entry), payload) for payload in raw.payloads]
+    found = [guarded(partial(_mapped_values, entry), payload) for payload in raw.payloads]
     words = [one if isinstance(one, str) else "" for one in found]
     tables, raw = unused(raw, words), some(raw, np.equal(words, ""))
     said = [one for one in found if not isinstance(one, str)]
@@ -79,22 +79,22 @@ def mapped(entry: TopicMap, raw: Raw, config: MeasurementConfig) -> list[Table]:
     return tables + pings(raw, payloads, config, places=there)
 
 
-def _said(entry: Any, payload: Payload) -> dict[str, Any]:
-    """Return what stands at the mapping's paths, by the names of its settings."""
+def _mapped_values(entry: Any, payload: Payload) -> dict[str, Any]:
+    """Return the values at the mapping's paths, by setting."""
     asked = {name: getattr(entry, name, None) for name in _PATHS}
     return {k: look_up(payload, path) for k, path in asked.items() if isinstance(path, str)}
 
 
 def look_up(value: Any, path: str, at: int = 0) -> Any:
-    """Return what stands at a path of field names, list indices and ``*``.
+    """Return the value at a path of field names, list indices and ``*``.
 
     Args:
-        value: What the first parts of the path led to.
-        path: The whole path.
+        value: Value at the first parts of the path.
+        path: Whole path.
         at: Number of these parts.
 
     Raises:
-        MeasurementError: The path leads nowhere.
+        MeasurementError: The path does not exist.
     """
     parts = path.split(".")
     if at == len(parts):
@@ -112,7 +112,7 @@ def look_up(value: Any, path: str, at: int = 0) -> Any:
 
 
 def _contents(value: Any) -> str:
-    """Return what a value holds, in words that are the same for all messages of one make."""
+    """Return a description of a value, equal for all messages of one structure."""
     if isinstance(value, Mapping):
         names = sorted(map(str, value))
         more = ", ..." if len(names) > _NAMES_SHOWN else ""
@@ -123,17 +123,17 @@ def _contents(value: Any) -> str:
 
 
 def _depth(value: Any, entry: Any) -> Any:
-    """Return depths [m], or by their unit sea pressures [dbar]."""
+    """Return depths [m], or sea pressures [dbar], by unit."""
     if entry.depth_unit in _PER_DBAR:
         return value / _PER_DBAR[entry.depth_unit] - _ATMOSPHERE_DBAR * entry.depth_absolute
     return _SIGNS[entry.depth_positive] * (value / _PER_METRE[entry.depth_unit])
 
 
 def _ping(entry: Any, said: Payload) -> dict[str, Any]:
-    """Return the fields of a ping; one velocity is a profile of one cell, at the distance 0 from an instrument where it was measured.
+    """Return the fields of a ping; a single velocity is a profile of one cell at distance 0.
 
     Raises:
-        MeasurementError: The message does not hold what the mapping says.
+        MeasurementError: The message does not match the mapping.
     """
     alone = entry.kind == "velocity"
     cells = _cells(said, entry)
@@ -163,10 +163,10 @@ def _ping(entry: Any, said: Payload) -> dict[str, Any]:
 
 
 def _cells(said: Payload, entry: Any) -> list[list[float]]:
-    """Return the cells' components [m/s], east and north first where they are of the earth.
+    """Return the cells' components [m/s], east and north first in earth coordinates.
 
     Raises:
-        MeasurementError: As of ``_ping``.
+        MeasurementError: See ``_ping``.
     """
     values = said.get("velocity", [said.get("east"), said.get("north")])
     if not isinstance(values, list | tuple):
@@ -192,7 +192,7 @@ def _cells(said: Payload, entry: Any) -> list[list[float]]:
 
 
 def _geometry(said: Payload, entry: Any) -> dict[str, Any]:
-    """Return where the cells are, as the fields of a ping: depths below the surface are distances from an instrument in it."""
+    """Return the geometry of the cells as fields of a ping; depths count as distances from an instrument at the surface."""
     scale = _PER_METRE[entry.distance_unit]
     if entry.cell_size is not None:
         size = said.get("cell_size", entry.cell_size)

@@ -1,6 +1,6 @@
-"""Current profiles in messages of several packages, as the payloads of ``replay_kit.AdcpPing``.
+"""Current profiles in messages of several packages, as payloads of ``replay_kit.AdcpPing``.
 
-What a message does not state stays out: ``reference`` above all, which the configuration may give. Definitions read:
+Fields that a message does not state are omitted, such as ``reference``, which the configuration may give. Definitions:
 ``ds_sensor_msgs/Adcp`` (Field-Robotics-Lab/ds_msgs), the Nortek Nucleus driver's ``CurrentProfile`` (NortekSupport/nucleus_driver),
 ``CurrentProfile`` of IMC (LSTS/imc, messages 1014 to 1016).
 """
@@ -38,11 +38,11 @@ _IMC_COORDINATES = {
     "NED": ("earth", _NED),
     "ENU": ("earth", _ENU),
 }
-_BOTTOM_ALONE = "bottom track alone: how the vehicle moves, and no current"
+_BOTTOM_ALONE = "bottom track alone: motion of the vehicle, no current"
 
 
 def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
-    """Return the tables of ``replay_kit.AdcpPing`` messages; those with ``place`` were measured by a mooring or a drifter."""
+    """Return the tables of ``replay_kit.AdcpPing`` messages; ``place`` marks a mooring or a drifter."""
     payloads = raw.payloads
     moored = np.array(
         [place is not None and hasattr(place, "get") for place in field(payloads, "place")]
@@ -59,18 +59,18 @@ def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     return pings(raw, said, config, places=np.column_stack([*place, depth]))
 
 
-def _of(
+def _reader_of(
     read: Callable[[Payload], Payload | str],
 ) -> Callable[[Raw, MeasurementConfig], list[Table]]:
-    """Return the reader of profiles whose payloads are rewritten one by one."""
+    """Return the reader of profiles whose payloads are converted one by one."""
     return lambda raw, config: pings(raw, [guarded(read, one) for one in raw.payloads], config)
 
 
 def _ds_adcp(payload: Payload) -> Payload | str:
-    """Return the profile of a ``ds_sensor_msgs/Adcp``, or why there is none.
+    """Return the profile of a ``ds_sensor_msgs/Adcp``, or the reason for exclusion.
 
-    A cell holds one vector, or in beam coordinates one vector along each beam; zeros mean no solution. The message does not say
-    what the velocities are relative to, nor whether the instrument looks up: down is taken, as a DVL's water track does.
+    A cell holds one vector, or in beam coordinates one vector per beam; zeros mean no solution. Reference and orientation are not stated:
+    downward is assumed, as for a DVL's water track.
     """
     mode, cells = whole_number(payload.get("coordinate_mode")), payload["vel_bin_beams"]
     if mode is None or not 0 <= mode < len(SYSTEMS):
@@ -100,7 +100,7 @@ def _ds_adcp(payload: Payload) -> Payload | str:
 
 
 def _current_profile(payload: Payload) -> Payload | str:
-    """Return the profile of a ``CurrentProfile``, of Nortek's Nucleus or of IMC by what it holds, or why there is none."""
+    """Return the profile of a ``CurrentProfile`` of Nortek's Nucleus or IMC, or the reason for exclusion."""
     if "velocity_data" in payload:
         return _nucleus(payload)
     if isinstance(payload.get("profile"), list | tuple):
@@ -108,13 +108,13 @@ def _current_profile(payload: Payload) -> Payload | str:
     return "CurrentProfile has neither velocity_data (Nortek Nucleus) nor profile (IMC)"
 
 
-ds_adcps, current_profiles = _of(_ds_adcp), _of(_current_profile)
+ds_adcps, current_profiles = _reader_of(_ds_adcp), _reader_of(_current_profile)
 
 
 def _nucleus(payload: Payload) -> Payload | str:
     """Return the profile of a Nucleus: int16 [mm/s] along three beams, cell after cell, -32768 for none.
 
-    Its pressure is left out, because the message does not state the unit; the vehicle's depth is used.
+    Its pressure is ignored, as the unit is not stated; the vehicle's depth is used.
     """
     n, flat = whole_number(payload.get("number_of_cells")), list(payload["velocity_data"])
     if n is None or n * _NUCLEUS_BEAMS != len(flat):

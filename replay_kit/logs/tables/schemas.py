@@ -1,8 +1,8 @@
-"""What reads the messages of a schema: one table from the schema's name to a function that returns tables.
+"""Readers of schemas: a table from schema name to a function that returns tables.
 
-ROS 1, ROS 2 and other spellings of a name count as one: ``sensor_msgs/NavSatFix``, ``sensor_msgs/msg/NavSatFix``,
-``sensor_msgs::msg::dds_::NavSatFix_``, ``sensor_msgs.NavSatFix``. A ``CurrentProfile`` is known in any package, since each driver has
-its own. Messages of IMC written as JSON (LSTS/imc, IMC.xml) have angles in radians and offsets north, east, down.
+Spellings of ROS 1, ROS 2 and others are equivalent: ``sensor_msgs/NavSatFix``, ``sensor_msgs/msg/NavSatFix``,
+``sensor_msgs::msg::dds_::NavSatFix_``, ``sensor_msgs.NavSatFix``. ``CurrentProfile`` is accepted in any package, as each driver has its
+own. IMC messages in JSON (LSTS/imc, IMC.xml) have angles in radians and offsets north, east, down.
 """
 
 import re
@@ -51,14 +51,14 @@ Reader = Callable[[Raw, MeasurementConfig], Tables]
 def tables_of(
     raws: Sequence[Raw], config: MeasurementConfig, pending: Open = MappingProxyType({})
 ) -> tuple[Tables, Open]:
-    """Return the tables of a block of messages, and the frames of MAVLink's pings that are not complete.
+    """Return the tables of a block of messages, and the frames of incomplete MAVLink pings.
 
-    Each message is in one table. A mapping of the settings goes before a known schema.
+    Each message is in one table. Mappings take precedence over known schemas.
 
     Args:
-        raws: The messages, by topic.
-        config: The mappings, and what holds for payloads that do not say it.
-        pending: Frames of the blocks before.
+        raws: Messages by topic.
+        config: Mappings, and defaults for values that payloads do not state.
+        pending: Frames of earlier blocks.
     """
     found, framed = Tables(), list[Raw]()
     # an overflow is no number
@@ -79,7 +79,7 @@ def tables_of(
 
 
 def _readers(raw: Raw, config: MeasurementConfig) -> Iterator[tuple[Reader | str | None, Any]]:
-    """Yield what reads messages, or why they cannot be used, and which of those they are that were not yielded before."""
+    """Yield the reader of messages, or the reason for exclusion, with a mask of the messages not yielded before."""
     payloads, names = raw.payloads, field(raw.payloads, "name")
     if {*map(type, payloads)} != {dict}:
         yield _NO_FIELDS, [not isinstance(one, Mapping) for one in payloads]
@@ -100,7 +100,7 @@ def _readers(raw: Raw, config: MeasurementConfig) -> Iterator[tuple[Reader | str
 
 
 def _plain(read: Callable[[Sequence[Payload]], Rows]) -> Reader:
-    """Return the reader of a schema whose messages say all themselves; of MAVLink's, what they are of is told by the topic."""
+    """Return the reader of a schema with self-contained messages; the MAVLink system is in the topic."""
 
     def reader(raw: Raw, config: MeasurementConfig) -> Tables:
         rows, parts = read(raw.payloads), raw.topic.split("/")
@@ -139,7 +139,7 @@ _BLUEOS_FIELD = re.compile(r"mavlink/\d+/\d+/[A-Z][A-Z0-9_]*/\w+", re.ASCII)
 
 @lru_cache(maxsize=4096)
 def reader_of(schema: str, topic: str) -> Reader | str | None:
-    """Return what reads a topic's messages, or why they cannot be used; None for a kind that is not known."""
+    """Return the reader of a topic, or the reason for exclusion; None for an unknown kind."""
     name = canonical(schema)
     package, _, kind = name.rpartition(".")
     reader = _SCHEMAS.get(name)
@@ -157,13 +157,13 @@ def reader_of(schema: str, topic: str) -> Reader | str | None:
 
 
 def may_state(schema: str, topic: str) -> bool:
-    """Return whether messages of a schema and topic may state something; where not, the same becomes of each of them."""
+    """Return whether messages of a schema and topic may be usable; otherwise all are treated alike."""
     # without a schema a message may say inside what it is
     return not schema or schema == SCHEMA or callable(reader_of(schema, topic))
 
 
 def canonical(schema: str) -> str:
-    """Return a schema's name as ``package.Type``, whatever the spelling."""
+    """Return a schema name as ``package.Type`` for any spelling."""
     parts = [part for part in _SEPARATORS.split(schema) if part]
     if len(parts) < 2:
         return schema

@@ -1,7 +1,6 @@
-"""A first ``[[measurements.map]]`` entry for a topic that no known kind covers, guessed from names and values.
+"""Suggested ``[[measurements.map]]`` entry for an unknown topic, from names and values.
 
-Each line says why it was guessed. What velocities are relative to cannot be known from one message and is left open: they are not
-used until a person states it.
+Each line states its evidence. The reference of velocities cannot be derived from one message: they are not used until the user states it.
 """
 
 import json
@@ -73,9 +72,9 @@ class Leaf(NamedTuple):
     """A number, a list of numbers or a list of lists of numbers.
 
     Attributes:
-        path: Where it stands.
+        path: Path in the payload.
         name: Its last field name, in lower case.
-        values: shape () of a number, (n,) of a list, (n, m) of n lists; NaN for what is missing.
+        values: shape () for a number, (n,) for a list, (n, m) for n lists; NaN if missing.
     """
 
     path: str
@@ -84,12 +83,12 @@ class Leaf(NamedTuple):
 
     @property
     def parent(self) -> str:
-        """The path of what holds it."""
+        """Path of the parent."""
         return self.path.rpartition(".")[0]
 
 
 def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
-    """Yield the numbers of a payload, in its order; texts, flags and what no path can name are left out."""
+    """Yield the numbers of a payload in order; texts, flags and fields that no path can name are skipped."""
     name = path.removesuffix(".*").rpartition(".")[2].lower()
     if isinstance(value, Mapping) and path.count(".") < _DEEPEST - 1:
         for key, item in value.items():
@@ -116,11 +115,11 @@ def leaves(value: Any, path: str = "") -> Iterator[Leaf]:
 
 
 def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | None:
-    """Return the TOML of an entry for a topic, with a comment on each guess; None when nothing in the message looks usable.
+    """Return the TOML of an entry for a topic, with a comment on each guess; None if nothing seems usable.
 
     Args:
-        topic: The topic.
-        schema: Its schema's name, for the comment.
+        topic: Topic.
+        schema: Name of its schema, for the comment.
         payload: One of its messages.
     """
     found, own_name = [*leaves(payload)], sample_key(topic, payload)[len(topic) + 1 :]
@@ -152,17 +151,17 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
 
 
 def sample_key(topic: str, payload: Mapping[str, Any]) -> str:
-    """Return what a message is a sample of: its topic, and on topics that carry several things under names its name."""
+    """Return the key of a message: its topic, with its name on topics that carry several named quantities."""
     name = payload.get("name")
     named_by_sender = topic.rpartition("/")[2] in NAMED and isinstance(name, str)
     return f"{topic}\n{name}" if named_by_sender else topic
 
 
 def suggested_entries(samples: Samples) -> dict[str, str]:
-    """Return the TOML of each entry that can be guessed, by the key of its messages.
+    """Return the TOML of each suggested entry by message key.
 
     Args:
-        samples: As of ``suggestions``.
+        samples: See ``suggestions``.
     """
     found = {}
     for key, (schema, payload) in sorted(samples.items()):
@@ -172,10 +171,10 @@ def suggested_entries(samples: Samples) -> dict[str, str]:
 
 
 def suggestions(samples: Samples) -> str:
-    """Return a TOML file of entries for topics that no known kind covers.
+    """Return a TOML file of entries for unknown topics.
 
     Args:
-        samples: Key, as of ``sample_key``, to its schema's name and one of its messages.
+        samples: Key, from ``sample_key``, to the schema name and a message.
     """
     head = (
         "# A first mapping, guessed by names and values from one message of each topic that no known kind covers.\n"
@@ -197,7 +196,7 @@ def _line(key: str, value: object, why: str = "by its name") -> str:
 
 
 def _pick(found: Sequence[Leaf], *keys: str) -> dict[str, Leaf]:
-    """Return the first leaves of one shape and one part of the message that may be settings, by their names; none where one lacks."""
+    """Return the first leaves of one shape and parent for the given settings, by name; empty if one is missing."""
     for one in found:
         beside = [leaf for leaf in found if leaf.parent == one.parent]
         alike = [leaf for leaf in beside if leaf.values.shape == one.values.shape]
@@ -217,7 +216,7 @@ def _lines(picked: Mapping[str, Leaf], why: str = "by its name") -> list[str]:
 
 
 def _place(scalars: Sequence[Leaf]) -> list[str]:
-    """Return the lines of a position, commented out when there is none but of another time or purpose."""
+    """Return the lines of a position, commented out if only one of another time or purpose exists."""
     here = _pick([leaf for leaf in scalars if not _ELSEWHERE.search(leaf.path)], *_LONLAT)
     found = here or _pick(scalars, *_LONLAT)
     if not found:
@@ -229,11 +228,13 @@ def _place(scalars: Sequence[Leaf]) -> list[str]:
     elif "rad" in found["latitude"].name or (abs(y) <= math.pi / 2.0 and 0.0 < abs(x) <= math.pi):
         unit, why = "rad", f"{why}; write deg if these are degrees"
     lines = [*_lines(found), _line("angle_unit", unit, why)]
-    return lines if here else [f"# {text}: by its name not where the vehicle is" for text in lines]
+    return (
+        lines if here else [f"# {text}: by its name not the vehicle's position" for text in lines]
+    )
 
 
 def _velocity(scalars: Sequence[Leaf]) -> list[str]:
-    """Return the lines of a velocity at one depth; none when no two numbers look like its components."""
+    """Return the lines of a velocity at one depth; empty if no two numbers seem to be its components."""
     names = {"linear.x": "east", "linear.y": "north"}
     twist = [leaf._replace(name=names.get(leaf.path[-8:], "")) for leaf in scalars]
     found, why = _pick(scalars, "east", "north"), "by its name"
@@ -246,7 +247,7 @@ def _velocity(scalars: Sequence[Leaf]) -> list[str]:
 
 
 def _depth(scalars: Sequence[Leaf]) -> list[str]:
-    """Return the lines of a depth: a depth if there is one, else a pressure, else a height, which only a person can place."""
+    """Return the lines of a depth: from a depth, else a pressure, else a height, which the user must resolve."""
     of_place = [
         leaf
         for leaf in scalars
@@ -276,7 +277,7 @@ def _depth(scalars: Sequence[Leaf]) -> list[str]:
 
 
 def _profile(found: Sequence[Leaf], scalars: Sequence[Leaf]) -> list[str]:
-    """Return the lines of a profile entry; none when no list looks like velocities."""
+    """Return the lines of a profile entry; empty if no list seems to be velocities."""
     nested = [leaf for leaf in found if leaf.values.ndim == 2 and leaf.values.shape[1] > 1]
     lists = [leaf for leaf in found if leaf.values.ndim == 1]
     # a flat list that is shorter is one velocity, not a profile
@@ -297,7 +298,7 @@ def _profile(found: Sequence[Leaf], scalars: Sequence[Leaf]) -> list[str]:
 
 
 def _speed(picked: Mapping[str, Leaf]) -> list[str]:
-    """Return the lines of the unit of velocities, and of numbers that stand for none."""
+    """Return the lines of the unit of velocities and of their missing values."""
     values = np.concatenate([leaf.values.ravel() for leaf in picked.values()])
     stand_in = np.isin(values, _MISSING)
     known = np.abs(values[np.isfinite(values) & ~stand_in])
@@ -310,7 +311,7 @@ def _speed(picked: Mapping[str, Leaf]) -> list[str]:
 
 
 def _geometry(found: Sequence[Leaf], scalars: Sequence[Leaf], n_cells: int) -> list[str]:
-    """Return the lines of where the cells of a profile are, by the numbers beside it."""
+    """Return the lines of the cell geometry of a profile, from the other numbers."""
     listed = [leaf for leaf in found if leaf.values.shape == (n_cells,)]
     picked = _pick(listed, "depths") or _pick(listed, "distances")
     lines = _lines(picked)

@@ -1,7 +1,7 @@
-"""Positions, depths, motion and attitude of the vehicle in the messages that vehicles write.
+"""Positions, depths, motion and attitude of vehicles in their messages.
 
-Each function reads the payloads of a schema. A filter's position in ArduPilot's logs goes on when GPS is lost: in the log
-that it writes itself it is taken for dead-reckoned, in telemetry where the GPS says so.
+Each function reads the payloads of a schema. ArduPilot's filter continues without GPS: its positions count as dead-reckoned in DataFlash
+logs, and in telemetry where the GPS has no fix.
 """
 
 import math
@@ -33,7 +33,7 @@ _DVL_STD = 0.03
 
 
 def no_place(longitude: Any, latitude: Any) -> dict[str, Any]:
-    """Return why numbers are no position, from where that holds."""
+    """Return masks of invalid positions by reason."""
     return {
         _NO_NUMBER: ~(np.isfinite(longitude) & np.isfinite(latitude)),
         "position is 0, 0 (no fix)": np.equal(longitude, 0.0) & np.equal(latitude, 0.0),
@@ -54,11 +54,11 @@ def _positions(
     """Return positions.
 
     Args:
-        payloads: Of the messages.
+        payloads: Payloads.
         names: Fields of longitude and latitude.
-        unit: Theirs [degrees].
-        reasons: Why one is not used, whatever its place.
-        depth: [m].
+        unit: Unit of longitude and latitude [degrees].
+        reasons: Further reasons for exclusion.
+        depth: Depth [m].
         reckoned: Whether they are dead-reckoned.
     """
     longitude, latitude = (unit * one for one in stated(payloads, names))
@@ -68,14 +68,14 @@ def _positions(
 
 
 def _location_fixes(payloads: Payloads) -> Rows:
-    """Return positions whose ``metadata`` may carry ``depth`` [m] and ``dead_reckoned``; the altitude, above the ellipsoid, is no depth."""
+    """Return positions with ``depth`` [m] and ``dead_reckoned`` in ``metadata``; the ellipsoidal altitude is no depth."""
     extra = [*map(_metadata, field(payloads, "metadata"))]
     reckoned = [str(one).strip().lower() in _TRUE for one in field(extra, "dead_reckoned")]
     return _positions(payloads, depth=stated(extra, "depth")[0], reckoned=reckoned)
 
 
 def _metadata(pairs: Any) -> Payload:
-    """Return key-value pairs as a dict; a plain mapping is read too, and what is no pair says nothing."""
+    """Return key-value pairs or a mapping as a dict; other contents are ignored."""
     if isinstance(pairs, list | tuple):
         try:
             return dict(map(itemgetter("key", "value"), pairs))
@@ -85,7 +85,7 @@ def _metadata(pairs: Any) -> Payload:
 
 
 def _nav_sat_fixes(payloads: Payloads) -> Rows:
-    """Return positions; one that states no status is taken at its word."""
+    """Return positions; a missing status counts as valid."""
     status, inner = stated(payloads, "status status.status")
     return _positions(payloads, reasons={"no fix (status < 0)": (status < 0) | (inner < 0)})
 
@@ -93,7 +93,7 @@ def _nav_sat_fixes(payloads: Payloads) -> Rows:
 def _stamped_poses(payloads: Payloads, part: str = "pose.") -> Rows:
     """Return the poses in a part of messages.
 
-    x is east, y north, z up (ROS REP-103), or x north, y east, z down where the frame's name ends so.
+    x is east, y north, z up (ROS REP-103), or x north, y east, z down by the end of the frame's name.
     """
     frames = [frame.strip("/").lower() for frame in _frames(payloads)]
     ned = np.array([frame.endswith("ned") for frame in frames])
@@ -110,7 +110,7 @@ def _stamped_poses(payloads: Payloads, part: str = "pose.") -> Rows:
 def _poses(
     xyz: Sequence[Array], ned: Any, reasons: Mapping[str, Any], quaternion: Any, **fixed: Any
 ) -> Rows:
-    """Return poses whose axes are north, east and down, or east, north and up."""
+    """Return poses with axes north, east, down or east, north, up."""
     x, y, z = xyz
     columns = {
         "east": np.where(ned, y, x),
@@ -132,14 +132,14 @@ def _quaternions(payloads: Payloads, part: str = "") -> Array:
 
 
 def _imus(payloads: Payloads) -> Rows:
-    """Return the orientations of ``sensor_msgs/Imu`` messages; a first covariance of -1 says that there is none (ROS REP-145)."""
+    """Return the orientations of ``sensor_msgs/Imu`` messages; a first covariance of -1 means none (ROS REP-145)."""
     none = rows(field(payloads, "orientation_covariance"), 1)[:, 0] == -1.0
     columns = {"quaternion": _quaternions(payloads), "ned": False}
     return Rows("attitude", columns, {"attitude: no orientation stated": none})
 
 
 def _imc_gps_fixes(payloads: Payloads) -> Rows:
-    """Return positions; one that states no validity is taken at its word."""
+    """Return positions; a missing validity counts as valid."""
     validity = map(whole_number, field(payloads, "validity"))
     invalid = [flags is not None and not flags & _IMC_VALID_POSITION for flags in validity]
     reckoned = [kind in _IMC_DEAD_RECKONING for kind in field(payloads, "type")]
@@ -160,10 +160,10 @@ def _imc_estimated_states(payloads: Payloads) -> Rows:
 
 
 def _dvls(payloads: Payloads) -> Rows:
-    """Return velocity, error, whether it is relative to the bottom, and axes of DVLs' messages.
+    """Return velocity, error, bottom lock and axes of DVL messages.
 
-    The message's convention is that x points forward and z where the instrument looks, which is taken to be down, unless the frame's name
-    says otherwise; the velocity is the vehicle's, as its ``course_gnd`` is computed from it. Zeros are no solution.
+    x points forward and z along the beams, assumed down unless the frame's name differs; the velocity is the vehicle's, as ``course_gnd``
+    is computed from it. Zeros mean no solution.
     """
     mode, coordinates = stated(payloads, "velocity_mode coordinate_mode")
     given = [one is not None for one in field(payloads, "coordinate_mode")]
@@ -189,7 +189,7 @@ def _no_fix(payloads: Payloads, name: str) -> dict[str, Any]:
 
 
 def _pressures(payloads: Payloads) -> Rows:
-    """Return the sea pressures [dbar] of absolute ones [Pa]."""
+    """Return sea pressures [dbar] from absolute ones [Pa]."""
     pressure = (stated(payloads, "fluid_pressure")[0] - _ATMOSPHERE_PA) / _PA_PER_DBAR
     return Rows("depth", {"pressure": pressure}, fixed={"by": "pressure"})
 

@@ -1,4 +1,4 @@
-"""What is measured of the water besides profiles: mean currents, temperature and salinity, and currents at the surface."""
+"""Other measurements of the water: mean currents, temperature and salinity, and surface currents."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -56,7 +56,7 @@ def _mean_currents(payloads: Payloads) -> Rows:
 
 
 def _fix(payloads: Payloads, part: str) -> tuple[Times, Array]:
-    """Return times [ns, UTC] and places of fixes; one that is not stated whole is not stated."""
+    """Return times [ns, UTC] and positions of fixes; incomplete ones count as missing."""
     seconds, rest = stated(payloads, "sec nsec", part + "time.")
     place = np.column_stack(stated(payloads, "lon lat", part))
     known = (seconds >= 0.0) & (seconds < 2**33) & (rest >= 0.0) & (rest < 2 * _NS)
@@ -80,10 +80,10 @@ def _drifter_fixes(payloads: Payloads) -> Rows:
 
 
 def _radar(payload: Payload) -> tuple[Any, ...] | str:
-    """Return a row of vectors or radials that are whole, or why there is none.
+    """Return a row of complete vectors or radials, or the reason for exclusion.
 
     Arrays of v vectors: longitude, latitude, value (v, 2), or (v, 1) along direction, error, direction (None for vectors), suspect; then
-    depth [m], time of averaging [s], length over which errors are correlated [m] (0 where not stated), radar or sensors.
+    depth [m], averaging time [s], correlation length of errors [m] (0 if not stated), radar or sensors.
     """
     radials = "speed" in payload
     names = "speed direction error" if radials else "east north east_error north_error"

@@ -1,1 +1,1 @@
-"""Whether the measurements of a log contradict each other."""
+"""Consistency checks of the measurements of a log."""

@@ -1,6 +1,6 @@
-"""The checks of a log as it is read: what is remembered and a block in; what is remembered, the block as it may be used, and findings out.
+"""Checks of a log during reading: from a state and a block to a state, the flagged block and findings.
 
-Nothing here looks ahead or at an estimate. An instrument is a topic, in all logs of a mission.
+Checks are causal and do not use the estimate. An instrument is a topic, in all logs of a mission.
 """
 
 from collections import defaultdict
@@ -45,15 +45,14 @@ _OF_POSITIONS: Mapping[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checked:
-    """What the checks remember of a log, arrays but for names.
+    """State of the checks of a log.
 
     Attributes:
-        memory: Of each check, by its name and the instrument that it is of, empty for the vehicle.
-        instruments: Rows without a ping of each instrument, by its name: a topic, and with other beams it is another one.
-        named: Names of what was found, by instrument, and ``pairs.UNUSED`` of one whose profiles are not used; an empty one for
-            the vehicle.
-        pings: Pings judged, and those that are not relative to a platform of unknown velocity.
-        findings: What was found, in order.
+        memory: Memory of each check, by name of the check and instrument, empty for the vehicle.
+        instruments: Empty rows of each instrument by name: a topic, and another one for other beams.
+        named: Names of findings by instrument, with ``pairs.UNUSED`` if its profiles are excluded; an empty name for the vehicle.
+        pings: Number of pings checked, and of absolute ones.
+        findings: Findings in order.
     """
 
     memory: Mapping[tuple[str, str], Memory] = field(default_factory=dict)
@@ -64,13 +63,13 @@ class Checked:
 
     @property
     def of_directions(self) -> bool:
-        """Whether what was found of an instrument is that its profiles are turned, or contradict another source."""
+        """Whether findings state that an instrument's profiles are rotated or contradict another source."""
         told = pairs.OF_SOURCES | {pairs.COMPASS}
         return any(told & names for of, names in self.named.items() if of)
 
     @property
     def can_tell_directions(self) -> bool:
-        """Whether anything in the log shows, or has shown, that directions are right or wrong."""
+        """Whether the log can show, or has shown, errors of directions."""
         shown = (pairs.show_directions(self.memory, name) for name in self.instruments)
         return self.of_directions or any(shown)
 
@@ -81,20 +80,20 @@ def check(
     ensemble: EnsembleSpeeds | None = None,
     through_water: bool = False,
 ) -> tuple[Checked, Block, tuple[tuple[int, Finding, bool], ...]]:
-    """Return the state after a block, the block as it may be used, and what was found.
+    """Return the state after a block, the block with flags, and findings.
 
-    That comes with the place of its event, and with whether two sources of the current contradict each other since.
+    Each finding has the index of its event, and whether it states a contradiction of two sources of the current.
 
     Args:
-        state: Before the block.
-        block: Bins that must not be used are flagged in the one that is returned.
-        ensemble: Speeds of the ensemble's currents; None compares none.
-        through_water: Whether positions under water are dead-reckoned without a current.
+        state: State before the block.
+        block: Block; in the returned one unusable bins are flagged.
+        ensemble: Speeds of the ensemble's currents; None for no comparison.
+        through_water: Whether dead reckoning assumes no current.
     """
     memory, found = defaultdict[Any, Memory](dict, state.memory), list[tuple[str, Found]]()
 
     def run(name: str, fold: Callable[..., Any], rows: Rows, *more: Any) -> Any:
-        """Run a check of an instrument or the vehicle, and return what it says beside memory and findings."""
+        """Run a check of an instrument or the vehicle, and return its marks."""
         key = name, rows.instrument
         memory[key], new, *marks = fold(memory[key], rows, *more)
         found.extend((rows.instrument, each) for each in new)
@@ -126,7 +125,7 @@ def check(
             run(check_name, fold, living, context)
         number += len(pings)
         absolute += int(np.isfinite(pings["common_std"]).sum())
-    named, new, since = _named(state.named, found)
+    named, new, since = _new_findings(state.named, found)
     for name, pings in instruments.items():
         # by the position before
         bad = frozen[np.searchsorted(positions.event, pings.event)]
@@ -144,7 +143,7 @@ def check(
 
 
 def _instruments(block: Block, known: Mapping[str, Rows]) -> dict[str, Rows]:
-    """Return the pings of each instrument by its name, those that have none in the block among them."""
+    """Return the pings of each instrument by name, including instruments without a ping in the block."""
     found = dict(known)
     if block.ping:
         pings = rows_of(block, PING)
@@ -157,14 +156,14 @@ def _instruments(block: Block, known: Mapping[str, Rows]) -> dict[str, Rows]:
     return found
 
 
-def _named(
+def _new_findings(
     named: Mapping[str, frozenset[str]], found: list[tuple[str, Found]]
 ) -> tuple[dict[str, frozenset[str]], list[tuple[int, Finding, bool]], dict[str, int]]:
-    """Return the names of what was found, what is found for the first time and not explained, and since when profiles are not used.
+    """Return the names of findings, the new unexplained findings, and the first event without each excluded instrument.
 
     Args:
-        named: Before the block, by instrument.
-        found: In the block, with the instruments.
+        named: Names before the block, by instrument.
+        found: Findings of the block with their instruments.
     """
     after, new = dict(named), list[tuple[int, Finding, bool]]()
     since = {of: -1 for of, names in named.items() if pairs.UNUSED in names}
@@ -182,12 +181,12 @@ def _named(
 
 
 def added_checks() -> dict[str, Fold]:
-    """Return the checks of pings that installed packages add, by name."""
+    """Return the checks of pings in installed packages, by name."""
     return dict(additions("checks", callable, "a check"))
 
 
 def unknowable(state: Checked) -> tuple[str, ...]:
-    """Return which faults of the profiles nothing in a log shows, and what would, as sentences; none for a log without profiles."""
+    """Return sentences on faults of the profiles that the log cannot show, and how to show them; empty without profiles."""
     if not state.instruments:
         return ()
     said, of_means = list[str](), list[dict[str, float]]()
@@ -200,20 +199,20 @@ def unknowable(state: Checked) -> tuple[str, ...]:
     if not of_means:
         why = "an offset cancels in profiles relative to the platform"
         if state.pings[1]:
-            why = f"{pairs.CURRENT.least} mean currents of dives beside them would tell"
+            why = f"{pairs.CURRENT.least} mean currents of dives would show them"
         said.append(f"an offset, a drift or a scale of the profiles ({why})")
     elif (left := min(of_means, key=len)) and not state.of_directions:
         listed = ", ".join(f"{name} e^{gain:z.0f}" for name, gain in left.items())
         said.append(
-            f"some faults of the profiles (odds to none by mean currents or drifts: {listed}; more of them, or other currents, would tell)"
+            f"some faults of the profiles (odds by mean currents or drifts: {listed}; more of them, or other currents, would show them)"
         )
     vehicle = state.memory["vehicle", ""]
     lag = min(sensors.least_lag(state.memory["sensors", of], vehicle) for of in state.instruments)
     said.append(
         f"a lag of the instrument's clock below {lag:.0f} s"
         if np.isfinite(lag)
-        else "the clock and the depth of the instrument (a pressure in its pings beside depths of a vehicle that dives would tell; "
-        "headings beside a way with turns, the clock)"
+        else "the clock and the depth of the instrument (pressure in its pings and depths of a diving vehicle would show both; "
+        "headings on a track with turns, the clock)"
     )
     if any("along" in name for name in state.instruments):
         said.append(

@@ -1,4 +1,4 @@
-"""Findings on a whole run, in words: its ensemble, its forecast, its sources beside each other, and its logs."""
+"""Findings on a whole run: ensemble, forecast, sources and logs."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ _SOURCE = {
 
 
 def too_fast(reason: str, number: int, total: int) -> Finding:
-    """Return the finding of a log whose mean currents are faster than any current, and are skipped for that, most or all."""
+    """Return the finding that most or all mean currents of a log were skipped as too fast."""
     return Finding(
         SCALE,
         0,
@@ -34,11 +34,11 @@ def too_fast(reason: str, number: int, total: int) -> Finding:
 
 
 def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
-    """Return the finding of logs of two vehicles.
+    """Return the finding that logs are from two vehicles.
 
     Args:
-        passages: Between the two logs, one of them at least out of reach.
-        names: Of the logs, in order of their numbers.
+        passages: Passages between the two logs, at least one out of reach.
+        names: Names of the logs in order of their numbers.
     """
     one, other = sorted(passages.example, key=lambda place: place.log)
     placed = (
@@ -48,8 +48,8 @@ def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
     return Finding(
         TRACKS,
         0,
-        f"{names[one.log]} and {names[other.log]}; of {passages.number} ways from a position of the one to the next "
-        f"of the other {passages.beyond} are longer than a vehicle travels in that time, the last one "
+        f"{names[one.log]} and {names[other.log]}; {passages.beyond} of {passages.number} steps between them are "
+        f"too long for one vehicle, the last one "
         f"{one.way(other) / 1e3:.0f} km ({', '.join(placed)})",
         "two vehicles, or a clock or receiver that was wrong most of the time",
         'name the vehicles (--as NAME=LOG), or replay each alone; consistency.on_failure = "ignore" takes them for one vehicle',
@@ -58,7 +58,7 @@ def two_tracks(passages: Passages, names: Sequence[str]) -> Finding:
 
 
 def ensemble_unit(evidence: str, source: str) -> Finding:
-    """Return the finding of an ensemble whose speeds no ocean has."""
+    """Return the finding that an ensemble's speeds are impossible in an ocean."""
     return Finding(
         ENSEMBLE_UNIT,
         0,
@@ -70,7 +70,7 @@ def ensemble_unit(evidence: str, source: str) -> Finding:
 
 
 def forecast_fault(faults: Sequence[str], gain: float, dives: int) -> Finding:
-    """Return the warning that a forecast looks as if its file were wrong, in one of some ways."""
+    """Return the warning that a forecast file seems wrong, with possible faults."""
     return Finding(
         FORECAST,
         0,
@@ -82,35 +82,35 @@ def forecast_fault(faults: Sequence[str], gain: float, dives: int) -> Finding:
 
 
 def preferred(rejected: str, kept: str, evidence: str) -> Finding:
-    """Return the finding of a gate that rejects most measurements of one source, by its kind, and keeps those of another."""
+    """Return the finding that the gate rejects most measurements of one source and accepts those of another."""
     words = {"profiles": "the profiles", **_SOURCE}
     return Finding(
         PREFERRED,
         0,
         f"{words[rejected]} were rejected and {words[kept]} kept: {evidence}",
-        f"{words[rejected]} and {words[kept]} are not of one current: either may be wrong, or its stated error is too small",
+        f"{words[rejected]} and {words[kept]} are inconsistent: either may be wrong, or its stated error too small",
         f"check both, and withhold the wrong one (--without {rejected} or {kept})",
     )
 
 
 def source_misfit(kind: str, nis: float, values: int) -> Finding:
-    """Return the finding that a source's values are farther from the estimate than their errors say."""
+    """Return the finding that a source's innovations exceed their stated errors."""
     return Finding(
         PREFERRED,
         0,
         f"{_SOURCE[kind]}: normalised innovation squared {nis:.1f} per value, of {values}",
-        f"{_SOURCE[kind]} and the estimate are not of one current, or their stated errors are too small",
+        f"{_SOURCE[kind]} and the estimate are inconsistent, or their stated errors too small",
         f"compare the results with and without them (--without {kind})",
         "warning",
     )
 
 
 def forecast_misfit(evidence: str, moved: bool) -> Finding:
-    """Return the finding that most measurements are none of those that the forecast expects.
+    """Return the finding that most measurements are outside the forecast's uncertainty.
 
     Args:
-        evidence: The figures.
-        moved: Whether the ensemble was moved to the log: it is no forecast of this water, so that a misfit is no news.
+        evidence: Figures.
+        moved: Whether the ensemble was moved to the log, so that a misfit is expected.
     """
     if moved:
         advice = (

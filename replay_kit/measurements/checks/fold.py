@@ -1,8 +1,8 @@
-"""What every check is made of: rows of a block, what is remembered between blocks, and the first row at which a criterion holds.
+"""Elements of the checks: rows of a block, memory between blocks, and the first row that meets a criterion.
 
-A check is a fold: from what it remembers, arrays by name, and the rows of a block, to what it remembers after them and what it found. A
-criterion is evaluated at every row, by ``sums`` and ``windows`` that go on from what was remembered, so that neither a finding nor a mark
-depends on where a log is cut into blocks. Both have one row more, the first: that of what was remembered.
+A check is a fold: from its memory, arrays by name, and the rows of a block to the memory afterwards and findings. A criterion is evaluated
+at every row by ``sums`` and ``windows``, which continue from the memory, so that results do not depend on the division into blocks. Both
+have one row more, the first: that of the memory.
 """
 
 import math
@@ -26,12 +26,12 @@ Memory = Mapping[str, NDArray[Any]]
 
 
 class Found(NamedTuple):
-    """A finding.
+    """Finding of a check.
 
     Attributes:
-        event: With which it was established: its place in ``Block.events``.
-        finding: The finding.
-        unless: Names of findings that explain it, or say more: after any of them it is none.
+        event: Index in ``Block.events`` of the event that established it.
+        finding: Finding.
+        unless: Names of findings that explain it; it is dropped after any of them.
     """
 
     event: int
@@ -41,13 +41,13 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Rows of one kind, in the order of their events.
+    """Rows of one kind, in order of their events.
 
     Attributes:
-        topic: Of the pings; empty of positions and means.
-        event: shape (n,), place of each in ``Block.events``; -1 of one that is remembered.
-        columns: As of ``Block``, of these rows; and ``row``, the place of each in these columns.
-        instrument: By which the pings of one are known; empty of positions and means.
+        topic: Topic of pings; empty for positions and means.
+        event: shape (n,), index of each in ``Block.events``; -1 from memory.
+        columns: Columns as in ``Block``; and ``row``, the index of each in the block.
+        instrument: Name of the instrument; empty for positions and means.
     """
 
     topic: str
@@ -64,20 +64,20 @@ class Rows:
         return self.columns[name]
 
     def take(self, at: Holds | Indices | slice) -> "Rows":
-        """Return some of the rows."""
+        """Return a subset of the rows."""
         return replace(self, event=self.event[at], columns=chosen(self.columns, at))
 
     def having(self, **columns: NDArray[Any]) -> "Rows":
-        """Return the rows with columns more, or others."""
+        """Return the rows with columns added or replaced."""
         return replace(self, columns={**self.columns, **columns})
 
     def until(self, event: int, most: int) -> "Rows":
-        """Return the latest rows up to an event."""
+        """Return the latest ``most`` rows up to an event."""
         end = int(np.searchsorted(self.event, event, side="right"))
         return self.take(slice(max(end - most, 0), end))
 
     def due(self, each: int) -> list[int]:
-        """Return the events with which all rows so far are judged: after every so many, at first, and then after four times as many."""
+        """Return the events at which all rows so far are evaluated: every ``each`` rows at first, later four times as rarely."""
         number = self["number"]
         due = number % np.where(number <= 8 * each, each, 4 * each) == 0
         return list(self.event[due & (self.event >= 0)].tolist())
@@ -94,18 +94,18 @@ class Rows:
         unless: Iterable[str] = (),
         since: Callable[[int], int] | None = None,
     ) -> list[Found]:
-        """Return the finding that the first row establishes at which a criterion holds; none where it holds at none.
+        """Return the finding at the first row that meets a criterion; empty if none does.
 
         Args:
-            holds: shape (n,), or (n + 1,) with what was remembered, of which it is not asked, first.
-            name: As of ``Finding``.
-            evidence: Of a place in ``holds``; the topic of the pings begins it.
-            cause: As of ``Finding``.
-            advice: As of ``Finding``.
-            severity: As of ``Finding``.
-            distrusts: As of ``Finding``.
-            unless: As of ``Found``.
-            since: Time of a place in ``holds`` [ns, UTC]; that of the row without.
+            holds: shape (n,), or (n + 1,) with the ignored row of the memory first.
+            name: See ``Finding``, as for the next arguments.
+            evidence: Returns the evidence for an index in ``holds``; the topic is prepended.
+            cause: Likely cause.
+            advice: What to check.
+            severity: Severity.
+            distrusts: Whether profiles are excluded.
+            unless: See ``Found``.
+            since: Returns the time for an index in ``holds`` [ns, UTC]; by default that of the row.
         """
         before = len(holds) - len(self)
         for row in np.flatnonzero(holds[before:])[:1].tolist():
@@ -117,14 +117,14 @@ class Rows:
 
 
 class Context(NamedTuple):
-    """What a check of pings is told beside them.
+    """Further inputs of a check of pings.
 
     Attributes:
-        ensemble: Speeds of the ensemble's currents; None where nothing is compared.
-        through_water: Whether positions under water are dead-reckoned without a current.
-        vehicle: Depths and places of the vehicle.
+        ensemble: Speeds of the ensemble's currents; None for no comparison.
+        through_water: Whether dead reckoning assumes no current.
+        vehicle: Depths and positions of the vehicle.
         means: Mean currents of the block.
-        known: Names of what was found of the instrument before the block.
+        known: Names of earlier findings on the instrument.
     """
 
     ensemble: Any
@@ -141,7 +141,7 @@ Fold = Callable[[Memory, Rows, Context], Judged]
 
 
 def rows_of(block: Block, kind: int) -> Rows:
-    """Return the rows of a kind: of positions, pings or mean currents."""
+    """Return the rows of a kind: positions, pings or mean currents."""
     columns = (block.position, block.ping, block.mean)[kind]
     event = np.flatnonzero(block.events[:, 1] == kind)
     row = block.events[event, 2]
@@ -149,9 +149,9 @@ def rows_of(block: Block, kind: int) -> Rows:
 
 
 def windows(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[Any]:
-    """Return the latest rows up to each new one, shape (n + 1, most, ...); NaN, of whole numbers 0, where there were none.
+    """Return the latest rows up to each new one, shape (n + 1, most, ...); missing ones are NaN, or 0 for integers.
 
-    What is remembered of other shapes counts as none. The last window is what is to be remembered.
+    Memory of another shape is ignored. The last window is the new memory.
     """
     old = memory.get(name)
     if old is None or old.shape[1:] != new.shape[1:]:
@@ -162,7 +162,7 @@ def windows(memory: Memory, name: str, new: NDArray[Any], most: int) -> NDArray[
 
 
 def sums(memory: Memory, name: str, new: NDArray[Any]) -> NDArray[Any]:
-    """Return the sums of all rows up to each new one, shape (n + 1, c). The last row is what is to be remembered, with its axis."""
+    """Return the sums of all rows up to each new one, shape (n + 1, c); the last row is the new memory."""
     start = memory.get(name, np.zeros((1, new.shape[1]), new.dtype))
     return np.cumsum(np.concatenate([start, new]), axis=0)
 
@@ -170,7 +170,7 @@ def sums(memory: Memory, name: str, new: NDArray[Any]) -> NDArray[Any]:
 def spaced(
     values: Iterable[Any], before: Sequence[Any], apart: Callable[[Any, Any], bool]
 ) -> Indices:
-    """Return the places of values that are apart from the last one chosen, of those before at first; where none is, the first is."""
+    """Return the indices of values apart from the last chosen one, beginning with that of ``before``, or the first value."""
     last, chosen = before[-1:], list[int]()
     for i, value in enumerate(values):
         if not last or apart(last[0], value):
@@ -182,17 +182,17 @@ def spaced(
 def history(
     memory: Memory, rows: Rows, names: Iterable[str], seconds: float, most: int, of: str = ""
 ) -> tuple[Rows, dict[str, NDArray[Any]]]:
-    """Return the rows that are remembered and new ones, so many seconds apart at least, and what is remembered after them.
+    """Return remembered and new rows at a minimum spacing in time, and the new memory.
 
-    ``number`` is how many there have been with each.
+    ``number`` counts the rows up to each.
 
     Args:
-        memory: Columns, up to ``most`` rows, by their names with ``of`` before them.
-        rows: The new ones.
-        names: Of the columns that are remembered, ``time`` among them.
-        seconds: Between two of them.
-        most: Number of rows that are remembered.
-        of: Tells histories in one memory apart.
+        memory: Columns of up to ``most`` rows by name with prefix ``of``.
+        rows: New rows.
+        names: Names of the columns to remember, including ``time``.
+        seconds: Minimum spacing [s].
+        most: Number of rows to remember.
+        of: Prefix that distinguishes histories in one memory.
     """
     new = replace(rows, columns={"number": rows.event, **{name: rows[name] for name in names}})
     old = {name: memory.get(of + name, values[:0]) for name, values in new.columns.items()}
@@ -211,7 +211,7 @@ def history(
 
 
 def steps(places: Memory | Rows) -> tuple[NDArray[np.complex128], Array]:
-    """Return the way from each place to the next, east + i north [m], and the time from one to the other [s], shapes (n - 1,)."""
+    """Return the displacements between consecutive positions, east + i north [m], and their durations [s], shapes (n - 1,)."""
     latitude, longitude = places["latitude"], places["longitude"]
     scale = [metres_per_degree(one) for one in latitude[:-1].tolist()]
     east, north = np.reshape(scale, (-1, 2)).T
@@ -220,17 +220,17 @@ def steps(places: Memory | Rows) -> tuple[NDArray[np.complex128], Array]:
 
 
 def total(values: Array) -> Array:
-    """Return sums along the second axis, one value after the other: what is padded with zeros has the same sum to the last bit."""
+    """Return sums along the second axis in order, so that zero padding does not change the last bit."""
     return np.asarray(np.cumsum(values, axis=1)[:, -1:].sum(axis=1))
 
 
 def upper_median(values: Array, known: Mask) -> Array:
-    """Return the upper median of the known values of each row, shape (n,); infinity of a row without any."""
+    """Return the upper median of the known values of each row, shape (n,); infinity without any."""
     none = np.full((len(values), 1), np.inf)
     ordered = np.sort(np.hstack([np.where(known, values, np.inf), none]), axis=1)
     return np.asarray(ordered[np.arange(len(ordered)), known.sum(axis=1) // 2])
 
 
 def mean_of(values: Array, known: Holds) -> Array:
-    """Return the mean of the known values of each row, shape (n,); 0 of a row without any."""
+    """Return the mean of the known values of each row, shape (n,); 0 without any."""
     return np.asarray(total(np.where(known, values, 0.0)) / np.maximum(known.sum(axis=1), 1))

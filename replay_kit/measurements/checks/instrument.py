@@ -1,7 +1,6 @@
-"""Checks of an instrument that is dead, hangs, or has a bad beam, by its velocities before any rotation; and of messages that come twice.
+"""Checks for dead or frozen instruments and bad beams, by velocities before any rotation; and for duplicate messages.
 
-Noise makes it impossible that a living instrument gives zeros, equal cells, or a ping again. They are judged before any rotation, after
-which equal values differ.
+Noise excludes zeros, equal cells or repeated pings from a working instrument. Rotation would make equal values differ.
 """
 
 import math
@@ -39,18 +38,18 @@ _STUCK_RUN, _STUCK_NAMED, _CHANCE, _LIVING = 6, 16, 1e-9, 3
 _LEAST, _UNLIKE, _MOST_ERROR = 30, 25.0, 0.1
 _OF_BEAMS = (
     "the order or the directions of the beams, or one that is dead, blocked or disturbed",
-    "its profiles are not used; leave that beam out, so that velocities are solved from the other three",
+    "its profiles are not used; exclude that beam, so that velocities are solved from the other three",
 )
 # Odd numbers by which the bits of a ping's values are multiplied, to tell pings apart by one number each.
 _FACTORS = np.random.default_rng(0).integers(1, 2**62, 4096) | 1
 
 
 def dead(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]:
-    """Return that pings are all zero, equal in all cells, or equal to one of the last 16; and which are, shape (n,).
+    """Check for pings that are zero, equal in all cells, or equal to one of the last 16; return which are, shape (n,).
 
     Args:
-        memory: ``digest`` (17, 2), time [ns] and number of the latest pings that tell; ``kind`` (32,), what these are.
-        pings: Of one instrument.
+        memory: ``digest`` (17, 2), time [ns] and digest of the latest informative pings; ``kind`` (32,), their kinds.
+        pings: Pings of one instrument.
     """
     raw = pings["raw"][..., :2]
     known = every(np.isfinite(raw))
@@ -84,7 +83,7 @@ def dead(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]:
 
 
 def _digests(rows: Rows, values: Array) -> NDArray[np.int64]:
-    """Return the time of each row, and a number that is the same for equal values, shape (n, m, k)."""
+    """Return the time of each row, and a digest that is equal for equal values, shape (n, m, k)."""
     # cells that are missing at the end are no part of it
     bits = np.where(np.isfinite(values), values + 99.0, 0.0).view(np.int64)
     factors = np.resize(_FACTORS, math.prod(bits.shape[1:]))
@@ -93,14 +92,14 @@ def _digests(rows: Rows, values: Array) -> NDArray[np.int64]:
 
 
 def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]:
-    """Return that cells repeat one value ping after ping while others live, for long; and which do, shape (n, m).
+    """Check for cells that repeat one value for long while others vary; return which do, shape (n, m).
 
-    Velocities are written with few digits: what share of the living cells repeats by chance says how long a run means something.
+    Velocities have few digits: the fraction of chance repeats in working cells determines the significant length of a run.
 
     Args:
-        memory: ``last`` (1, m, k), the ping before; ``equal`` (16, m), whether cells of the latest have repeated; ``counts`` (1, 2),
-            repeats of living cells and their number.
-        pings: Of one instrument, not dead, in order.
+        memory: ``last`` (1, m, k), previous ping; ``equal`` (16, m), repeats in the latest pings; ``counts`` (1, 2), repeats in working
+            cells and their number.
+        pings: Pings of one instrument, not dead, in order.
     """
     raw = pings["raw"]
     last = windows(memory, "last", raw, 1)
@@ -136,13 +135,13 @@ def stuck_cells(memory: Memory, pings: Rows) -> tuple[Memory, list[Found], Mask]
 
 
 def duplicates(memory: Memory, rows: Rows, context: Context | None = None) -> Judged:
-    """Return that pings or positions come twice, equal, at one time, from one log: a third of the last 30.
+    """Check for duplicates, pings or positions equal in time, values and log: a third of the last 30.
 
     Args:
-        memory: ``last`` (2, 4), times [ns], numbers, logs and topics of the latest rows; ``again`` (30,), whether each of
-            the latest is as the one before.
-        rows: Of one instrument, or positions.
-        context: Is not asked.
+        memory: ``last`` (2, 4), times [ns], digests, logs and topics of the latest rows; ``again`` (30,), whether each of the latest equals
+            the previous one.
+        rows: Pings of one instrument, or positions.
+        context: Ignored.
     """
     place = np.column_stack([rows["longitude"], rows["latitude"]])[..., None]
     digest = _digests(rows, rows.columns.get("velocity", place))
@@ -165,13 +164,13 @@ def duplicates(memory: Memory, rows: Rows, context: Context | None = None) -> Ju
 
 
 def beams(memory: Memory, pings: Rows, context: Context) -> Judged:
-    """Return that one beam scatters unlike the others, by the second differences along it, or that the beams contradict each other.
+    """Check for a beam with other scatter than the rest, by second differences along it, or inconsistent beams.
 
     Args:
-        memory: ``variances`` (30, k) of the beams [m^2/s^2] of the latest pings that tell, and ``errors`` (30,), mean error velocities
-            [m/s] of those that state them.
-        pings: Of one instrument.
-        context: Is not asked.
+        memory: ``variances`` (30, k) of the beams [m^2/s^2] and ``errors`` (30,), mean error velocities [m/s], of the latest informative
+            pings.
+        pings: Pings of one instrument.
+        context: Ignored.
     """
     texture = np.diff(pings["raw"], 2, axis=1)
     known = np.isfinite(texture)

@@ -1,18 +1,18 @@
-"""Two measurements a and b of one vector, compared: what explains a by b much better than equality, how large is it, and since when?
+"""Likelihood comparison of two measurements a and b of one vector: the best explanation of a by b, its size and its start.
 
-Vectors are complex, east + i north. An alternative says a = g b, with |g| a scale and arg g a turn, or a = g b* of a mirror, or a = b + x c
-of an offset (x = 1) or a drift (x the time since it began). Errors of a and b are Gaussian, of one variance that is not known (a conjugate
-prior of ``floor`` with two degrees of freedom), and pairs share a bias. An alternative leaves
+Vectors are complex, east + i north. An alternative is a = g b, with |g| a scale and arg g a rotation, or a = g b* for a mirror, or a = b +
+x c for an offset (x = 1) or a drift (x the time since its start). Errors of a and b are Gaussian with one unknown variance (a conjugate
+prior of ``floor`` with two degrees of freedom) and a common bias. The residual is
 
-    r = (a - g b) n,    n = 1,    but 1 / |g| of vectors three times as fast and more, whose errors are in their unit, too,
+    r = (a - g b) n,    n = 1,    but 1 / |g| for vectors at least three times as fast, whose errors are in the same unit,
 
-so that with K the sum of the weights, Q the sum of the squares of the pairs before it began (a - b) and since (r), less their regression
-on the bias and on x, and rare(m) the probability of a common bias m,
+so that with K the sum of the weights, Q the sum of squares of the pairs before the start (a - b) and since (r), less their regression on
+the bias and on x, and rare(m) the probability of a common bias m,
 
     gain = (K + 1) ln[(Q(equal) + floor) / (Q + floor)] + K_since ln n^2 + ln[rare(m) / rare(m of equal)]
 
-is its log-likelihood ratio to equality; an offset or a drift pays, besides, for its size, which is not known before. All Q follow from six
-sums since each pair, so that all scales, turns and beginnings are compared at once: a scale is free, on a grid of 2 %, and has a spread.
+is its log-likelihood ratio to equality; an offset or a drift is penalised for its unknown size. All Q follow from six sums since each pair,
+so that all scales, rotations and starts are compared at once: scales are on a grid of 2 % and have a spread.
 
 References:
     Bernardo and Smith (1994), Bayesian Theory, section 5.4 (conjugate linear regression); Willsky and Jones (1976), IEEE Trans. Automat.
@@ -97,11 +97,11 @@ _ALIKE = 3.0
 
 
 class Source(NamedTuple):
-    """What pairs are of.
+    """Properties of the pairs of one kind.
 
     Attributes:
-        floor: Twice the variance of a component of a - b that is expected [m^2/s^2].
-        least: Number of pairs before which nothing is said, and that what began during the log must explain.
+        floor: Twice the expected variance of a component of a - b [m^2/s^2].
+        least: Least number of pairs for a result, also since a start within the log.
     """
 
     floor: float
@@ -109,12 +109,12 @@ class Source(NamedTuple):
 
 
 class Family(NamedTuple):
-    """Alternatives a = g b, or a = g b* of a mirror.
+    """Alternatives a = g b, or a = g b* for a mirror.
 
     Attributes:
         factor: shape (h,), g.
-        prior: shape (h,), logarithm of the probability of each, given that something is wrong.
-        slip: shape (h,), name of each that is a slip of axes, signs or units; empty for any other.
+        prior: shape (h,), log probability of each, given a fault.
+        slip: shape (h,), name if it is an error of axes, signs or units; else empty.
     """
 
     factor: Complex
@@ -123,7 +123,7 @@ class Family(NamedTuple):
 
     @property
     def narrowed(self) -> Array:
-        """What residuals are multiplied by, n, shape (h,)."""
+        """Factors n of the residuals, shape (h,)."""
         return _narrowed(self.factor)
 
 
@@ -135,7 +135,7 @@ def _narrowed(factor: Complex) -> Array:
 
 @cache
 def family(kind: str) -> Family:
-    """Return the alternatives of a kind: ``turn``, ``mirror``, ``scale``, or ``unit`` of the scales that are no vehicle's error."""
+    """Return the alternatives of a kind: ``turn``, ``mirror``, ``scale``, or ``unit`` for scales beyond any vehicle's error."""
     if kind == "unit":
         every = family("scale")
         used = np.flatnonzero(np.log(every.factor.real) > _LEAST_UNIT)
@@ -156,17 +156,17 @@ def family(kind: str) -> Family:
 
 
 class Explanation(NamedTuple):
-    """What explains pairs best, and by how much.
+    """Best explanation of pairs.
 
     Attributes:
-        kind: Of the alternative.
-        value: g, or what is added, east + i north [m/s; m/s an hour of a drift].
-        slips: The slip of axes, signs or units that it is, empty for any other; and others that explain the pairs as well.
+        kind: Kind of the alternative.
+        value: g, or the offset, east + i north [m/s; m/s per hour for a drift].
+        slips: Its error of axes, signs or units, else empty; and others that explain the pairs equally well.
         spread: Standard deviation of the logarithm of a scale.
         gain: Log-likelihood ratio to equality.
-        favoured: Share of the pairs since it began that favour it.
-        pairs: Number of pairs since it began.
-        since: Hours since 1970 of the first of them; 0 where it explains all.
+        favoured: Fraction of the pairs since its start that favour it.
+        pairs: Number of pairs since its start.
+        since: Time of the first of them [h since 1970]; 0 if it explains all.
     """
 
     kind: str
@@ -180,7 +180,7 @@ class Explanation(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What the first vectors are."""
+        """Description of the first vectors."""
         slip, degrees = self.slips[0], math.degrees(math.atan2(self.value.imag, self.value.real))
         if self.kind in ("scale", "unit"):
             of_other = ", of the other source" if abs(self.value) < 1.0 else ""
@@ -192,24 +192,24 @@ class Explanation(NamedTuple):
 
     @property
     def names(self) -> str:
-        """What the first vectors are, and what else explains the pairs as well."""
+        """Description of the first vectors, with other equally good explanations."""
         return ", or ".join(dict.fromkeys((self.name, *self.slips[1:])))
 
     @property
     def is_unit(self) -> bool:
-        """Whether it is a unit in which vectors are three times as fast and more: no vehicle's error makes that."""
+        """Whether it is a unit with vectors at least three times as fast, beyond any vehicle's error."""
         return abs(math.log(abs(self.value))) > _LEAST_UNIT and bool(self.slips[0])
 
 
 class Alternatives(NamedTuple):
-    """Alternatives of a kind begun with each of K pairs.
+    """Alternatives of a kind for starts at each of K pairs.
 
     Attributes:
-        gain: shape (K, h), log-likelihood ratios to equality, of which each beginning within the log is as likely before.
-        value: shape (K, h), g, or what is added.
-        prior: shape (h,), as of ``Family``.
-        slip: As of ``Family``.
-        cost: shape (K, h), by how much less each fits in its gain than by what it leaves.
+        gain: shape (K, h), log-likelihood ratios to equality, for equally likely starts.
+        value: shape (K, h), g, or the offset.
+        prior: shape (h,), as in ``Family``.
+        slip: As in ``Family``.
+        cost: shape (K, h), penalty of each in its gain beyond the residuals.
     """
 
     gain: Array
@@ -220,19 +220,19 @@ class Alternatives(NamedTuple):
 
 
 def alternatives(pairs: Array, floor: float, kind: str) -> Alternatives:
-    """Return what is known of all alternatives of a kind.
+    """Return all alternatives of a kind.
 
     Args:
         pairs: shape (K, 6): east and north of a and b [m/s], weight, hours.
-        floor: Twice the variance of a component of a - b that is expected [m^2/s^2].
-        kind: Of them.
+        floor: Twice the expected variance of a component of a - b [m^2/s^2].
+        kind: Kind of the alternatives.
     """
     a, b, w = _vectors(pairs)
     precision = w.sum() + floor / (2.0 * _BIAS**2)
     misfit, common, weight = (_since(each) for each in (w * np.abs(a - b) ** 2, w * (a - b), w))
 
     def density(left: Array, bias: Complex) -> Array:
-        """Return the logarithm of the density of what is left, with a bias that all pairs share."""
+        """Return the log density of residuals with a common bias."""
         rare = (1.0 - _ODD_BIAS) * np.exp(-(np.abs(bias) ** 2) / (2.0 * _BIAS**2)) + _ODD_BIAS
         return np.asarray(np.log(rare) - (weight[0] + 1.0) * np.log(np.maximum(left, 0.0) + floor))
 
@@ -272,7 +272,7 @@ def _vectors(pairs: Array) -> tuple[Complex, Complex, Array]:
 
 
 def _basis(kind: str, pairs: Array) -> Array:
-    """Return x of an offset or a drift that begins with each pair, at each pair: shape (K, K)."""
+    """Return x of an offset or drift for starts at each pair, at each pair, shape (K, K)."""
     hours = pairs[:, 5] - pairs[0, 5]
     if kind == "offset":
         return np.triu(np.ones((len(hours),) * 2))
@@ -282,21 +282,21 @@ def _basis(kind: str, pairs: Array) -> Array:
 
 
 def _since(values: NDArray[Any]) -> NDArray[Any]:
-    """Return sums over the pairs from each one on."""
+    """Return sums over the pairs from each one to the last."""
     return np.cumsum(values[::-1], axis=0)[::-1]
 
 
 def causes(
     pairs: Array, source: Source, kinds: Sequence[str], by_fit: bool = False
 ) -> dict[str, float]:
-    """Return the logarithm of the odds of each cause of some kinds, all its alternatives together, to equality; none without pairs.
+    """Return the log odds of each kind of cause, over all its alternatives, against equality; empty without pairs.
 
     Args:
-        pairs: As of ``alternatives``.
-        source: Of them.
-        kinds: Of alternatives.
-        by_fit: Whether it costs nothing that the size of an offset is not known before, and that in one current, pair after pair, vectors
-            are several times as fast: an offset and a scale are then told apart by what they leave alone.
+        pairs: See ``alternatives``.
+        source: Properties of the pairs.
+        kinds: Kinds of alternatives.
+        by_fit: Whether penalties for the unknown size of an offset and for large scales are dropped, so that residuals alone distinguish an
+            offset from a scale.
     """
     found = dict[str, float]()
     for kind in kinds if len(pairs) else ():
@@ -310,13 +310,13 @@ def causes(
 def explanation(
     pairs: Array, source: Source, kinds: Sequence[str], least_gain: float = LEAST_GAIN
 ) -> Explanation | None:
-    """Return what explains pairs best, when that is much better than equality; else None.
+    """Return the best explanation of pairs; None if it is not much better than equality.
 
     Args:
-        pairs: As of ``alternatives``.
-        source: Of them.
-        kinds: Of alternatives.
-        least_gain: Log-likelihood ratio below which nothing is said.
+        pairs: See ``alternatives``.
+        source: Properties of the pairs.
+        kinds: Kinds of alternatives.
+        least_gain: Least log-likelihood ratio.
     """
     floor, found = source.floor, list[tuple[float, Explanation]]()
     for kind in kinds if len(pairs) >= source.least else ():
@@ -359,18 +359,18 @@ def explanation(
 
 
 def odds(causes: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Return the probability of each of some causes, the likeliest first, by the logarithms of their posterior odds to none."""
+    """Return the probabilities of causes in descending order, from their log odds."""
     every = np.logaddexp.reduce([*causes.values()])
     ranked = sorted(causes.items(), key=lambda each: -each[1])
     return [(name, math.exp(gain - every)) for name, gain in ranked]
 
 
 def tell_directions(pairs: Array, source: Source) -> bool:
-    """Return whether pairs that agree would contradict each other if the first vectors were turned by a right angle.
+    """Return whether pairs that agree would disagree after a rotation of the first vectors by 90 degrees.
 
     Args:
-        pairs: As of ``alternatives``.
-        source: Of them.
+        pairs: See ``alternatives``.
+        source: Properties of the pairs.
     """
     a, b, w = _vectors(pairs)
     squares, misfit = w @ (np.abs(a) ** 2 + np.abs(b) ** 2), w @ np.abs(a - b) ** 2

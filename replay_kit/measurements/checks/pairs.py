@@ -1,16 +1,16 @@
 """Pairs of two measurements of one vector: profiles against mean currents, and against the platform's motion.
 
-* ``current``: the mean along a dive's path of its own profiles, and its mean current. Profiles are averaged in cells of 10 m of depth; a
-  dive of which they cover less than three quarters makes no pair: its mean current is of other water.
-* ``vehicle``: both relative to the vehicle. Most of that is the vehicle's motion through water, which shows a compass that is wrong where
-  the current itself is weak. A dive is one pair: its mean current has one error, however many profiles it has.
-* ``blocks``: the same of profiles relative to a platform of unknown velocity, half an hour each, whose velocity dead reckoning limits.
-* ``motion``: changes of the relative velocity and of minus the platform's velocity from ping to ping: the current changes less than both.
-* ``track``: the platform's velocity as an instrument states it, and as the positions of the pings give it.
+* ``current``: the mean of a dive's profiles along its path, and its mean current. Profiles are averaged in 10 m depth cells; a dive covered
+  by less than three quarters makes no pair.
+* ``vehicle``: both relative to the vehicle, dominated by its motion through water, which shows compass errors also in weak currents. A dive
+  is one pair, as its mean current has one error.
+* ``blocks``: the same for profiles relative to a platform of unknown velocity, in blocks of half an hour, with its velocity from dead
+  reckoning.
+* ``motion``: changes of the relative velocity and of minus the platform's velocity between pings; the current changes less than both.
+* ``track``: the platform's velocity stated by an instrument, and that from the pings' positions.
 
-What explains the vectors relative to the vehicle (a compass, a mounting) is a rival of what explains the currents themselves (axes, a
-scale, an offset). Where heading and current hardly change, several explain the pairs: nothing is then excluded, and the odds of all are
-given.
+Causes in the vectors relative to the vehicle (compass, mounting) compete with causes in the currents (axes, scale, offset). If heading and
+current hardly change, several explain the pairs: nothing is then excluded, and the odds of all are given.
 """
 
 import math
@@ -105,10 +105,10 @@ _STATED = ("knots", "cm/s", "mm/s")
 
 
 def _near_means(pings: Rows) -> Rows:
-    """Return pings with a bin that is sound, or may be repaired, reduced to their bins near the instrument.
+    """Return pings with a good or repairable bin, reduced to their bins near the instrument.
 
-    Columns more are ``near``, the mean velocity of these, and ``moves``, the velocity of the platform that was added to it, NaN where that
-    is not stated, both east + i north, shape (n,) [m/s]; and ``relative``, whether it is relative to a platform of unknown velocity.
+    Added columns: ``near``, their mean velocity, and ``moves``, the platform velocity added to it, NaN if not stated, both east + i north,
+    shape (n,) [m/s]; ``relative``, whether it is relative to a platform of unknown velocity.
     """
     good = repairable(pings)
     pings, good = pings.take(good.any(axis=1)), good[good.any(axis=1)]
@@ -124,7 +124,7 @@ def _near_means(pings: Rows) -> Rows:
 
 
 def _ways(pings: Rows) -> Complex:
-    """Return the velocities over ground from each ping to the next, shape (n - 1,) [m/s]; NaN at one time, or over more than an hour."""
+    """Return the velocities over ground between consecutive pings, shape (n - 1,) [m/s]; NaN for zero or more than one hour."""
     way, seconds = steps(pings)
     known = (seconds > 0.0) & (seconds <= _LONGEST)
     return np.where(known, way / np.where(known, seconds, 1.0), np.nan)
@@ -136,13 +136,13 @@ def _pairs_of(a: Complex, b: Complex, weight: float, time: Times) -> Array:
     return np.column_stack(columns)
 
 
-def _moved(memory: Memory, near: Rows, through_water: bool) -> Judged:
-    """Return what changes of motion, and the platform's stated velocity beside that of its positions, establish.
+def _check_motion(memory: Memory, near: Rows, through_water: bool) -> Judged:
+    """Check changes of motion, and the stated velocity of the platform against that from its positions.
 
     Args:
-        memory: As of ``beside``.
+        memory: See ``beside``.
         near: New pings.
-        through_water: Whether positions under water are dead-reckoned without a current.
+        through_water: Whether dead reckoning assumes no current.
     """
     # closer positions have too few digits for a velocity
     chain, after = history(memory, near, _COLUMNS, _SHORTEST, 1, "chain")
@@ -166,15 +166,15 @@ def _moved(memory: Memory, near: Rows, through_water: bool) -> Judged:
         pairs, held = history(memory, new, ("time", "pair"), 0.0, _MOST, name)
         after |= held
         for event in pairs.due(_JUDGED_EACH):
-            found += _of_motion(pairs.until(event, _MOST), name)
+            found += _motion_findings(pairs.until(event, _MOST), name)
     return after, found
 
 
-def _of_motion(rows: Rows, name: str) -> list[Found]:
-    """Return a turn that pairs of motion establish, or a scale of the stated velocity once it is likelier than all else."""
+def _motion_findings(rows: Rows, name: str) -> list[Found]:
+    """Return the finding of a rotation from pairs of motion, or of a scale of the stated velocity as the likeliest cause."""
     pairs = rows["pair"]
     if turned := explanation(pairs, _MOTION, TURNED):
-        return _turned(rows, turned, _OF_MOTION[name])
+        return _rotation_finding(rows, turned, _OF_MOTION[name])
     if name == "motion" or not (scale := explanation(pairs, _MOTION, ("scale",))):
         return []
     # positions may lack the current
@@ -185,7 +185,7 @@ def _of_motion(rows: Rows, name: str) -> list[Found]:
         rows,
         scale,
         SCALE,
-        f"beside that of its positions the platform's stated velocity looks {scale.names}",
+        f"against its positions the platform's stated velocity looks {scale.names}",
         "a wrong unit or scale of the platform's velocity, and of the profiles that it is in",
         "state measurements.velocity_unit, or correct the platform's velocity",
         OF_SOURCES,
@@ -193,12 +193,12 @@ def _of_motion(rows: Rows, name: str) -> list[Found]:
 
 
 def _dives(memory: Memory, pings: Rows) -> Memory:
-    """Return the sums of the sound bins of the latest dives in cells of depth.
+    """Return the sums of the good bins of the latest dives in depth cells.
 
     Args:
-        memory: ``dives`` (2,), numbers of the latest dives, 0 for none, the odd one last; ``sums`` (2, 700, 4) over the bins of each dive
-            in each cell: their number, east, north [m/s] and depth [m].
-        pings: Of one instrument, in order.
+        memory: ``dives`` (2,), numbers of the latest dives, 0 for none, the odd one last; ``sums`` (2, 700, 4) by dive and cell: number of
+            bins, east, north [m/s] and depth [m].
+        pings: Pings of one instrument, in order.
     """
     absolute = np.isfinite(pings["common_std"]) & (pings["dive"] > 0)
     pings = pings.take(absolute)
@@ -217,12 +217,12 @@ def _dives(memory: Memory, pings: Rows) -> Memory:
 
 
 def _along(memory: Memory, near: Rows, mean: Rows) -> Complex:
-    """Return the mean of profiles along the path of a mean current, shape (1,) [m/s]; NaN where they cover too little of it.
+    """Return the mean of profiles along the path of a mean current, shape (1,) [m/s]; NaN if they cover too little of it.
 
     Args:
-        memory: As of ``_dives``.
-        near: Pings over the time of the path that are not relative.
-        mean: The mean current.
+        memory: See ``_dives``.
+        near: Absolute pings during the path.
+        mean: Mean current.
     """
     depth, weight = (mean[name][0, : mean["points"][0]] for name in ("path_depth", "weight"))
     dive = np.bincount(near["dive"][near["dive"] > 0], minlength=1).argmax()
@@ -239,13 +239,13 @@ def _along(memory: Memory, near: Rows, mean: Rows) -> Complex:
 
 
 def _compared(memory: Memory, near: Rows, mean: Rows, through_water: bool) -> dict[str, Array]:
-    """Return the pairs that a mean current makes with the pings before it: ``current``, ``vehicle`` and ``blocks``.
+    """Return the pairs of a mean current with the pings before it: ``current``, ``vehicle`` and ``blocks``.
 
     Args:
-        memory: As of ``_dives``.
-        near: The latest pings of one instrument until it came.
-        mean: The mean current.
-        through_water: Whether positions under water are dead-reckoned without a current.
+        memory: See ``_dives``.
+        near: Latest pings of one instrument before it.
+        mean: Mean current.
+        through_water: Whether dead reckoning assumes no current.
     """
     path = mean["path_time"][0, : mean["points"][0]]
     during = near.take((near["time"] >= path[0]) & (near["time"] <= path[-1]))
@@ -267,13 +267,13 @@ def _compared(memory: Memory, near: Rows, mean: Rows, through_water: bool) -> di
 
 
 def _blocks(near: Rows, more: complex) -> Rows:
-    """Return the first pings of blocks of half an hour from the first one on, in which the velocity of the platform is known.
+    """Return the first pings of half-hour blocks with known velocity of the platform.
 
-    Columns more are ``way``, this velocity, the mean ``near``, and of ``size`` pings the sum ``own`` of the platform's velocities.
+    Added columns: ``way``, this velocity, the mean ``near``, and the sum ``own`` of the platform's velocities of ``size`` pings.
 
     Args:
         near: Pings.
-        more: What is added to the velocity between positions [m/s].
+        more: Velocity added to that between positions [m/s].
     """
     starts = spaced(near["time"].tolist(), [], lambda one, other: other - one > _BLOCK * 1e9)
     size = np.diff(starts, append=len(near))
@@ -285,19 +285,18 @@ def _blocks(near: Rows, more: complex) -> Rows:
 
 
 def beside(memory: Memory, pings: Rows, context: Context) -> Judged:
-    """Return what motion and mean currents establish beside the profiles of one instrument.
+    """Check the profiles of one instrument against motion and mean currents.
 
     Args:
-        memory: As of ``_dives``; the latest pings, up to 1024, by their columns; ``current``, ``vehicle`` and ``blocks`` (up to 128, 6),
-            pairs; ``chain`` and their columns, of the ping (1,) from which the next motion is counted; ``before`` (1, 2), relative velocity
-            and minus the platform's at the one before it, NaN without; ``motion`` and ``track`` with ``pair`` (up to 128, 6), ``time`` and
-            ``number``.
-        pings: Of one instrument.
-        context: Has the mean currents.
+        memory: As in ``_dives``; the latest pings, up to 1024, by column; pairs ``current``, ``vehicle`` and ``blocks`` (up to 128, 6);
+            columns with prefix ``chain`` of the ping (1,) that starts the next motion; ``before`` (1, 2), relative velocity and minus the
+            platform's at the previous one, NaN without; ``motion`` and ``track`` with ``pair`` (up to 128, 6), ``time`` and ``number``.
+        pings: Pings of one instrument.
+        context: Mean currents.
     """
     new, start = _near_means(pings), 0
     near, held = history(memory, new, _COLUMNS, _APART, _PINGS)
-    of_motion, found = _moved(memory, new, context.through_water)
+    of_motion, found = _check_motion(memory, new, context.through_water)
     after = {**memory, **held, **of_motion}
     for at, event in enumerate(context.means.event.tolist()):
         mean = context.means.take(slice(at, at + 1))
@@ -312,15 +311,15 @@ def beside(memory: Memory, pings: Rows, context: Context) -> Judged:
 
 
 def _cause(pairs: Memory, mean: Rows) -> list[Found]:
-    """Return what a mean current established: of all causes the likeliest, once it is likely enough or there are many pairs.
+    """Return the finding of the likeliest cause at a mean current, if it is likely enough or there are many pairs.
 
     Args:
         pairs: ``current``, ``vehicle`` and ``blocks``, shapes (up to 128, 6).
-        mean: The mean current, with the topic of the profiles.
+        mean: Mean current, with the topic of the profiles.
     """
     current, vehicle = pairs["current"], pairs["vehicle"]
     if turned := explanation(pairs["blocks"], _MOTION, TURNED):
-        return _turned(mean, turned, _OF_MEANS, _KNOWN)
+        return _rotation_finding(mean, turned, _OF_MEANS, _KNOWN)
     found = causes(current, CURRENT, KINDS)
     for cause, gain in causes(vehicle, _OF_DIVES, RELATIVE).items():
         # a scale is one, whatever it is relative to
@@ -334,7 +333,7 @@ def _cause(pairs: Memory, mean: Rows) -> list[Found]:
         best = explanation(vehicle, _OF_DIVES, TURNED, _TURN_GAIN)
         # what excludes an instrument must be certain
         if best is not None and share >= _LIKELY:
-            return _turned(mean, best, _OF_MEANS, _KNOWN)
+            return _rotation_finding(mean, best, _OF_MEANS, _KNOWN)
     else:
         best = _best(current, vehicle, cause)
     if best is None:
@@ -348,14 +347,14 @@ def _cause(pairs: Memory, mean: Rows) -> list[Found]:
     chances = (f"{one} {100.0 * each:.0f} %" for one, each in rivals if each >= _LEAST_SHARE)
     listed = f"odds of the causes: {', '.join(chances)}"
     if share >= _LIKELY:
-        return _of_sources(mean, best, "" if rivals[0][1] >= _SURE else f"; {listed}")
+        return _source_finding(mean, best, "" if rivals[0][1] >= _SURE else f"; {listed}")
     if best.pairs < _ENOUGH:
         return []
     return finding_of(
         mean,
         best,
         UNDECIDED,
-        "profiles and mean currents of dives are not of one current",
+        "profiles and mean currents of dives are inconsistent",
         f"not known yet, as the current and the heading hardly change; {listed}",
         _CHECK_BOTH.format("both"),
         _KNOWN,
@@ -363,7 +362,7 @@ def _cause(pairs: Memory, mean: Rows) -> list[Found]:
 
 
 def _best(current: Array, vehicle: Array, cause: str) -> Explanation | None:
-    """Return the best explanation of a cause; two pairs tell a gross unit alone."""
+    """Return the best explanation of a cause; two pairs show only a gross unit error."""
     if cause != CAUSES["scale"]:
         kinds = [kind for kind in KINDS if CAUSES[kind] == cause]
         return explanation(current, CURRENT, kinds)
@@ -384,16 +383,16 @@ def finding_of(
     advice: str,
     unless: Iterable[str] = (),
 ) -> list[Found]:
-    """Return the finding that something explains pairs, since it began, or with the last of some rows, and how strongly.
+    """Return the finding of an explanation, at its start or at the last of some rows, with its strength.
 
     Args:
-        rows: With which it was established.
-        explained: What.
-        name: As of ``Finding``.
-        evidence: How strongly the pairs say so is added to it.
-        cause: As of ``Finding``.
-        advice: As of ``Finding``.
-        unless: As of ``Found``.
+        rows: Rows that established it.
+        explained: Explanation.
+        name: See ``Finding``.
+        evidence: Evidence; its strength is appended.
+        cause: See ``Finding``.
+        advice: See ``Finding``.
+        unless: See ``Found``.
     """
     agree = f"{100.0 * explained.favoured:.0f} % of {explained.pairs} pairs agree"
     return rows.first(
@@ -409,10 +408,10 @@ def finding_of(
     )
 
 
-def _turned(
+def _rotation_finding(
     rows: Rows, explained: Explanation, what: str, unless: Iterable[str] = ()
 ) -> list[Found]:
-    """Return the finding of an instrument that is turned, by pairs of what."""
+    """Return the finding of a rotated instrument from pairs of a kind."""
     return finding_of(
         rows,
         explained,
@@ -425,12 +424,12 @@ def _turned(
     )
 
 
-def _of_sources(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
-    """Return the finding of profiles and mean currents, or drifts, of which either may be wrong."""
+def _source_finding(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
+    """Return the finding that profiles contradict mean currents or drifts, of which either may be wrong."""
     size = abs(best.value)
     if best.kind in TURNED:
         name = CONTRADICTION
-        evidence = f"beside mean currents of dives the profiles look {best.names}"
+        evidence = f"against mean currents of dives the profiles look {best.names}"
         cause = "the axes or signs of the profiles, or those of the mean currents of dives"
         advice = _CHECK_BOTH.format("their frames")
     elif best.kind in ("scale", "unit"):
@@ -454,13 +453,13 @@ def _of_sources(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
 
 
 def of_means(memory: Memory, means: Rows) -> Judged:
-    """Return that mean currents are equal to the last digit, which no two dives have, or have a slip beside dead reckoning.
+    """Check for mean currents that are equal to the last digit or inconsistent with dead reckoning.
 
-    Positions that were reckoned with a current, of which dead reckoning tells less, differ in other ways, which are not named.
+    Positions reckoned with a current differ in other ways, which are not reported.
 
     Args:
-        memory: ``velocity`` (3, 2) and ``times`` (3,) of the latest mean currents [m/s; ns, UTC]; of those beside dead reckoning the latest
-            128 ``reckonedpair`` (6,) with their times and numbers.
+        memory: ``velocity`` (3, 2) and ``times`` (3,) of the latest mean currents [m/s; ns, UTC]; the latest 128 pairs with dead reckoning,
+            ``reckonedpair`` (6,), with times and numbers.
         means: Mean currents.
     """
     latest = windows(memory, "velocity", means["velocity"], _EQUAL)
@@ -487,7 +486,7 @@ def of_means(memory: Memory, means: Rows) -> Judged:
                 rows,
                 explained,
                 RECKONED,
-                f"beside fixes and dead-reckoned positions the mean currents look {explained.names}",
+                f"against fixes and dead-reckoned positions the mean currents look {explained.names}",
                 "the axes or signs of the mean currents",
                 'check which variable is east; withhold them (--without dac), or compute them (dead_reckoning = "through_water")',
             )

@@ -1,7 +1,7 @@
-"""Checks of positions: one spot to the last digit in dives, places that no one vehicle can join, and tracks of logs that none can.
+"""Checks of positions: frozen positions in dives, positions out of reach, and logs of different vehicles.
 
-The positions of all logs are gone through in the order of their times. Where one is of another log than the one before, the vehicle, if it
-is one, came from there to here: two logs of one vehicle are near each other, two vehicles are not, each time anew.
+Positions of all logs are processed in order of time. At each change of the log a single vehicle must have moved between the two positions:
+logs of one vehicle stay near each other, those of two vehicles do not.
 """
 
 import math
@@ -38,14 +38,14 @@ _LEAST_BEYOND = 4
 
 
 def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
-    """Return that a receiver repeats its position while the vehicle dives, and at which positions pings are not to be used.
+    """Check for a receiver that repeats its position during dives; return at which positions pings are unusable.
 
-    The latter has shape (n + 1,), that of the last position before the first.
+    The mask has shape (n + 1,), with the last earlier position first.
 
     Args:
-        memory: ``run`` (8,) of equal positions: longitude, latitude, time of the first [ns], their number, least and greatest depth [m],
-            whether one that was measured came after others at other depths, and whether pings are not to be used.
-        positions: In order.
+        memory: ``run`` (8,) of equal positions: longitude, latitude, time of the first [ns], number, least and greatest depth [m], whether
+            a measured one came after others at other depths, and whether pings are unusable.
+        positions: Positions in order.
     """
     run = memory.get("run", np.append(np.full(7, np.nan), 0.0))
     east, north, began, number, least, most, fix, bad = run.tolist()
@@ -75,7 +75,7 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
         bad_at & ~fixes,
         REPEATED,
         evidence,
-        "a vehicle that does not reckon its way under water, and logs its last fix until the next one",
+        "a vehicle without dead reckoning under water, which logs its last fix until the next one",
         advice,
         "warning",
     )
@@ -86,13 +86,14 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
 
 
 def separate(memory: Memory, positions: Rows) -> Judged:
-    """Return that the positions are of two missions, between which no vehicle goes.
+    """Check for positions of two missions beyond the reach of one vehicle.
 
-    Of positions that the first track does not reach only the latest that belong together are kept.
+    Only the latest connected positions out of reach of the first track are kept.
 
     Args:
-        memory: ``last`` (1 or 2, 5), last position of the first track, and of another that it does not reach; ``number`` (2,) of both.
-        positions: In order.
+        memory: ``last`` (1 or 2, 5), last position of the first track and of another out of its reach; ``number`` (2,) of positions in
+            both.
+        positions: Positions in order.
     """
     last = [Place(*each) for each in memory.get("last", np.empty((0, len(COLUMNS)))).tolist()]
     number, at, words = memory.get("number", np.zeros(2)).tolist(), -1, ""
@@ -104,10 +105,10 @@ def separate(memory: Memory, positions: Rows) -> Judged:
             number[0] += 1
             continue
         here = every(i)
-        if not last or (short[i] and len(last) == 1) or _goes(last[0], here):
+        if not last or (short[i] and len(last) == 1) or _is_reachable(last[0], here):
             last[:1], number[0] = [here], number[0] + 1
             continue
-        goes_on = len(last) > 1 and _goes(last[1], here)
+        goes_on = len(last) > 1 and _is_reachable(last[1], here)
         last[1:], number[1] = [here], number[1] + 1 if goes_on else 1
         if number[0] < _LEAST <= number[1]:
             # what came first was wrong fixes
@@ -117,7 +118,7 @@ def separate(memory: Memory, positions: Rows) -> Judged:
                 f"{place_text(each.longitude, each.latitude)} at {time_text(int(each.time_ns))} (log {each.log:.0f})"
                 for each in last
             )
-            at, words = i, f"one vehicle was not at {one} and at {other}"
+            at, words = i, f"one vehicle cannot have been at {one} and at {other}"
     found = positions.first(
         np.arange(len(positions)) == at,
         PLACES,
@@ -128,19 +129,19 @@ def separate(memory: Memory, positions: Rows) -> Judged:
     return {"last": np.array(last, np.float64), "number": np.array(number)}, found
 
 
-def _goes(start: Place, end: Place) -> bool:
-    """Return whether any vehicle can have come from one position to another."""
+def _is_reachable(start: Place, end: Place) -> bool:
+    """Return whether any vehicle can move from one position to another in the time between them."""
     seconds = abs(start.seconds(end))
     return seconds <= _LONGEST and start.way(end) <= _FAR + _FASTEST * seconds
 
 
 class Passages(NamedTuple):
-    """How often a position of one log came next after one of another.
+    """Passages from positions of one log to those of another.
 
     Attributes:
-        number: How often.
-        beyond: How often it was out of reach.
-        example: The two positions of the last one out of reach.
+        number: Number of passages.
+        beyond: Number of passages out of reach.
+        example: Both positions of the last one out of reach.
     """
 
     number: int = 0
@@ -150,13 +151,13 @@ class Passages(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LogTracks:
-    """The positions of several logs so far.
+    """Tracks of several logs so far.
 
     Attributes:
-        last: The last one, whatever its log; None before the first.
-        fixes: Of each log the measured one from which its speed is taken next.
-        speed: The fastest that any log's fixes show [m/s]; 0 before two of one log.
-        passages: From log to log, by the numbers of both, the smaller first.
+        last: Last position of any log; None before the first.
+        fixes: Fix of each log from which the next speed is computed.
+        speed: Greatest speed between fixes of one log [m/s]; 0 before two fixes.
+        passages: Passages between logs by both numbers, the smaller first.
     """
 
     last: Place | None = None
@@ -165,9 +166,9 @@ class LogTracks:
     passages: Mapping[tuple[int, int], Passages] = field(default_factory=dict)
 
     def after(self, positions: Columns) -> "LogTracks":
-        """Return the tracks after positions, columns ``COLUMNS``; one that a receiver repeats to the last digit says nothing.
+        """Return the tracks after positions, columns ``COLUMNS``; repeated positions are ignored.
 
-        Of a log's positions in a row only the first, the last and those that show its speed are looked at.
+        Only the first, the last and speed-defining positions of a run of one log are used.
         """
         tracks, time, every = self, positions["time"], places(positions)
         ends = np.append(np.flatnonzero(np.diff(positions["input"])) + 1, len(time))
@@ -197,13 +198,13 @@ class LogTracks:
             return tracks
         pair = min(log, last.log), max(log, last.log)
         number, beyond, example = self.passages.get(pair, Passages())
-        if not tracks._reaches(last, here):
+        if not tracks._is_within_reach(last, here):
             beyond, example = beyond + 1, (last, here)
         passages = {**self.passages, pair: Passages(number + 1, beyond, example)}
         return replace(tracks, passages=passages)
 
-    def _reaches(self, start: Place, end: Place) -> bool:
-        """Return whether one vehicle can have gone from one position to another."""
+    def _is_within_reach(self, start: Place, end: Place) -> bool:
+        """Return whether one vehicle can move from one position to another in the time between them."""
         speed = min(self.speed, _FASTEST)
         fastest = min(max(_FASTER * speed, _LEAST_SPEED), _FASTEST) if speed else _FASTEST
         reached = _ERROR + _CLOCK * speed + fastest * abs(start.seconds(end))
@@ -211,9 +212,9 @@ class LogTracks:
 
     @property
     def two_vehicles(self) -> Passages | None:
-        """Passages between the two logs that no one vehicle can have made; None where one can have made all.
+        """Passages between two logs that one vehicle cannot make; None if it can make all.
 
-        Most passages of a log, or of all, must be out of reach: a receiver that is wrong for a time makes few.
+        Most passages of a log, or of all, must be out of reach: a temporary error of a receiver makes few.
         """
         found = list[Passages]()
         # -1 for all logs together: each of many short ones may have few passages

@@ -1,4 +1,4 @@
-"""Checks of profiles: bins above the surface, speeds that are no current's, noise beside its stated error, one shape in other water."""
+"""Checks of profiles: bins above the surface, impossible speeds, noise against stated errors, repeated shapes."""
 
 import math
 from collections.abc import Sequence
@@ -61,7 +61,7 @@ _LEAST_RMS, _MOST_RMS, _PERCENTILE = 0.004, 1.5, 99.9
 
 
 class EnsembleSpeeds(NamedTuple):
-    """How fast the currents of an ensemble are.
+    """Speeds of the currents of an ensemble.
 
     Attributes:
         levels: shape (Z,) [m].
@@ -73,7 +73,7 @@ class EnsembleSpeeds(NamedTuple):
 
 
 def ensemble_speeds(levels: Array, velocity: Values) -> EnsembleSpeeds:
-    """Return the speeds of an ensemble, shape (E, 2, Z, J, I) [m/s], NaN where dry; a dry level has those of the first one."""
+    """Return the speeds of an ensemble, shape (E, 2, Z, J, I) [m/s], NaN where dry; dry levels take those of the first."""
     sums, count = np.zeros(levels.size), np.zeros(levels.size, dtype=np.int64)
     for member in one_by_one(velocity):
         squared = np.square(member).sum(axis=0)
@@ -85,7 +85,7 @@ def ensemble_speeds(levels: Array, velocity: Values) -> EnsembleSpeeds:
 
 
 def odd_ensemble_speeds(velocity: Values) -> str:
-    """Return how the speeds of an ensemble, shape (E, 2, ...) [m/s], cannot be those of currents; empty when they can."""
+    """Return why the speeds of an ensemble, shape (E, 2, ...) [m/s], are impossible; empty if they are not."""
     # of an ensemble larger than memory some members tell as much
     squared = np.square(velocity[:: max(1, velocity.nbytes // IN_MEMORY)]).sum(axis=1)
     squared = squared[np.isfinite(squared)]
@@ -99,19 +99,19 @@ def odd_ensemble_speeds(velocity: Values) -> str:
 
 
 def repairable(pings: Rows) -> Mask:
-    """Return which bins are sound, or bad only in a way that a wrong unit or axis could have made them, shape (n, m)."""
+    """Return the mask of bins that are good, or bad in a way that a wrong unit or axis explains, shape (n, m)."""
     known = every(np.isfinite(pings["velocity"]))
     return np.asarray(known & ((pings["reasons"] & ~np.int32(REPAIRABLE)) == 0))
 
 
 def _scatter(pings: Rows, among: Holds = np.True_) -> tuple[Array, Holds]:
-    """Return the standard deviation of bins by second differences, which leave the current out, shape (n,) [m/s], and which are known.
+    """Return the standard deviation of bins from second differences, which remove the current, shape (n,) [m/s], and their mask.
 
-    Of white noise they have six times its variance.
+    Second differences of white noise have six times its variance.
 
     Args:
-        pings: Of one instrument.
-        among: shape (n, m - 2), of which; infinity where fewer than three of them are known.
+        pings: Pings of one instrument.
+        among: shape (n, m - 2), differences to use; the result is infinite if fewer than three are known.
     """
     size = np.abs(np.diff(pings["velocity"], 2, axis=1))
     known = among & every(np.isfinite(size))
@@ -120,16 +120,15 @@ def _scatter(pings: Rows, among: Holds = np.True_) -> tuple[Array, Holds]:
 
 
 def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
-    """Return that bins are above the surface where no geometry puts them.
+    """Check for bins above the surface that the geometry does not explain.
 
-    An instrument that looks up from less deep than its middle bin is far has bins above the surface, in which it measures echoes. Such a
-    ping speaks against its depths only where those bins scatter no more than water does.
+    A shallow upward-looking instrument measures echoes in bins above the surface. Such a ping contradicts its depths only if those bins
+    scatter no more than water.
 
     Args:
-        memory: ``counts`` (1, 4): pings, those with most bins above the surface, pings whose bins are there by geometry, and those like
-            water.
-        pings: Of one instrument.
-        context: Is not asked.
+        memory: ``counts`` (1, 4): pings, those with most bins above the surface, those explained by geometry, and those like water.
+        pings: Pings of one instrument.
+        context: Ignored.
     """
     velocity, distance, top = pings["velocity"], pings["distance"], pings["transducer_depth"]
     measured = np.isfinite(velocity[..., 0]) & ((pings["reasons"] & Reason.AT_SURFACE) == 0)
@@ -164,13 +163,13 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
 
 
 def speeds(memory: Memory, pings: Rows, context: Context) -> Judged:
-    """Return that the speeds are no current's, or that they contradict the ensemble's; a ping counts by the median of its bins.
+    """Check for speeds that are impossible or contradict the ensemble's, by the median of each ping's bins.
 
     Args:
         memory: ``counts`` (1, 5): absolute pings, those faster than eight times the ensemble, those slower than an eighth of it, those of
-            both that no current explains, and the sum of the logarithms of how many times as fast they are.
-        pings: Of one instrument.
-        context: Has the ensemble's speeds.
+            both that no current explains, and the sum of the log ratios of speed.
+        pings: Pings of one instrument.
+        context: Speeds of the ensemble.
     """
     ensemble = context.ensemble
     if ensemble is None:
@@ -203,19 +202,19 @@ def speeds(memory: Memory, pings: Rows, context: Context) -> Judged:
 
 
 def ensemble_contradicts(evidence: str) -> Finding:
-    """Return the warning that a log and an ensemble do not fit."""
+    """Return the warning that a log and an ensemble are inconsistent."""
     return Finding(ENSEMBLE, 0, evidence, *_OF_ENSEMBLE, "warning")
 
 
 def noise(memory: Memory, pings: Rows, context: Context) -> Judged:
-    """Return that neighbouring bins scatter far more, or less, than their stated errors, in the median of 40 pings.
+    """Check for scatter of neighbouring bins far from their stated errors, by the median of 40 pings.
 
-    Bins whose errors are correlated say nothing. Less scatter than stated harms nothing: it is a warning.
+    Bins with correlated errors are ignored. Less scatter than stated is only a warning.
 
     Args:
-        memory: ``log_ratio`` (40,), logarithm of scatter over stated error of the latest pings that tell.
-        pings: Of one instrument.
-        context: Is not asked.
+        memory: ``log_ratio`` (40,), log ratio of scatter to stated error of the latest informative pings.
+        pings: Pings of one instrument.
+        context: Ignored.
     """
     size, known = _scatter(pings)
     stated = mean_of(pings["error_std"][:, 1:-1], known)
@@ -250,17 +249,17 @@ def noise(memory: Memory, pings: Rows, context: Context) -> Judged:
 
 
 def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
-    """Return that profiles keep one shape while the instrument moves through other water: it repeats itself, with some noise.
+    """Check for profiles that keep one shape, with some noise, while the instrument moves.
 
-    Second differences of eight profiles in a row are correlated by .7 and more, each with those before it 20 m or 1 km away, and what
-    differs between two of them is white along the profile: smooth water is alike, too, but what differs there is smooth.
+    Second differences of eight consecutive profiles, 20 m or 1 km apart, are correlated by at least 0.7, and differences between two are
+    white along the profile. In smooth water such differences are smooth.
 
     Args:
-        memory: ``profile`` (2, m, k), the last two that were compared; ``place`` (1, 3), depth [m], longitude and latitude of the last one;
-            of the latest comparisons ``times`` (30,) [ns] and ``products`` (30, 6), second differences of one times itself and the other,
-            and of the other times the one and itself, their mean square of what differs between both, and its variance.
-        pings: Of one instrument; stuck cells are left out.
-        context: Is not asked.
+        memory: ``profile`` (2, m, k), the last two compared; ``place`` (1, 3), depth [m], longitude and latitude of the last; of the latest
+            comparisons ``times`` (30,) [ns] and ``products`` (30, 6), the four products of second differences, the mean square of their
+            difference, and its variance.
+        pings: Pings of one instrument; stuck cells are excluded.
+        context: Ignored.
     """
     known = every(np.isfinite(pings["raw"][..., :2])).sum(axis=1)
     pings = pings.take((pings["bins"] >= LEAST_CELLS) & (known >= LEAST_CELLS))
@@ -307,7 +306,7 @@ def one_shape(memory: Memory, pings: Rows, context: Context) -> Judged:
 
 
 def _in_other_water(one: Sequence[float], other: Sequence[float]) -> bool:
-    """Return whether a place, its depth, longitude and latitude, is 20 m deeper or less deep than another, or 1 km away."""
+    """Return whether two positions, depth, longitude and latitude, are 20 m apart in depth or 1 km horizontally."""
     depth, longitude, latitude = (other[0] - one[0], other[1] - one[1], other[2] - one[2])
     if depth >= _OTHER_DEPTH or depth <= -_OTHER_DEPTH:
         return True

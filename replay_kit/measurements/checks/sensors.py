@@ -1,17 +1,16 @@
-"""The instrument's own depth and heading against the vehicle's: a wrong unit, a sensor that is stuck, a clock that is late.
+"""Checks of an instrument's depth and heading against the vehicle's: wrong unit, stuck sensor, late clock.
 
-The instrument's depths p at the times t of its pings, and the vehicle's D, interpolated between its positions, are one depth but for a
-small offset. Each unit, p = s D(t), and each lag, p = D(t - lag), leaves residuals whose mean square Q, with a variance that is not
-known, gives the log-likelihood ratio
+The instrument's depths p at the times t of its pings equal the vehicle's D, interpolated between its positions, up to a small offset. Each
+unit, p = s D(t), and each lag, p = D(t - lag), has residuals whose mean square Q, with unknown variance, gives the log-likelihood ratio
 
     (n / 2) ln[(Q of equality + floor) / (Q of the hypothesis + floor)],
 
-n being half the number of pings, 32 at most, as neighbouring residuals are alike. About the turns of the vehicle, where the depth between
-two positions is not known, nothing is compared. A vehicle that dives alike again and again has many lags that fit: the least is given.
+with n half the number of pings, at most 32, as neighbouring residuals are correlated. Turns of the vehicle, with unknown depth between two
+positions, are excluded. Of several lags that fit repeated dives the least is given.
 
-A vehicle that moves heads along its course but for a constant turn. With headings h and courses c(t) between its positions, the mean of
-exp(i (h - c(t - lag))) has a length of 1 where the lag is right; what it lacks counts as the mean square of what a lag leaves. A vehicle
-that holds its course, or drifts, says nothing.
+A moving vehicle heads along its course up to a constant angle. With headings h and courses c(t) between its positions, the mean of exp(i (h
+- c(t - lag))) has length 1 for the right lag; the deficit is the mean square of the residuals. A vehicle on constant course or adrift gives
+no result.
 """
 
 import math
@@ -63,46 +62,46 @@ Columns = Memory | Rows
 
 
 def of_vehicle(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Rows]:
-    """Return what is remembered of the depths and places of the vehicle, their columns; no finding; and those of a day and new ones."""
+    """Return the new memory of the vehicle's depths and positions, no finding, and their rows of the last day."""
     names = "time", "depth", "dead_reckoned", "longitude", "latitude"
     rows, after = history(memory, positions, names, _SPACING, _MOST_OF_VEHICLE)
     return after, [], rows
 
 
 def of_sensors(memory: Memory, pings: Rows, context: Context) -> Judged:
-    """Return what an instrument's depths establish beside the vehicle's, or of a vehicle that does not dive its headings.
+    """Check an instrument's depths, or without dives its headings, against the vehicle's.
 
     Args:
-        memory: ``time`` [ns], ``pressure_depth`` [m] and ``heading`` [degrees] of the latest pings that state either, up to 256, and
-            ``number``, how many there have been with each.
-        pings: Of one instrument.
-        context: Has the vehicle's depths and places.
+        memory: ``time`` [ns], ``pressure_depth`` [m] and ``heading`` [degrees] of the latest pings that state either, up to 256, and their
+            ``number`` so far.
+        pings: Pings of one instrument.
+        context: Depths and positions of the vehicle.
     """
     known = np.isfinite(pings["pressure_depth"]) | np.isfinite(pings["heading"])
     names = "time", "pressure_depth", "heading"
     own, after = history(memory, pings.take(known), names, _SPACING, _MOST_OF_PINGS)
     for event in own.due(_EVERY) if _EXPLAINED.isdisjoint(context.known) else ():
         both = own.until(event, _MOST_OF_PINGS), context.vehicle.until(event, _MOST_OF_VEHICLE)
-        found = (_of_depths if _can_compare(*both) else _of_headings)(*both)
+        found = (_depth_finding if _can_compare(*both) else _heading_finding)(*both)
         if found is not None:
             return after, [Found(event, found, _EXPLAINED)]
     return after, []
 
 
-def _known(rows: Columns, name: str) -> tuple[Array, Array]:
-    """Return times since 1970 [s] and values of a column, where these are known."""
+def _known_values(rows: Columns, name: str) -> tuple[Array, Array]:
+    """Return times since 1970 [s] and known values of a column."""
     known = np.isfinite(rows[name])
     return rows["time"][known] * 1e-9, rows[name][known]
 
 
 def _can_compare(own: Columns, vehicle: Columns) -> bool:
-    """Return whether a log has both depths, and one of them changes by as much as a dive."""
-    both = _known(own, "pressure_depth")[1], _known(vehicle, "depth")[1]
+    """Return whether a log has both depths, one of which varies as in a dive."""
+    both = _known_values(own, "pressure_depth")[1], _known_values(vehicle, "depth")[1]
     return min(map(len, both)) >= _LEAST and bool(max(map(np.ptp, both)) >= _DIVES)
 
 
 def _gain(none: Misfit, other: Misfit, floor: float, scale: float = 1.0) -> float:
-    """Return the log-likelihood ratio of misfits; the numbers of values may differ, and errors be those of values in another scale."""
+    """Return the log-likelihood ratio of misfits, also for different numbers of values or a scale of their errors."""
     n = min(none[1], other[1], 2.0 * _COUNTED) / 2.0
     return n * (0.5 * math.log((none[0] + floor) / (other[0] + floor)) - math.log(scale))
 
@@ -110,12 +109,12 @@ def _gain(none: Misfit, other: Misfit, floor: float, scale: float = 1.0) -> floa
 def _best_lag(
     misfit: Callable[[float], Misfit], least: float, slack: Callable[[float], float]
 ) -> float:
-    """Return the least of the lags that explain values about as well as any [s]; NaN where none can be judged.
+    """Return the least lag that fits about as well as the best [s]; NaN if no lag can be tested.
 
     Args:
-        misfit: Of a lag.
-        least: Number of values that must be compared.
-        slack: Up to which misfit a lag is as good as the best one, of that one's.
+        misfit: Returns the misfit of a lag.
+        least: Least number of compared values.
+        slack: Returns the largest equivalent misfit for the best misfit.
     """
     each = [(lag, *misfit(lag)) for lag in _LAGS.tolist()]
     known = [(lag, left) for lag, left, number in each if number >= least]
@@ -124,9 +123,9 @@ def _best_lag(
     return min(fits, key=lambda lag: (abs(lag), lag), default=math.nan)
 
 
-def _of_depths(own: Rows, vehicle: Rows) -> Finding | None:
-    """Return that one of two depths is stuck, or that the instrument's are in another unit, or late."""
-    (t, p), (times, depths) = _known(own, "pressure_depth"), _known(vehicle, "depth")
+def _depth_finding(own: Rows, vehicle: Rows) -> Finding | None:
+    """Return the finding that a depth is stuck, or the instrument's are in another unit or late."""
+    (t, p), (times, depths) = _known_values(own, "pressure_depth"), _known_values(vehicle, "depth")
     time_ns = int(t[-1] * 1e9)
     reckoned = vehicle["dead_reckoned"][np.isfinite(vehicle["depth"])] & (times >= t[0])
     known = reckoned & (times <= t[-1])
@@ -171,7 +170,9 @@ def _of_depths(own: Rows, vehicle: Rows) -> Finding | None:
         best = max(best, (_gain(none, unit, floor, max(scale, 1.0)), unit[0], scale, cause))
     gain, left, scale, cause = best
     if abs(lag) >= least and _gain(none, late, floor) > gain:
-        return _late(f"{own.topic}: the depths of the pings", time_ns, lag, none, late, floor)
+        return _lag_finding(
+            f"{own.topic}: the depths of the pings", time_ns, lag, none, late, floor
+        )
     if gain < LEAST_GAIN or none[0] < _RATIO * left:
         return None
     return Finding(
@@ -183,18 +184,18 @@ def _of_depths(own: Rows, vehicle: Rows) -> Finding | None:
     )
 
 
-def _late(
+def _lag_finding(
     what: str, time_ns: int, lag: float, none: Misfit, late: Misfit, floor: float
 ) -> Finding | None:
-    """Return that depths or headings are those of the vehicle some time before, if that explains them much better than equality.
+    """Return the finding of late depths or headings, if a lag explains them much better than equality.
 
     Args:
-        what: Of the pings.
-        time_ns: Of the last one.
-        lag: By how much the clock is ahead [s].
-        none: What no lag leaves.
-        late: What the lag leaves.
-        floor: Mean square error of sound sensors.
+        what: Quantity of the pings.
+        time_ns: Time of the last ping [ns, UTC].
+        lag: Lag of the clock [s].
+        none: Misfit without a lag.
+        late: Misfit with the lag.
+        floor: Mean square error of working sensors.
     """
     gain, size = _gain(none, late, floor), abs(lag)
     if not (gain >= LEAST_GAIN and none[0] >= _RATIO * late[0]):
@@ -204,14 +205,14 @@ def _late(
         CLOCK,
         time_ns,
         f"{what} are those of the vehicle {apart} {'earlier' if lag > 0.0 else 'later'} ({late[1]:.0f} pings, "
-        f"likelihood ratio e^{gain:.0f}; a vehicle that does alike again leaves other lags possible)",
+        f"likelihood ratio e^{gain:.0f}; repeated dives leave other lags possible)",
         f"the clock of the instrument is {apart} {'late' if lag < 0.0 else 'ahead'}, or that of the vehicle the other way",
         "correct the clock of one log; --clock chooses among the times that a log states",
     )
 
 
 def _depth_at(t: Array, times: Array, depths: Array) -> Array:
-    """Return the vehicle's depths at some times [m]; NaN beyond its positions, between those far apart, and about its turns."""
+    """Return the vehicle's depths at some times [m]; NaN outside its positions, in long gaps and near turns."""
     after = np.clip(np.searchsorted(times, t), 1, len(times) - 1)
     rate = np.pad(np.diff(depths) / np.maximum(np.diff(times), 1e-3), 1, "edge")
     leg = rate[after]
@@ -222,7 +223,7 @@ def _depth_at(t: Array, times: Array, depths: Array) -> Array:
 
 
 def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, float]:
-    """Return by how much the times are late by the depths' slopes, and the least lag that differs from none [s]: inf without slopes."""
+    """Return the lag from the slopes of the depths, and the least detectable lag [s]: inf without slopes."""
     d, later = _depth_at(t, times, depths), _depth_at(t + 1.0, times, depths)
     known = np.isfinite(d) & np.isfinite(later)
     slope, left = (later - d)[known], (p - d)[known]
@@ -234,9 +235,9 @@ def _lag_step(t: Array, p: Array, times: Array, depths: Array) -> tuple[float, f
     return float(slope @ left) / squares, max(_LEAST_LAG, _SIGMAS * error)
 
 
-def _of_headings(own: Rows, vehicle: Rows) -> Finding | None:
-    """Return that the instrument's clock is late, if that explains its headings much better than none."""
-    t, degrees = _known(own, "heading")
+def _heading_finding(own: Rows, vehicle: Rows) -> Finding | None:
+    """Return the finding of a late clock, if it explains the headings much better than none."""
+    t, degrees = _known_values(own, "heading")
     # a constant turn is free
     heading, course = np.exp(-1j * np.radians(degrees)), _course_of(vehicle)
 
@@ -248,21 +249,21 @@ def _of_headings(own: Rows, vehicle: Rows) -> Finding | None:
         return None
     lag = _best_lag(misfit, 0.5 * t.size, lambda least: least + 0.1 * _HEADING_ERROR)
     what, time_ns = f"{own.topic}: the headings of the pings", int(t[-1] * 1e9)
-    return _late(what, time_ns, lag, none, misfit(lag), _HEADING_ERROR)
+    return _lag_finding(what, time_ns, lag, none, misfit(lag), _HEADING_ERROR)
 
 
 def least_lag(own: Memory, vehicle: Memory) -> float:
-    """Return the least lag of an instrument's clock that its depths or headings would show [s]; inf where they show none.
+    """Return the least detectable lag of an instrument's clock by depths or headings [s]; inf without any.
 
     Args:
-        own: Depths and headings of the instrument, as remembered.
-        vehicle: Depths and places of the vehicle, as remembered.
+        own: Remembered depths and headings of the instrument.
+        vehicle: Remembered depths and positions of the vehicle.
     """
     found = list[float]()
     if _can_compare(own, vehicle):
-        depths = *_known(own, "pressure_depth"), *_known(vehicle, "depth")
+        depths = *_known_values(own, "pressure_depth"), *_known_values(vehicle, "depth")
         found.append(_lag_step(*depths)[1])
-    (t, _), course = _known(own, "heading"), _course_of(vehicle)
+    (t, _), course = _known_values(own, "heading"), _course_of(vehicle)
     for lag in _ASKED.tolist():
         none = _turns(course(t), course(t - lag))
         if _gain(none, (0.0, none[1]), _HEADING_ERROR) >= LEAST_GAIN:
@@ -271,7 +272,7 @@ def least_lag(own: Memory, vehicle: Memory) -> float:
 
 
 def _course_of(vehicle: Columns) -> Callable[[Array], Complex]:
-    """Return a function of times that gives the direction of the vehicle's way; 0 where it hardly moves or that is not known."""
+    """Return a function that returns the vehicle's course at times; 0 where it hardly moves or is unknown."""
     times, (way, seconds) = vehicle["time"] * 1e-9, steps(vehicle)
     if len(times) < _LEAST:
         return lambda t: np.zeros(len(t), np.complex128)
@@ -282,7 +283,7 @@ def _course_of(vehicle: Columns) -> Callable[[Array], Complex]:
 
 
 def _turns(heading: Complex, course: Complex) -> Misfit:
-    """Return the mean square of what headings and courses differ in, less a constant turn, and their number; NaN where few turn."""
+    """Return the mean square difference of headings and courses, less a constant angle, and their number; NaN if few turn."""
     known = (course != 0.0) & (heading != 0.0)
     if known.sum() < _LEAST or abs(course[known].mean()) > 1.0 - _TURNS:
         return _UNKNOWN

@@ -1,6 +1,6 @@
-"""Slips of whoever writes velocities: of axes, signs, units and the declination; and how each is undone.
+"""Errors of axes, signs, units and declination in logged velocities; and their correction.
 
-Every fault turns true velocities into those logged; ``undo`` is its inverse.
+Every fault maps true velocities to logged ones; ``undo`` is its inverse.
 """
 
 import math
@@ -45,10 +45,10 @@ _DECLINATION = (
 
 
 class Slip(NamedTuple):
-    """What velocities are instead of the true ones.
+    """Linear error of logged velocities.
 
     Attributes:
-        name: In words.
+        name: Description.
         matrix: M, shape (2, 2), with true = M logged.
     """
 
@@ -57,7 +57,7 @@ class Slip(NamedTuple):
 
 
 def slips() -> tuple[Slip, ...]:
-    """Return the slips of axes and signs, and of units in which velocities are too fast."""
+    """Return the errors of axes and signs, and of units that are too fast."""
     scales = {f"in {name}": factor for name, factor in UNITS.items()}
     scales |= {f"{factor:g} times too fast": factor for factor in _OTHERS}
     return (
@@ -68,19 +68,24 @@ def slips() -> tuple[Slip, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sounding:
-    """A profile as it was read, and the declination that its message states [degrees east]; NaN when it does not say."""
+    """Profile with the declination that its message states.
+
+    Attributes:
+        observation: Profile as read.
+        declination: Magnetic declination [degrees east]; NaN if not stated.
+    """
 
     observation: Observation
     declination: float
 
 
 class Fault(NamedTuple):
-    """One way in which a log can be wrong.
+    """Possible fault of a log.
 
     Attributes:
-        name: A few words that tell it from the others.
-        advice: What a person should look at.
-        undo: The profile as it would be without the fault.
+        name: Short unique description.
+        advice: What to check.
+        undo: Returns the profile without the fault.
     """
 
     name: str
@@ -89,7 +94,7 @@ class Fault(NamedTuple):
 
 
 def declination_of(message: Message) -> float:
-    """Return the magnetic declination [degrees east] that a ping states; NaN for any other message, and for a malformed one."""
+    """Return the magnetic declination [degrees east] in a ping; NaN for other or malformed messages."""
     if message.schema == SCHEMA:
         return declination_in(message.payload)
     held = message.payload if isinstance(message.payload, Mapping) else {}
@@ -97,10 +102,10 @@ def declination_of(message: Message) -> float:
 
 
 def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
-    """Return the faults that leave speeds as they are: axes, signs, and the declination where the log states one.
+    """Return the faults that keep speeds: axes, signs, and the declination if stated.
 
     Args:
-        soundings: The log's profiles.
+        soundings: Profiles of the log.
     """
     faults = [
         Fault(name, advice, partial(_mapped, np.reshape(matrix, (2, 2))))
@@ -109,7 +114,7 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
     stated = [abs(one.declination) for one in soundings if math.isfinite(one.declination)]
     if stated and float(np.median(stated)) >= _LEAST_DECLINATION:
         faults += [
-            Fault(f"the declination was {what}", advice, partial(_turned, turns))
+            Fault(f"the declination was {what}", advice, partial(_rotated, turns))
             for what, advice, turns in _DECLINATION
         ]
     return faults
@@ -119,8 +124,8 @@ def _mapped(matrix: Array, sounding: Sounding) -> Observation:
     return replace(sounding.observation, velocity=sounding.observation.velocity @ matrix.T)
 
 
-def _turned(turns: float, sounding: Sounding) -> Observation:
-    """Return a profile turned clockwise, from magnetic to true axes, by the declination; by none where it is not stated."""
+def _rotated(turns: float, sounding: Sounding) -> Observation:
+    """Return a profile rotated clockwise from magnetic to true axes by the declination, if stated."""
     angle = math.radians(turns * np.nan_to_num(sounding.declination))
     cosine, sine = math.cos(angle), math.sin(angle)
     return _mapped(np.array([[cosine, sine], [-sine, cosine]]), sounding)

@@ -1,1 +1,1 @@
-"""A vehicle's own density along its way: the geostrophic shear of the current across a line of profiles."""
+"""Geostrophic shear of the current across a line of profiles from the vehicle's own density."""

@@ -1,6 +1,6 @@
-"""Samples of a CTD to the profiles of a dive, means over layers and legs down and up; and faults that would be taken for currents.
+"""CTD samples of a dive as profiles, layer means and casts; and faults that would appear as currents.
 
-Wrong units, a lag, a fouled cell: each is named, and what it spoils is not used.
+Wrong units, a lag, a fouled cell: each is reported, and affected data are not used.
 """
 
 import itertools
@@ -25,11 +25,11 @@ _GAP, _MS_CM = 1800.0, 10.0
 
 
 def layers_of(samples: Columns) -> Array:
-    """Return means of samples over layers of depth, layer after layer as passed.
+    """Return means of samples over depth layers in the order of passage.
 
     Args:
-        samples: ``time`` [ns, UTC], ``fix``, that of the last position [ns, UTC], long ago where it is dead-reckoned, and ``values``, shape
-            (n, 7): its longitude and latitude [degrees], depth [m], temperature [degrees C], salinity, conductivity [S/m], pressure [dbar].
+        samples: ``time`` [ns, UTC], ``fix``, time of the last position [ns, UTC], long ago if dead-reckoned, and ``values``, shape (n, 7):
+            its longitude and latitude [degrees], depth [m], temperature [degrees C], salinity, conductivity [S/m], pressure [dbar].
 
     Returns:
         shape (l, 8), time since the first sample [s], and means of the values.
@@ -43,13 +43,13 @@ def layers_of(samples: Columns) -> Array:
 def profiles_of(
     samples: Columns, layers: Array, end: Spot | None, surface_depth: float
 ) -> list[Profile]:
-    """Return the profile of each leg of a dive; salinity is computed from conductivity where none is stated.
+    """Return the profile of each cast of a dive; missing salinity is computed from conductivity.
 
     Args:
-        samples: As of ``layers_of``.
-        layers: Their means over layers.
-        end: The fix after the dive, to which places are moved linearly in time from the fix before it; None leaves them.
-        surface_depth: [m], shallower than this the vehicle is at the surface.
+        samples: See ``layers_of``.
+        layers: Means over layers.
+        end: Fix after the dive, to which positions are adjusted linearly in time; None for no adjustment.
+        surface_depth: Depth above which the vehicle is at the surface [m].
     """
     first, start = samples["time"][0], samples["fix"][0]
     time, longitude, latitude, depth, temperature, salinity, conductivity, pressure = layers.T
@@ -76,7 +76,7 @@ _SPIKE = 0.05
 
 
 def without_spikes(profile: Profile) -> tuple[Profile, float]:
-    """Return a profile without salinity that stands out of its neighbours, and the share of its samples that does."""
+    """Return a profile without salinity spikes, and the fraction of its samples removed."""
     salinity = profile.salinity
     padded = np.pad(salinity, 2, mode="edge")
     near = np.lib.stride_tricks.sliding_window_view(padded, 5)
@@ -100,18 +100,18 @@ _FOULED, _SAME_WATER, _DEEP = 0.15, 0.5, 0.1
 LAG = "salinity spikes of the legs down and up: the lag of the cell is not corrected"
 
 
-def _middle(values: Array) -> float:
+def _known_median(values: Array) -> float:
     """Return the median of the known values; NaN without any."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else np.nan
 
 
 def fault_of_units(layers: Array, profiles: Sequence[Profile]) -> str:
-    """Return which unit is not that stated, in words; empty where all may be."""
+    """Return the wrong stated unit as text; empty if none is wrong."""
     depth, conductivity, pressure = layers[:, [3, 6, 7]].T
-    if _middle(conductivity) > _MOST_CONDUCTIVITY:
+    if _known_median(conductivity) > _MOST_CONDUCTIVITY:
         return f"conductivity above {_MOST_CONDUCTIVITY:g} S/m: it looks like mS/cm"
-    ratio = _middle((pressure / depth)[depth > 20.0])
+    ratio = _known_median((pressure / depth)[depth > 20.0])
     if ratio <= _SAME_DEPTH[0] or ratio >= _SAME_DEPTH[1]:
         bar = "; it looks like bar" if 0.08 < ratio < 0.125 else ""
         return f"pressure [dbar] that is not the vehicle's depth{bar}"
@@ -136,11 +136,11 @@ def fault_of_units(layers: Array, profiles: Sequence[Profile]) -> str:
 
 
 def has_lag(profiles: Sequence[Profile], spiky: Sequence[float]) -> bool:
-    """Return whether the salinity of legs down and up differs as a lagging cell makes it.
+    """Return whether the salinity of descents and ascents differs as for a lagging cell.
 
     Args:
-        profiles: Of a dive, in order.
-        spiky: Share of each one's salinity that stands out.
+        profiles: Profiles of a dive, in order.
+        spiky: Fraction of salinity spikes in each.
     """
     if np.mean(spiky) > _MANY_SPIKES:
         return True
@@ -161,7 +161,7 @@ def has_lag(profiles: Sequence[Profile], spiky: Sequence[float]) -> bool:
 
 
 def is_fouled(profiles: Sequence[Profile]) -> bool:
-    """Return whether deep salinity drifts along a line as no water does whose temperature stays."""
+    """Return whether deep salinity drifts along a line at constant temperature."""
     at = (1.0 - _DEEP) * np.median([each.depth.max() for each in profiles])
     found = []
     for each in profiles:

@@ -1,8 +1,7 @@
-"""Dives along a line to measurements of the geostrophic shear across it, as soon as the line is long enough: online as afterwards.
+"""Geostrophic shear across lines of dives, measured as soon as a line is long enough.
 
-Windows of a line have no profile in common, so that no dive counts twice; the statistics of waves are those of the window and of the one
-before it. The shear is relative to an unknown current: the mean over its depths is left to mean currents of dives, whose errors are
-others'.
+Windows of a line share no profile, so that no dive counts twice; wave statistics are from a window and the previous one. The shear is
+relative to an unknown current: its depth mean is left to the DACs, whose errors are independent.
 """
 
 from collections.abc import Sequence
@@ -52,7 +51,7 @@ _NO_SAMPLES: Columns = {
 
 
 class Dive(NamedTuple):
-    """A dive of a line: its first message, number of messages, profiles, and whether its legs differ as a lagging cell makes them."""
+    """Dive of a line: first message, number of messages, profiles, and whether the conductivity cell lags."""
 
     source: Source
     messages: int
@@ -61,12 +60,12 @@ class Dive(NamedTuple):
 
 
 class SectionLine(NamedTuple):
-    """What is remembered of a CTD.
+    """State of a CTD between blocks.
 
     Attributes:
-        samples: Since the last surfacing: as of ``casts.layers_of``, with their messages and places in the stream; empty without.
-        dives: Of the line so far, that are in no window.
-        earlier: Profiles of the window before, if the line goes on from it.
+        samples: Samples since the last surfacing, as in ``casts.layers_of``, with messages and positions in the stream.
+        dives: Dives of the line so far that are in no window.
+        earlier: Profiles of the previous window of the line, if any.
     """
 
     samples: Columns = _NO_SAMPLES
@@ -75,20 +74,20 @@ class SectionLine(NamedTuple):
 
     @property
     def profiles(self) -> tuple[Profile, ...]:
-        """Of the line so far."""
+        """Profiles of the line so far."""
         return sum((dive.profiles for dive in self.dives), ())
 
 
 def of_ctd(
     line: SectionLine, tables: Sequence[Table], surfacings: Integers, step: Step
 ) -> tuple[SectionLine, Found]:
-    """Return what is remembered after a block, and the shears that it completes.
+    """Return the state after a block, and the completed shears.
 
     Args:
-        line: What was before.
-        tables: Of the samples.
-        surfacings: Places in the stream of positions at the surface.
-        step: The block.
+        line: State before the block.
+        tables: Tables of samples.
+        surfacings: Positions in the stream of surfacings.
+        step: Block.
     """
     found, samples = Found(), in_order(line.samples, *(_samples(one, step) for one in tables))
     time, order = samples["time"], np.append(samples["order"], NEVER)
@@ -105,11 +104,11 @@ def of_ctd(
         line = _after_dive(line, own, int(min(due, surfaced)), int(fix), step, found)
     else:
         line = line._replace(samples=_NO_SAMPLES)
-    return (_closed(line, NEVER, step, found) if step.last and line.dives else line), found
+    return (_close_line(line, NEVER, step, found) if step.last and line.dives else line), found
 
 
 def _samples(table: Table, step: Step) -> Columns:
-    """Return the samples of a table that count, as of ``SectionLine``, and note the others."""
+    """Return the usable samples of a table, as in ``SectionLine``, and note the others."""
     before = as_of(table.order, step.positions["order"])
     time, *places = beside(step.positions, before)
     depth = table["depth"]
@@ -136,7 +135,7 @@ def _samples(table: Table, step: Step) -> Columns:
 def _after_dive(
     line: SectionLine, samples: Columns, due: int, fix: int, step: Step, found: Found
 ) -> SectionLine:
-    """Return the line after a dive that ends at a place in the stream, with the fix of a number after it: it becomes longer, or ends."""
+    """Return the line after a dive that ends at a position in the stream, extended or closed; ``fix`` is the row of its fix."""
     source = Source(*(samples[name].item(0) for name in list(samples)[:4]))
     layers, n, end = layers_of(samples), len(samples["time"]), None
     if fix >= 0 and not step.positions["dead_reckoned"][fix]:
@@ -158,10 +157,10 @@ def _after_dive(
     if section is None and len(longer.profiles) >= _LEAST_PROFILES:
         # it turned here, or came into other water
         if line.dives:
-            _closed(line, due, step, found)
+            _close_line(line, due, step, found)
         return SectionLine(dives=(dive,))
     if section is not None and _radii(section) >= COMPLETE:
-        return _closed(longer, due, step, found)
+        return _close_line(longer, due, step, found)
     return longer
 
 
@@ -170,8 +169,8 @@ def _radii(section: Section) -> float:
     return float(np.ptp(section.along)) / radius_of(section)
 
 
-def _closed(line: SectionLine, due: int, step: Step, found: Found) -> SectionLine:
-    """End a line as it is: its shear is measured, or the reason noted why not."""
+def _close_line(line: SectionLine, due: int, step: Step, found: Found) -> SectionLine:
+    """Close a line: measure its shear, or note the reason for exclusion."""
     profiles, dives, reason = line.profiles, line.dives, ""
     section = section_of(profiles)
     if section is not None and section.is_mixed:
@@ -192,14 +191,16 @@ def _closed(line: SectionLine, due: int, step: Step, found: Found) -> SectionLin
         whole = section_of(line.earlier + profiles)
         whole = section if whole is None or whole.is_mixed else whole
         if not reason:
-            found.append((due, _measured(whole, profiles[0], label, step)))
+            found.append((due, _shear_measurement(whole, profiles[0], label, step)))
     for dive in dives:
         step.add(np.full(dive.messages, due), step.topic(dive.source.topic), reason)
     return SectionLine(earlier=profiles)
 
 
-def _measured(section: Section, first: Profile, label: Label, step: Step) -> LinearMeasurement:
-    """Return the shear of a line from a profile on, of the component across it, relative to an unknown current, at some levels."""
+def _shear_measurement(
+    section: Section, first: Profile, label: Label, step: Step
+) -> LinearMeasurement:
+    """Return the shear across a line from a profile on, relative to an unknown current, at some levels."""
     begun_s = (int(first.time_ns.mean()) - section.time_ns) * 1e-9
     part = np.flatnonzero(section.time >= begun_s - 1.0)
     shear = shear_of(section, step.config.regional_speed or _SPEED, part)

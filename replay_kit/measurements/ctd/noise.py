@@ -1,8 +1,8 @@
-"""Internal waves and mesoscale signal in profiles of geopotential, fitted to a line by their likelihood.
+"""Internal waves and mesoscale signal in geopotential profiles, fitted to a line by likelihood.
 
 Each vertical mode k of the geopotential has the covariance s2 (R + q K) between profiles: R of internal waves and the semidiurnal tide in
-time, K of the signal in place and time. No single fit is trusted: covariances are averaged over their posterior on a grid of settings. The
-waves of all modes have one level over Garrett and Munk's, from which a mode differs by as much as all of them show.
+time, K of the signal in space and time. Covariances are averaged over their posterior on a grid of settings. The waves of all modes have a
+common level relative to Garrett and Munk's, with a spread between modes that is estimated too.
 """
 
 from itertools import product
@@ -39,7 +39,7 @@ _NO_WAVES = 1e-9
 
 
 def near(away: Array, later: Array, length: float, lasting: float) -> Array:
-    """Return the correlation of the signal between places and times so far apart [m, s], by its length [m] and time [s]."""
+    """Return the correlation of the signal for separations in space and time [m, s], with length [m] and time [s] scales."""
     return np.exp(-0.5 * (away / length) ** 2 - 0.5 * (later / lasting) ** 2)
 
 
@@ -48,11 +48,11 @@ class Statistics(NamedTuple):
 
     Attributes:
         modes: shape (Z, k), orthonormal vertical modes.
-        noise: shape (k, n, n) [m4/s4], of each mode between profiles, averaged over the posterior.
-        lengths: shape (l,) [m], of the signal as of ``near``.
-        lasting: shape (l,) [s], its times.
-        signal: shape (l, k) [m4/s4], its variance in each mode's geopotential times the posterior probability of the length.
-        outside: [m4/s4], variance of the geopotential outside the modes, of a profile and level.
+        noise: shape (k, n, n) [m4/s4], noise covariance of each mode between profiles, averaged over the posterior.
+        lengths: shape (l,) [m], length scales of the signal, see ``near``.
+        lasting: shape (l,) [s], its time scales.
+        signal: shape (l, k) [m4/s4], its variance in each mode times the posterior probability of the length.
+        outside: [m4/s4], variance outside the modes of a profile at a level.
     """
 
     modes: Array
@@ -64,15 +64,15 @@ class Statistics(NamedTuple):
 
 
 def garrett_munk(levels: Array, n2: Array, to_geopotential: Array) -> Array:
-    """Return the covariance of the geopotential by internal waves as Garrett and Munk describe them, shape (Z, Z) [m4/s4].
+    """Return the covariance of the geopotential by Garrett and Munk's internal waves, shape (Z, Z) [m4/s4].
 
     Args:
         levels: shape (Z,) [m].
-        n2: shape (Z,) [1/s2].
+        n2: shape (Z,) [1/s2], squared buoyancy frequency.
         to_geopotential: shape (Z, Z), from anomalies of specific volume to geopotential without its depth mean.
 
-    Source: Garrett and Munk (1975), modes after Wentzel, Kramers and Brillouin with weights 1/(j^2 + 9), displacements of 7.3 m at
-    5.2e-3 1/s.
+    Source: Garrett and Munk (1975), modes after Wentzel, Kramers and Brillouin with weights 1/(j^2 + 9), displacements of 7.3 m at 5.2e-3
+    1/s.
     """
     n = np.sqrt(n2)
     stretched = cumulative_trapezoid(n, levels, initial=0.0)
@@ -92,14 +92,14 @@ def garrett_munk(levels: Array, n2: Array, to_geopotential: Array) -> Array:
 def fit(
     section: Section, geopotential: Array, waves: Array, radius: float, speed: float
 ) -> Statistics:
-    """Return the statistics of a line, averaged over the posterior of their settings.
+    """Return the statistics of a line, averaged over the posterior of the settings.
 
     Args:
-        section: The line.
+        section: Line of profiles.
         geopotential: shape (n, Z) [m2/s2], of the profiles.
-        waves: shape (Z, Z) [m4/s4], covariance of internal waves as Garrett and Munk describe them.
+        waves: shape (Z, Z) [m4/s4], covariance of Garrett and Munk's internal waves.
         radius: First baroclinic Rossby radius [m].
-        speed: Rms speed of the region's currents over the levels [m/s].
+        speed: RMS speed of the region's currents over the levels [m/s].
     """
     along, time, f = section.along, section.time, abs(section.coriolis)
     free, z, trend = along.size - 2, geopotential.shape[1], trend_of(along)
@@ -140,15 +140,15 @@ def fit(
 
 
 def _variances(misfit: Array, known: Array, to_flow: Array, usual: Array, free: int) -> Array:
-    """Return the mean variance of the waves in each mode times the probability of each setting, shape (..., k).
+    """Return the mean wave variance of each mode times the probability of each setting, shape (..., k).
 
-    A mode's variance has an inverse-gamma prior about a common level of the waves times ``usual``; how many counts it has, and the level,
-    are what all modes together make likely: a few profiles do not tell of one mode what all of them tell.
+    A mode's variance has an inverse-gamma prior about a common wave level times ``usual``; its degrees of freedom and the level are
+    estimated from all modes, as few profiles do not determine a single mode.
 
     Args:
-        misfit: shape (..., k), of each setting and mode, as of ``_misfit``.
-        known: shape (..., 1), log prior weight of each setting, with half the log determinant taken off.
-        to_flow: shape (..., k), takes the square root of a variance to the speed of the signal in units of what is usual.
+        misfit: shape (..., k), see ``_misfit``, by setting and mode.
+        known: shape (..., 1), log prior weight of each setting less half the log determinant.
+        to_flow: shape (..., k), factor from the root of a variance to the signal's speed relative to the usual one.
         usual: shape (k,), variance of the waves at level 1.
         free: Degrees of freedom of a mode's values.
     """
@@ -166,14 +166,14 @@ def _variances(misfit: Array, known: Array, to_flow: Array, usual: Array, free: 
 
 
 def rossby_radius(levels: Array, n2: Array, coriolis: float) -> float:
-    """Return the first baroclinic Rossby radius [m], by the approximation of Wentzel, Kramers and Brillouin.
+    """Return the first baroclinic Rossby radius [m] in the WKB approximation.
 
-    The stratification is constant above the levels and falls off below them over 1300 m.
+    The stratification is constant above the levels and decays below them over 1300 m.
 
     Args:
         levels: shape (Z,) [m].
-        n2: shape (Z,) [1/s2].
-        coriolis: [1/s].
+        n2: shape (Z,) [1/s2], squared buoyancy frequency.
+        coriolis: Coriolis parameter [1/s].
 
     Source: Chelton et al. (1998), equation 2.2.
     """
@@ -184,7 +184,7 @@ def rossby_radius(levels: Array, n2: Array, coriolis: float) -> float:
 
 
 def trend_of(along: Array) -> Array:
-    """Return what a straight line along the way is made of, shape (n, 2)."""
+    """Return the basis of a linear trend along the line, shape (n, 2)."""
     return np.stack([np.ones(along.size), along - along.mean()], axis=1)
 
 
@@ -198,11 +198,11 @@ def _noises(time: Array, coriolis: float) -> Array:
 
 
 def _misfit(covariance: Array, trend: Array, values: Array) -> tuple[Array, float]:
-    """Return the weighted squares of values beside a trend, shape (k,), and the log determinants of the restricted likelihood.
+    """Return the weighted squares of detrended values, shape (k,), and the log determinant of the restricted likelihood.
 
     Args:
-        covariance: shape (n, n), but for the variance.
-        trend: shape (n, 2), what is fitted beside it.
+        covariance: shape (n, n), covariance up to a variance factor.
+        trend: shape (n, 2), basis of the trend.
         values: shape (n, k).
 
     Source: Patterson and Thompson (1971).

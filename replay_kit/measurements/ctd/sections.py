@@ -1,4 +1,4 @@
-"""Profiles of temperature and salinity along a line, as anomalies of specific volume on common levels (TEOS-10)."""
+"""Profiles of temperature and salinity along a line as specific volume anomalies on common levels (TEOS-10)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _SMOOTHED, _SPACING = 5, 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """Temperature and salinity of one half of a dive, or of a cast.
+    """Temperature and salinity of one cast.
 
     Attributes:
         time_ns: shape (n,) [ns, UTC].
@@ -47,24 +47,24 @@ class Profile:
 
     @property
     def water(self) -> Array:
-        """Depth, temperature and salinity of the samples that have them, shape (3, k)."""
+        """Complete samples of depth, temperature and salinity, shape (3, k)."""
         values = np.array([self.depth, self.temperature, self.salinity])
         return values[:, np.isfinite(values).all(axis=0)]
 
 
 class Section(NamedTuple):
-    """Anomalies of specific volume along a straight line.
+    """Specific volume anomalies along a straight line.
 
     Attributes:
         levels: shape (Z,) [m], positive down.
-        along: shape (n,) [m], of each profile along the line from their mean.
-        time: shape (n,) [s], of each profile from their mean.
-        anomaly: shape (n, Z) [m3/kg], specific volume minus its mean over the profiles at the level, moved to the profile's place.
+        along: shape (n,) [m], position of each profile along the line from their mean.
+        time: shape (n,) [s], time of each profile from their mean.
+        anomaly: shape (n, Z) [m3/kg], specific volume minus its level mean, at the profile's position.
         n2: shape (Z,) [1/s2], squared buoyancy frequency of the mean profile.
-        latitude: [degrees].
-        longitude: [degrees], of the middle.
-        time_ns: Of the middle [ns, UTC].
-        direction: Of the line, counter-clockwise from east [rad].
+        latitude: Middle of the line [degrees north].
+        longitude: Middle of the line [degrees east].
+        time_ns: Time of the middle [ns, UTC].
+        direction: Direction of the line, counter-clockwise from east [rad].
     """
 
     levels: Array
@@ -84,18 +84,18 @@ class Section(NamedTuple):
 
     @property
     def coriolis(self) -> float:
-        """Coriolis parameter [1/s]; negative in the south."""
+        """Coriolis parameter [1/s]; negative in the southern hemisphere."""
         return float(gsw.f(self.latitude))
 
 
 def section_of(profiles: Sequence[Profile]) -> Section | None:
-    """Return profiles as a section: on common levels, without extrapolation, and with the slant of a glider's way taken out.
+    """Return profiles as a section on common levels, without extrapolation, corrected for the slant of casts.
 
-    Anomalies of samples beside their profile's mean place are moved to it by the slope of their level along the line, in two passes. None
-    where there are too few profiles, they do not lie along a line, or they share too few levels.
+    Anomalies are moved to their profile's mean position by the slope of their level along the line, in two passes. None if profiles are too
+    few, not on a line, or share too few levels.
 
     Args:
-        profiles: In the order of the way.
+        profiles: Profiles in the order of the track.
     """
     if len(profiles) < _LEAST_PROFILES:
         return None
@@ -135,14 +135,14 @@ def section_of(profiles: Sequence[Profile]) -> Section | None:
 
 
 def level_anomalies(volume: Array, offset: Array, along: Array) -> Array:
-    """Return anomalies of specific volume at the places of the profiles, shape (n, Z); what is missing is filled along the level.
+    """Return specific volume anomalies at the profiles' positions, shape (n, Z); gaps are filled along the level.
 
-    A missing value is the level's straight line plus the residual of the nearest level that the profile has.
+    A missing value is the level's linear trend plus the residual of the nearest level of the profile.
 
     Args:
         volume: shape (n, Z) [m3/kg]; NaN where missing.
-        offset: shape (n, Z) [m], of the sample along the line from its profile's place.
-        along: shape (n,) [m].
+        offset: shape (n, Z) [m], offset of the sample along the line from its profile's position.
+        along: shape (n,) [m], position of each profile.
     """
     anomaly, offset = volume - np.nanmean(volume, axis=0), np.nan_to_num(offset)
     centred, moved = along[:, None] - along.mean(), anomaly
@@ -163,7 +163,7 @@ def level_anomalies(volume: Array, offset: Array, along: Array) -> Array:
 
 
 def at_levels(levels: Array, depth: Array, *values: Array) -> Array:
-    """Return values at depths, in any order, at levels, shape (v, Z); NaN beyond the depths."""
+    """Return values at levels from values at depths in any order, shape (v, Z); NaN outside the depths."""
     order = np.argsort(depth, kind="stable")
     return np.array(
         [np.interp(levels, depth[order], each[order], np.nan, np.nan) for each in values]
@@ -171,11 +171,11 @@ def at_levels(levels: Array, depth: Array, *values: Array) -> Array:
 
 
 def _on_levels(profiles: Sequence[Profile], along: Sequence[Array]) -> tuple[Array, Array]:
-    """Return levels, and on them of each profile the offset along the line, specific volume, absolute salinity, conservative temperature.
+    """Return levels, and each profile's offset along the line, specific volume, absolute salinity and conservative temperature on them.
 
     Args:
-        profiles: At least one.
-        along: Places of each one's samples along the line [m].
+        profiles: At least one profile.
+        along: Positions of each profile's samples along the line [m].
     """
     depths = np.concatenate([one.depth for one in profiles])
     first = np.ceil(np.nanmin(depths) / _SPACING) * _SPACING

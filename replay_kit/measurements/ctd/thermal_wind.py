@@ -1,8 +1,7 @@
-"""The geostrophic current across a line of profiles relative to its depth mean, with what it can be wrong by (thermal wind).
+"""Geostrophic current across a line of profiles relative to its depth mean, with its error (thermal wind).
 
-The slope of the geopotential along the line, by generalised least squares, gives the current across it. The error has internal waves and
-tides, curvature and change of the signal within the line, what is not geostrophic, and what is not resolved; a short line states a large
-error.
+The slope of the geopotential along the line, by generalised least squares, gives the current across it. The error includes internal waves
+and tides, curvature and change of the signal, ageostrophic and unresolved currents; it is large for a short line.
 """
 
 from typing import NamedTuple
@@ -32,14 +31,14 @@ _REGIONAL, _LINE = 0.25, 2.5
 
 
 class GeostrophicShear(NamedTuple):
-    """The current across a line relative to its mean over the levels, at one place and time.
+    """Current across a line relative to its mean over the levels, at one position and time.
 
     Attributes:
         levels: shape (Z,) [m], positive down.
         velocity: shape (Z,) [m/s], to the left of the line, minus its mean over the levels.
-        covariance: shape (Z, Z) [m2/s2], of its error.
-        along: Place of the current on the line [m].
-        direction: In which it flows where it is positive, counter-clockwise from east [rad].
+        covariance: shape (Z, Z) [m2/s2], error covariance.
+        along: Position of the current on the line [m].
+        direction: Direction of positive velocity, counter-clockwise from east [rad].
     """
 
     levels: Array
@@ -50,7 +49,7 @@ class GeostrophicShear(NamedTuple):
 
     @property
     def standard_error(self) -> Array:
-        """Shape (Z,) [m/s]."""
+        """Standard error of the velocity, shape (Z,) [m/s]."""
         return np.sqrt(np.diag(self.covariance))
 
 
@@ -60,9 +59,9 @@ def radius_of(section: Section) -> float:
 
 
 def geopotential_matrix(levels: Array) -> Array:
-    """Return what takes anomalies of specific volume to geopotential without its depth mean, shape (Z, Z) [m2/s2 per m3/kg].
+    """Return the matrix from specific volume anomalies to geopotential without its depth mean, shape (Z, Z) [m2/s2 per m3/kg].
 
-    Row z integrates from level z down to the last one by the trapezoidal rule; the mean over the levels is that of the same rule.
+    Row z integrates from level z to the last one by the trapezoidal rule, which also gives the depth mean.
     """
     above = RHO0 * GRAVITY * cumulative_trapezoid(np.eye(levels.size), levels, initial=0.0).T
     integral = above[-1] - above
@@ -75,14 +74,14 @@ def depth_weights(levels: Array) -> Array:
 
 
 def slope_weights(along: Array, covariance: Array) -> Array:
-    """Return the weights, shape (n,) [1/m], that give the slope of values with errors of a covariance, shape (n, n)."""
+    """Return the weights of the generalised least-squares slope, shape (n,) [1/m], for an error covariance, shape (n, n)."""
     trend = trend_of(along)
     solved = np.linalg.solve(covariance, trend)
     return np.asarray(np.linalg.solve(trend.T @ solved, solved.T)[1])
 
 
 def place_of(along: Array, weights: Array) -> float:
-    """Return the place at which slope weights see the slope: the middle of their kernel along the line [m]."""
+    """Return the effective position of a slope on the line: the centre of the kernel of its weights [m]."""
     order = np.argsort(along, kind="stable")
     lengths, middles = np.diff(along[order]), 0.5 * (along[order][1:] + along[order][:-1])
     kernel = -np.cumsum(weights[order])[:-1] * lengths
@@ -90,12 +89,12 @@ def place_of(along: Array, weights: Array) -> float:
 
 
 def shear_of(section: Section, speed: float, part: Indices) -> GeostrophicShear:
-    """Return the shear of some profiles of a line at the time of the last of them.
+    """Return the shear of some profiles of a line at the time of the last one.
 
     Args:
-        section: The line, whose statistics count.
-        speed: Rms speed of the region's currents over the levels [m/s], such as of an ensemble.
-        part: Numbers of the profiles.
+        section: Line that provides the statistics.
+        speed: RMS speed of the region's currents over the levels [m/s], for example of an ensemble.
+        part: Indices of the profiles.
     """
     levels, f, radius = section.levels, section.coriolis, radius_of(section)
     to_geopotential = geopotential_matrix(levels)
@@ -128,7 +127,7 @@ def shear_of(section: Section, speed: float, part: Indices) -> GeostrophicShear:
 def _curvature(
     section: Section, fitted: Statistics, part: Indices, weights: Array, at: float
 ) -> Array:
-    """Return by mode the variance of the slope seen by profiles minus that at a place at the last one's time, shape (k,) [1/s4].
+    """Return the variance by mode of the profiles' slope minus that at a position and the last time, shape (k,) [1/s4].
 
     In units of the mean square of the signal's shear [m2/s2].
     """

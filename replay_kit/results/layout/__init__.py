@@ -1,1 +1,1 @@
-"""How a viewer shows a result: a layout file with every panel set up."""
+"""Layout files of viewers, with all panels of a result."""

@@ -1,7 +1,7 @@
-"""A layout of Foxglove and Lichtblick for a result: map, 3D scene, plots, log and a table of contradictions.
+"""Layout of Foxglove and Lichtblick for a result: map, 3D scene, plots, log and a table of findings.
 
 Both read one form: ``configById`` holds each panel's settings under its type and a name, ``layout`` a tree of them with ``first``,
-``second``, ``direction`` and ``splitPercentage``. Only topics that the result has are named, with fields of their schemas.
+``second``, ``direction`` and ``splitPercentage``. Only topics of the result are named, with fields of their schemas.
 """
 
 import json
@@ -39,10 +39,10 @@ _TITLES = {
 
 
 def write_layout(result: Path, out: Path) -> int:
-    """Write the layout for a result, also for one of an earlier version, and return the number of its panels.
+    """Write the layout for a result, also of an earlier version, and return the number of its panels.
 
     Raises:
-        LogError: The file is missing, or is no complete result.
+        LogError: The file is missing or no complete result.
         ConfigError: The layout cannot be written.
     """
     topics = [*ResultReader(result).topics]
@@ -53,7 +53,7 @@ def write_layout(result: Path, out: Path) -> int:
 
 
 def layout_of(topics: Iterable[str]) -> dict[str, Any]:
-    """Return the layout of a result that has some topics."""
+    """Return the layout of a result with the given topics."""
     has = frozenset(topics)
     panels: dict[str, dict[str, Any]] = {
         "map!track": _map(has),
@@ -79,7 +79,7 @@ def layout_of(topics: Iterable[str]) -> dict[str, Any]:
     pictures = _split("map!track", _split("3D!speed", errors, "row", 60), "row", 36)
     plots: Any = "Plot!innovations"
     if "/plan/outcome" in has:
-        title = "Surfacings beside their predictions: distance [m], delay [s]"
+        title = "Surfacings against predictions: distance [m], delay [s]"
         panels["Plot!surfacings"] = _plot(title, "/plan/outcome", "distance", "delay")
         plots = _split(plots, "Plot!surfacings", "row", 66)
     words = _split("RosOut!log", "Table!consistency", "row", 50)
@@ -98,7 +98,7 @@ def layout_text(layout: Mapping[str, Any]) -> str:
 
 
 def require_topics(topics: Sequence[str], name: str) -> None:
-    """Raise LogError when a file has none of the topics of a result."""
+    """Raise LogError if a file has no topic of a result."""
     if not any(topic.startswith(("/flow/", "/plan/")) for topic in topics):
         raise LogError(
             f"{name}: expected a result of replay-kit replay, it has no topic /flow/ or /plan/; give a result"
@@ -126,7 +126,7 @@ def _map(has: frozenset[str]) -> dict[str, Any]:
 
 
 def _scene(has: frozenset[str], field: str, most: float) -> dict[str, Any]:
-    """Return the 3D panel: of the slices the shallowest is shown, the others can be switched on."""
+    """Return the 3D panel, with the shallowest slice shown and the others switched off."""
     depths = {topic: match[1] for topic in has if (match := _DEPTH.fullmatch(topic))}
     grids = sorted(depths, key=lambda topic: float(depths[topic]))
     colors = scale("speed-dark" if field == "speed" else "amp")

@@ -1,1 +1,1 @@
-"""What a run found, as one value: what its summary, its JSON, the status, the report and the table of a fleet show."""
+"""Outcome of a run as one value, for its summary, JSON, status, report and fleet table."""

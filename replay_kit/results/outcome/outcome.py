@@ -1,6 +1,6 @@
-"""The outcome of a replay: one frozen value, made when the run ends, kept in its result and read back as the same.
+"""Outcome of a replay: a frozen value, made at the end of the run, stored in its result and read back equal.
 
-Everything that is shown of a run (its summary, ``--json``, status, report, the table of a fleet, alarms) formats this value.
+Summary, ``--json``, status, report, fleet table and alarms format this value.
 """
 
 from collections.abc import Iterable, Mapping
@@ -46,34 +46,34 @@ class Outcome:
     """Outcome of a replay. Mappings are those of ``--json``; undefined figures are None.
 
     Attributes:
-        observations: Profiles and mean currents used and rejected, bins used, and bins rejected by reason.
+        observations: Profiles and mean currents used and rejected, bins used, and bins excluded by reason.
         rms_innovation: RMS component of measured minus estimated ``before`` and ``after`` each update, and against the ``prior`` [m/s].
         nis_per_dof: Mean normalised innovation squared per degree of freedom.
-        by_dive: One row for each dive; empty for a surface vessel.
-        plan: The last plan; of one that failed its message; None without a plan.
-        consistency: Contradictions in the inputs.
-        messages: One row for each topic; None where the result does not hold the counts.
+        by_dive: One row per dive; empty for a surface vessel.
+        plan: Last plan; its message if it failed; None without a plan.
+        consistency: Findings on the inputs.
+        messages: One row per topic; None if the result does not hold the counts.
         losses: Damage in the logs.
-        late: Messages that came later than the reorder window allows.
-        surfacings: Surfacings that plans predicted, beside the actual ones.
-        predicted_surfacings: Ends of dives predicted from the dives before, beside the actual ones, and the next one.
-        evidence: Log evidence of the measurements; None where the estimator states no density.
-        comparison: How other forecasts explained the log.
-        flight_correction: What was taken from mean currents for the flight model's error.
-        notes: What the user should know.
-        lost_pings: Which pings were not used, when they are many and a setting would keep them; empty otherwise.
-        doubts: What the measurements cannot tell.
-        outside: Why the forecast is not of this place or time.
-        vehicles: The outcome of each vehicle by its name, where several share the estimate; the other figures are then of all.
-        value: Of each vehicle, by its name: ``measurements`` it gave, RMS change of the estimate at the published depths without them
+        late: Number of messages later than the reorder window allows.
+        surfacings: Surfacings predicted by plans, with the actual ones.
+        predicted_surfacings: Surfacings predicted from earlier dives, with the actual ones, and the next one.
+        evidence: Log evidence of the measurements; None if the estimator gives no density.
+        comparison: Comparison with other forecasts.
+        flight_correction: Correction of mean currents for the flight-model error.
+        notes: Notes for the user.
+        lost_pings: Description of excluded pings, if they are many and a setting would keep them; else empty.
+        doubts: Questions that the measurements cannot answer.
+        outside: Reasons why the forecast is not of this region or time.
+        vehicles: Outcome of each vehicle by name, if several share the estimate; the other figures then cover all.
+        value: Value of each vehicle, by name: ``measurements``, RMS change of the estimate at the published depths without them
             (``rms_change``), and its standard error there with and without them [m/s] (data denial).
-        unused: Vehicles that gave nothing to the estimate, and why.
-        exit_codes: All that apply, the one that the run ends with first; empty where it is 0.
-        error: Why the run failed; empty otherwise.
-        mission: Vehicle and mission as the logs name them; empty where they do not.
-        complete: Whether the run ended: False for a result of which only tables are known.
-        seconds: Wall time of each stage; of the run that has just ended alone.
-        truth: Score against a truth; of the run that has just ended alone.
+        unused: Vehicles without influence on the estimate, with the reason.
+        exit_codes: All that apply, that of the run first; empty for 0.
+        error: Reason of a failed run; else empty.
+        mission: Vehicle and mission named in the logs; else empty.
+        complete: Whether the run ended; False for a result with tables alone.
+        seconds: Wall time of each stage; only of a run that has just ended.
+        truth: Score against a truth; only of a run that has just ended.
     """
 
     observations: Values = field(default_factory=lambda: _NO_OBSERVATIONS)
@@ -105,12 +105,12 @@ class Outcome:
     truth: Values | None = field(default=None, compare=False)
 
     def __repr__(self) -> str:
-        """Return how far to trust it, and the sentences of its verdict, each a line."""
+        """Return the verdict and the sentences of its basis, one per line."""
         return "\n".join((str(self.verdict), *self.basis))
 
     @property
     def exit_code(self) -> int:
-        """The first of ``exit_codes``, else 0."""
+        """First of ``exit_codes``, else 0."""
         return next(iter(self.exit_codes), 0)
 
     @property
@@ -120,26 +120,26 @@ class Outcome:
 
     @property
     def plan_alarm(self) -> RunAlarm | None:
-        """What is wrong with the plan; None where nothing is, or without a plan."""
+        """Alarm of the plan; None without one."""
         return plan_alarm(self.plan)
 
     @property
     def verdict(self) -> Verdict:
-        """How far to trust the estimate and the plans, and why not further."""
+        """Verdict on the estimate and the plans, with reasons."""
         return decide(self)
 
     @property
     def basis(self) -> tuple[str, ...]:
-        """What the verdict rests on: observations used, consistency, misfit, whether the stated errors hold; each a sentence."""
+        """Basis of the verdict as sentences: observations used, consistency, misfit, validity of the stated errors."""
         return basis_sentences(self)
 
     @property
     def errors_text(self) -> str:
-        """Whether the stated errors hold, in a few words; empty without observations."""
+        """Validity of the stated errors as text; empty without observations."""
         return errors_text(self)
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as the JSON object of ``--json``: its attributes, and what follows from them."""
+        """Return the JSON object of ``--json``: attributes and derived values."""
         left = ("error", "complete", *(() if self.vehicles else _OF_SEVERAL))
         values: dict[str, Any] = _codec().dump_python(self, mode="json", exclude={*left})
         if self.vehicles:
@@ -155,7 +155,7 @@ class Outcome:
         } | values
 
     def to_record(self) -> bytes:
-        """Return what a result keeps of it: its attributes as JSON, without wall times and the score against a truth."""
+        """Return the record in a result: the attributes as JSON, without wall times and the score against a truth."""
         return _codec().dump_json(self, exclude={*_OF_RUN}, indent=1) + b"\n"
 
 
@@ -165,11 +165,11 @@ def _codec() -> TypeAdapter[Outcome]:
 
 
 def made(values: Values, inputs: Iterable[Path] = ()) -> Outcome:
-    """Return the outcome with some values: numbers that are not finite are None, and its exit codes follow from the others.
+    """Return the outcome of some values: numbers that are not finite become None, exit codes are derived.
 
     Args:
-        values: Attributes by name, of anything that JSON has a form for.
-        inputs: Files that texts name without their folders, which change no byte of a result.
+        values: Attributes by name, of any type with a JSON form.
+        inputs: Files whose folders are removed from texts, so that a result does not depend on them.
     """
     text = to_json(values, inf_nan_mode="null", fallback=lambda number: number.item())
     for path in inputs:
@@ -178,7 +178,7 @@ def made(values: Values, inputs: Iterable[Path] = ()) -> Outcome:
 
 
 def outcome_from(record: Values) -> Outcome:
-    """Return the outcome of a record or of a JSON object, what else these hold left out; of an earlier version as much as it kept."""
+    """Return the outcome of a record or JSON object, ignoring other keys; earlier versions give what they kept."""
     if "doubts" not in record:
         # kept among the sentences of the verdict, after those on use, consistency and gain
         told = record.get("verdict", ())[3:]
@@ -189,11 +189,11 @@ def outcome_from(record: Values) -> Outcome:
 
 
 def failed(error: ReplayKitError, so_far: Outcome | None = None) -> Outcome:
-    """Return the outcome of a run that ended with an error.
+    """Return the outcome of a failed run.
 
     Args:
-        error: What ended it.
-        so_far: What it had found; None when it had not begun.
+        error: Error that ended it.
+        so_far: Outcome up to then; None if it had not begun.
     """
     found = tuple(finding_json(one) for one in error.findings)
     ended = _with_codes(replace(so_far or Outcome(), consistency=found))
@@ -202,7 +202,7 @@ def failed(error: ReplayKitError, so_far: Outcome | None = None) -> Outcome:
 
 
 def _with_codes(outcome: Outcome) -> Outcome:
-    """Return an outcome with 4 when bytes, frames or late messages were lost, and 6 when inputs contradict each other or themselves."""
+    """Return an outcome with exit codes: 4 for lost bytes, frames or late messages, 6 for findings."""
     each = (outcome, *outcome.vehicles.values())
     lost = outcome.losses or outcome.late or outcome.unused
     found = any(one["severity"] != "warning" for of in each for one in of.consistency)

@@ -1,4 +1,4 @@
-"""Parts of an outcome from the values of a run: its plan, surfacings, log evidence and flight model's error."""
+"""Parts of an outcome from the values of a run: plan, surfacings, log evidence and flight-model error."""
 
 import math
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ _AGAINST = (
 
 
 def plan_part(plan: Plan | None, note: str = "") -> dict[str, Any] | None:
-    """Return a plan's figures; without a plan that it failed, with the note why, and None without a note."""
+    """Return a plan's figures; without a plan the note of its failure, or None without a note."""
     if plan is None:
         return {"status": "failed", "message": note} if note else None
     return attributes(plan, _PLAN) | {
@@ -52,7 +52,7 @@ def plan_part(plan: Plan | None, note: str = "") -> dict[str, Any] | None:
 
 
 def surfacings_part(outcomes: Sequence[SurfacingOutcome]) -> dict[str, Any] | None:
-    """Return the figures of the surfacings that plans predicted; None without any."""
+    """Return the figures of surfacings predicted by plans; None without any."""
     if not outcomes:
         return None
     inside = [outcome.inside for outcome in outcomes if outcome.inside is not None]
@@ -73,12 +73,12 @@ def expected_part(
     following: DiveForecast | None,
     planned: Sequence[SurfacingOutcome] = (),
 ) -> dict[str, Any] | None:
-    """Return the figures of the ends of dives expected from the dives before; None without any.
+    """Return the figures of surfacings predicted from earlier dives; None without any.
 
     Args:
-        outcomes: Dive by dive.
-        following: The coming surfacing; None where it is not expected.
-        planned: Those that plans predicted.
+        outcomes: Outcomes by dive.
+        following: Prediction of the next surfacing; None without one.
+        planned: Surfacings predicted by plans.
     """
     if not outcomes:
         return None
@@ -102,7 +102,7 @@ def expected_part(
 
 
 def _surfacing_figures(outcomes: Sequence[DiveOutcome]) -> dict[str, Any]:
-    """Return hits, score and sharpness of surfacings, one at least; figures beside the last dive's current where that has a spread."""
+    """Return coverage, score and sharpness of at least one surfacing; with those of persistence if it has a spread."""
     inner, outer = held_shares(outcomes)
     beside = [one for one in outcomes if math.isfinite(one.persistence_log_score)]
     distances = [one.distance for one in outcomes]
@@ -166,12 +166,12 @@ def evidence_part(evidence: Evidence | None) -> dict[str, Any] | None:
 def comparison_part(
     name: str, evidence: Evidence, rivals: Sequence[tuple[str, Evidence]]
 ) -> dict[str, Any]:
-    """Return how forecasts explained a log, the first against each other.
+    """Return the comparison of the first forecast with each other one by a log.
 
     Args:
-        name: Of the first forecast's file.
-        evidence: Of the log under it.
-        rivals: The names of the others and that under them, one at least.
+        name: Name of the first forecast's file.
+        evidence: Log evidence of the first forecast.
+        rivals: Names and log evidence of the others, at least one.
     """
     against = [
         {
@@ -194,7 +194,7 @@ def _evidence_figures(block: BlockEvidence) -> dict[str, Any]:
 
 
 def correction_part(found: FlightCorrection | None) -> dict[str, Any] | None:
-    """Return the correction of mean currents for the flight model's error; None where none was corrected."""
+    """Return the correction of mean currents for the flight-model error; None without a correction."""
     if found is None:
         return None
     figures = asdict(found)

@@ -1,4 +1,4 @@
-"""The verdict on a run: how far to trust it and why, the sentences that say so, and the alarms.
+"""Verdict on a run with its reasons, the sentences of its basis, and the alarms.
 
 Source of the interval: Wilson & Hilferty (1931), The distribution of chi-square.
 """
@@ -29,28 +29,28 @@ Word = Literal["trust", "with care", "do not use"]
 
 
 class Verdict(NamedTuple):
-    """How far to trust a run.
+    """Verdict on a run.
 
     Attributes:
         word: ``trust``, ``with care`` or ``do not use``.
-        reasons: Why not further, each a sentence; empty for ``trust``.
+        reasons: Reasons against ``trust`` as sentences; else empty.
     """
 
     word: Word
     reasons: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Return it as a sentence."""
+        """Return the verdict as a sentence."""
         return ": ".join([self.word, *filter(None, ["; ".join(self.reasons)])])
 
 
 class RunAlarm(NamedTuple):
-    """An alarm.
+    """Alarm of a run.
 
     Attributes:
         kind: ``plan`` or ``consistency``.
-        text: What is wrong, as a sentence.
-        about: Of which plan or finding.
+        text: Text of the alarm.
+        about: Plan or finding of the alarm.
     """
 
     kind: str
@@ -59,7 +59,7 @@ class RunAlarm(NamedTuple):
 
 
 def decide(outcome: "Outcome") -> Verdict:
-    """Return how far to trust a run, of several vehicles as far as the least trusted. It never changes the exit code."""
+    """Return the verdict on a run, the worst of several vehicles; the exit code does not depend on it."""
     error, found, plan = outcome.error, outcome.consistency, outcome.plan
     against = (
         (error, bool(error)),
@@ -89,7 +89,7 @@ def decide(outcome: "Outcome") -> Verdict:
 
 
 def _plan_reason(plan: Mapping[str, Any] | None) -> str:
-    """Return how a plan ends that cannot be relied on, in a few words; empty for one that arrives, or without a plan."""
+    """Return the defect of a plan in a few words; empty if it arrives, or without a plan."""
     if plan is None:
         return ""
     if plan["status"] != "reached":
@@ -98,10 +98,10 @@ def _plan_reason(plan: Mapping[str, Any] | None) -> str:
 
 
 def plan_alarm(plan: Mapping[str, Any] | None) -> RunAlarm | None:
-    """Return what is wrong with a plan and what to do, as a short line; None for a plan that arrives, or without a plan.
+    """Return the alarm of a plan, the defect and what to do; None without a defect or without a plan.
 
     Args:
-        plan: As in an outcome: ``status``, ``message``, and ``odds`` where it was flown in samples of the estimate.
+        plan: As in an outcome: ``status``, ``message``, and ``odds`` from simulated flights.
     """
     if plan is None:
         return None
@@ -121,7 +121,7 @@ def plan_alarm(plan: Mapping[str, Any] | None) -> RunAlarm | None:
 def run_alarms(
     plan: Mapping[str, Any] | None, consistency: Sequence[Mapping[str, Any]]
 ) -> tuple[RunAlarm, ...]:
-    """Return the alarms of a run, of its plan and its contradictions."""
+    """Return the alarms of a run, from its plan and its findings."""
     of_plan = plan_alarm(plan)
     found = (
         RunAlarm("consistency", f"{one['name']}: {one['set']}", one["name"]) for one in consistency
@@ -130,7 +130,7 @@ def run_alarms(
 
 
 def basis_sentences(outcome: "Outcome") -> tuple[str, ...]:
-    """Return the share of the observations used, consistency, errors before and after, and doubts; each a sentence, the last several."""
+    """Return the basis of the verdict as sentences: observations used, consistency, misfit, stated errors, and doubts."""
     used, rejected = outcome.observations["used"], outcome.observations["rejected"]
     usage = f"{used} of {used + rejected} observations used"
     trust = filter(None, (errors_text(outcome),))
@@ -139,7 +139,7 @@ def basis_sentences(outcome: "Outcome") -> tuple[str, ...]:
 
 
 def _consistency(findings: Sequence[Mapping[str, Any]]) -> str:
-    """Return whether the log contradicts itself, and then whether log and forecast fit, as one sentence."""
+    """Return the consistency of the log, and of log and forecast, as one sentence."""
     named = dict.fromkeys(
         one["name"] for one in findings if severity_word(one["severity"]) == "contradiction"
     )
@@ -166,16 +166,16 @@ def _gain(rms: Mapping[str, Any]) -> str:
 
 
 def nis_interval(count: int) -> tuple[float, float]:
-    """Return between which values 99 % of means of so many normalised innovations squared, one at least, lie where stated errors hold."""
+    """Return the 99 % interval of the mean of ``count`` normalised innovations squared if the stated errors hold."""
     size = 2.0 / (9.0 * count)
     low, high = (1.0 - size + side * math.sqrt(size) for side in (-_NINETY_NINE, _NINETY_NINE))
     return max(low, 0.0) ** 3, high**3
 
 
 def errors_hold(outcome: "Outcome") -> bool | None:
-    """Return whether the stated errors hold, by the interval that the number of observations allows; None without any.
+    """Return whether the stated errors hold, by the interval for the number of observations; None without any.
 
-    Bins of a profile err together, so that an observation counts as its two components.
+    Errors of a profile's bins are correlated, so that an observation counts as two components.
     """
     nis, count = outcome.nis_per_dof, 2 * outcome.observations["used"]
     if nis is None or not count:
@@ -185,7 +185,7 @@ def errors_hold(outcome: "Outcome") -> bool | None:
 
 
 def errors_text(outcome: "Outcome") -> str:
-    """Return whether the stated errors hold, in a few words; empty without observations."""
+    """Return the validity of the stated errors as text; empty without observations."""
     nis, hold = outcome.nis_per_dof, errors_hold(outcome)
     if nis is None or hold is None:
         return ""
@@ -198,7 +198,7 @@ def errors_text(outcome: "Outcome") -> str:
 
 
 def doubtful_errors(outcome: "Outcome") -> bool:
-    """Return whether the stated errors are so far off that the estimate is used with care."""
+    """Return whether the stated errors require the verdict ``with care``."""
     nis = outcome.nis_per_dof
     off = nis is not None and not LEAST_NIS <= nis <= MOST_NIS
     return off and errors_hold(outcome) is False

@@ -1,4 +1,4 @@
-"""Measurements along the track beside the estimate at their own time: bins of profiles, and mean currents of dives."""
+"""Measurements along the track with the estimate at their time: bins of profiles, and mean currents of dives."""
 
 from dataclasses import dataclass
 
@@ -18,18 +18,18 @@ _SECTION = 160, 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BinsAlongTrack:
-    """Bins used of the profiles along a track; all arrays have one row a bin.
+    """Used bins of profiles along a track; all arrays have one row per bin.
 
     Attributes:
         time_ns: [ns, UTC].
-        distance: Along the track [m].
+        distance: Distance along the track [m].
         depth: [m], positive down.
-        estimated: shape (n, 2) [m/s], local east and north, of the estimate just after the profile; NaN without an estimate.
+        estimated: shape (n, 2) [m/s], local east and north, estimate after the profile's update; NaN without one.
         residual: shape (n, 2) [m/s], measured minus estimated.
-        replayed: shape (n, 2) [m/s], of a smoothed result the estimate before smoothing; NaN in others.
-        standard_error: shape (n, 2) [m/s], of the last estimate there; NaN without one.
-        profiles: Number of profiles these bins are of.
-        left_out: Number of profiles left out, evenly spread.
+        replayed: shape (n, 2) [m/s], estimate before smoothing; NaN without smoothing.
+        standard_error: shape (n, 2) [m/s], of the last estimate; NaN without one.
+        profiles: Number of profiles.
+        left_out: Number of omitted profiles, evenly spread.
     """
 
     time_ns: NDArray[np.int64]
@@ -45,17 +45,17 @@ class BinsAlongTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeanCurrents:
-    """Mean currents of dives beside the estimate; all arrays have one row a dive.
+    """Mean currents of dives and the estimate; all arrays have one row per dive.
 
     Attributes:
-        time_ns: When the dive ended [ns, UTC].
+        time_ns: End of the dive [ns, UTC].
         dive: Number of the dive.
-        measured: shape (n, 2) [m/s], local east and north, as the log states it; NaN where the result does not hold it.
-        corrected: shape (n, 2) [m/s], without the flight model's error; NaN where there is no correction.
-        estimated: shape (n, 2) [m/s], local east and north: mean of the estimate along the dive, just after the update.
-        residual: shape (n, 2) [m/s], corrected minus estimated, or measured minus estimated where there is no correction.
-        standard_error: shape (n, 2) [m/s], standard deviation of the innovation before the update.
-        errors: shape (n, 3) [m/s], standard error of each component of the measured, corrected and estimated current; NaN where unknown.
+        measured: shape (n, 2) [m/s], local east and north, as logged; NaN if not in the result.
+        corrected: shape (n, 2) [m/s], corrected for the flight-model error; NaN without a correction.
+        estimated: shape (n, 2) [m/s], local east and north, mean of the updated estimate along the dive.
+        residual: shape (n, 2) [m/s], corrected, or else measured, minus estimated.
+        standard_error: shape (n, 2) [m/s], standard deviation of the innovation.
+        errors: shape (n, 3) [m/s], standard errors of a component of the measured, corrected and estimated current; NaN if unknown.
     """
 
     time_ns: NDArray[np.int64]
@@ -78,9 +78,9 @@ def bins_along_track(
     """Return the used bins of the profiles of a result along its track.
 
     Args:
-        measured: Its measurements.
-        track: Its track.
-        history: Of its estimate.
+        measured: Measurements of the result.
+        track: Track of the result.
+        history: History of its estimate.
         estimate: The last estimate, for the standard error; None for none.
         most: Largest number of profiles.
     """
@@ -119,13 +119,13 @@ def bins_along_track(
 def estimate_along_track(
     track: Track, history: EstimateHistory, estimate: FlowEstimate
 ) -> BinsAlongTrack:
-    """Return the estimate along a track without profiles, down to the deepest position, as bins without a measurement.
+    """Return the estimate along a track without profiles, down to the deepest position, as bins without measurements.
 
-    A track that nowhere comes into the region of the estimate has none.
+    A track outside the region of the estimate has no bins.
 
     Args:
         track: At least one position.
-        history: Of the estimate.
+        history: History of the estimate.
         estimate: The last estimate.
     """
     deepest = np.fmin(np.nanmax(track.depth, initial=estimate.levels[0]), estimate.levels[-1])
@@ -157,7 +157,7 @@ def estimate_along_track(
 
 
 def mean_currents(held: Measured) -> MeanCurrents:
-    """Return the mean currents of the dives of a result beside those of its estimate."""
+    """Return the mean currents of the dives of a result with those of its estimate."""
     observations, bins = held.observations, held.innovations
     of_dive = observations["mean_current_kind"] == "dac"
     rows = np.flatnonzero(of_dive & (observations["dof"] > 0))
@@ -185,7 +185,7 @@ def _pairs(table: pd.DataFrame, name: str) -> Array:
 def _estimated(
     history: EstimateHistory, time_ns: NDArray[np.int64], places: tuple[Array, Array, Array]
 ) -> Array:
-    """Return the estimate at its time at places, local east, north and depth [m], shape (n, 2) [m/s]; NaN before the first measurement."""
+    """Return the estimate at its time at local east, north and depth [m], shape (n, 2) [m/s]; NaN before the first measurement."""
     out = np.full((time_ns.size, 2), np.nan)
     times, which = np.unique(time_ns, return_inverse=True)
     for k, flow in enumerate(history.after(times)):

@@ -1,4 +1,4 @@
-"""An opened result with the values that reports, figures and exports share, each taken out of it when first asked for."""
+"""Opened result with the values shared by reports, figures and exports, each read on demand."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,12 +31,12 @@ PROFILES_SHOWN = 600
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """An opened result, and what was found when it was opened.
+    """Opened result with notes on its opening.
 
     Attributes:
         result: The result.
-        notes: What the reader of the report should know of how it was opened, such as what of the file was lost.
-        exit_code: Of the command that shows it: 4 where something was lost, else 0.
+        notes: Notes on the opening for the report, such as lost parts of the file.
+        exit_code: Exit code of the command that shows it: 4 after a loss, else 0.
     """
 
     result: ResultFile
@@ -45,16 +45,16 @@ class Contents:
 
     @cached_property
     def each(self) -> Mapping[str, "Contents"]:
-        """The contents of each vehicle by its name, where several share the estimate; of one alone these, under an empty name."""
+        """Contents of each vehicle by name, if several share the estimate; else these under an empty name."""
         vehicles: Mapping[str, ResultFile] = getattr(self.result, "vehicles", {})
         found = {name: Contents(one) for name, one in vehicles.items()}
         return found or {"": self}
 
     def of(self, vehicle: str | None) -> "Contents":
-        """Return the contents of a vehicle, by its name; None for the only one.
+        """Return the contents of a vehicle by name; None for a single one.
 
         Raises:
-            ConfigError: The result is not of this vehicle, or of several where none is named.
+            ConfigError: The result lacks this vehicle, or has several and none is named.
         """
         if vehicle is None and "" in self.each:
             return self
@@ -67,12 +67,12 @@ class Contents:
 
     @property
     def metadata(self) -> Mapping[str, Mapping[str, str]]:
-        """Records of how the result was made, by name."""
+        """Metadata records of the run by name."""
         return self.result.reader.metadata
 
     @property
     def outcome(self) -> Outcome:
-        """The run's outcome."""
+        """Outcome of the run."""
         return self.result.outcome
 
     @property
@@ -90,27 +90,27 @@ class Contents:
 
     @property
     def estimate(self) -> FlowEstimate | None:
-        """The last estimate; None when the result has none that can be read."""
+        """Last estimate; None if there is none that can be read."""
         return self._read_estimate[0]
 
     @property
     def without_estimate(self) -> str:
-        """Why there is no estimate; empty when there is one."""
+        """Reason for a missing estimate; else empty."""
         return self._read_estimate[1]
 
     @property
     def measured(self) -> Measured:
-        """Its measurements as far as figures need them."""
+        """Measurements thinned for figures."""
         return self.result.measured
 
     @cached_property
     def track(self) -> Track:
-        """Where the vehicle was."""
+        """Track of the vehicle."""
         return track_of(self.result.fixes, self.projection)
 
     @cached_property
     def slices(self) -> CurrentSlices | None:
-        """The published current; that of the last estimate at its levels when none was published, None without that."""
+        """Published current; if none was published, the last estimate at its levels; None without one."""
         estimate = self.estimate
         grid = None if estimate is None else estimate.grid
         published = published_slices(self.result.reader, grid)
@@ -124,17 +124,17 @@ class Contents:
 
     @cached_property
     def history(self) -> EstimateHistory:
-        """The estimate after each measurement."""
+        """Estimate after each measurement."""
         return EstimateHistory(self.result.reader, self.estimate)
 
     @cached_property
     def flown(self) -> AsFlown | None:
-        """How the vehicle flew its dives; None where the result does not say it."""
+        """Flight parameters of the dives; None if not in the result."""
         return AsFlown.in_metadata(self.metadata)
 
     @cached_property
     def dive_depth(self) -> float:
-        """Depth of the vehicle's dives [m]: of the plan's, as flown, of the track, or of the deepest published current."""
+        """Depth of the vehicle's dives [m]: planned, as flown, of the track, or of the deepest published current."""
         plan, flown = self.last_plan, self.flown
         if plan is not None and plan.legs:
             return max(float(leg["depth_m"]) for leg in plan.legs)
@@ -147,27 +147,27 @@ class Contents:
 
     @cached_property
     def dive_mean(self) -> Array | None:
-        """The mean current down to ``dive_depth``, as ``mean_to_depth``; None without a published current."""
+        """Mean current down to ``dive_depth``, see ``mean_to_depth``; None without a published current."""
         if self.slices is None:
             return None
         return mean_to_depth(self.slices, self.history, self.dive_depth)
 
     def series(self, place: tuple[float, float, float]) -> Series | None:
-        """Return the current at a longitude, latitude [degrees] and depth [m] through time; None without a current."""
+        """Return the current at longitude, latitude [degrees] and depth [m] through time; None without a current."""
         if self.slices is None:
             return None
         return series_of(self.slices, self.projection, self.history, place)
 
     @cached_property
     def bins(self) -> BinsAlongTrack:
-        """Bins used along the track."""
+        """Used bins along the track."""
         return bins_along_track(
             self.measured, self.track, self.history, self.estimate, PROFILES_SHOWN
         )
 
     @cached_property
     def section(self) -> BinsAlongTrack:
-        """What a section shows: the bins used, or without any the estimate along the track, if there are both."""
+        """Bins for a section: used ones or, without any, the estimate along the track if both exist."""
         if self.bins.time_ns.size or self.estimate is None or not self.track.time_ns.size:
             return self.bins
         return estimate_along_track(self.track, self.history, self.estimate)
@@ -179,14 +179,14 @@ class Contents:
 
     @cached_property
     def last_plan(self) -> LastPlan | None:
-        """The last plan; None without plans, and of several vehicles, each of which has its own."""
+        """Last plan; None without plans and for several vehicles."""
         if "" not in self.each:
             return None
         return last_plan(self.result, self.projection)
 
     @cached_property
     def seabed(self) -> Seabed | None:
-        """The bottom around the region; None without a bathymetry."""
+        """Seabed around the region; None without a bathymetry."""
         return published_seabed(self.result.reader)
 
     @property

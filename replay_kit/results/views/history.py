@@ -1,4 +1,4 @@
-"""The estimate through time: at the published times, from the unknowns that a replay published, and at a place."""
+"""Estimate through time: at the published times, from published unknowns, and at a position."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -26,14 +26,14 @@ _STEPS, _CHUNK = 24, 512
 
 
 class EstimateHistory:
-    """The mean of the estimate at the published times, from the unknowns that a replay published with its slices."""
+    """Mean of the estimate at the published times, from the unknowns published with the slices."""
 
     def __init__(self, reader: ResultReader, estimate: FlowEstimate | None) -> None:
-        """Take the last estimate of a result; without one there is no basis, and every mean is None."""
+        """Create the history from the last estimate of a result; without one every mean is None."""
         self._reader, self.estimate = reader, estimate
 
     def after(self, times_ns: NDArray[np.int64]) -> Iterator[FlowEstimate | None]:
-        """Yield the mean of the estimate as it was published last at each of some times; None when it is not known.
+        """Yield the latest published mean of the estimate at each of some times; None if unknown.
 
         Args:
             times_ns: [ns, UTC], increasing.
@@ -54,7 +54,7 @@ class EstimateHistory:
     def _latents(
         self, estimate: FlowEstimate, unknowns: Unknowns
     ) -> Iterator[tuple[int, Callable[[], Array]]]:
-        """Yield the times [ns, UTC] at which the estimate of this window was published, and what returns its latent values then."""
+        """Yield the times [ns, UTC] at which this window's estimate was published, and functions that return its latent values."""
         modes, topic = estimate.modes, "/flow/estimate"
         if (weights := earlier.weights(self._reader, topic)) is not None:
             for time_ns, each in weights:
@@ -76,16 +76,16 @@ def _sum(offset: Array, modes: Array, weights: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """The current at a place through time; all arrays but the place have the shape (T,).
+    """Time series of the current at a position; all arrays have the shape (T,).
 
     Attributes:
-        place: Longitude, latitude [degrees] and depth [m] that were asked for.
-        depth: Of the current [m]: the place's, or that of the published slice that is nearest to it.
+        place: Requested longitude, latitude [degrees] and depth [m].
+        depth: Depth of the current [m]: as requested, or of the nearest published slice.
         time_ns: [ns, UTC].
-        u: Towards true east [m/s]; NaN where the place is dry or outside the region.
-        v: Towards true north [m/s].
-        u_standard_error: Of the component along the local east axis [m/s]; NaN where it is not known.
-        v_standard_error: Of the component along the local north axis [m/s].
+        u: Velocity towards true east [m/s]; NaN on land or outside the region.
+        v: Velocity towards true north [m/s].
+        u_standard_error: Standard error along the local east axis [m/s]; NaN if unknown.
+        v_standard_error: Standard error along the local north axis [m/s].
     """
 
     place: tuple[float, float, float]
@@ -103,15 +103,15 @@ def series_of(
     history: EstimateHistory,
     place: tuple[float, float, float],
 ) -> Series:
-    """Return the current at a place through time.
+    """Return the time series of the current at a position.
 
-    At a depth that was not published it is made of the unknowns published with the slices; the standard error is then known of the last
-    estimate alone. Without these or an estimate it is that of the nearest published depth.
+    At an unpublished depth it is computed from the published unknowns, with a standard error of the last estimate alone. Without these it
+    is that of the nearest published depth.
 
     Args:
-        slices: The published current.
+        slices: Published current.
         projection: Its local frame.
-        history: Of the estimate.
+        history: History of the estimate.
         place: Longitude, latitude [degrees] and depth [m].
     """
     published, estimate = series_at(slices, projection, place), history.estimate
@@ -126,7 +126,7 @@ def _series_of_unknowns(
     time_ns: NDArray[np.int64],
     place: tuple[float, float, float],
 ) -> Series | None:
-    """Return the current at a place at some times from the unknowns then, that of the last estimate at the last; None without any."""
+    """Return the series at a position from the published unknowns, at the last time from the last estimate; None without any."""
     u, v, u_error, v_error = np.full((4, time_ns.size), np.nan)
     last = estimate.velocity_at(*place)
     if np.isfinite(last.u):
@@ -145,10 +145,10 @@ def _series_of_unknowns(
 def series_at(
     slices: CurrentSlices, projection: Projection, place: tuple[float, float, float]
 ) -> Series:
-    """Return the current at a place through time, of the grid cell that holds it at the nearest published depth.
+    """Return the time series of the current in the grid cell of a position at the nearest published depth.
 
     Args:
-        slices: The published current.
+        slices: Published current.
         projection: Its local frame.
         place: Longitude, latitude [degrees] and depth [m].
     """
@@ -172,13 +172,13 @@ def series_at(
 def mean_to_depth(slices: CurrentSlices, history: EstimateHistory, depth: float) -> Array:
     """Return the mean current from the surface to a depth at the published times, shape (T, 4, J, I) [m/s] as ``CurrentSlices.fields``.
 
-    The velocity is that of all levels of the estimate where it is known at each time and the water is deep enough, elsewhere of
-    the published depths. The error is the mean of the published ones: the mean current has at most this.
+    The velocity is from all levels of the estimate if known at each time and in deep enough water, else from the published depths. The
+    error is the mean of the published ones, an upper bound.
 
     Args:
-        slices: The published current.
-        history: Of the estimate.
-        depth: [m].
+        slices: Published current.
+        history: History of the estimate.
+        depth: Depth [m].
     """
     below = depth * (np.arange(_STEPS) + 0.5) / _STEPS
     rows = np.stack([np.interp(below, slices.depths, row) for row in np.eye(slices.depths.size)])
@@ -208,11 +208,11 @@ def mean_to_depth(slices: CurrentSlices, history: EstimateHistory, depth: float)
 
 
 def typical_depth(slices: CurrentSlices | None, depths: Array) -> float:
-    """Return the deepest published depth above the median depth of measurements [m]; the shallowest where there is none.
+    """Return the deepest published depth above the median depth of measurements [m], else the shallowest.
 
     Args:
-        slices: The published current; None gives the median itself, or 0.
-        depths: shape (n,) [m]; NaN are left out.
+        slices: Published current; None gives the median itself, or 0.
+        depths: shape (n,) [m]; NaN are ignored.
     """
     known = depths[np.isfinite(depths)]
     middle = float(np.median(known)) if known.size else 0.0

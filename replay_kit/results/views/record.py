@@ -1,4 +1,4 @@
-"""How a result was made: its settings, and what its plan states."""
+"""Settings of a result, and statistics of its plan."""
 
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -9,7 +9,7 @@ from replay_kit.results.schemas import decode
 
 
 def bathymetry_name(metadata: Mapping[str, Mapping[str, str]]) -> str:
-    """Return the name of the bathymetry's file; what it is in words for a result that does not name it."""
+    """Return the name of the bathymetry file, or "the bathymetry" if the result does not state it."""
     return (
         metadata.get("replay_kit.inputs", {})
         .get("bathymetry", "the bathymetry")
@@ -18,9 +18,9 @@ def bathymetry_name(metadata: Mapping[str, Mapping[str, str]]) -> str:
 
 
 def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
-    """Return the settings that differ from their defaults: table and key, value, default (None when it has none).
+    """Return the settings that differ from their defaults: table and key, value, default (None without one).
 
-    A setting that this version does not know counts as changed.
+    Settings unknown to this version count as changed.
     """
     # an export needs no settings
     from replay_kit.config.run import RunConfig
@@ -50,7 +50,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def plan_statistics(result: ResultFile) -> dict[str, str]:
-    """Return the statistics of the last plan of a result, which must have one."""
+    """Return the statistics of the last plan of a result with a plan."""
     _, data = next(result.reader.messages("/plan/controls", newest=True))
     # Any: the fields are those of the table
     plan: Any = decode("Plan", data)

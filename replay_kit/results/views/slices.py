@@ -1,4 +1,4 @@
-"""The published estimate on depth slices through time, and whether its stated uncertainty holds."""
+"""Published estimate on depth slices through time, and the calibration of its stated uncertainty."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ _FOLDER = "/flow/grid/"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurrentSlices:
-    """The current on a regular grid of the local frame, at some depths and times.
+    """Current on a regular grid of the local frame at some depths and times.
 
     Attributes:
         depths: shape (D,) [m], increasing.
@@ -31,9 +31,8 @@ class CurrentSlices:
         east: shape (I,) [m], cell centres.
         north: shape (J,) [m], cell centres.
         fields: shape (D, T, 4, J, I) [m/s]: u, v along the local axes and their standard errors; NaN where dry or unknown.
-        left_out: Number of published times left out, evenly spread.
-        outside: shape (J, I), True where a cell lies off the forecast's grid; other cells without a current are dry. None where the
-            grid is not known, as without an estimate.
+        left_out: Number of omitted published times, evenly spread.
+        outside: shape (J, I), True for cells off the forecast's grid; other cells without a current are dry. None if the grid is unknown.
     """
 
     depths: Array
@@ -48,12 +47,12 @@ class CurrentSlices:
 def published_slices(
     reader: ResultReader, grid: Grid | None = None, most_values: int = 1_600_000
 ) -> CurrentSlices | None:
-    """Return the slices in a result; None when it has none.
+    """Return the slices in a result; None without any.
 
     Args:
-        reader: Of the result.
-        grid: Of its last estimate: of several windows this one's slices are taken. None takes those of the first.
-        most_values: Largest number of values kept: times between the first and the last are left out until they fit.
+        reader: Reader of the result.
+        grid: Grid of the last estimate, to select one of several windows; None for the first.
+        most_values: Largest number of values; intermediate times are omitted to keep it.
     """
     times, depths, windowed = _index(reader)
     if not times or not depths:
@@ -78,13 +77,13 @@ def published_slices(
 
 
 def _same(one: Sequence[Array], other: Sequence[Array]) -> bool:
-    """Return whether cell centres are the same, to the rounding of a message."""
+    """Return whether cell centres are equal to the rounding of a message."""
     pairs = list(zip(one, other, strict=True))
     return all(a.size == b.size and np.allclose(a, b, rtol=1e-9, atol=1e-3) for a, b in pairs)
 
 
 def slices_of(flow: FlowEstimate, depths: Array) -> CurrentSlices:
-    """Return an estimate at its own time on slices at depths [m]."""
+    """Return slices of an estimate at its own time at depths [m]."""
     each: list[Slice] = depth_slices(flow, depths.tolist())
     fields = np.stack([_fields_of(value) for value in each])[:, None]
     return on_grid(
@@ -96,7 +95,7 @@ def slices_of(flow: FlowEstimate, depths: Array) -> CurrentSlices:
 
 
 def on_grid(slices: CurrentSlices, grid: Grid) -> CurrentSlices:
-    """Return slices with the cells that lie off the forecast's grid; as they are where a current was published there, of another grid."""
+    """Return slices with the mask of cells off the forecast's grid; unchanged if another grid has a current there."""
     outside = ~inside_grid(grid, *np.meshgrid(slices.east, slices.north))
     return (
         slices
@@ -115,7 +114,7 @@ def _fields_of(value: Slice) -> Array:
 
 
 def _index(reader: ResultReader) -> tuple[list[int], list[float], bool]:
-    """Return the times and the depths of the slices, both increasing, and whether there are several windows."""
+    """Return the times and depths of the slices, both increasing, and whether there are several windows."""
     topics = [topic for topic in reader.topics if topic.startswith(_FOLDER)]
     times = {time_ns for topic in topics for time_ns, _ in reader.messages(topic)}
     found = reader.summary.attachment_indexes
@@ -143,13 +142,13 @@ EXPECTED = {1.0: 0.6827, 2.0: 0.9545, 3.0: 0.9973}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """Innovations over their predicted standard deviations.
+    """Innovations divided by their predicted standard deviations.
 
     Attributes:
-        standardized: shape (n,), of each component of each bin used.
-        coverage: Share of them within a number of standard deviations; empty without values.
-        mean: Of them; 0 without bias.
-        std: Of them; 1 when the stated errors hold.
+        standardized: shape (n,), values of each component of each used bin.
+        coverage: Fraction within a number of standard deviations; empty without values.
+        mean: Mean; 0 without bias.
+        std: Standard deviation; 1 if the stated errors hold.
     """
 
     standardized: Array
@@ -159,7 +158,7 @@ class Calibration:
 
 
 def calibration(bins: pd.DataFrame) -> Calibration:
-    """Return how the innovations compare with their predicted standard deviations.
+    """Return the calibration of the innovations.
 
     Args:
         bins: ``Result.innovations``.
@@ -178,7 +177,7 @@ def calibration(bins: pd.DataFrame) -> Calibration:
 
 
 def error_through_time(slices: CurrentSlices) -> Array:
-    """Return the RMS standard error of a component over each published slice [m/s], shape (D, T); NaN where it is unknown."""
+    """Return the RMS standard error of a component over each published slice [m/s], shape (D, T); NaN if unknown."""
     squares = slices.fields[:, :, 2:] ** 2
     known = np.isfinite(squares)
     count = known.sum(axis=(2, 3, 4))
@@ -188,10 +187,10 @@ def error_through_time(slices: CurrentSlices) -> Array:
 
 
 def information_by_dive(sums: pd.DataFrame) -> pd.Series:
-    """Return the degrees of freedom for signal that the measurements of each dive determined.
+    """Return the degrees of freedom for signal of the measurements of each dive.
 
     Args:
-        sums: Of ``Measured``.
+        sums: ``Measured.sums``.
     """
     used = sums[sums["accepted"] & (sums["dive"] > 0)]
     return used.groupby("dive")["signal_dof"].sum()

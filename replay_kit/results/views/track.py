@@ -1,6 +1,6 @@
-"""The way of a vehicle: where it was, the ellipses of where it was predicted to surface, and the last plan.
+"""Track of the vehicle, ellipses of predicted surfacings, and the last plan.
 
-Of the plan: its track over the bottom, what it costs, how likely it arrives, and what it keeps out of.
+The plan has its track over the seabed, cost, odds and areas.
 """
 
 import json
@@ -25,7 +25,7 @@ from replay_kit.results.views.record import plan_statistics
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Positions of the vehicle by time; all arrays have the shape (n,).
+    """Positions of the vehicle through time; all arrays have the shape (n,).
 
     Attributes:
         time_ns: [ns, UTC], increasing.
@@ -34,8 +34,8 @@ class Track:
         depth: [m], positive down; NaN when unknown.
         east: [m], local frame.
         north: [m], local frame.
-        distance: Travelled since the first position [m].
-        dead_reckoned: Whether a position was computed and not measured.
+        distance: Distance along the track [m].
+        dead_reckoned: Whether a position was dead-reckoned.
     """
 
     time_ns: NDArray[np.int64]
@@ -48,7 +48,7 @@ class Track:
     dead_reckoned: NDArray[np.bool_]
 
     def at(self, time_ns: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-        """Return east, north and the distance travelled [m] at times, between positions by interpolation; NaN without positions."""
+        """Return east, north and distance along the track [m], interpolated at times; NaN without positions."""
         if self.time_ns.size == 0:
             nothing = np.full(np.shape(time_ns), np.nan)
             return nothing, nothing, nothing
@@ -87,14 +87,14 @@ def _along(east: Array, north: Array) -> Array:
 
 
 def thinned(count: int, most: int) -> NDArray[np.intp]:
-    """Return the positions of at most ``most`` of ``count`` values, evenly spread, the first and the last among them."""
+    """Return at most ``most`` of ``count`` indices, evenly spread, including the first and the last."""
     if count <= most:
         return np.arange(count)
     return np.unique(np.rint(np.linspace(0, count - 1, most)).astype(np.intp))
 
 
 def outlines_of(surfacings: Any, projection: Projection) -> list[Array]:
-    """Return the outlines of the ellipses of surfacings that have one, each as ``Ellipse.outline``.
+    """Return the outlines of surfacings with an ellipse, see ``Ellipse.outline``.
 
     Args:
         surfacings: ``Result.surfacings``.
@@ -110,19 +110,19 @@ _ODDS = ("reached", "safe", "radius", "deadline", "arrival_median", "arrival_90_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LastPlan:
-    """The last plan of a result.
+    """Last plan of a result.
 
     Attributes:
-        row: Its single values, the last row of ``Result.plans``.
-        track: Its rows of ``Result.plan_tracks``; none where it failed.
-        east: shape (n,) [m], local frame, of the track.
-        north: shape (n,) [m], local frame.
+        row: Single values, the last row of ``Result.plans``.
+        track: Rows of ``Result.plan_tracks``; empty if it failed.
+        east: shape (n,) [m], track in the local frame.
+        north: shape (n,) [m], track in the local frame.
         start: shape (2,) [m], local frame.
         goal: shape (2,) [m], local frame.
-        statistics: What the solver did, by name.
-        legs: Of a mission; none of a glide.
-        ellipses: Outlines of the ellipses of its surfacings, each shape (k, 2) [m], the last point the first.
-        areas: That it keeps out of.
+        statistics: Solver statistics by name.
+        legs: Legs of a mission; empty for a glide.
+        ellipses: Outlines of the surfacing ellipses, each shape (k, 2) [m], the last point equal to the first.
+        areas: Areas that it avoids.
     """
 
     row: Any
@@ -143,24 +143,24 @@ class LastPlan:
 
     @property
     def bottom(self) -> Array | None:
-        """Depth of the bottom under the track [m], shape (n,); None without a bathymetry."""
+        """Seabed depth under the track [m], shape (n,); None without a bathymetry."""
         depth = self.track["bottom"].to_numpy(np.float64)
         return depth if np.isfinite(depth).any() else None
 
     @property
     def energy(self) -> float | None:
-        """[J]; None when the result does not hold it."""
-        return _known(self.row["energy"])
+        """Energy used [J]; None if not in the result."""
+        return _positive(self.row["energy"])
 
     @property
     def battery(self) -> float | None:
-        """Energy that the vehicle has [J]; None when it was not stated."""
-        return _known(self.row["battery"])
+        """Energy of the battery [J]; None if not stated."""
+        return _positive(self.row["battery"])
 
     @property
     def odds(self) -> Mapping[str, float] | None:
-        """Figures of its flights through samples: ``n_samples``, shares and misses [m]; None without samples."""
-        count = _known(self.row["odds_n_samples"])
+        """Figures of its simulated flights: ``n_samples``, fractions and misses [m]; None without samples."""
+        count = _positive(self.row["odds_n_samples"])
         return (
             None
             if count is None
@@ -207,7 +207,7 @@ def last_plan(result: ResultFile, projection: Projection) -> LastPlan | None:
 
 
 def published_seabed(reader: ResultReader) -> Seabed | None:
-    """Return the bottom around the region that a result holds; None without one."""
+    """Return the seabed around the region in a result; None without one."""
     for _, value in reader.decoded("/plan/seabed"):
         east, north, fields = grid_cells(value)
         return Seabed(east, north, fields["depth"])
@@ -223,6 +223,6 @@ def _areas(geojson: Mapping[str, Any]) -> list[Area]:
     ]
 
 
-def _known(value: float) -> float | None:
-    """Return a number above 0; None for what is unknown, 0 in results of earlier versions."""
+def _positive(value: float) -> float | None:
+    """Return a number above 0; None if unknown, 0 in results of earlier versions."""
     return float(value) if np.isfinite(value) and value > 0.0 else None

@@ -1,4 +1,4 @@
-"""The charts of the page: the error against the number of pings, and the miss distances of the glides."""
+"""Charts of the page: error against the number of pings, and miss distances of the glides."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -29,7 +29,7 @@ _LEAST_MISS = 1.0
 
 
 def lines_by(points: Iterable[tuple[str, float, float]]) -> list[Mark]:
-    """Return a line for each label of points, which are label, x and y, in the order in which labels first come."""
+    """Return a line per label of points (label, x and y), in order of first occurrence."""
     each = grouped(points, lambda point: point[0]).items()
     values = [
         (label, np.array([point[1:] for point in alike], np.float64)) for label, alike in each
@@ -45,15 +45,15 @@ def one_figure(
     lines: Sequence[Mark],
     level: float,
 ) -> Figure:
-    """Return a figure of one panel, its data a table with a pair of columns for each line, filled up with nothing.
+    """Return a figure of one panel, with a data table of two columns per line.
 
     Args:
         key: Unique in the page.
-        title: What it shows.
-        caption: What to see in it, as HTML.
-        axes: The horizontal and the vertical one.
-        lines: With values of their own, and names.
-        level: A value of y to compare with.
+        title: Title.
+        caption: Caption as HTML.
+        axes: Horizontal and vertical axis.
+        lines: Lines with names.
+        level: Reference value of y.
     """
     columns, marks = dict[str, Array](), list[Mark]()
     most = max((len(mark.x) for mark in lines), default=0)
@@ -71,7 +71,7 @@ def one_figure(
 
 
 def _in_words(mark: Mark) -> str:
-    """Return the first and the last value of a mark in words."""
+    """Return the first and the last value of a mark as text."""
     known = [(x, y) for x, y in zip(mark.x, mark.y, strict=True) if np.isfinite(x + y)]
     if not known:
         return f"{mark.name}: no values."
@@ -80,12 +80,12 @@ def _in_words(mark: Mark) -> str:
 
 
 def misses_figure(key: str, title: str, misses: Mapping[str, Sequence[float]]) -> Figure:
-    """Return the distribution of miss distances, a line for each flow that was planned on.
+    """Return the distribution of miss distances, one line per planning flow.
 
     Args:
         key: Unique in the page.
-        title: What it shows.
-        misses: Of each plan [m], by the flow's label; those below 1 m are drawn at 1 m.
+        title: Title.
+        misses: Miss distances [m] by label of the flow; those below 1 m are drawn at 1 m.
     """
     marks = []
     for label, values in misses.items():

@@ -1,4 +1,4 @@
-"""The methods that the paper's tables compare, the least error that each could have, and the steps that are counted."""
+"""Methods in the paper's tables, their least possible errors, and the count of steps."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -25,22 +25,22 @@ Value = TypeVar("Value")
 
 
 class Advance:
-    """Counts steps as done and reports each to a progress function; in another process, to which it is sent, it counts nothing.
+    """Counter of steps that reports to a progress function; without effect in another process.
 
-    It is mutable: calls count in it as they go, where they are made in this process.
+    Mutable: calls in this process count in it.
     """
 
     def __init__(self, total: int = 0, progress: Progress = silent) -> None:
-        """Begin with no step done.
+        """Create a counter at zero.
 
         Args:
-            total: Steps in all.
-            progress: Called with steps done, steps in all, and what is being run.
+            total: Total number of steps.
+            progress: Called with steps done, total steps, and the current task.
         """
         self._total, self._progress, self.done = total, progress, 0
 
     def __call__(self, what: str, steps: int = 1) -> None:
-        """Count steps of what is being run."""
+        """Count steps of a task."""
         self.done += steps
         self._progress(self.done, self._total, what)
 
@@ -54,13 +54,13 @@ def each_counted(
     advance: Advance,
     steps: Callable[..., int],
 ) -> Iterator[tuple[tuple[Any, ...], Value]]:
-    """Yield each call with its value, see ``each_call``; the steps of one made in another process are counted when it is done.
+    """Yield each call with its value, see ``each_call``; calls in other processes are counted when done.
 
     Args:
-        function: As of ``each_call``; it counts its steps where it runs.
-        calls: Its arguments.
-        advance: Counts steps.
-        steps: Number of steps of a call, of the same arguments.
+        function: See ``each_call``; counts its steps where it runs.
+        calls: Arguments of the calls.
+        advance: Counter of steps.
+        steps: Returns the number of steps of a call.
     """
     done, (calls, made) = advance.done, tee(calls)
     for call, value in zip(calls, each_call(function, made), strict=True):
@@ -75,9 +75,9 @@ NEAR = 250.0
 
 
 def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Estimator[Any]:
-    """Return the estimator that a method's name stands for: ``default``, ``paper``, ``paper_cells`` or a baseline's.
+    """Return the estimator of a method: ``default``, ``paper``, ``paper_cells`` or a baseline.
 
-    ``paper_cells`` is the paper's with its length in cells rather than in kilometres, for grids coarser than its own.
+    ``paper_cells`` has the paper's length in cells instead of kilometres, for coarser grids.
 
     Raises:
         ConfigError: The name is unknown.
@@ -92,7 +92,7 @@ def build_method(name: str, ensemble: Ensemble, config: EstimatorConfig) -> Esti
 
 
 def preset_config(name: str, grid: Grid, config: EstimatorConfig) -> EstimatorConfig:
-    """Return the settings of ``default``, ``paper`` or ``paper_cells``: its preset, and its length on a grid."""
+    """Return the settings of ``default``, ``paper`` or ``paper_cells``: preset and length on a grid."""
     length = LENGTH_IN_CELLS * float(np.sqrt(np.prod(cell_size(grid))))
     cells = {"length_horizontal": length} if name == "paper_cells" else {}
     return config.model_copy(
@@ -101,7 +101,7 @@ def preset_config(name: str, grid: Grid, config: EstimatorConfig) -> EstimatorCo
 
 
 def size_of(estimator: Estimator[Any]) -> tuple[int | None, int | None]:
-    """Return the number of modes, for each level where levels have weights of their own, and of elements of the basis; None without one."""
+    """Return the number of modes, per level if levels have their own weights, and of basis elements; None without a basis."""
     if not isinstance(estimator, ReducedBasisEstimator):
         return None, None
     basis, process = estimator.observer.basis, estimator.observer.process
@@ -111,9 +111,9 @@ def size_of(estimator: Estimator[Any]) -> tuple[int | None, int | None]:
 
 
 def bound(estimator: Estimator[Any], at: ScoredPoints) -> float:
-    """Return the least RMSE [m/s] of any flow that an estimator can represent; NaN for one whose flows have no fixed span.
+    """Return the least RMSE [m/s] of any flow that an estimator can represent; NaN without a fixed span.
 
-    It is that of the least-squares fit of the truth within the span, at the scored points.
+    It is that of the least-squares fit of the truth at the scored points.
     """
     if isinstance(estimator, NearestMember):
         off = _flows_at(estimator.members, at) - at.velocity[..., None]
@@ -148,7 +148,7 @@ def _flows_at(estimator: ReducedBasisEstimator, at: ScoredPoints) -> Array:
 
 
 def average_over_depth(flow: FlowEstimate, depth: float) -> FlowEstimate:
-    """Return a flow, the same at all depths, that is the mean of another from the surface to a depth [m], without uncertainty."""
+    """Return a depth-independent flow, the mean of another from the surface to a depth [m], without uncertainty."""
     levels = flow.levels
     regular = np.linspace(0.0, depth, max(int(np.ceil(depth)), 1) + 1)
     # the corners of hat functions are at the levels
@@ -161,7 +161,7 @@ def average_over_depth(flow: FlowEstimate, depth: float) -> FlowEstimate:
 
 
 def bootstrap_median(values: Array) -> tuple[float, float]:
-    """Return the ends of the bootstrap interval of 90 % of a median.
+    """Return the ends of the 90 % bootstrap interval of a median.
 
     Args:
         values: shape (n,).
@@ -170,7 +170,7 @@ def bootstrap_median(values: Array) -> tuple[float, float]:
 
 
 def miss_figures(misses: Array) -> dict[str, Any]:
-    """Return median, ends of its 90 % interval and quartiles of miss distances [m], shape (n,), and how many are within 250 m."""
+    """Return median, ends of its 90 % interval and quartiles of miss distances [m], shape (n,), and the number within 250 m."""
     low, high = bootstrap_median(misses)
     lower, median, upper = (float(quartile) for quartile in np.quantile(misses, [0.25, 0.5, 0.75]))
     near = int(np.sum(misses <= NEAR))

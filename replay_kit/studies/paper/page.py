@@ -1,4 +1,4 @@
-"""The study of the paper on the console, as CSV, JSON and Markdown, and as a page with charts."""
+"""The paper's study on the console, as CSV, JSON and Markdown, and as a page with charts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -32,14 +32,14 @@ def to_json(tables: PaperTables) -> dict[str, Any]:
 
 
 def to_markdown(tables: PaperTables) -> str:
-    """Return the study as Markdown: conditions, tables."""
+    """Return the study as Markdown: conditions and tables."""
     parts = map(markdown, text_tables(tables))
     heading = "# The paper's study on this ensemble"
     return "\n\n".join((heading, conditions(tables), *parts)) + "\n"
 
 
 def conditions(tables: PaperTables) -> str:
-    """Return what the study was made on."""
+    """Return the conditions of the study as text."""
     rows, columns = tables.grid
     levels = ", ".join(f"{level:.4g}" for level in tables.levels)
     turns = f"Each of the {tables.truths} members is the truth in turn in Tables I and II: medians, and the worst truth. "
@@ -56,7 +56,7 @@ def conditions(tables: PaperTables) -> str:
 
 
 def text_tables(tables: PaperTables) -> tuple[Table, ...]:
-    """Return all tables of a study as people read them."""
+    """Return all tables of a study for display."""
     pings, several = tables.sparse[-1].pings, tables.truths > 1
     over = f"; medians over {tables.truths} truths" if several else ""
     ideal = f"Table I: each grid point measured once, no noise, R = (0.01 m/s)^2{over}"
@@ -131,7 +131,7 @@ FILES = (
 
 
 def csv_files(tables: PaperTables) -> dict[str, str]:
-    """Return the text of each table that has rows, by the name of its file."""
+    """Return the text of each table with rows, by file name."""
     return {
         f"{name}.csv": rows_to_csv(type(rows[0]), rows)
         for name in _TABLES
@@ -140,7 +140,7 @@ def csv_files(tables: PaperTables) -> dict[str, str]:
 
 
 def files_of(tables: PaperTables) -> Mapping[str, str]:
-    """Return the files of the study so far, by name; the report and the page when it is finished."""
+    """Return the files of the study so far by name, with report and page once finished."""
     files = {**csv_files(tables), "paper.json": json_text(to_json(tables))}
     if tables.unfinished:
         return files

@@ -1,4 +1,4 @@
-"""Rows of the tables, one frozen value each for console, CSV and JSON."""
+"""Rows of the tables as frozen values, for console, CSV and JSON."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,21 +25,21 @@ LABELS = {
 
 @dataclass(frozen=True, slots=True)
 class ErrorRow:
-    """One estimator in Table I or II; over several truths the median, with the worst beside it.
+    """One estimator in Table I or II; over several truths the median and the worst.
 
     Attributes:
         method: ``naive3d``, ``paper``, ``paper_cells``, ``default``, ``nearest`` or ``ensemble_mean``.
-        rung: Which number of modes: ``full``, ``members`` or a number; empty without a choice.
-        modes: Basis flows r a level, or whole basis flows of ``naive3d``; None without a basis.
-        elements: Numbers in the basis, the paper's "elements in H"; None without a basis.
+        rung: Number of modes: ``full``, ``members`` or a number; empty without a choice.
+        modes: Number r of basis flows per level, or of whole basis flows of ``naive3d``; None without a basis.
+        elements: Number of elements of the basis, the paper's "elements in H"; None without a basis.
         rel_error: RMSE over the truth's RMS speed.
-        rmse: Root mean square length of the error vector over the truth's wet grid points [m/s].
+        rmse: RMS length of the error vector over the truth's wet grid points [m/s].
         bound: Least RMSE of any flow in the method's span [m/s].
-        rel_error_worst: Of the worst truth.
-        rmse_worst: Of the worst truth [m/s].
-        rel_error_by_truth: Truth by truth.
-        seconds: Wall time to build the estimator and give it all profiles [s], the mean over truths.
-        note: Why there are no figures, when there are none.
+        rel_error_worst: Relative error of the worst truth.
+        rmse_worst: RMSE of the worst truth [m/s].
+        rel_error_by_truth: Relative error of each truth.
+        seconds: Wall time to build the estimator and assimilate all profiles [s], mean over truths.
+        note: Reason for missing figures.
     """
 
     method: str
@@ -58,15 +58,15 @@ class ErrorRow:
 
 @dataclass(frozen=True, slots=True)
 class SparseRow:
-    """An estimate on the way through the profiles of Table II; over several truths the median, with the worst beside it.
+    """Estimate after some profiles of Table II; over several truths the median and the worst.
 
     Attributes:
-        pings: Profiles given so far.
+        pings: Number of profiles so far.
         method: As in ``ErrorRow``.
-        modes: Basis flows a level; None without a basis.
+        modes: Basis flows per level; None without a basis.
         rel_error: RMSE over the truth's RMS speed.
-        rel_error_worst: Of the worst truth.
-        rel_error_by_truth: Truth by truth.
+        rel_error_worst: Relative error of the worst truth.
+        rel_error_by_truth: Relative error of each truth.
     """
 
     pings: int
@@ -83,16 +83,16 @@ class GlideRow:
 
     Attributes:
         flow: ``truth``, ``depth_averaged_truth`` or a method.
-        pairs: Starts and targets flown.
-        median: Closest approach to the target [m].
-        lower_quartile: [m].
-        upper_quartile: [m].
+        pairs: Number of starts and targets.
+        median: Median closest approach to the target [m].
+        lower_quartile: Lower quartile [m].
+        upper_quartile: Upper quartile [m].
         median_low: Lower end of the bootstrap 90 % interval of the median [m].
-        median_high: Its upper end [m].
-        within_250: Pairs whose target is passed within 250 m.
+        median_high: Upper end [m].
+        within_250: Number of pairs within 250 m.
         seconds: Wall time of all plans and flights [s].
-        closest_approach: Pair by pair [m].
-        note: Why there are no figures, when there are none.
+        closest_approach: By pair [m].
+        note: Reason for missing figures.
     """
 
     flow: str
@@ -109,12 +109,12 @@ class GlideRow:
 
 
 def over_truths(tables: Sequence[Sequence[ErrorRow]]) -> tuple[ErrorRow, ...]:
-    """Return medians and worst over truths of rows that belong to one method and number of modes.
+    """Return medians and worst over truths of rows of equal method and number of modes.
 
-    A truth for which a row failed is left out of its figures and counted in its note.
+    Failed truths are excluded from the figures and counted in the note.
 
     Args:
-        tables: One for each truth.
+        tables: One table per truth.
     """
     return tuple(
         _over_truths(alike)
@@ -125,10 +125,10 @@ def over_truths(tables: Sequence[Sequence[ErrorRow]]) -> tuple[ErrorRow, ...]:
 
 
 def sparse_over_truths(tables: Sequence[Sequence[SparseRow]]) -> tuple[SparseRow, ...]:
-    """Return medians and worst over truths of rows that belong to one method and number of pings.
+    """Return medians and worst over truths of rows of equal method and number of pings.
 
     Args:
-        tables: One for each truth.
+        tables: One table per truth.
     """
     return tuple(
         replace(

@@ -1,4 +1,4 @@
-"""The study of the paper on any ensemble: its tables."""
+"""Tables of the paper's study on any ensemble."""
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -40,15 +40,15 @@ NOISE = 0.09  # m/s
 
 @dataclass(frozen=True, slots=True)
 class PaperJob:
-    """The options of the study.
+    """Options of the study.
 
     Attributes:
         leave_out: ``all``, ``most-distant`` or a member's position from 0; None when a truth is given.
-        most_modes: No estimate has more modes; None for no limit.
-        plan_modes: The estimates planned on have at most this many modes; None for the full rank.
+        most_modes: Largest number of modes; None for no limit.
+        plan_modes: Largest number of modes of the estimates for plans; None for the full rank.
         pings: Numbers of pings of Table II at which estimates are scored; the last is the table's.
-        pairs: Starts and targets of Table III.
-        seed: Of places, noise and pairs.
+        pairs: Number of starts and targets of Table III.
+        seed: Seed of positions, noise and pairs.
     """
 
     leave_out: str | None = None
@@ -61,26 +61,26 @@ class PaperJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperTables:
-    """All results of the study; what ``paper.json`` holds.
+    """Results of the study, the contents of ``paper.json``.
 
     Attributes:
         table1: Ideal conditions: each grid point once, no noise.
         table2: Random pings with noise.
         table3: Glides planned on each flow and flown in the truth.
-        sparse: Errors on the way through Table II's pings.
-        ensemble: Its file.
-        truth: Its file, the member left out, or ``all``.
+        sparse: Errors after some of Table II's pings.
+        ensemble: File of the ensemble.
+        truth: File of the truth, the member left out, or ``all``.
         shown_truth: Truth of Table III.
         members: Number of members.
         truths: Number of truths in Tables I and II.
         grid: Points along the grid's two directions.
-        levels: [m].
-        plan_modes: Limit on the modes of the estimates planned on; None for the full rank.
-        seed: Of places, noise and pairs.
-        noise: Of each component of each bin in Table II [m/s].
-        target_depth: Of Table III [m].
+        levels: Levels [m].
+        plan_modes: Largest number of modes for plans; None for the full rank.
+        seed: Seed of positions, noise and pairs.
+        noise: Noise of a component in Table II [m/s].
+        target_depth: Depth of the targets of Table III [m].
         seconds: Wall time of each stage [s].
-        unfinished: Whether more was to follow when this was written.
+        unfinished: Whether the study was still running.
     """
 
     table1: tuple[ErrorRow, ...] = ()
@@ -104,7 +104,7 @@ class PaperTables:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _OfCase:
-    """Tables I and II of one truth, and the runs whose estimates are planned on."""
+    """Tables I and II of one truth, and the estimates for plans."""
 
     table1: tuple[ErrorRow, ...]
     table2: tuple[ErrorRow, ...]
@@ -119,18 +119,18 @@ def run_paper(
     job: PaperJob,
     progress: Progress = silent,
 ) -> Iterator[PaperTables]:
-    """Yield the study's tables: those so far after each truth's Tables I and II, then the whole ones.
+    """Yield the study's tables: partial ones after each truth's Tables I and II, then the complete ones.
 
     Args:
         ensemble: All members.
-        truth: An ensemble of one; None to leave members out.
-        config: Everything but preset, modes, length and the paper's error.
-        job: The options.
-        progress: Called with steps done, steps in all, and what is being run.
+        truth: Ensemble of one; None to leave members out.
+        config: Settings except preset, modes, length and the paper's error.
+        job: Options.
+        progress: Called with steps done, total steps, and the current task.
 
     Raises:
         ConfigError: A member does not exist.
-        ForecastError: The truth has no water, or too little to glide in.
+        ForecastError: The truth has no water, or too little for glides.
         MeasurementError: No point of the truth lies in the region.
     """
     began = time.perf_counter()
@@ -200,7 +200,7 @@ def _run_case(case: Case, config: EstimatorConfig, job: PaperJob, advance: Advan
 
 
 def _without_tables(case: Case, pairs: Sequence[Pair], job: PaperJob) -> PaperTables:
-    """Return what is known of the study before its tables are computed."""
+    """Return the study's tables before any is computed."""
     grid = case.ensemble.grid
     return PaperTables(
         ensemble=case.ensemble.source,

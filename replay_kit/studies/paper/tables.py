@@ -1,4 +1,4 @@
-"""Tables I and II, every estimator on one truth with ideal and noisy profiles, and Table III, glides planned on each flow."""
+"""Tables I and II, all estimators on one truth with ideal and noisy profiles, and Table III, glides planned on each flow."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -37,13 +37,13 @@ _PAPER_CELL = float(np.sqrt(8.6e3 * 11e3))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
-    """The profiles that every row of a table is given, in their order.
+    """Profiles for every row of a table, in order.
 
     Attributes:
-        name: What the table is called while it runs.
-        observations: The profiles.
-        paper_error_std: Error of every bin under the paper's error model [m/s].
-        counts: Numbers of profiles at which estimates are scored on the way, increasing.
+        name: Name of the table in progress reports.
+        observations: Profiles.
+        paper_error_std: Error of every bin in the paper's error model [m/s].
+        counts: Numbers of profiles at which estimates are scored, increasing.
     """
 
     name: str
@@ -54,12 +54,12 @@ class Survey:
 
 @dataclass(frozen=True, slots=True)
 class Rung:
-    """A row to compute.
+    """Row to compute.
 
     Attributes:
-        method: Of ``ErrorRow``.
-        name: Of the number of modes: ``full``, ``members``, a number; empty without a choice.
-        modes: Most basis flows a level; None for all.
+        method: As in ``ErrorRow``.
+        name: Name of the number of modes: ``full``, ``members``, a number; empty without a choice.
+        modes: Largest number of basis flows per level; None for all.
     """
 
     method: str
@@ -69,12 +69,12 @@ class Rung:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Run:
-    """A computed row.
+    """Computed row.
 
     Attributes:
-        row: Its figures.
-        flow: The estimate after all profiles, without its uncertainty; None when it failed.
-        on_the_way: Relative errors at ``Survey.counts``; NaN from where it failed.
+        row: Figures.
+        flow: Estimate after all profiles, without uncertainty; None if it failed.
+        on_the_way: Relative errors at ``Survey.counts``; NaN after a failure.
     """
 
     row: ErrorRow
@@ -83,17 +83,17 @@ class Run:
 
 
 def methods_with_modes(grid: Grid) -> tuple[str, ...]:
-    """Return the 2.5D methods: the paper's with its length in cells too, where the grid is coarser than the paper's."""
+    """Return the 2.5D methods, with ``paper_cells`` if the grid is coarser than the paper's."""
     coarser = float(np.sqrt(np.prod(cell_size(grid)))) > 1.1 * _PAPER_CELL
     return ("paper", "paper_cells", "default") if coarser else ("paper", "default")
 
 
 def rungs(ensemble: Ensemble, most_modes: int | None) -> tuple[Rung, ...]:
-    """Return the rows of Tables I and II; fewer come out where a full rank turns out lower.
+    """Return the rows of Tables I and II; a lower full rank gives fewer.
 
     Args:
-        ensemble: The members.
-        most_modes: No row has more modes; None for no limit.
+        ensemble: Members.
+        most_modes: Largest number of modes; None for no limit.
     """
     slices = ensemble.n_members * ensemble.grid.levels.size
     most = min(2 * ensemble.grid.nodes.shape[0], slices, most_modes or slices)
@@ -121,10 +121,10 @@ def run_table(
 
     Args:
         case: Truth and members.
-        survey: What is measured.
-        config: Everything but preset, modes, length and the paper's error.
-        most_modes: No row has more modes; None for no limit.
-        advance: Counts profiles as steps.
+        survey: Profiles.
+        config: Settings except preset, modes, length and the paper's error.
+        most_modes: Largest number of modes; None for no limit.
+        advance: Counter of profiles.
     """
     at = scored_points(case.ensemble.grid, case.truth)
     ranks: dict[str, int] = {}
@@ -140,11 +140,11 @@ def run_table(
 
 
 def sparse_rows(runs: Sequence[Run], survey: Survey) -> tuple[SparseRow, ...]:
-    """Return the errors on the way of the 2.5D methods and of the ensemble's mean.
+    """Return the errors after some profiles of the 2.5D methods and of the ensemble mean.
 
     Args:
-        runs: One of each method.
-        survey: What they were given.
+        runs: One run per method.
+        survey: Their profiles.
     """
     shown = [run for run in runs if run.on_the_way and run.row.method not in ("naive3d", "nearest")]
     return tuple(
@@ -169,7 +169,7 @@ def _run(
     at: ScoredPoints,
     advance: Callable[[int], None],
 ) -> Run:
-    """Return a row's run; a numerical failure is the row's note."""
+    """Return the run of a row; a numerical failure becomes its note."""
     began, done = time.perf_counter(), 0
     modes = elements = None
     least, errors = np.nan, []
@@ -241,13 +241,13 @@ def run_glides(
     pairs: tuple[Pair, ...],
     advance: Advance,
 ) -> tuple[GlideRow, ...]:
-    """Return how close to the targets the plans on each flow pass, in the flows' order.
+    """Return the closest approaches to the targets of the plans on each flow, in order.
 
     Args:
-        flows: Flows to plan on; None where an estimate failed.
-        truth: What the plans are flown in.
+        flows: Flows for plans; None if an estimate failed.
+        truth: Current in which the plans are flown.
         pairs: Starts and targets.
-        advance: Counts plans as steps.
+        advance: Counter of plans.
     """
     calls = (
         (name, flow, truth, pairs, partial(advance, f"Table III {name}"))

@@ -1,4 +1,4 @@
-"""Tables as CSV, Markdown, JSON and text."""
+"""Output of tables as CSV, Markdown, JSON and text."""
 
 import json
 import math
@@ -22,13 +22,13 @@ Cell = str | int | float | bool | tuple[float, ...] | None
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of the same columns.
+    """Table of rows.
 
     Attributes:
-        name: Of its CSV.
-        title: What it shows.
-        columns: Names with units.
-        rows: A cell for each column; NaN where a figure is undefined.
+        name: Name of its CSV file.
+        title: Title.
+        columns: Column names with units.
+        rows: One cell per column; NaN for undefined figures.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Table:
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
-    """Return items by a key of each, in the order in which keys first come."""
+    """Return items grouped by key, in order of first occurrence."""
     groups: dict[Key, list[Item]] = {}
     for item in items:
         groups.setdefault(key(item), []).append(item)
@@ -46,12 +46,12 @@ def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list
 
 
 def named_columns(name: str, title: str, rows: Sequence[Mapping[str, Cell]]) -> Table:
-    """Return the table of at least one row, each a cell for each column by its name."""
+    """Return the table of at least one row, given as cells by column name."""
     return Table(name, title, tuple(rows[0]), tuple(tuple(row.values()) for row in rows))
 
 
 def plain(value: Any) -> Any:
-    """Return a value for JSON: mappings and sequences all through, undefined and infinite numbers as None."""
+    """Return a value for JSON: nested mappings and lists, undefined and infinite numbers as None."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
@@ -60,7 +60,7 @@ def plain(value: Any) -> Any:
 
 
 def answer_of(figures: Mapping[str, Any], *packages: str) -> dict[str, Any]:
-    """Return figures for JSON, with the versions of this package and of others; ``unfinished`` is left out where it does not hold."""
+    """Return figures for JSON with the versions of this and other packages; a false ``unfinished`` is omitted."""
     versions = {"replay-kit": __version__, **{name: version(name) for name in packages}}
     return {
         name: plain(value)
@@ -70,24 +70,24 @@ def answer_of(figures: Mapping[str, Any], *packages: str) -> dict[str, Any]:
 
 
 def json_text(answer: Mapping[str, Any]) -> str:
-    """Return a result as the text of a JSON file."""
+    """Return the text of a JSON file."""
     return json.dumps(answer, indent=1, allow_nan=False) + "\n"
 
 
 def to_csv(table: Table) -> str:
-    """Return a table as CSV: undefined figures are empty, the numbers of a list have spaces between them, and no text is a formula."""
+    """Return a table as CSV: undefined figures are empty, lists are joined by spaces, and no text is a formula."""
     rows = (dict(zip(table.columns, plain(row), strict=True)) for row in table.rows)
     return csv_text(rows, table.columns)
 
 
 def rows_to_csv(kind: type, rows: Sequence[Any]) -> str:
-    """Return frozen values of a kind as CSV with their fields' names, see ``to_csv``."""
+    """Return frozen values of a class as CSV with their fields' names, see ``to_csv``."""
     names = tuple(field.name for field in fields(kind))
     return to_csv(Table("", "", names, tuple(tuple(asdict(row).values()) for row in rows)))
 
 
 def markdown(table: Table) -> str:
-    """Return a table in Markdown, its title above it."""
+    """Return a table in Markdown below its title."""
     lines = (
         table.columns,
         ["---"] * len(table.columns),
@@ -99,7 +99,7 @@ def markdown(table: Table) -> str:
 
 
 def print_tables(console: Console, tables: Sequence[Table]) -> None:
-    """Print those tables that have rows."""
+    """Print tables that have rows."""
     for table in tables:
         if table.rows:
             printed = ConsoleTable(*table.columns, title=table.title, title_justify="left")
@@ -109,7 +109,7 @@ def print_tables(console: Console, tables: Sequence[Table]) -> None:
 
 
 def to_text(cell: Cell) -> str:
-    """Return a cell for people: four digits of a number, whole numbers from 1000 on, a dash for an undefined one."""
+    """Return a cell as text: four digits of a number, integers from 1000 on, a dash if undefined."""
     if isinstance(cell, bool):
         return "yes" if cell else "no"
     if isinstance(cell, tuple):
@@ -122,5 +122,5 @@ def to_text(cell: Cell) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with so many decimals; a dash for an undefined or infinite one."""
+    """Return a number with fixed decimals; a dash if undefined or infinite."""
     return f"{value:.{digits}f}" if math.isfinite(value) else "-"

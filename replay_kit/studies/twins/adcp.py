@@ -1,4 +1,4 @@
-"""A simulated ADCP: what it measures below each ping, and profiles of it at random places or at all grid points."""
+"""Simulated ADCP: measurements below each ping, and profiles at random positions or all grid points."""
 
 import numpy as np
 
@@ -15,16 +15,15 @@ _BELOW: Array = BIN0_DISTANCE + CELL_SIZE * np.arange(N_CELLS, dtype=np.float64)
 
 
 def measure(field: Field, pings: Pings, noise: float, rng: np.random.Generator) -> Array:
-    """Return what each bin of each ping measures, shape (n_pings, n_cells, 2) [m/s], true east and true north.
+    """Return the measured velocity of each bin of each ping, shape (n_pings, n_cells, 2) [m/s], true east and north.
 
-    NaN where the truth has no water: below its last level, on land, outside its grid.
+    NaN below the truth's last level, on land and outside its grid.
 
     Args:
-        field: The truth.
-        pings: Where the instrument is.
+        field: Truth.
+        pings: Positions of the instrument.
         noise: Standard deviation of each component of each bin [m/s].
-        rng: Source of the noise; each bin takes its draws whether it is wet or not, so that one bin's noise does not depend on
-            another's water.
+        rng: Generator of the noise; dry bins draw too, so that noise does not depend on other bins' water.
     """
     velocity = field.velocity(
         pings.east[:, None],
@@ -51,16 +50,16 @@ _INTERVAL_NS = 60_000_000_000
 def random_observations(
     field: Field, pings: int, noise: float, seed: int
 ) -> tuple[Observation, ...]:
-    """Return profiles, 22 bins of 32 m from 16 m each, at places uniformly random over the truth's wet surface.
+    """Return profiles, 22 bins of 32 m from 16 m, at positions uniformly random over the truth's wet surface.
 
     Args:
-        field: The truth.
+        field: Truth.
         pings: Number of profiles.
-        noise: Standard deviation of each component of each bin [m/s]; the profiles state it as their error.
-        seed: Of the places and of the noise.
+        noise: Standard deviation of each component of each bin [m/s], stated as error.
+        seed: Seed of positions and noise.
 
     Raises:
-        ForecastError: Hardly any of the truth's surface is wet.
+        ForecastError: The truth's surface is almost all dry.
     """
     rng = np.random.default_rng(seed)
     places = random_places(field, pings, rng)
@@ -75,10 +74,10 @@ def random_observations(
 
 
 def grid_observations(truth: Ensemble) -> tuple[Observation, ...]:
-    """Return the paper's ideal measurements: each wet grid point once, without noise, a profile for each column of grid points.
+    """Return the paper's ideal measurements: each wet grid point once, without noise, one profile per grid column.
 
     Args:
-        truth: An ensemble of one; the bins are at its levels.
+        truth: Ensemble of one; bins are at its levels.
     """
     grid = truth.grid
     j, i = np.nonzero(grid.wet[0])
@@ -93,7 +92,7 @@ def grid_observations(truth: Ensemble) -> tuple[Observation, ...]:
 def _observations(
     places: tuple[Array, Array], depth: Array, velocity: Array, error_std: float
 ) -> tuple[Observation, ...]:
-    """Return profiles, one a minute, at longitudes and latitudes, of velocities of shape (n, depths, 2) that are NaN where missing."""
+    """Return profiles, one a minute, at longitudes and latitudes, from velocities of shape (n, depths, 2), NaN where missing."""
     missing = np.asarray(~np.isfinite(velocity).all(axis=2))
     return tuple(
         Observation(

@@ -1,7 +1,7 @@
-"""A synthetic ensemble: eddies and a meandering jet, incompressible by construction, surface-intensified.
+"""Synthetic ensemble: eddies and a meandering jet, incompressible by construction, surface-intensified.
 
-Each member is the curl of a stream function, so its horizontal divergence is zero everywhere and at every depth. Members share
-a common draw that each of them perturbs, as the members of a forecast share its analysis; the truth is one more member.
+Each member is the curl of a stream function, so its horizontal divergence is zero everywhere and at every depth. Members perturb a common
+draw, as forecast members share an analysis; the truth is one more member.
 """
 
 from dataclasses import dataclass
@@ -32,14 +32,14 @@ _SCALE_FACTOR = 1e-4  # m/s; int16 then reaches 3.2 m/s
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Eddies:
-    """Gaussian eddies, one an entry.
+    """Gaussian eddies, one per entry.
 
     Attributes:
         centre: shape (n, 2) [m], local east and north at the surface.
-        tilt: shape (n, 2), shift of the centre a metre of depth.
-        radius: shape (n,) [m], where the speed is greatest.
-        speed: shape (n,) [m/s], greatest at the surface; positive is anticlockwise.
-        decay: shape (n,) [m], depth over which the speed falls by e.
+        tilt: shape (n, 2), shift of the centre per metre of depth.
+        radius: shape (n,) [m], radius of the greatest speed.
+        speed: shape (n,) [m/s], greatest speed at the surface; positive anticlockwise.
+        decay: shape (n,) [m], e-folding depth of the speed.
     """
 
     centre: Array
@@ -51,17 +51,17 @@ class Eddies:
 
 @dataclass(frozen=True, slots=True)
 class Jet:
-    """An eastward jet with a sinusoidal meander.
+    """Eastward jet with a sinusoidal meander.
 
     Attributes:
-        speed: On the axis at the surface [m/s].
+        speed: Speed on the axis at the surface [m/s].
         axis: Mean northing of the axis [m].
-        width: [m].
-        amplitude: Of the meander [m].
-        wavelength: [m].
-        phase: [rad].
-        tilt: Northward shift of the axis a metre of depth.
-        decay: [m].
+        width: Width [m].
+        amplitude: Amplitude of the meander [m].
+        wavelength: Wavelength [m].
+        phase: Phase [rad].
+        tilt: Northward shift of the axis per metre of depth.
+        decay: e-folding depth of the speed [m].
     """
 
     speed: float
@@ -78,9 +78,8 @@ def synthesize(seed: int = 0, n_members: int = 40) -> tuple[xr.Dataset, xr.Datas
     """Return the ensemble and the truth withheld from it, unpacked [m/s, true east and north].
 
     Args:
-        seed: Of everything.
-        n_members: Members of the ensemble; the truth is one more draw of the same distribution, made first, so that it does
-            not depend on their number.
+        seed: Seed of all draws.
+        n_members: Number of members; the truth is drawn first from the same distribution, so that it does not depend on it.
 
     Raises:
         ConfigError: Fewer than two members, or a negative seed.
@@ -115,14 +114,14 @@ def synthesize(seed: int = 0, n_members: int = 40) -> tuple[xr.Dataset, xr.Datas
 def velocity(
     groups: tuple[Eddies, ...], jet: Jet, east: Array, north: Array, depth: Array
 ) -> tuple[Array, Array]:
-    """Return local east and north velocity [m/s]: u = dpsi/dy, v = -dpsi/dx of the stream function, differentiated by hand.
+    """Return local east and north velocity [m/s], u = dpsi/dy, v = -dpsi/dx of the stream function.
 
-    An eddy is psi = -speed radius exp(1/2 - r^2 / (2 radius^2)), the jet psi = speed width tanh((y - axis(x)) / width); each
-    has its own exponential decay with depth.
+    An eddy is psi = -speed radius exp(1/2 - r^2 / (2 radius^2)), the jet psi = speed width tanh((y - axis(x)) / width), each with
+    exponential decay in depth.
 
     Args:
         groups: Eddies.
-        jet: The jet.
+        jet: Jet.
         east: [m], local frame; the coordinates are broadcast against each other.
         north: [m], local frame.
         depth: [m], positive down.
@@ -148,9 +147,9 @@ def velocity(
 def write_ensemble(
     ensemble: Path, truth: Path, *, n_members: int = 40, seed: int = 0, overwrite: bool = False
 ) -> tuple[xr.Dataset, xr.Dataset]:
-    """Write a synthetic ensemble and its truth as CF NetCDF-3 and return them; the same arguments give the same bytes.
+    """Write a synthetic ensemble and its truth as CF NetCDF-3 and return them; equal arguments give equal bytes.
 
-    NetCDF-3 and packed 16-bit integers, because a NetCDF-4 file carries the versions of the libraries that wrote it.
+    NetCDF-3 with packed 16-bit integers, as a NetCDF-4 file records library versions.
 
     Args:
         ensemble: File of the ensemble.
@@ -160,7 +159,7 @@ def write_ensemble(
         overwrite: Whether existing files are replaced.
 
     Raises:
-        ConfigError: A file exists or cannot be written, or an argument is bad.
+        ConfigError: A file exists or cannot be written, or an argument is invalid.
     """
     check_paths([], [ensemble, truth], overwrite)
     pair = synthesize(seed, n_members)
@@ -195,7 +194,7 @@ def write_ensemble(
 
 
 def _draw_common_eddies(rng: np.random.Generator) -> Eddies:
-    """Return eddies about a lattice, neighbours turning opposite ways, so that no draw piles them up in one place."""
+    """Return eddies near a lattice with alternating rotation, so that they do not accumulate."""
     column, row = (grid.ravel() for grid in np.meshgrid(np.arange(_COLUMNS), np.arange(_ROWS)))
     lattice = np.column_stack(
         [(2.0 * column + 1.0) / _COLUMNS - 1.0, (2.0 * row + 1.0) / _ROWS - 1.0]
@@ -208,7 +207,7 @@ def _draw_common_eddies(rng: np.random.Generator) -> Eddies:
 
 
 def _draw_eddies(place: Array, speed: Array, rng: np.random.Generator) -> Eddies:
-    """Return eddies at places given in half widths of the grid, shape (n, 2), with speeds of half to all of those given."""
+    """Return eddies at positions in half widths of the grid, shape (n, 2), with 50 to 100 % of the given speeds."""
     count = len(place)
     return Eddies(
         centre=place * _HALF_WIDTH,

@@ -1,7 +1,4 @@
-"""A truth sampled anywhere: cubic in the grid's indices, where a curvilinear grid is a product, and cubic in depth.
-
-A truth of several times is linear between them.
-"""
+"""Truth interpolated anywhere: cubic in grid indices and depth, linear in time."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -25,14 +22,14 @@ _EDGE = 1e-7  # of a cell; rounding does not put a point of the edge outside
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """A current that can be sampled anywhere in its grid; make it with ``build_field``.
+    """Current that can be evaluated anywhere in its grid; created by ``build_field``.
 
     Attributes:
-        grid: Where the current was given.
-        velocity_splines: (depth, j, i) to local east and north [m/s], one a time.
-        time_ns: shape (T,) [ns, UTC], increasing: the times; of no effect when there is one.
-        place_spline: (j, i) to local east and north [m].
-        nodes: The grid's nodes, for first guesses of (j, i).
+        grid: Grid of the current.
+        velocity_splines: Splines from (depth, j, i) to local east and north [m/s], one per time.
+        time_ns: shape (T,) [ns, UTC], increasing times; a single one is ignored.
+        place_spline: Spline from (j, i) to local east and north [m].
+        nodes: Grid nodes, for first guesses of (j, i).
     """
 
     grid: Grid
@@ -46,14 +43,13 @@ class Field:
     ) -> Array:
         """Return the current along the local axes, shape (..., 2) [m/s].
 
-        Above the first level it is that of the first level. It is NaN below the last level, outside the grid, and in a cell
-        that has a dry corner.
+        Above the first level it is constant; it is NaN below the last level, outside the grid, and in cells with a dry corner.
 
         Args:
             east: [m], local frame; the arguments are broadcast against each other.
             north: [m], local frame.
             depth: [m], positive down.
-            time_ns: [ns, UTC], broadcast against the places; of no effect on a truth of one time.
+            time_ns: [ns, UTC], broadcast against the positions; ignored for a truth of one time.
 
         Raises:
             ForecastError: A time lies outside the truth's.
@@ -76,7 +72,7 @@ class Field:
     def _velocity(
         self, east: Array, north: Array, depth: Array, time_ns: NDArray[np.int64]
     ) -> Array:
-        """Return ``velocity`` of places, shape (n, 2)."""
+        """Return ``velocity`` at positions, shape (n, 2)."""
         j, i, inside = grid_indices(self, east, north)
         levels = self.grid.levels
         z = np.maximum(depth, levels[0])
@@ -115,11 +111,11 @@ def build_field(truth: Ensemble, *later: Ensemble) -> Field:
     """Return the field of a truth, or of a truth at several times.
 
     Args:
-        truth: An ensemble of one.
-        later: The same at later times, on the same grid.
+        truth: Ensemble of one.
+        later: Truths at later times on the same grid.
 
     Raises:
-        ForecastError: A truth is not an ensemble of one, has no wet point, or is of no time later than the one before.
+        ForecastError: A truth is not an ensemble of one, has no wet point, or is not later than the previous one.
     """
     times = tuple(0 if each.time_ns is None else each.time_ns for each in (truth, *later))
     if any(after <= before for before, after in pairwise(times)):
@@ -152,7 +148,7 @@ def build_field(truth: Ensemble, *later: Ensemble) -> Field:
 
 
 def grid_indices(field: Field, east: Array, north: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return fractional (j, i) of places and whether each is in the grid, by Newton's method from the nearest node.
+    """Return fractional (j, i) of positions and whether each is in the grid, by Newton's method from the nearest node.
 
     Args:
         field: The field.
@@ -203,7 +199,7 @@ def _tensor_spline(axes: tuple[Array, ...], values: Array) -> NdBSpline:
 
 
 def _without_land(velocity: Array, wet: NDArray[np.bool_]) -> Array:
-    """Return velocities, shape (2, Z, J, I), with dry points given the nearest wet value: a spline needs a number everywhere."""
+    """Return velocities, shape (2, Z, J, I), with dry points filled by the nearest wet value, for splines."""
     filled = np.where(wet, velocity, 0.0)
     for level, mask in enumerate(wet):
         if mask.any() and not mask.all():
@@ -213,7 +209,7 @@ def _without_land(velocity: Array, wet: NDArray[np.bool_]) -> Array:
 
 
 def _cell_is_wet(grid: Grid, z: Array, j: Array, i: Array) -> NDArray[np.bool_]:
-    """Return whether all corners of the cell around each place are wet."""
+    """Return whether all corners of the cell around each position are wet."""
     n_levels, rows, columns = grid.wet.shape
     k0 = np.clip(np.searchsorted(grid.levels, z, side="right") - 1, 0, n_levels - 1)
     # on a level, the level below does not count

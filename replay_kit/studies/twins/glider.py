@@ -1,4 +1,4 @@
-"""A sawtooth glider flown through a truth: carried by the current, logging fixes at the surface and dead-reckoned positions under water."""
+"""Simulated sawtooth glider in a truth: advected, with fixes at the surface and dead-reckoned positions under water."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,13 +37,13 @@ _CENTRE = np.array([0.5, 0.5])
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """When a glider pings and logs.
+    """Schedule of a glider's pings and positions.
 
     Attributes:
-        ping_steps: From one ping to the next [steps of 120 s].
-        to_the_end: Whether positions are logged to the end of the last dive, and not to the last ping only.
-        course: Corners of its course over the grid, in fractions of rows and columns, which it begins at the first; empty for the usual
-            course from a random corner.
+        ping_steps: Ping interval [steps of 120 s].
+        to_the_end: Whether positions are logged to the end of the last dive instead of the last ping.
+        course: Corners of its course in fractions of the grid's rows and columns, from the first; empty for the default course from a
+            random corner.
     """
 
     ping_steps: int = PING_STEPS
@@ -58,20 +58,20 @@ def mission(
     rng: np.random.Generator,
     schedule: Schedule = Schedule(),
 ) -> Mission:
-    """Return a glider's mission: dives along a course over the region, a ping every ten minutes, a fix at each surfacing.
+    """Return a glider's mission: dives along a course, a ping every ten minutes, a fix at each surfacing.
 
-    Between fixes the logged positions are dead-reckoned as a shore station does after the dive: through-water motion plus the
-    depth-averaged current that makes the track end at the next fix. The last dive is flown to its end.
+    Positions between fixes are dead-reckoned as by a shore station after the dive: motion through water plus the depth-averaged current, so
+    that the track ends at the next fix. The last dive is flown to its end.
 
     Args:
-        field: The truth.
+        field: Truth.
         pings: Number of pings.
         start_ns: Time of the first ping [ns, UTC].
-        rng: Chooses the corner at which the course starts.
-        schedule: When it pings, and until when it logs.
+        rng: Generator of the starting corner.
+        schedule: Times of pings and positions.
 
     Raises:
-        ForecastError: The current carried the glider out of the truth's water.
+        ForecastError: The glider drifted out of the truth's water.
     """
     return missions(field, pings, (start_ns,), (rng,), (schedule,))[0]
 
@@ -83,7 +83,7 @@ def missions(
     rngs: Sequence[np.random.Generator],
     schedules: Sequence[Schedule],
 ) -> list[Mission]:
-    """Return the missions of several gliders, of which all ping equally often; arguments as of ``mission``, one for each."""
+    """Return the missions of several gliders with equal numbers of pings; arguments as in ``mission``, one for each."""
     every = schedules[0].ping_steps * _STEP_NS
     courses = [np.array(one.course or _COURSE) for one in schedules]
     corners = [int(rng.integers(len(_COURSE))) for rng in rngs]
@@ -109,7 +109,7 @@ def missions(
 
 
 def _end(tracks: Sequence[Track]) -> tuple[Array, NDArray[np.int64]]:
-    """Return where tracks end, shape (g, 2), and when, shape (g,) [ns, UTC]."""
+    """Return the ends of tracks, shape (g, 2), and their times, shape (g,) [ns, UTC]."""
     return (
         np.stack([track.place[-1] for track in tracks]),
         np.array([track.end_ns for track in tracks], np.int64),
@@ -124,7 +124,7 @@ def _place_of(field: Field, fraction: Array) -> Array:
 
 
 def _aim(field: Field, place: Array, target: int, course: Array) -> tuple[Array, int]:
-    """Return the place to head for, and the corner of the course that is next."""
+    """Return the target position, and the next corner of the course."""
     rows, columns = field.grid.east.shape
     j, i, _ = grid_indices(field, place[:1], place[1:])
     fraction = np.array([j[0] / (rows - 1), i[0] / (columns - 1)])
@@ -147,7 +147,7 @@ def _dive(field: Field, places: Array, starts_ns: NDArray[np.int64], aims: Array
 
 
 def dive_steps(field: Field) -> int:
-    """Return how long a dive takes [steps of 120 s], half of them down and half up."""
+    """Return the duration of a dive [steps of 120 s], half down and half up."""
     bottom = min(_MAX_DEPTH, float(field.grid.levels[-1]))
     return 2 * max(
         1,
@@ -176,7 +176,7 @@ def _logged(
     pings_ns: NDArray[np.int64],
     to_the_end: bool,
 ) -> Mission:
-    """Return what is logged of dives and stays at the surface."""
+    """Return the logged mission from dives and surface drifts."""
     start_ns = tracks[0].start_ns
     end_ns = tracks[-1].end_ns if to_the_end else int(pings_ns[-1])
     logged_ns = np.union1d(np.arange(start_ns, end_ns + 1, PING_STEPS * _STEP_NS), pings_ns)
@@ -225,7 +225,7 @@ def _logged(
 
 
 def _heading(field: Field, track: Track) -> Array:
-    """Return the heading at each step, clockwise from true north; adrift at the surface, north by convention."""
+    """Return the heading at each step, clockwise from true north; north at the surface by convention."""
     if not track.through_water.any():
         return np.zeros(track.depth.size)
     longitude, latitude = to_geographic(field.grid.projection, track.place[:, 0], track.place[:, 1])

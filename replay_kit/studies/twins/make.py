@@ -1,4 +1,4 @@
-"""A twin experiment's log: a vehicle, its instrument, a carrier."""
+"""Log of a twin experiment from a vehicle and its instrument."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ _WRITERS = {".mcap": write_mcap_log, ".tlog": write_tlog}
 
 @dataclass(frozen=True, slots=True)
 class Twin:
-    """What is simulated.
+    """Settings of a simulated log.
 
     Attributes:
-        vehicle: ``vessel``, a survey of random places, or ``glider``, a sawtooth along a course.
+        vehicle: ``vessel``, a survey of random positions, or ``glider``, a sawtooth along a course.
         pings: Number of pings.
         noise: Standard deviation of each velocity component [m/s].
-        seed: Of the places and of the noise; what follows changes neither by itself.
-        interval_s: From one ping of a glider to the next [s]; a multiple of its step of 120 s.
+        seed: Seed of positions and noise, independent of the following settings.
+        interval_s: Ping interval of a glider [s]; a multiple of its step of 120 s.
     """
 
     vehicle: Vehicle
@@ -42,7 +42,7 @@ class Twin:
     interval_s: float = _USUAL_S
 
     def check(self) -> None:
-        """Raise ConfigError when a number is none that can be simulated, or does not fit the vehicle."""
+        """Raise ConfigError if a value cannot be simulated or does not fit the vehicle."""
         if self.vehicle not in get_args(Vehicle):
             raise ConfigError(
                 f"vehicle: expected {' or '.join(get_args(Vehicle))}, got '{self.vehicle}'"
@@ -65,17 +65,17 @@ class Twin:
 def make_twin(
     truth: Ensemble | Sequence[Ensemble], twin: Twin, out: Path, overwrite: bool = False
 ) -> Mission:
-    """Write the log of a vehicle that measured a truth, and return the mission; the same arguments give the same bytes.
+    """Write the log of a simulated vehicle in a truth, and return the mission; equal arguments give equal bytes.
 
     Args:
-        truth: An ensemble of one, or several of growing times, between which the sea changes linearly.
-        twin: The vehicle, its survey, and the errors of its instrument.
-        out: ``.mcap`` or ``.tlog``.
+        truth: Ensemble of one, or several at increasing times with linear changes between them.
+        twin: Vehicle, survey, and errors of the instrument.
+        out: Log, ``.mcap`` or ``.tlog``.
         overwrite: Whether an existing log is replaced.
 
     Raises:
-        ConfigError: A bad argument, or the output exists.
-        ForecastError: The truth cannot be sampled along the track.
+        ConfigError: An argument is invalid, or the output exists.
+        ForecastError: The truth does not cover the track.
     """
     writer = _WRITERS.get(out.suffix.lower())
     if writer is None:

@@ -1,4 +1,4 @@
-"""A simulated mission as the messages a vehicle would log."""
+"""Messages of a simulated mission as a vehicle would log them."""
 
 import math
 from collections.abc import Iterator
@@ -18,13 +18,13 @@ from replay_kit.studies.twins.vehicle import NS_PER_S, Dive, Mission, Pings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """A mission flown, and the water measured on it; make it with ``measured_on``.
+    """Simulated mission with its measurements; created by ``measured_on``.
 
     Attributes:
-        field: The truth.
-        mission: What the vehicle did.
+        field: Truth.
+        mission: Mission of the vehicle.
         noise: Standard deviation of each velocity component [m/s].
-        measured: shape (n_pings, n_cells, 2) [m/s], the water over the ground with noise, true east and north; NaN where bad.
+        measured: shape (n_pings, n_cells, 2) [m/s], noisy velocity over ground, true east and north; NaN where bad.
     """
 
     field: Field
@@ -34,11 +34,11 @@ class Flight:
 
     @property
     def places(self) -> Array:
-        """Where it pinged, shape (pings, 2) [m], local axes."""
+        """Positions of the pings, shape (pings, 2) [m], local axes."""
         return np.column_stack([self.mission.pings.east, self.mission.pings.north])
 
     def messages(self) -> Iterator[Message]:
-        """Yield the log's messages in order of time: at one time the position, then a dive's mean current, then the ping."""
+        """Yield the log's messages in order of time: at equal times position, mean current of a dive, ping."""
         entries: list[tuple[int, int, str, str, dict[str, Any]]] = []
         for position in self.mission.positions:
             entries.append(
@@ -66,7 +66,7 @@ class Flight:
             yield Message(time_ns, topic, schema, payload, 0, ordinal)
 
     def _pings(self) -> Iterator[tuple[int, int, str, str, dict[str, Any]]]:
-        """Yield the pings as the instrument logs them, with their times and their order among messages of one time."""
+        """Yield the pings as logged by the instrument, with times and order among messages of equal time."""
         latitudes = {position.time_ns: position.latitude for position in self.mission.positions}
         for number, time_ns in enumerate(self.mission.pings.time_ns.tolist()):
             ping = _adcp_ping(
@@ -76,13 +76,13 @@ class Flight:
 
 
 def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Generator) -> Flight:
-    """Return a mission with what its instrument measures.
+    """Return a mission with its measurements.
 
     Args:
-        mission: What the vehicle did.
-        field: The truth.
+        mission: Mission of the vehicle.
+        field: Truth.
         noise: Standard deviation of each velocity component [m/s].
-        rng: Source of the noise.
+        rng: Generator of the noise.
     """
     return Flight(field, mission, noise, measure(field, mission.pings, noise, rng))
 

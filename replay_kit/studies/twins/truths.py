@@ -1,4 +1,4 @@
-"""Which truth an experiment withholds, one of its own or a member left out of the ensemble, and goals that it can reach."""
+"""Truths of experiments, given or members left out of the ensemble, and goals reachable in them."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -19,12 +19,12 @@ from replay_kit.studies.twins.vehicle import random_places
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """A truth and the ensemble that does not know it.
+    """Truth and an ensemble independent of it.
 
     Attributes:
-        member: Position of the member left out; None when the truth is another file.
-        truth: An ensemble of one.
-        ensemble: The members that are left.
+        member: Index of the member left out; None if the truth is another file.
+        truth: Ensemble of one.
+        ensemble: Other members.
     """
 
     member: int | None
@@ -33,10 +33,10 @@ class Case:
 
 
 def leave_out(ensemble: Ensemble, member: int) -> Case:
-    """Return the case in which a member, by its position from 0, is the truth.
+    """Return the case with a member, by index from 0, as truth.
 
     Raises:
-        ConfigError: There is no such member, or too few would be left.
+        ConfigError: The member does not exist, or too few remain.
     """
     if not 0 <= member < ensemble.n_members:
         raise ConfigError(
@@ -57,10 +57,10 @@ def leave_out(ensemble: Ensemble, member: int) -> Case:
 
 
 def members_named(text: str, n_members: int) -> tuple[int, ...]:
-    """Return the positions that ``--leave-out`` names: several with commas between them, or ``all``.
+    """Return the indices in ``--leave-out``: comma-separated, or ``all``.
 
     Raises:
-        ConfigError: It names none, or one twice.
+        ConfigError: An index is invalid or repeated.
     """
     if text == "all":
         return tuple(range(n_members))
@@ -73,7 +73,7 @@ def members_named(text: str, n_members: int) -> tuple[int, ...]:
 
 
 def most_distant(ensemble: Ensemble) -> int:
-    """Return the position of the member that is farthest, in RMS over wet points, from the mean of the others."""
+    """Return the index of the member farthest from the mean of the others, in RMS over wet points."""
     anomalies = (ensemble.velocity - ensemble.velocity.mean(axis=0))[:, :, ensemble.grid.wet]
     # the distance from the mean of the others is the distance from the mean of all times E / (E - 1)
     return int(np.argmax(np.sum(anomalies**2, axis=(1, 2))))
@@ -84,8 +84,8 @@ def cases(ensemble: Ensemble, truth: Ensemble | None, which: str | None) -> Iter
 
     Args:
         ensemble: All members.
-        truth: A truth of its own; None to leave members out.
-        which: ``all``, ``most-distant`` or members' positions from 0 with commas between them; None with a truth.
+        truth: Separate truth; None to leave members out.
+        which: ``all``, ``most-distant`` or comma-separated member indices from 0; None with a truth.
 
     Raises:
         ConfigError: Both or none are given, or the member does not exist.
@@ -112,14 +112,14 @@ _MAX_DRAWS = 100
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A start at the surface and a target that a flight in the truth reaches."""
+    """Start at the surface and target that a flight in the truth reaches."""
 
     start: Place
     target: Place
 
     @property
     def distance(self) -> float:
-        """From the start to the target, horizontal [m]."""
+        """Horizontal distance from start to target [m]."""
         return float(
             distance(
                 self.start.longitude,
@@ -133,19 +133,19 @@ class Pair:
 def draw_pairs(
     field: Field, flow: FlowEstimate, grid: Grid, count: int, seed: int
 ) -> tuple[Pair, ...]:
-    """Return starts and targets, each target the end of a random glide flown in the truth that stays in the water.
+    """Return starts and targets; each target is the end of a random glide in the truth's water.
 
-    Targets are at the paper's depth, or at the deepest level that both grids have.
+    Targets are at the paper's depth, or at the deepest common level.
 
     Args:
-        field: The truth, for places at its wet surface.
-        flow: The truth as the planner sees it.
-        grid: Of the estimates; a glide has to stay in its water too.
+        field: Truth, for positions on its wet surface.
+        flow: Truth in the planner's form.
+        grid: Grid of the estimates; glides stay in its water too.
         count: Number of pairs.
-        seed: Of starts, headings and times to depth.
+        seed: Seed of starts, headings and times to depth.
 
     Raises:
-        ForecastError: Hardly any glide stays in the water, or there is no level below the surface.
+        ForecastError: Too few glides stay in the water, or there is no level below the surface.
     """
     # a stream of its own: with the pings' the starts would be at pinged places
     rng, depth = (
@@ -187,15 +187,15 @@ def draw_reachable(
     """Return starts and targets of random flights that stay in the water of all grids.
 
     Args:
-        fly: Draws and flies some, shape (steps, n, 3) [m], local east, north and depth of the first grid.
-        grids: Whose water they keep to.
+        fly: Returns random flights, shape (steps, n, 3) [m], local east, north and depth of the first grid.
+        grids: Grids whose water they stay in.
         count: Number of pairs.
-        what: The flights are, for the message.
-        target_depth: Of the targets [m].
-        water_depth: Least depth of the water all along [m]; None for that of each path's points.
+        what: Name of the flights in the message.
+        target_depth: Depth of the targets [m].
+        water_depth: Least depth of the water along the path [m]; None for the depth of the path.
 
     Raises:
-        ForecastError: Hardly any flight stays in the water.
+        ForecastError: Too few flights stay in the water.
     """
     pairs: list[Pair] = []
     for _ in range(_MAX_DRAWS):
@@ -220,14 +220,14 @@ def draw_reachable(
 def fly_steadily(
     flow: FlowEstimate, start: Array, through_water: Array, duration: Array, steps: int
 ) -> Array:
-    """Return the paths of constant velocities through water, shape (steps + 1, n, 3) [m]: RK4, all at once.
+    """Return the paths of constant velocities through water, shape (steps + 1, n, 3) [m], by vectorised RK4.
 
     Args:
-        flow: The current.
+        flow: Current.
         start: shape (n, 3) [m].
         through_water: shape (n, 3) [m/s].
         duration: shape (n,) [s].
-        steps: Of equal time.
+        steps: Number of equal time steps.
     """
 
     def over_ground(position: Array) -> Array:
@@ -245,7 +245,7 @@ def fly_steadily(
 
 
 def in_water(grid: Grid, longitude: Array, latitude: Array, depth: Array) -> NDArray[np.bool_]:
-    """Return which paths, shape (steps, n), stay inside a grid's outline and over its wet points all along, shape (n,)."""
+    """Return the mask of paths, shape (steps, n), that stay inside a grid's outline and over its wet points, shape (n,)."""
     east, north = to_local(grid.projection, longitude, latitude)
     nearest = cKDTree(np.column_stack([grid.east.ravel(), grid.north.ravel()])).query(
         np.stack([east, north], axis=-1)

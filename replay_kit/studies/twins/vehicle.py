@@ -1,4 +1,4 @@
-"""Simulated vehicles: pings, logged positions, advection by a truth, dead reckoning, and a vessel's survey of random places."""
+"""Simulated vehicles: pings, positions, advection by a truth, dead reckoning, and a vessel's survey of random positions."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -20,16 +20,16 @@ _MAX_DRAWS = 1000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pings:
-    """Where and when the instrument pings, exactly.
+    """Exact positions and times of pings.
 
     Attributes:
         time_ns: shape (n,) [ns, UTC], whole milliseconds.
         east: shape (n,) [m], local frame of the truth.
         north: shape (n,) [m], local frame of the truth.
-        depth: shape (n,) [m], of the transducer.
-        heading_deg: shape (n,), clockwise from true north.
-        pitch_deg: shape (n,), nose up.
-        velocity: shape (n, 2) [m/s], of the platform over the ground, local east and north; None where nobody asks for it.
+        depth: shape (n,) [m], depth of the transducer.
+        heading_deg: shape (n,), heading clockwise from true north.
+        pitch_deg: shape (n,), pitch, nose up.
+        velocity: shape (n, 2) [m/s], platform over ground, local east and north; None if not needed.
     """
 
     time_ns: NDArray[np.int64]
@@ -43,12 +43,12 @@ class Pings:
 
 @dataclass(frozen=True, slots=True)
 class Dive:
-    """One dive, surfacing to surfacing.
+    """Dive from surfacing to surfacing.
 
     Attributes:
-        number: Counted from 1.
-        start: Last fix before.
-        end: First fix after.
+        number: Number, from 1.
+        start: Last fix before it.
+        end: First fix after it.
         current: Depth-averaged current along true east and true north [m/s].
     """
 
@@ -60,12 +60,12 @@ class Dive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mission:
-    """What a vehicle did.
+    """Simulated mission of a vehicle.
 
     Attributes:
-        pings: Where it pinged.
-        positions: What it logged of its position, in order of time; one at each ping.
-        dives: The glider's dives; none for a vessel.
+        pings: Pings.
+        positions: Logged positions in order of time, one at each ping.
+        dives: Dives of a glider; empty for a vessel.
     """
 
     pings: Pings
@@ -74,17 +74,17 @@ class Mission:
 
     @property
     def hours(self) -> float:
-        """From the first ping to the last [h]."""
+        """Time from the first ping to the last [h]."""
         return float(np.ptp(self.pings.time_ns)) / 3.6e12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """A way through a truth: one dive or several without a stop, a stay at the surface, or a dive and the drift after it.
+    """Track through a truth: consecutive dives, a surface drift, or a dive and the drift after it.
 
     Attributes:
-        start_ns: When it began [ns, UTC].
-        seconds: shape (n,) [s], since then.
+        start_ns: Start [ns, UTC].
+        seconds: shape (n,) [s], time since the start.
         place: shape (n, 2) [m], local east and north of the truth.
         depth: shape (n,) [m].
         through_water: shape (2,) [m/s], local east and north, under water.
@@ -98,12 +98,12 @@ class Track:
 
     @property
     def surfaced(self) -> int:
-        """Number of the point at which the surface was reached, 0 for a stay there; a drift comes after it."""
+        """Index of the point at which the surface was reached, 0 for a drift."""
         return int(np.flatnonzero(np.diff(self.depth, prepend=self.depth[0])).max(initial=0))
 
     @property
     def end_ns(self) -> int:
-        """When it ended, its drift included [ns, UTC]."""
+        """End, including its drift [ns, UTC]."""
         return self.time_ns(-1)
 
     def time_ns(self, point: int) -> int:
@@ -114,14 +114,14 @@ class Track:
 def log_position(
     field: Field, time_ns: int, place: Array, depth: float = 0.0, dead_reckoned: bool = False
 ) -> VehicleState:
-    """Return a position as it is logged: to 1e-7 degree and millimetres of depth, the resolution that MAVLink carries.
+    """Return a position as logged, rounded to 1e-7 degree and 1 mm of depth, the resolution of MAVLink.
 
     Args:
-        field: The truth, whose local frame ``place`` is in.
+        field: Truth, with the local frame of ``place``.
         time_ns: [ns, UTC].
         place: shape (2,) [m], local east and north.
         depth: [m].
-        dead_reckoned: True when computed, not measured.
+        dead_reckoned: Whether it is dead-reckoned.
     """
     longitude, latitude = (
         round(float(degrees), 7)
@@ -146,18 +146,18 @@ def advected(
     depth: Array,
     through_water: Array,
 ) -> list[Track]:
-    """Return the tracks of g vehicles in a truth, by the midpoint rule: together, as a step of many takes little more time than one of one.
+    """Return the tracks of g vehicles in a truth by the midpoint rule, vectorised over vehicles.
 
     Args:
-        field: The truth.
+        field: Truth.
         places: shape (g, 2) [m], local east and north at the start.
         starts_ns: shape (g,) [ns, UTC].
-        seconds: shape (n,) [s], since the start.
-        depth: shape (n,) [m]; where it no longer changes the vehicle is adrift.
+        seconds: shape (n,) [s], time since the start.
+        depth: shape (n,) [m]; the vehicle is adrift once it no longer changes.
         through_water: shape (g, 2) [m/s], local east and north, until then.
 
     Raises:
-        ForecastError: The current carried a vehicle out of the truth's water.
+        ForecastError: A vehicle drifted out of the truth's water.
     """
     flown = np.empty((len(seconds), *places.shape))
     flown[0] = places
@@ -188,16 +188,16 @@ def advected(
 def dead_reckoned(
     field: Field, number: int, track: Track, time_ns: NDArray[np.int64], depth: Array
 ) -> tuple[Dive, list[VehicleState]]:
-    """Return a dive with its depth-averaged current, and positions as a shore station reckons them after the dive.
+    """Return a dive with its depth-averaged current, and positions dead-reckoned as by a shore station after the dive.
 
-    Through-water motion plus the depth-averaged current ends at the fix after the dive, so that positions lie evenly between the fixes.
+    Motion through water plus the depth-averaged current ends at the fix after the dive.
 
     Args:
-        field: The truth.
-        number: Of the dive.
-        track: The dive; it lies between fixes at its start and where it surfaces.
-        time_ns: shape (k,) [ns, UTC], of the positions.
-        depth: shape (k,) [m], of the positions.
+        field: Truth.
+        number: Number of the dive.
+        track: Track of the dive, between fixes at its start and surfacing.
+        time_ns: shape (k,) [ns, UTC], times of the positions.
+        depth: shape (k,) [m], depths of the positions.
     """
     points = (0, track.surfaced)
     begin, end = (log_position(field, track.time_ns(k), track.place[k]) for k in points)
@@ -217,17 +217,17 @@ def dead_reckoned(
 def survey(
     field: Field, pings: int, start_ns: int, rng: np.random.Generator, speed: float = 5.0
 ) -> Mission:
-    """Return a vessel's survey: places uniformly random over the wet surface, visited nearest first, one ping at each.
+    """Return a vessel's survey: positions uniformly random over the wet surface, visited nearest first, one ping at each.
 
     Args:
-        field: The truth; only places where it has a surface current are visited.
-        pings: Number of places.
+        field: Truth; only positions with a surface current are visited.
+        pings: Number of positions.
         start_ns: Time of the first ping [ns, UTC].
-        rng: Source of the places.
-        speed: [m/s], over ground.
+        rng: Generator of the positions.
+        speed: Speed over ground [m/s].
 
     Raises:
-        ForecastError: Hardly any of the region's surface is wet.
+        ForecastError: The region's surface is almost all dry.
     """
     places = _nearest_first(random_places(field, pings, rng))
     d_east, d_north = np.diff(places, axis=0).T
@@ -248,7 +248,7 @@ def survey(
 
 
 def random_places(field: Field, count: int, rng: np.random.Generator) -> Array:
-    """Return places, shape (count, 2) [m], uniform over the region's wet surface, by rejection from the box around the grid."""
+    """Return positions, shape (count, 2) [m], uniform over the region's wet surface, by rejection sampling."""
     grid = field.grid
     low, high = (np.array([f(grid.east), f(grid.north)]) for f in (np.min, np.max))
     kept = np.empty((0, 2))
@@ -266,7 +266,7 @@ def random_places(field: Field, count: int, rng: np.random.Generator) -> Array:
 
 
 def _nearest_first(places: Array) -> Array:
-    """Return places, shape (n, 2), each followed by the nearest one not yet visited."""
+    """Return positions, shape (n, 2), each followed by the nearest unvisited one."""
     order, left = [0], np.arange(1, len(places))
     while left.size:
         nearest = int(np.argmin(((places[left] - places[order[-1]]) ** 2).sum(axis=1)))

@@ -145,7 +145,7 @@ def test_one_whole_ping_of_a_cut_file_is_read(tmp_path):
         assert (ping.time_ns, ping.payload["ping"]) == (int(samples.START.timestamp()) * 10**9, 0)
         assert ping.payload["velocity"] == pings(tmp_path, survey, 3)[0]["velocity"]
         assert len(log.report().losses) == (end > first)
-    with pytest.raises(LogError, match="no sound ensemble of velocities"):
+    with pytest.raises(LogError, match="no valid ensemble of velocities"):
         open_log(write(tmp_path, whole[: first - 1]))
 
 

@@ -161,7 +161,7 @@ def test_one_ensemble_is_a_file(tmp_path):
     ],
 )
 def test_a_file_without_a_sound_ensemble_is_an_error(tmp_path, data):
-    with pytest.raises(LogError, match=r"no sound ensemble|configuration is missing"):
+    with pytest.raises(LogError, match=r"no valid ensemble|configuration is missing"):
         open_log(write(tmp_path, data))
 
 

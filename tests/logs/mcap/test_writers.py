@@ -239,13 +239,13 @@ def test_empty_cells_are_written_as_not_known(tmp_path, velocity, east, north):
             _message(
                 {"latitude": 1.0, "longitude": 2.0, "metadata": [3]}, schema="foxglove.LocationFix"
             ),
-            "a field is not of the kind",
+            "not of the expected type",
         ),
         (_ping(cell_size=None, cell_distances=[1.0, 2.0]), "expected cell_size to be a number"),
         (_ping(coordinate_system="sideways"), "expected coordinate_system to be one of"),
         (_ping(velocity=[[1.0, 2.0]]), "as many cells"),
-        (_ping(velocity=None), "a field is not of the kind"),
-        (_ping(temperature="warm"), "a field is not of the kind"),
+        (_ping(velocity=None), "not of the expected type"),
+        (_ping(temperature="warm"), "not of the expected type"),
         (_ping(pressure=1e300), "out of a frame's range"),
     ],
 )

@@ -28,7 +28,7 @@ def test_a_damaged_compressed_file_is_an_error_of_ours(tmp_path, damage):
     # cut in the middle, or with one bit of its checksum changed
     data[-6] ^= 1
     path.write_bytes(bytes(data[: len(data) // 2]) if damage == "cut" else bytes(data))
-    with pytest.raises(LogError, match="is the file whole"):
+    with pytest.raises(LogError, match="is the file complete"):
         open_log(path)
 
 

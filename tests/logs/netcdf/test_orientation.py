@@ -40,7 +40,7 @@ def test_shears_tell_where_it_looks(sign, looks):
     ratio = _twin(shear, depth[:, None] + middle) / _twin(shear, depth[:, None] - middle)
     assert agreement(velocity, depth, DISTANCE) == pytest.approx(ratio, rel=1e-10)
     assert notes == [
-        f"ADCP: looks {looks} by its shears, whose variance is {max(ratio, 1 / ratio):.2f} times smaller than the other way"
+        f"ADCP: looks {looks} by its shears: variance {max(ratio, 1 / ratio):.2f} times smaller than for the opposite"
     ]
 
 
