@@ -24,8 +24,9 @@ from replay_kit.forecast.grid import (
     turn_to_local,
     turned,
 )
-from replay_kit.forecast.layout import Layout, lay_out
+from replay_kit.forecast.layout import Layout, U, lay_out
 from replay_kit.forecast.selection import Change
+from replay_kit.forecast.variables import precision
 from replay_kit.forecast.window import Window, read_window, window_size
 
 # Members read at once [bytes].
@@ -71,7 +72,8 @@ def together(
     """
     own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
     # what is made of members is computed in double precision
-    dtype = own.dtype if change is None else np.dtype(np.float64)
+    kept = precision(fields[0].ds[U], count * own[0, 0].size)
+    dtype = kept if change is None else np.dtype(np.float64)
     alone = len(own) == count and own.dtype == dtype
     velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
     turned(own, turn, velocity[: len(own)])
