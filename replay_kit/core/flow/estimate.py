@@ -291,7 +291,7 @@ class FlowEstimate:
         self._uncertain()
 
         def here(places: Array, at: Indices, depths: Array) -> Array:
-            rows = self._rows(places, true_axes).transpose(2, 3, 1, 0)
+            rows = self._rows(places, true_axes)
             covariance = rows @ rows.swapaxes(2, 3)
             own, levels = self._in_functions(depths), depth_weights(_LINEAR, depths, self.levels)
             of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
@@ -321,7 +321,7 @@ class FlowEstimate:
         self._uncertain("velocity_covariance")
         at = np.broadcast_arrays(east, north, checked_depth(depth))
         points, depths = np.column_stack([axis.ravel() for axis in at[:2]]), at[2].ravel()
-        rows = np.einsum("pk,qkcp->qcp", self._in_functions(depths), self._rows(points, true_axes))
+        rows = np.einsum("pk,cpkq->qcp", self._in_functions(depths), self._rows(points, true_axes))
         rows[..., ~self._known(points[:, 0], points[:, 1], depths)] = np.nan
         rows = rows.reshape(len(rows), -1)
         return np.asarray(rows.T @ rows)
@@ -372,14 +372,15 @@ class FlowEstimate:
 
     @cached_property
     def _factor(self) -> Array:
-        """F' L at the flow's time, the weights of independent unknowns of unit variance in the vertical functions, shape (k, K, r)."""
+        """L' F at the flow's time, the weights of independent unknowns of unit variance in the vertical functions, shape (r, K, k)."""
         known = self._uncertain()
-        return np.tensordot(known.root, known.process.loading(self.time_ns or 0), ([0], [0]))
+        loading = known.process.loading(self.time_ns or 0)
+        return np.tensordot(np.ascontiguousarray(loading.T), known.root, 1)
 
     def _rows(self, places: Array, true_axes: bool) -> Array:
-        """Return the effect of independent unknowns of unit variance on the vertical functions' amplitudes, shape (k, K, 2, P) [m/s]."""
+        """Return the effect of independent unknowns of unit variance on the vertical functions' amplitudes, shape (2, P, K, k) [m/s]."""
         modes = self._true(places, self.horizontal.velocity(places, self.modes), true_axes)
-        return np.tensordot(self._factor, modes, ([2], [2]))
+        return np.tensordot(modes, self._factor, 1)
 
     def _in_functions(self, depths: Array) -> Array:
         """Return the vertical functions at depths [m], shape (n, K)."""
