@@ -57,7 +57,7 @@ def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fit
             f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}"
         )
     announce("computing the basis")
-    basis, length = build_basis(ensemble, config), correlation_length(ensemble)
+    basis, length = build_basis([ensemble], config), correlation_length(ensemble)
     members = Members.leading(basis.member_weights, basis.at_nodes, basis.grid.nodes)
     rows = fit_settings(members, length, left_out)
     return Fitted(rows, best(rows), length, ensemble.source, min(left_out, ensemble.n_members))

@@ -197,14 +197,18 @@ def vertical_functions(
         bound: Of the standard deviation that those dropped have together [m/s].
     """
     covariance = sum(np.einsum("kzr,kyr->zy", own, own, optimize=True) for own in (*moving, fixed))
-    each = [np.concatenate([own, fixed]) for own in moving]
     functions = np.linalg.eigh(covariance)[1].T[::-1]
+
+    def largest(function: Array) -> float:
+        """Return the largest variance of a function, over the nodes and times."""
+        own = np.tensordot(fixed, function, (1, 0))
+        at_any_time = np.sum((velocity_modes @ (own.T @ own)) * velocity_modes, axis=1)
+        each = (velocity_modes @ np.tensordot(at, function, (1, 0)).T for at in moving)
+        return float(max(np.max(np.square(one).sum(axis=1) + at_any_time) for one in each))
+
     left, total = np.zeros(functions.shape[1]), 0.0
     for n in range(len(functions), 1, -1):
-        of_function = [
-            velocity_modes @ np.tensordot(own, functions[n - 1], (1, 0)).T for own in each
-        ]
-        variance = max(np.square(own).sum(axis=1).max() for own in of_function)
+        variance = largest(functions[n - 1])
         total += variance
         if total > bound**2:
             return functions[:n], np.sqrt(left)
