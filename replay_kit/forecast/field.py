@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from replay_kit.core.inputs import plain_attribute, why_no_input
 from replay_kit.core.paths import Address
 from replay_kit.forecast.files import dated, opened_file
-from replay_kit.forecast.names import Current, find_lead, find_time
+from replay_kit.forecast.names import TIME_NAMES, Current, find_lead, find_time
 
 #: Attributes of a file that differ between products.
 PRODUCT = ("title", "source", "institution", "product", "challenger")
@@ -131,25 +131,25 @@ class Files:
         Raises:
             ForecastError: It is missing or unreadable.
         """
-        form = _form(path)
-        like = None if form is None else self._forms.get(form)
-        if like is None:
+        seen = _seen(path)
+        like = None if seen is None else self._forms.get(seen[0])
+        if seen is None or like is None:
             ds = self._opened(path)
             # those of packed times are not looked at without decoding
             packed = any("scale_factor" in axis.encoding for axis in ds.coords.values())
-            if form is not None and not packed:
-                self._forms[form] = ds
+            if seen is not None and not packed:
+                self._forms[seen[0]] = ds
             return field_of(path, ds, argument)
         load = cache(partial(self._opened, path))
-        look = cache(partial(_looked, path))
+        look = cache(partial(_with_dates, seen[1]))
         return Field((path,), like, look, lambda: (load(), ()), argument)
 
     def _opened(self, path: Path) -> xr.Dataset:
         return self._stack.enter_context(opened_file(path))
 
 
-def _form(path: Path) -> Any:
-    """Return what files of one form share; None of other files than NetCDF-4."""
+def _seen(path: Path) -> tuple[Any, dict[str, xr.Variable]] | None:
+    """Return what files of one form share, and the times that this one states, by name; None of other files than NetCDF-4."""
     # of a pipe nothing may ever come
     if isinstance(path, Address) or why_no_input(path):
         return None
@@ -165,20 +165,35 @@ def _form(path: Path) -> Any:
                 (name, item.shape, item.dtype.str) if isinstance(item, h5py.h5d.DatasetID) else name
                 for name, item in items
             ]
-            return *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
+            times = {
+                name.decode(): _axis(h5py.Dataset(item), name.decode())
+                for name, item in items
+                if isinstance(item, h5py.h5d.DatasetID) and item.rank == 1 and _is_time(name, item)
+            }
+            return (*sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about), times
     except (OSError, RuntimeError, TypeError, ValueError, LookupError):
         return None
 
 
-def _looked(path: Path, name: str) -> xr.Variable:
-    """Return a coordinate of a NetCDF-4 file, with dates where it has any."""
-    with h5py.File(path, "r") as file:
-        item = file[name]
-        about = {
-            key: plain_attribute(item.attrs[key])
-            for key in ("units", "calendar")
-            if h5py.h5a.exists(item.id, key.encode())
-        }
-        variable = xr.Variable((name,), item[...], about)
-    found = dated(variable)
-    return variable if found is None else found
+def _is_time(name: bytes, item: h5py.h5d.DatasetID) -> bool:
+    """Return whether a dataset may be a dimension's times, as of ``find_time``."""
+    if name.decode().lower() in TIME_NAMES:
+        return True
+    stated = h5py.h5a.exists(item, b"standard_name")
+    return stated and str(plain_attribute(h5py.Dataset(item).attrs["standard_name"])) == "time"
+
+
+def _axis(item: h5py.Dataset, name: str) -> xr.Variable:
+    """Return a coordinate as it is stated."""
+    about = {
+        key: plain_attribute(item.attrs[key])
+        for key in ("units", "calendar")
+        if h5py.h5a.exists(item.id, key.encode())
+    }
+    return xr.Variable((name,), item[...], about)
+
+
+def _with_dates(axes: Mapping[str, xr.Variable], name: str) -> xr.Variable:
+    """Return one of some coordinates, with dates where it has any."""
+    found = dated(axes[name])
+    return axes[name] if found is None else found

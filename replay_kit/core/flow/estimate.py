@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 
     from replay_kit.core.flow.points import Velocities
 
-# Points evaluated at once: bounds the matrices to some tens of MB.
-_CHUNK = 512
+# Points, and places that they lie over, evaluated at once: both bound the matrices to some tens of MB.
+_POINTS, _PLACES = 4096, 128
 _NS = 1e9
 # Depths so far above the surface are rounded, as those of a planned track [m].
 _ROUNDED = 1e-3
@@ -616,8 +616,9 @@ def _over_places(
     at = np.broadcast_arrays(np.asarray(east) + 1j * np.asarray(north), checked_depth(depth))
     points, depths = (axis.ravel() for axis in at)
     order, out = np.argsort(points, kind="stable"), np.empty((points.size, 2))
-    for start in range(0, points.size, _CHUNK):
-        part = order[start : start + _CHUNK]
+    step = max(1, min(_POINTS, _PLACES * points.size // max(np.unique(points).size, 1)))
+    for start in range(0, points.size, step):
+        part = order[start : start + step]
         places, over = np.unique(points[part], return_inverse=True)
         out[part] = value(np.column_stack([places.real, places.imag]), over, depths[part])
     return out.reshape(*at[1].shape, 2)

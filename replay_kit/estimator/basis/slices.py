@@ -120,7 +120,7 @@ def mean_squares(*series: Ensemble, about_mean: bool = True) -> Array:
         slopes = (np.diff(off, axis=axis - 2) * inverse[axis] for axis in (0, 1))
         total += [np.vdot(each, each) for each in (off, *slopes)]
     points = [np.count_nonzero(wet) for wet in (grid.wet, *neighbours)]
-    return total / (2 * count * np.maximum(points, 1))
+    return np.asarray(total / (2 * count * np.maximum(points, 1)))
 
 
 # Singular values below this share of the largest: their squares are rounding of the largest one's.
