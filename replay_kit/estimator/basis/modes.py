@@ -271,7 +271,9 @@ def _default_basis(
         most = min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0]))
         vectors, values = decompose(lambda: [(slice(None), both)], len(nodes), most)
     else:
-        strongest = strongest_functions(fields, _n_functions(config.modes, n_fields))
+        modes = config.modes or n_fields * n_levels
+        count = max(_LEAST_FUNCTIONS, -(-_SLICES_A_MODE * modes // n_fields))
+        strongest = strongest_functions(fields, count)
 
         def spanned() -> Iterator[tuple[slice, Array]]:
             for part, block in fields():
@@ -301,11 +303,6 @@ def _default_basis(
         every[-n_levels:] / mean_scale if mean_scale else None,
         potential,
     )
-
-
-def _n_functions(modes: int | None, fields: int) -> int | None:
-    """Return how many vertical functions of so many fields determine a number of modes; None for all of both."""
-    return None if modes is None else max(_LEAST_FUNCTIONS, -(-_SLICES_A_MODE * modes // fields))
 
 
 def _embedded(

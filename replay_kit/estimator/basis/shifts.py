@@ -53,26 +53,25 @@ class ShiftedModes:
     Attributes:
         velocity_modes: shape (2N, r) [m/s for a weight of one], V.
         nodes: shape (N, 2) [m], east and north.
-        projector: shape (r, 2N), the pseudo-inverse of V.
         operators: shape (5, r, r): weights times operator k are those of copy k of ``shifted_copies``; the identity alone, shape
             (1, r, r), without a shift.
     """
 
     velocity_modes: Array
     nodes: Array
-    projector: Array
     operators: Array
 
     @classmethod
     def by(cls, modes: Array, nodes: Array, shift: float) -> "ShiftedModes":
         """Return the same for copies that are shifted by a distance [m]; 0 makes none."""
-        to_modes, operators = projector(modes), np.eye(modes.shape[1])[None]
+        operators = np.eye(modes.shape[1])[None]
         if shift > 0.0:
+            to_modes = projector(modes)
             sources = zip(SHIFT_WEIGHTS, shift_sources(nodes, shift), strict=True)
             operators = np.stack(
                 [weight * (to_modes @ modes[source]).T for weight, source in sources]
             )
-        return cls(modes, nodes, to_modes, operators)
+        return cls(modes, nodes, operators)
 
     def copies(self, anomalies: Array) -> Array:
         """Return anomalies, shape (E, Z, r), and their shifted copies, weighted, in modes: shape (5 E, Z, r)."""

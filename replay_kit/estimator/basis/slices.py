@@ -27,11 +27,8 @@ _BLOCK_VALUES = 4_000_000
 
 def ensemble_slices(ensemble: Ensemble) -> Array:
     """Return the members' velocities at the nodes, shape (E, Z, 2N) [m/s]; see ``slice_blocks``."""
-    n_members, n_levels = ensemble.n_members, ensemble.grid.levels.size
-    out = np.empty((n_members, n_levels, 2, int(ensemble.grid.wet[0].sum())))
-    for nodes, block in slice_blocks([ensemble]):
-        out[..., nodes] = block
-    return out.reshape(n_members, n_levels, -1)
+    blocks = [block for _, block in slice_blocks([ensemble])]
+    return np.concatenate(blocks, axis=3).reshape(*blocks[0].shape[:2], -1)
 
 
 def slice_blocks(series: Sequence[Ensemble]) -> Iterator[tuple[slice, Array]]:
@@ -43,26 +40,18 @@ def slice_blocks(series: Sequence[Ensemble]) -> Iterator[tuple[slice, Array]]:
     Args:
         series: The forecast at its T times, of the same members on the same grid.
     """
-    first, n_members, whole = 0, series[0].n_members, series[0].grid.wet
-    for start, stop in _rows(whole.shape, len(series) * n_members):
-        wet = whole[:, start:stop]
-        block = np.empty((len(series), n_members, len(wet), 2, np.count_nonzero(wet[0])))
-        for found, ensemble in zip(block, series, strict=True):
-            found[:] = np.moveaxis(ensemble.rows(start, stop)[..., wet[0]], 2, 1)
+    first, fields, whole = 0, len(series) * series[0].n_members, series[0].grid.wet
+    step = max(1, _BLOCK_VALUES // (2 * fields * whole[:, 0].size))
+    for start in range(0, whole.shape[1], step):
+        wet = whole[:, start : start + step]
+        rows = (ensemble.rows(start, start + step)[..., wet[0]] for ensemble in series)
+        block = np.concatenate([np.moveaxis(each, 2, 1) for each in rows])
         for z in range(1, len(wet)):
             dry = ~wet[z][wet[0]]
-            block[:, :, z, :, dry] = block[:, :, z - 1, :, dry]
-        nodes = slice(first, first + block.shape[4])
+            block[:, z, :, dry] = block[:, z - 1, :, dry]
+        nodes = slice(first, first + block.shape[3])
         first = nodes.stop
-        yield nodes, block.reshape(len(series) * n_members, *block.shape[2:])
-
-
-def _rows(shape: tuple[int, ...], fields: int) -> Iterator[tuple[int, int]]:
-    """Yield the first and last row of blocks of rows of so many fields, shape (Z, J, I), of both components."""
-    n_levels, n_rows, n_columns = shape
-    step = max(1, _BLOCK_VALUES // (2 * fields * n_levels * n_columns))
-    for start in range(0, n_rows, step):
-        yield start, min(start + step, n_rows)
+        yield nodes, block
 
 
 def surface_speed(*series: Ensemble) -> float:
@@ -136,15 +125,15 @@ _SMALL = 500_000
 SliceBlocks = Callable[[], Iterable[tuple[slice, Array]]]
 
 
-def strongest_functions(fields: SliceBlocks, count: int | None) -> Array:
+def strongest_functions(fields: SliceBlocks, count: int) -> Array:
     """Return the vertical functions that hold most of the variance of fields, so many at most, shape (K, Z), orthonormal rows.
 
     Args:
         fields: As slices, of shape (F, Z, 2, n).
-        count: At most; None, or as many as there are levels, for the levels themselves.
+        count: At most; as many as there are levels, or more, give the levels themselves.
     """
     n_levels = next(iter(fields()))[1].shape[1]
-    if count is None or count >= n_levels:
+    if count >= n_levels:
         return np.eye(n_levels)
     covariance = np.zeros((n_levels, n_levels))
     for _, block in fields():

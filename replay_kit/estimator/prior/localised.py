@@ -79,11 +79,7 @@ def localised_part(anomalies: Array, modes: ShiftedModes, radius: float) -> tupl
             [covariances[:apart], covariances[apart:].sum(axis=0, keepdims=True)]
         )
     most = max(_MOST_NODES, _NODES_A_MODE * modes.velocity_modes.shape[1])
-    if len(modes.nodes) <= most:
-        at_nodes = modes.velocity_modes, modes.projector, modes.nodes
-    else:
-        grouped, nodes = in_groups(modes.velocity_modes, modes.nodes, most)
-        at_nodes = grouped, projector(grouped), nodes
+    at_nodes = in_groups(modes.velocity_modes, modes.nodes, most)
     return functions, localised(covariances, *at_nodes, radius)
 
 
@@ -95,6 +91,8 @@ def in_groups(velocity_modes: Array, nodes: Array, most: int) -> tuple[Array, Ar
         nodes: shape (N, 2) [m].
         most: Nodes of a group are as few as make so many groups; halving may make twice as many.
     """
+    if len(nodes) <= most:
+        return velocity_modes, nodes
     order, ends = tiles(nodes, -(-len(nodes) // most))
     starts, counts = np.append(0, ends[:-1]), np.diff(ends, prepend=0)[:, None]
     by_component = velocity_modes.reshape(2, len(nodes), -1)[:, order]
@@ -103,15 +101,12 @@ def in_groups(velocity_modes: Array, nodes: Array, most: int) -> tuple[Array, Ar
     return grouped.reshape(-1, velocity_modes.shape[1]), places
 
 
-def localised(
-    covariances: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float
-) -> Array:
+def localised(covariances: Array, velocity_modes: Array, nodes: Array, radius: float) -> Array:
     """Return covariances of the modes' amplitudes after tapering over the nodes, shape (g, r, r); see the module.
 
     Args:
         covariances: shape (g, r, r).
         velocity_modes: shape (2N, r).
-        projector: shape (r, 2N).
         nodes: shape (N, 2) [m].
         radius: Where the taper reaches zero [m].
     """
@@ -119,7 +114,8 @@ def localised(
     precision: Any = np.float64 if n_nodes <= _FEW_NODES else np.float32
     order, ends = tiles(nodes, _TILE)
     factors = _factors(covariances)
-    back = np.stack([projector[:, part * n_nodes + order].T for part in range(2)], axis=1)
+    to_modes = projector(velocity_modes)
+    back = np.stack([to_modes[:, part * n_nodes + order].T for part in range(2)], axis=1)
     back, at_nodes = (each.astype(precision) for each in (back, velocity_modes))
     at_once = max(1, _FIELD_BYTES // (factors.shape[2] * back[:, :, 0].nbytes))
     parts = list[Array]()
