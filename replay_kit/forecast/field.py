@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from replay_kit.core.inputs import plain_attribute, why_no_input
 from replay_kit.core.paths import Address
 from replay_kit.forecast.files import dated, opened_file
-from replay_kit.forecast.names import TIME_NAMES, Current, find_lead, find_time
+from replay_kit.forecast.names import Current, find_lead, find_time
 
 #: Attributes of a file that differ between products.
 PRODUCT = ("title", "source", "institution", "product", "challenger")
@@ -131,28 +131,30 @@ class Files:
         Raises:
             ForecastError: It is missing or unreadable.
         """
-        seen = _seen(path)
-        like = None if seen is None else self._forms.get(seen[0])
-        if seen is None or like is None:
+        form, times = _seen(path, self._forms)
+        if form is None or form not in self._forms:
             ds = self._opened(path)
             # those of packed times are not looked at without decoding
             packed = any("scale_factor" in axis.encoding for axis in ds.coords.values())
-            if seen is not None and not packed:
-                self._forms[seen[0]] = ds
+            if form is not None and not packed:
+                self._forms[form] = ds
             return field_of(path, ds, argument)
         load = cache(partial(self._opened, path))
-        look = cache(partial(_with_dates, seen[1]))
-        return Field((path,), like, look, lambda: (load(), ()), argument)
+
+        def look(name: str) -> xr.Variable:
+            return times[name] if name in times else load()[name].variable
+
+        return Field((path,), self._forms[form], look, lambda: (load(), ()), argument)
 
     def _opened(self, path: Path) -> xr.Dataset:
         return self._stack.enter_context(opened_file(path))
 
 
-def _seen(path: Path) -> tuple[Any, dict[str, xr.Variable]] | None:
-    """Return what files of one form share, and the times that this one states, by name; None of other files than NetCDF-4."""
+def _seen(path: Path, forms: Mapping[Any, xr.Dataset]) -> tuple[Any, dict[str, xr.Variable]]:
+    """Return what files of one form share, None of other files than NetCDF-4; and of a form that is known the file's times."""
     # of a pipe nothing may ever come
     if isinstance(path, Address) or why_no_input(path):
-        return None
+        return None, {}
     try:
         with h5py.File(path, "r") as file:
             # of the library's own layer, as its objects take longer to make than to be asked
@@ -165,35 +167,20 @@ def _seen(path: Path) -> tuple[Any, dict[str, xr.Variable]] | None:
                 (name, item.shape, item.dtype.str) if isinstance(item, h5py.h5d.DatasetID) else name
                 for name, item in items
             ]
-            times = {
-                name.decode(): _axis(h5py.Dataset(item), name.decode())
-                for name, item in items
-                if isinstance(item, h5py.h5d.DatasetID) and item.rank == 1 and _is_time(name, item)
-            }
-            return (*sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about), times
+            form = *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
+            time = find_time(forms[form], forms[form].dims) if form in forms else None
+            return form, {} if time is None else {time: _times(file[time], time)}
     except (OSError, RuntimeError, TypeError, ValueError, LookupError):
-        return None
+        return None, {}
 
 
-def _is_time(name: bytes, item: h5py.h5d.DatasetID) -> bool:
-    """Return whether a dataset may be a dimension's times, as of ``find_time``."""
-    if name.decode().lower() in TIME_NAMES:
-        return True
-    stated = h5py.h5a.exists(item, b"standard_name")
-    return stated and str(plain_attribute(h5py.Dataset(item).attrs["standard_name"])) == "time"
-
-
-def _axis(item: h5py.Dataset, name: str) -> xr.Variable:
-    """Return a coordinate as it is stated."""
+def _times(item: h5py.Dataset, name: str) -> xr.Variable:
+    """Return the times of a file, with dates where they have any."""
     about = {
         key: plain_attribute(item.attrs[key])
         for key in ("units", "calendar")
         if h5py.h5a.exists(item.id, key.encode())
     }
-    return xr.Variable((name,), item[...], about)
-
-
-def _with_dates(axes: Mapping[str, xr.Variable], name: str) -> xr.Variable:
-    """Return one of some coordinates, with dates where it has any."""
-    found = dated(axes[name])
-    return axes[name] if found is None else found
+    variable = xr.Variable((name,), item[...], about)
+    found = dated(variable)
+    return variable if found is None else found

@@ -22,7 +22,7 @@ MEMBER_NAMES = (
     "record",
 )
 _LEAD_NAMES = ("lead", "lead_time", "leadtime", "step", "forecast_period")
-TIME_NAMES = ("time", "valid_time", "time_counter", "ocean_time", "scrum_time", "mt", "t")
+_TIME_NAMES = ("time", "valid_time", "time_counter", "ocean_time", "scrum_time", "mt", "t")
 _DEPTH_NAMES = (
     "depth",
     "lev",
@@ -342,7 +342,7 @@ def find_lead(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:
 
 def find_time(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:
     """Return the dimension of times, or None."""
-    return find_dimension(ds, dims, ("time",), TIME_NAMES)
+    return find_dimension(ds, dims, ("time",), _TIME_NAMES)
 
 
 #: Attribute of a dataset of a mesh that was interpolated to a grid: what was done, and what error it makes.
