@@ -15,7 +15,7 @@ from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import held, unpacking
 from replay_kit.core.text import count_text
-from replay_kit.forecast.depths import depths_text, to_levels
+from replay_kit.forecast.depths import at_depths, depths_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grid import (
     bilinear,
@@ -71,9 +71,8 @@ def together(
         change: What makes members of the fields.
     """
     own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
-    # what is made of members is computed in double precision
-    kept = precision(fields[0].ds[U], count * own[0, 0].size)
-    dtype = kept if change is None else np.dtype(np.float64)
+    # what is made of members is computed in double precision, however many they are
+    dtype = precision(fields[0].ds[U], 0 if change else count * own[0, 0].size)
     alone = len(own) == count and own.dtype == dtype
     velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
     turned(own, turn, velocity[: len(own)])
@@ -189,7 +188,8 @@ def on_grid_of(other: Window, window: Window, projection: Projection) -> Values:
         for part in (other, window)
     )
     j, i, inside = find_cells(east, north, at_east, at_north)
-    return bilinear(to_levels(values, other.levels, other.within, window.levels), j, i, inside)
+    depths = other.levels[:, None, None]
+    return bilinear(at_depths(values, depths, other.within, window.levels), j, i, inside)
 
 
 def moved_notes(moved: int, far: Array) -> list[str]:

@@ -65,14 +65,16 @@ def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fit
 
 def write_fit(fitted: Fitted, path: Path) -> None:
     """Write the chosen settings as TOML that ``--config`` takes."""
-    text = f"""# Fitted by replay-kit {__version__} to {fitted.ensemble}:
+    write_whole(
+        path,
+        f"""# Fitted by replay-kit {__version__} to {fitted.ensemble}:
 # {fitted.left_out} members left out in turn, {len(fitted.rows)} settings tried, correlation length {fitted.length:.0f} m.
 [estimator]
 sample_share = {fitted.chosen.sample_share}
 shift_distance = {fitted.chosen.shift:.1f}
 localisation_radius = {fitted.chosen.radius:.1f}
-"""
-    write_whole(path, text)
+""",
+    )
 
 
 def fit_json(fitted: Fitted) -> dict[str, Any]:

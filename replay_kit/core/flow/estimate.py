@@ -613,10 +613,12 @@ def _over_places(
         north: [m].
         depth: [m], positive down.
     """
-    at = np.broadcast_arrays(np.asarray(east) + 1j * np.asarray(north), checked_depth(depth))
+    given = np.asarray(east) + 1j * np.asarray(north)
+    at = np.broadcast_arrays(given, checked_depth(depth))
     points, depths = (axis.ravel() for axis in at)
     order, out = np.argsort(points, kind="stable"), np.empty((points.size, 2))
-    step = max(1, min(_POINTS, _PLACES * points.size // max(np.unique(points).size, 1)))
+    # of a grid several depths over each place
+    step = min(_POINTS, _PLACES * max(1, points.size // max(1, given.size)))
     for start in range(0, points.size, step):
         part = order[start : start + step]
         places, over = np.unique(points[part], return_inverse=True)
