@@ -42,11 +42,9 @@ def build(
     """
     if config.preset == "paper":
         return _paper(forecasts[0], config)
-    n_times, n_members, pooled = len(forecasts), forecasts[0].n_members, forecasts[0]
+    n_times, n_members = len(forecasts), forecasts[0].n_members
     length = correlation_length(forecasts[n_times // 2])
-    if n_times > 1:
-        pooled = replace(pooled, velocity=np.concatenate([each.velocity for each in forecasts]))
-    basis = build_basis(pooled, config, length if n_times == 1 else None)
+    basis = build_basis(forecasts, config, length if n_times == 1 else None)
     weights = basis.member_weights.reshape(n_times, n_members, *basis.member_weights.shape[1:])
     # fitted at the time in the middle
     middle, at_nodes = n_times // 2, basis.at_nodes
@@ -91,7 +89,7 @@ def build(
 
 def _paper(ensemble: Ensemble, config: EstimatorConfig) -> ReducedBasisEstimator:
     """Return the paper's estimator: independent weights about their mean, one depth function per level, one error for all bins."""
-    basis = build_basis(ensemble, config)
+    basis = build_basis([ensemble], config)
     mean, variance = basis.member_weights.mean(axis=0), basis.member_weights.var(axis=0, ddof=1)
     factor = config.spread if isinstance(config.spread, float) else 1.0
     fixed = np.diag(np.sqrt(factor * variance).ravel()).reshape(-1, *mean.shape)

@@ -222,15 +222,18 @@ def reach(depths: Array, surface: Array | float = 0.0) -> tuple[Array, Array]:
     return np.where(to_surface, -np.inf, depths[0] - moved), depths[-1] + last + moved
 
 
-def at_depths(values: Values, depths: Values, within: tuple[Array, Array], wanted: Array) -> Values:
+def at_depths(
+    values: Values, depths: Values, within: tuple[Array | float, Array | float], wanted: Array
+) -> Values:
     """Return values at fixed depths, shape (..., L, J, I): linear between levels, constant beyond the first and last, NaN out of reach.
 
     Args:
         values: shape (..., Z, J, I).
-        depths: Of the levels [m], shape (Z, J, I), increasing.
-        within: The least and the greatest depth that the levels do for [m], shape (J, I) each, see ``reach``.
+        depths: Of the levels [m], shape (Z, J, I) or (Z, 1, 1), increasing.
+        within: The least and the greatest depth that the levels do for [m], shape (J, I) each or the same everywhere, see ``reach``.
         wanted: shape (L,) [m].
     """
+    depths = np.broadcast_to(depths, values.shape[-3:])
     found, last = [], len(depths) - 1
     for depth in wanted:
         upper = np.clip((depths <= depth).sum(axis=0) - 1, 0, max(last - 1, 0))
@@ -249,18 +252,3 @@ def at_depths(values: Values, depths: Values, within: tuple[Array, Array], wante
         )
         found.append(np.where((within[0] <= depth) & (depth <= within[1]), mixed, np.nan))
     return np.stack(found, axis=-3).astype(values.dtype, copy=False)
-
-
-def to_levels(values: Values, levels: Array, within: tuple[float, float], wanted: Array) -> Values:
-    """Return fields at other depths, shape (..., L, J, I), as ``at_depths`` does.
-
-    Args:
-        values: shape (..., Z, J, I).
-        levels: shape (Z,) [m], increasing.
-        within: The least and the greatest depth that the levels of the file do for [m], of which these may be a choice.
-        wanted: shape (L,) [m].
-    """
-    least, greatest = (np.full(values.shape[-2:], depth) for depth in within)
-    return at_depths(
-        values, np.broadcast_to(levels[:, None, None], values.shape[-3:]), (least, greatest), wanted
-    )

@@ -131,9 +131,8 @@ class Files:
         Raises:
             ForecastError: It is missing or unreadable.
         """
-        form = _form(path)
-        like = None if form is None else self._forms.get(form)
-        if like is None:
+        form, times = _seen(path, self._forms)
+        if form is None or form not in self._forms:
             ds = self._opened(path)
             # those of packed times are not looked at without decoding
             packed = any("scale_factor" in axis.encoding for axis in ds.coords.values())
@@ -141,18 +140,21 @@ class Files:
                 self._forms[form] = ds
             return field_of(path, ds, argument)
         load = cache(partial(self._opened, path))
-        look = cache(partial(_looked, path))
-        return Field((path,), like, look, lambda: (load(), ()), argument)
+
+        def look(name: str) -> xr.Variable:
+            return times[name] if name in times else load()[name].variable
+
+        return Field((path,), self._forms[form], look, lambda: (load(), ()), argument)
 
     def _opened(self, path: Path) -> xr.Dataset:
         return self._stack.enter_context(opened_file(path))
 
 
-def _form(path: Path) -> Any:
-    """Return what files of one form share; None of other files than NetCDF-4."""
+def _seen(path: Path, forms: Mapping[Any, xr.Dataset]) -> tuple[Any, dict[str, xr.Variable]]:
+    """Return what files of one form share, None of other files than NetCDF-4; and of a form that is known the file's times."""
     # of a pipe nothing may ever come
     if isinstance(path, Address) or why_no_input(path):
-        return None
+        return None, {}
     try:
         with h5py.File(path, "r") as file:
             # of the library's own layer, as its objects take longer to make than to be asked
@@ -165,20 +167,20 @@ def _form(path: Path) -> Any:
                 (name, item.shape, item.dtype.str) if isinstance(item, h5py.h5d.DatasetID) else name
                 for name, item in items
             ]
-            return *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
+            form = *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
+            time = find_time(forms[form], forms[form].dims) if form in forms else None
+            return form, {} if time is None else {time: _times(file[time], time)}
     except (OSError, RuntimeError, TypeError, ValueError, LookupError):
-        return None
+        return None, {}
 
 
-def _looked(path: Path, name: str) -> xr.Variable:
-    """Return a coordinate of a NetCDF-4 file, with dates where it has any."""
-    with h5py.File(path, "r") as file:
-        item = file[name]
-        about = {
-            key: plain_attribute(item.attrs[key])
-            for key in ("units", "calendar")
-            if h5py.h5a.exists(item.id, key.encode())
-        }
-        variable = xr.Variable((name,), item[...], about)
+def _times(item: h5py.Dataset, name: str) -> xr.Variable:
+    """Return the times of a file, with dates where they have any."""
+    about = {
+        key: plain_attribute(item.attrs[key])
+        for key in ("units", "calendar")
+        if h5py.h5a.exists(item.id, key.encode())
+    }
+    variable = xr.Variable((name,), item[...], about)
     found = dated(variable)
     return variable if found is None else found

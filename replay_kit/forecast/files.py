@@ -69,9 +69,9 @@ def find_sources(given: Paths) -> Sources:
         arguments.append(files)
     seen: set[Path] = set()
     for file in (file for argument in arguments for file in argument):
-        if file.resolve() in seen:
+        if (whole := file.resolve()) in seen:
             raise ForecastError(f"{file}: given twice; remove one")
-        seen.add(file.resolve())
+        seen.add(whole)
     return Sources(tuple(arguments), tuple(notes))
 
 

@@ -15,7 +15,7 @@ from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import held, unpacking
 from replay_kit.core.text import count_text
-from replay_kit.forecast.depths import depths_text, to_levels
+from replay_kit.forecast.depths import at_depths, depths_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grid import (
     bilinear,
@@ -24,8 +24,9 @@ from replay_kit.forecast.grid import (
     turn_to_local,
     turned,
 )
-from replay_kit.forecast.layout import Layout, lay_out
+from replay_kit.forecast.layout import Layout, U, lay_out
 from replay_kit.forecast.selection import Change
+from replay_kit.forecast.variables import precision
 from replay_kit.forecast.window import Window, read_window, window_size
 
 # Members read at once [bytes].
@@ -70,8 +71,8 @@ def together(
         change: What makes members of the fields.
     """
     own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
-    # what is made of members is computed in double precision
-    dtype = own.dtype if change is None else np.dtype(np.float64)
+    # what is made of members is computed in double precision, however many they are
+    dtype = precision(fields[0].ds[U], 0 if change else count * own[0, 0].size)
     alone = len(own) == count and own.dtype == dtype
     velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
     turned(own, turn, velocity[: len(own)])
@@ -187,7 +188,8 @@ def on_grid_of(other: Window, window: Window, projection: Projection) -> Values:
         for part in (other, window)
     )
     j, i, inside = find_cells(east, north, at_east, at_north)
-    return bilinear(to_levels(values, other.levels, other.within, window.levels), j, i, inside)
+    depths = other.levels[:, None, None]
+    return bilinear(at_depths(values, depths, other.within, window.levels), j, i, inside)
 
 
 def moved_notes(moved: int, far: Array) -> list[str]:

@@ -124,9 +124,9 @@ def turn_to_local(
 
 
 def turned(velocity: Values, turn: NDArray[np.complex128], out: Values | None = None) -> Values:
-    """Return velocities, shape (E, 2, Z, J, I), turned, in an array that is given, which may be their own."""
+    """Return velocities, shape (E, 2, Z, J, I), turned in double precision, in an array that is given, which may be their own."""
     out = np.empty_like(velocity) if out is None else out
-    cos, sin = turn.real.astype(out.dtype), turn.imag.astype(out.dtype)
+    cos, sin = turn.real, turn.imag
     for member, found in zip(velocity, out, strict=True):
         found[0], found[1] = member[0] * cos - member[1] * sin, member[0] * sin + member[1] * cos
     return out

@@ -119,11 +119,7 @@ def read_changing_truth(
     with open_collection(Path(name), None) as found:
         field = found.members[0][0]
         lead, along = field.lead, field.lead or field.time
-        if along is None:
-            raise ForecastError(
-                f"{name}: a truth that changes needs leads or times; the file has neither as a dimension"
-            )
-        values = field.ds[along].values
+        values = np.zeros(0) if along is None else field.ds[along].values
         if why := exceeds_claim(Path(name), 16 * field.ds[U].size // field.count):
             raise ForecastError(f"{name}: cannot be read: {why}; mend the file")
         if config.lead is not None or (lead is None and config.time is not None):
@@ -132,7 +128,7 @@ def read_changing_truth(
             )
         if len(values) < 2:
             raise ForecastError(
-                f"{name}: a truth that changes needs at least two leads or times, got one"
+                f"{name}: a truth that changes needs a dimension of at least two leads or times, got {len(values)}"
             )
         steps = [{"lead": float(value)} if lead else {"time": str(value)} for value in values]
         first = truth_in(found, spec, config.model_copy(update=steps[0]))

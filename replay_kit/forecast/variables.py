@@ -135,16 +135,25 @@ def chunk_bytes(part: xr.DataArray) -> int:
     return 8 * math.prod(part.encoding.get("chunksizes") or part.encoding.get("chunks") or ())
 
 
+# Values of a single-precision file that are kept so from this size on, in double precision [bytes].
+_MANY = 1 << 24
+
+
+def precision(variable: xr.DataArray, count: int) -> np.dtype[np.floating]:
+    """Return the precision in which so many values of a variable are kept: double, but single where it has no more and they are many."""
+    single = variable.dtype.kind == "f" and variable.dtype.itemsize <= 4 and 8 * count > _MANY
+    return np.dtype(np.float32 if single else np.float64)
+
+
 def unpacked(part: xr.DataArray) -> Values:
-    """Return the values of a part of a variable, single where its digits are no more, which may be written to.
+    """Return the values of a part of a variable in the precision of ``precision``, which may be written to.
 
     The decoder may take no more memory than these and its chunks need.
     """
     # several threads decode a Zarr store
     threads = 0 if "chunksizes" in part.encoding else min(32, (os.cpu_count() or 1) + 4)
     with unpacking(8 * part.size + 4 * chunk_bytes(part), threads):
-        single = part.dtype.kind == "f" and part.dtype.itemsize <= 4
-        return np.require(part.values, np.float32 if single else np.float64, "W")
+        return np.require(part.values, precision(part, part.size), "W")
 
 
 def _with_faces(part: slice, first: int | None) -> slice:

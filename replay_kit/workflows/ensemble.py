@@ -57,7 +57,7 @@ def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fit
             f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}"
         )
     announce("computing the basis")
-    basis, length = build_basis(ensemble, config), correlation_length(ensemble)
+    basis, length = build_basis([ensemble], config), correlation_length(ensemble)
     members = Members.leading(basis.member_weights, basis.at_nodes, basis.grid.nodes)
     rows = fit_settings(members, length, left_out)
     return Fitted(rows, best(rows), length, ensemble.source, min(left_out, ensemble.n_members))
@@ -65,14 +65,16 @@ def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fit
 
 def write_fit(fitted: Fitted, path: Path) -> None:
     """Write the chosen settings as TOML that ``--config`` takes."""
-    text = f"""# Fitted by replay-kit {__version__} to {fitted.ensemble}:
+    write_whole(
+        path,
+        f"""# Fitted by replay-kit {__version__} to {fitted.ensemble}:
 # {fitted.left_out} members left out in turn, {len(fitted.rows)} settings tried, correlation length {fitted.length:.0f} m.
 [estimator]
 sample_share = {fitted.chosen.sample_share}
 shift_distance = {fitted.chosen.shift:.1f}
 localisation_radius = {fitted.chosen.radius:.1f}
-"""
-    write_whole(path, text)
+""",
+    )
 
 
 def fit_json(fitted: Fitted) -> dict[str, Any]:

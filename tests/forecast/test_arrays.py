@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.forecast.depths import at_depths, reach, to_levels
+from replay_kit.forecast.depths import at_depths, reach
 from replay_kit.forecast.grid import bilinear, find_cells, region_block
 from replay_kit.forecast.s_levels import SCoordinate
 from replay_kit.forecast.variables import never_changing, to_centres
@@ -109,16 +109,6 @@ def test_cells_of_a_turned_grid_and_values_in_them():
     assert_array_equal(
         np.isnan(bilinear(values, at_j, at_i, inside)[0]), [False, False, True, True, True]
     )
-
-
-def test_other_levels_are_linear_and_none_out_of_reach():
-    levels, wanted = np.array([10.0, 30.0, 50.0]), np.array([0.0, 10.0, 15.0, 30.0, 40.0, 60.0])
-    values = np.array([1.0, 5.0, np.nan])[:, None, None]
-    found = to_levels(values, levels, (-np.inf, 60.0), wanted)
-    assert_array_equal(found[:, 0, 0], [1.0, 1.0, 2.0, 5.0, np.nan, np.nan])
-    # of a level alone for as far as all of the file's do
-    found = to_levels(values[1:2], levels[1:2], (15.0, 45.0), wanted)
-    assert_array_equal(found[:, 0, 0], [np.nan, np.nan, 5.0, 5.0, 5.0, np.nan])
 
 
 def test_a_seam_is_crossed_only_on_a_grid_that_goes_round():

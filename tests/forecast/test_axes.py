@@ -85,9 +85,9 @@ def test_a_wrong_label_is_told_with_the_option_that_mends_it(tmp_path, names, ri
             f"{100 * found.ensemble.representation_error_std:.1f} cm/s count as representation error"
             in warned[0]
         )
-        basis = build_basis(found.ensemble, EstimatorConfig(modes=1))
+        basis = build_basis([found.ensemble], EstimatorConfig(modes=1))
         trusted = build_basis(
-            replace(found.ensemble, representation_error_std=0.0), EstimatorConfig(modes=1)
+            [replace(found.ensemble, representation_error_std=0.0)], EstimatorConfig(modes=1)
         )
         expected = np.hypot(trusted.representation, found.ensemble.representation_error_std)
         assert_allclose(basis.representation, expected, rtol=1e-12)

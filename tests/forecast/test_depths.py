@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ForecastError
@@ -18,13 +18,6 @@ from tests.forecast.test_reader import PLAIN
 def with_depths(values, **attrs) -> xr.Dataset:
     """The synthetic ensemble with another depth axis."""
     return synthetic.dataset().assign_coords(depth=("depth", values, attrs))
-
-
-def test_levels_are_chosen_in_metres_and_heights_of_another_unit_turned(tmp_path):
-    path = save(
-        with_depths(-synthetic.LEVELS / 1000.0, positive="up", units="km"), tmp_path / "e.nc"
-    )
-    assert_allclose(read_with(path, levels=(140.0,)).grid.levels, [150.0])
 
 
 def test_a_level_asked_for_that_is_near_none_of_the_file_is_said(tmp_path):

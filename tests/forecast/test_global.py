@@ -166,20 +166,6 @@ def test_faces_west_of_the_centres(tmp_path, faces):
     assert_known(read, SEAM)
 
 
-def test_repeated_columns_of_an_a_grid_are_read_once(tmp_path):
-    longitude = np.arange(0.0, 361.0)
-    dims = ("member", "depth", "latitude", "longitude")
-    wet = np.ones((LATITUDE.size, 361))
-    u, v = (fields(k, longitude, LATITUDE[:, None], 0.0, wet) for k in (0, 1))
-    ds = xr.Dataset(
-        {"uo": (dims, u, {"units": "m s-1"}), "vo": (dims, v, {"units": "m s-1"})},
-        {"depth": ("depth", LEVELS, {"units": "m"}), "latitude": LATITUDE, "longitude": longitude},
-    )
-    read = read_with(save(ds, tmp_path / "e.nc"), region=(-3.2, 39.0, 2.2, 47.0))
-    assert_allclose(read.grid.longitude[0], np.arange(-3.0, 3.0))
-    assert_known(read, 0.0)
-
-
 @pytest.mark.parametrize(
     ("longitude", "count"),
     [

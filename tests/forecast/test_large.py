@@ -15,7 +15,7 @@ from replay_kit.core import arrays
 from replay_kit.core.errors import ForecastError, ReplayKitError
 from replay_kit.core.progress import shown_by
 from replay_kit.estimator import build
-from replay_kit.forecast import files, gather, read_ensemble, reader
+from replay_kit.forecast import files, gather, read_ensemble, reader, variables
 from replay_kit.forecast.describe import describe_ensemble
 from tests import synthetic
 from tests.forecast.forms import read_with, unwritten_stores
@@ -74,6 +74,17 @@ def test_an_ensemble_on_disk_equals_one_in_memory(tmp_path, request, monkeypatch
     for name in ("mean", "moving", "fixed"):
         one, other = (getattr(each.observer.process, name) for each in (ours, theirs))
         assert_array_equal(one, other)
+
+
+def test_many_values_in_single_precision_stay_so_and_are_rounded_once(tmp_path, monkeypatch):
+    data = synthetic.dataset()
+    single = {name: {"dtype": "float32"} for name in ("uo", "vo")}
+    data.to_netcdf(tmp_path / "e.nc", engine="scipy", encoding=single)
+    few = read_with(tmp_path / "e.nc").velocity
+    monkeypatch.setattr(variables, "_MANY", 0)
+    many = read_with(tmp_path / "e.nc").velocity
+    assert (few.dtype, many.dtype) == (np.float64, np.float32)
+    assert_array_equal(many, few.astype(np.float32))
 
 
 def test_a_full_disk_is_told_before_anything_is_read(nothing_fits, monkeypatch):

@@ -58,6 +58,7 @@ def test_each_lead_is_the_ensemble_that_would_be_read_alone(of_reference):
     for part, lead in zip(series, (0.0, 2.0, 5.0), strict=True):
         assert_array_equal(part.velocity, read_with(path, lead=lead).velocity)
     assert noted(series[0], "3 times")
+    assert not noted(series[0], "the spread of members")
 
 
 @pytest.mark.parametrize("config", [ForecastConfig(lead=2.0), ForecastConfig()])
@@ -147,12 +148,6 @@ def test_a_spread_that_is_not_fitted_is_said(lags, settings, spread, who):
         else []
     )
     assert found.ensemble.notes == found.notes
-
-
-def test_given_members_need_no_fit(of_reference):
-    found = read_forecasts(of_reference("2020-01-01"), load_config(None, {}), None, None)
-    assert found.evolves
-    assert not noted(found, "the spread of members")
 
 
 @pytest.mark.parametrize(

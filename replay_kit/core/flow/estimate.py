@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 
     from replay_kit.core.flow.points import Velocities
 
-# Points evaluated at once: bounds the matrices to some tens of MB.
-_CHUNK = 512
+# Points, and places that they lie over, evaluated at once: both bound the matrices to some tens of MB.
+_POINTS, _PLACES = 4096, 128
 _NS = 1e9
 # Depths so far above the surface are rounded, as those of a planned track [m].
 _ROUNDED = 1e-3
@@ -291,7 +291,7 @@ class FlowEstimate:
         self._uncertain()
 
         def here(places: Array, at: Indices, depths: Array) -> Array:
-            rows = self._rows(places, true_axes).transpose(2, 3, 1, 0)
+            rows = self._rows(places, true_axes)
             covariance = rows @ rows.swapaxes(2, 3)
             own, levels = self._in_functions(depths), depth_weights(_LINEAR, depths, self.levels)
             of_flow = np.einsum("pk,cpkl,pl->pc", own, covariance[:, at], own, optimize=True)
@@ -323,7 +323,7 @@ class FlowEstimate:
         self._uncertain("velocity_covariance")
         at = np.broadcast_arrays(east, north, checked_depth(depth))
         points, depths = np.column_stack([axis.ravel() for axis in at[:2]]), at[2].ravel()
-        rows = np.einsum("pk,qkcp->qcp", self._in_functions(depths), self._rows(points, true_axes))
+        rows = np.einsum("pk,cpkq->qcp", self._in_functions(depths), self._rows(points, true_axes))
         rows[..., ~self._is_inside(points[:, 0], points[:, 1], depths)] = np.nan
         rows = rows.reshape(len(rows), -1)
         return np.asarray(rows.T @ rows)
@@ -374,14 +374,15 @@ class FlowEstimate:
 
     @cached_property
     def _factor(self) -> Array:
-        """F' L at the flow's time: weights of independent unit unknowns in the vertical functions, shape (k, K, r)."""
+        """L' F at the flow's time: weights of independent unit unknowns in the vertical functions, shape (r, K, k)."""
         known = self._uncertain()
-        return np.tensordot(known.root, known.process.loading(self.time_ns or 0), ([0], [0]))
+        loading = known.process.loading(self.time_ns or 0)
+        return np.tensordot(np.ascontiguousarray(loading.T), known.root, 1)
 
     def _rows(self, places: Array, true_axes: bool) -> Array:
-        """Return the effect of independent unit unknowns on the amplitudes of the vertical functions, shape (k, K, 2, P) [m/s]."""
+        """Return the effect of independent unit unknowns on the amplitudes of the vertical functions, shape (2, P, K, k) [m/s]."""
         modes = self._true(places, self.horizontal.velocity(places, self.modes), true_axes)
-        return np.tensordot(self._factor, modes, ([2], [2]))
+        return np.tensordot(modes, self._factor, 1)
 
     def _in_functions(self, depths: Array) -> Array:
         """Return the vertical functions at depths [m], shape (n, K)."""
@@ -614,11 +615,14 @@ def _over_places(
         north: [m].
         depth: [m], positive down.
     """
-    at = np.broadcast_arrays(np.asarray(east) + 1j * np.asarray(north), checked_depth(depth))
+    given = np.asarray(east) + 1j * np.asarray(north)
+    at = np.broadcast_arrays(given, checked_depth(depth))
     points, depths = (axis.ravel() for axis in at)
     order, out = np.argsort(points, kind="stable"), np.empty((points.size, 2))
-    for start in range(0, points.size, _CHUNK):
-        part = order[start : start + _CHUNK]
+    # of a grid several depths over each place
+    step = min(_POINTS, _PLACES * max(1, points.size // max(1, given.size)))
+    for start in range(0, points.size, step):
+        part = order[start : start + step]
         places, over = np.unique(points[part], return_inverse=True)
         out[part] = value(np.column_stack([places.real, places.imag]), over, depths[part])
     return out.reshape(*at[1].shape, 2)

@@ -8,7 +8,7 @@ the latent velocities are (K + n I)^-1 v, by its eigenvectors. On a lattice, whe
 scalar unknowns with a banded matrix, half as many as the velocities and whatever the nodes. The nugget is a share of the largest
 eigenvalue of K, and so is n/a of that of G'G. The flows of both ways differ by what the cut of the Gaussians leaves.
 
-A factor larger than half a gigabyte is made in single precision, and its solution refined with residuals in double precision.
+A factor larger than 150 MB is made in single precision, and its solution refined with residuals in double precision.
 """
 
 from collections.abc import Callable, Iterator
@@ -82,7 +82,7 @@ def times(band: Band, x: Array) -> Array:
 
 
 # Largest factor in double precision [bytes].
-_DOUBLE = 5e8
+_DOUBLE = 1.5e8
 # Relative error of the largest eigenvalue.
 _EIGENVALUE = 1e-3
 # Least nugget for which the matrix is positive definite in double precision.

@@ -8,7 +8,7 @@ unknowns, solved for all members at once by the eigenvectors of K_h. For hat fun
 l_z = 100 m the Gaussian factor is nearly singular where levels are closer, and sags where they are farther.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,6 @@ from replay_kit.core.flow.lattice import HorizontalFunctions, lattice_over
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.estimator.basis.embedding import LEAST_NUGGET, embed, embedding
 from replay_kit.estimator.basis.shifts import (
-    SHIFT_WEIGHTS,
     shifted_copies,
     shifted_residual,
 )
@@ -40,7 +39,9 @@ from replay_kit.estimator.basis.slices import (
     ensemble_slices,
     exact_svd,
     gathered,
+    products,
     slice_blocks,
+    strongest_functions,
     surface_speed,
 )
 
@@ -53,6 +54,8 @@ _MEAN_VARIANCE = 0.1
 # Latent values are the currents times the inverse of the levels' kernel, and their covariance has its condition twice: beyond this number
 # float64 keeps no digit of what the levels' independent errors sum up to, and the factors of that covariance do not exist.
 _WORST_CONDITION = float(1.0 / np.sqrt(np.finfo(np.float64).eps))
+# Vertical functions at least, and slices for each mode, from which modes are found: more of them, weaker ones, change the modes little.
+_LEAST_FUNCTIONS, _SLICES_A_MODE = 8, 4
 # Points of a lattice, in all and for each node, beyond which the kernel's columns are cheaper.
 _MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE = 4096, 16
 
@@ -126,20 +129,28 @@ def mean_variance(config: EstimatorConfig) -> float:
     return _MEAN_VARIANCE if config.mean_variance is None else config.mean_variance
 
 
-def build_basis(ensemble: Ensemble, config: EstimatorConfig, length: float | None = None) -> Basis:
-    """Return the basis of the configuration's preset; ``length`` is the ensemble's correlation length [m], where it is known.
+def build_basis(
+    series: Sequence[Ensemble], config: EstimatorConfig, length: float | None = None
+) -> Basis:
+    """Return the basis of the configuration's preset.
+
+    Args:
+        series: The forecast at its times, of the same members on the same grid; the paper's preset takes the first.
+        config: Preset and basis.
+        length: The members' correlation length [m], where it is known.
 
     Raises:
         EstimatorError: The paper's vertical functions cannot be told apart at the levels.
     """
+    first = series[0]
     if config.preset == "paper":
-        return _paper_basis(ensemble, config)
-    spanned = (ensemble.n_members - 1) * ensemble.grid.levels.size
-    few = bool(ensemble.made_from) if config.modes is None else spanned < config.modes
+        return _paper_basis(first, config)
+    spanned = (len(series) * first.n_members - 1) * first.grid.levels.size
+    few = bool(first.made_from) if config.modes is None else spanned < config.modes
     apart = config.shift_distance
     if apart is None:
-        apart = correlation_length(ensemble) if length is None else length
-    return _default_basis(ensemble, config, apart, apart if few else 0.0)
+        apart = correlation_length(*series) if length is None else length
+    return _default_basis(series, config, apart, apart if few else 0.0)
 
 
 def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> FlowEstimate:
@@ -227,7 +238,7 @@ def _n_corners(wet: NDArray[np.bool_]) -> int:
 
 
 def _default_basis(
-    ensemble: Ensemble, config: EstimatorConfig, apart: float, shift: float
+    series: Sequence[Ensemble], config: EstimatorConfig, apart: float, shift: float
 ) -> Basis:
     """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset.
 
@@ -238,35 +249,46 @@ def _default_basis(
     their own, and what a basis does not span, the estimate's standard error does not contain. What is left is measured on members shifted
     by ``apart`` [m].
     """
-    grid, nodes, n_levels = ensemble.grid, ensemble.grid.nodes, ensemble.grid.levels.size
-    functions = default_functions(grid, config, config.speed or surface_speed(ensemble))
-    mean = np.empty((n_levels, 2, len(nodes)))
-    mean_scale = float(np.sqrt(mean_variance(config) * ensemble.n_members))
+    grid, nodes, n_levels = series[0].grid, series[0].grid.nodes, series[0].grid.levels.size
+    functions = default_functions(grid, config, config.speed or surface_speed(*series))
+    mean, n_fields = np.empty((n_levels, 2, len(nodes))), len(series) * series[0].n_members
+    mean_scale = float(np.sqrt(mean_variance(config) * n_fields))
 
-    def spanned() -> Iterator[tuple[slice, Array]]:
-        for part, block in slice_blocks(ensemble):
+    def fields() -> Iterator[tuple[slice, Array]]:
+        """Yield nodes, and there the anomalies and the mean in its size, shape (T E + 1, Z, 2, n)."""
+        for part, block in slice_blocks(series):
             here = mean[..., part] = block.mean(axis=0)
-            anomalies = (block - here).reshape(-1, *here.shape[1:])
-            yield part, np.concatenate([anomalies, mean_scale * here])
+            yield part, np.concatenate([block - here, mean_scale * here[None]])
+
+    def levels() -> Iterator[tuple[slice, Array]]:
+        return ((part, block.reshape(-1, 2, block.shape[3])) for part, block in fields())
 
     if shift > 0.0:
-        whole = gathered(spanned, len(nodes)).T
+        whole = gathered(levels, len(nodes)).T
         copies = shifted_copies(whole[None, :-n_levels], nodes, shift).reshape(-1, whole.shape[1])
         both = np.concatenate([copies, whole[-n_levels:]]).reshape(-1, 2, len(nodes))
         # copies, taken node by node, diverge, and modes beyond the number of flows without divergence would be alike
         most = min(config.modes or 2 * len(nodes), _n_corners(grid.wet[0]))
-        vectors, values, every = decompose(lambda: [(slice(None), both)], len(nodes), most)
+        vectors, values = decompose(lambda: [(slice(None), both)], len(nodes), most)
     else:
-        vectors, values, every = decompose(spanned, len(nodes), config.modes)
-    # the first copy is not shifted, but weighted
-    products = every[: ensemble.n_members * n_levels] / (SHIFT_WEIGHTS[0] if shift else 1.0)
+        modes = config.modes or n_fields * n_levels
+        count = max(_LEAST_FUNCTIONS, -(-_SLICES_A_MODE * modes // n_fields))
+        strongest = strongest_functions(fields, count)
+
+        def spanned() -> Iterator[tuple[slice, Array]]:
+            for part, block in fields():
+                each = strongest @ block.reshape(*block.shape[:2], -1)
+                yield part, each.reshape(-1, 2, block.shape[3])
+
+        vectors, values = decompose(spanned, len(nodes), config.modes)
+    every = products(levels, vectors)
     given = np.hstack([mean.reshape(n_levels, -1).T, vectors])
     # no second copy of the vectors is to take memory beside the band of a large region
     del vectors
     latents, potential = _embedded(functions, nodes, given, mean, config.nugget)
     velocity_modes = functions.velocity(nodes, latents[:, n_levels:]).reshape(2 * len(nodes), -1)
-    missed = shifted_residual(ensemble, mean.reshape(n_levels, -1), velocity_modes, apart)
-    error = np.hypot(missed, ensemble.representation_error_std)
+    missed = shifted_residual(series, mean.reshape(n_levels, -1), velocity_modes, apart)
+    error = np.hypot(missed, series[0].representation_error_std)
     if config.representation_error_std is not None:
         error = np.full_like(missed, config.representation_error_std)
     return Basis(
@@ -276,7 +298,7 @@ def _default_basis(
         latents[:, :n_levels],
         latents[:, n_levels:],
         values,
-        products.reshape(ensemble.n_members, n_levels, -1),
+        every[:-n_levels].reshape(n_fields, n_levels, -1),
         error,
         every[-n_levels:] / mean_scale if mean_scale else None,
         potential,

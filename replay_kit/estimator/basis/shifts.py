@@ -6,6 +6,7 @@ length, which are possible currents too and none of which it was made of. What i
 currents are strong and vary within a few cells. The part that no flow without divergence carries is in it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,26 +53,25 @@ class ShiftedModes:
     Attributes:
         velocity_modes: shape (2N, r) [m/s for a weight of one], V.
         nodes: shape (N, 2) [m], east and north.
-        projector: shape (r, 2N), the pseudo-inverse of V.
         operators: shape (5, r, r): weights times operator k are those of copy k of ``shifted_copies``; the identity alone, shape
             (1, r, r), without a shift.
     """
 
     velocity_modes: Array
     nodes: Array
-    projector: Array
     operators: Array
 
     @classmethod
     def by(cls, modes: Array, nodes: Array, shift: float) -> "ShiftedModes":
         """Return the same for copies that are shifted by a distance [m]; 0 makes none."""
-        to_modes, operators = projector(modes), np.eye(modes.shape[1])[None]
+        operators = np.eye(modes.shape[1])[None]
         if shift > 0.0:
+            to_modes = projector(modes)
             sources = zip(SHIFT_WEIGHTS, shift_sources(nodes, shift), strict=True)
             operators = np.stack(
                 [weight * (to_modes @ modes[source]).T for weight, source in sources]
             )
-        return cls(modes, nodes, to_modes, operators)
+        return cls(modes, nodes, operators)
 
     def copies(self, anomalies: Array) -> Array:
         """Return anomalies, shape (E, Z, r), and their shifted copies, weighted, in modes: shape (5 E, Z, r)."""
@@ -109,24 +109,26 @@ def shift_sources(nodes: Array, shift: float) -> NDArray[np.intp]:
 _MEMBERS, _LEVELS = 12, 8
 
 
-def shifted_residual(ensemble: Ensemble, mean: Array, velocity_modes: Array, shift: float) -> Array:
+def shifted_residual(
+    series: Sequence[Ensemble], mean: Array, velocity_modes: Array, shift: float
+) -> Array:
     """Return the root mean square over components of what the modes leave of members shifted to four sides, shape (Z, N) [m/s].
 
-    Some members, evenly spread over the ensemble, are enough, and one at a time is in memory.
+    Some members, evenly spread over the times and members, are enough, and one at a time is in memory.
 
     Args:
-        ensemble: The members.
+        series: The members at each time.
         mean: shape (Z, 2N) [m/s], of all members.
         velocity_modes: shape (2N, r) [m/s for a weight of one], the modes at the nodes.
         shift: [m]; 0 for the members themselves.
     """
-    to_modes, sources = projector(velocity_modes), shift_sources(ensemble.grid.nodes, shift)[1:]
-    square = np.zeros_like(mean)
-    chosen = np.unique(
-        np.linspace(0, ensemble.n_members - 1, min(_MEMBERS, ensemble.n_members)).astype(np.int64)
-    )
-    for member in chosen:
-        alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
+    to_modes, sources = projector(velocity_modes), shift_sources(series[0].grid.nodes, shift)[1:]
+    square, n_members = np.zeros_like(mean), series[0].n_members
+    n_fields = len(series) * n_members
+    chosen = np.unique(np.linspace(0, n_fields - 1, min(_MEMBERS, n_fields)).astype(np.int64))
+    for time, member in zip(*divmod(chosen, n_members), strict=True):
+        one = series[time]
+        alone = replace(one, velocity=one.velocity[member : member + 1])
         anomaly = ensemble_slices(alone)[0] - mean
         for first in range(0, len(mean), _LEVELS):
             # all four together: the modes are read once for them

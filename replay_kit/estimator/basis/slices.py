@@ -13,12 +13,12 @@ Where not all directions are asked for, those below 2e-4 of the largest are left
 m/s have others. As all span the localised covariance alike, however weak, they would move an estimate by several percent.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 import scipy.linalg
 
-from replay_kit.core.arrays import Array, one_by_one
+from replay_kit.core.arrays import Array, Values, one_by_one
 from replay_kit.core.grid import Ensemble, Grid
 
 # Values of all members in a block of rows, 32 MB.
@@ -27,44 +27,40 @@ _BLOCK_VALUES = 4_000_000
 
 def ensemble_slices(ensemble: Ensemble) -> Array:
     """Return the members' velocities at the nodes, shape (E, Z, 2N) [m/s]; see ``slice_blocks``."""
-    n_members, n_levels = ensemble.n_members, ensemble.grid.levels.size
-    out = np.empty((n_members, n_levels, 2, int(ensemble.grid.wet[0].sum())))
-    for nodes, block in slice_blocks(ensemble):
-        out[..., nodes] = block
-    return out.reshape(n_members, n_levels, -1)
+    blocks = [block for _, block in slice_blocks([ensemble])]
+    return np.concatenate(blocks, axis=3).reshape(*blocks[0].shape[:2], -1)
 
 
-def slice_blocks(ensemble: Ensemble) -> Iterator[tuple[slice, Array]]:
-    """Yield which nodes, and the members' velocities at them, shape (E, Z, 2, n) [m/s], until all nodes were given.
+def slice_blocks(series: Sequence[Ensemble]) -> Iterator[tuple[slice, Array]]:
+    """Yield which nodes, and the members' velocities at them, shape (T E, Z, 2, n) [m/s], until all nodes were given.
 
     Below the sea floor a column keeps the velocity of its deepest wet level, so that modes have no jump there; the grid's mask
     keeps such points out of every result.
+
+    Args:
+        series: The forecast at its T times, of the same members on the same grid.
     """
-    first = 0
-    for start, stop in _rows(ensemble):
-        wet = ensemble.grid.wet[:, start:stop]
-        at_nodes = ensemble.rows(start, stop)[..., wet[0]]  # (E, 2, Z, n)
+    first, fields, whole = 0, len(series) * series[0].n_members, series[0].grid.wet
+    step = max(1, _BLOCK_VALUES // (2 * fields * whole[:, 0].size))
+    for start in range(0, whole.shape[1], step):
+        wet = whole[:, start : start + step]
+        rows = (ensemble.rows(start, start + step)[..., wet[0]] for ensemble in series)
+        block = np.concatenate([np.moveaxis(each, 2, 1) for each in rows])
         for z in range(1, len(wet)):
             dry = ~wet[z][wet[0]]
-            at_nodes[:, :, z, dry] = at_nodes[:, :, z - 1, dry]
-        nodes = slice(first, first + at_nodes.shape[3])
+            block[:, z, :, dry] = block[:, z - 1, :, dry]
+        nodes = slice(first, first + block.shape[3])
         first = nodes.stop
-        yield nodes, np.moveaxis(at_nodes, 2, 1)
+        yield nodes, block
 
 
-def _rows(ensemble: Ensemble) -> Iterator[tuple[int, int]]:
-    """Yield the first and last row of blocks of rows."""
-    n_levels, n_rows, n_columns = ensemble.grid.wet.shape
-    step = max(1, _BLOCK_VALUES // (2 * ensemble.n_members * n_levels * n_columns))
-    for start in range(0, n_rows, step):
-        yield start, min(start + step, n_rows)
-
-
-def surface_speed(ensemble: Ensemble) -> float:
-    """Return the root mean square of a component of all members at the nodes of the first level [m/s]."""
-    top = ensemble.grid.wet[0]
+def surface_speed(*series: Ensemble) -> float:
+    """Return the root mean square of a component of all members at the nodes of the first level [m/s], at all times."""
+    top = series[0].grid.wet[0]
     squares = [
-        np.mean(member[:, 0, top] ** 2, dtype=float) for member in one_by_one(ensemble.velocity)
+        np.mean(member[:, 0, top] ** 2, dtype=float)
+        for ensemble in series
+        for member in one_by_one(ensemble.velocity)
     ]
     return float(np.sqrt(np.mean(squares)))
 
@@ -78,32 +74,42 @@ def cell_size(grid: Grid) -> tuple[float, float]:
     return sizes if i_is_east else sizes[::-1]
 
 
-def correlation_length(ensemble: Ensemble) -> float:
-    """Return the correlation length of the members' anomalies [m]: the standard deviation over that of the gradient.
+def correlation_length(*series: Ensemble) -> float:
+    """Return the correlation length of the members' anomalies [m], at all times: the standard deviation over that of the gradient.
 
     That is the scale of the correlation's parabola at zero distance (Daley 1991, Atmospheric Data Analysis, section 4.3), pooled over
     components, levels and both directions of the grid. It is at least one cell, the resolution of the grid.
     """
-    square, *slopes = mean_squares(ensemble).tolist()
-    cell, slope = float(np.sqrt(np.prod(cell_size(ensemble.grid)))), np.mean(slopes)
+    square, *slopes = mean_squares(*series).tolist()
+    cell, slope = float(np.sqrt(np.prod(cell_size(series[0].grid)))), np.mean(slopes)
     return max(cell, float(np.sqrt(square / slope))) if slope > 0.0 else cell
 
 
-def mean_squares(ensemble: Ensemble, about_mean: bool = True) -> Array:
+def mean_squares(*series: Ensemble, about_mean: bool = True) -> Array:
     """Return the mean squares of a component of the members [m^2/s^2], and of its slopes along both axes of the grid [1/s^2], shape (3,).
 
     Args:
-        ensemble: The members, one at a time in memory.
+        series: The members at each time, one at a time in memory.
         about_mean: Whether those of their anomalies.
     """
-    grid, total, mean = ensemble.grid, np.zeros(3), np.zeros(ensemble.grid.wet.shape)
-    for member in one_by_one(ensemble.velocity) if about_mean else ():
-        mean = mean + member / ensemble.n_members
-    for member in one_by_one(ensemble.velocity):
-        off = np.where(grid.wet, member - mean, np.nan)
-        slopes = (np.diff(off, axis=axis - 2) / grid.steps(axis) for axis in (0, 1))
-        total += [np.nansum(each**2) / max(np.isfinite(each).sum(), 1) for each in (off, *slopes)]
-    return total / ensemble.n_members
+    grid, total, mean = series[0].grid, np.zeros(3), np.zeros((2, *series[0].grid.wet.shape))
+    neighbours = grid.wet[:, 1:] & grid.wet[:, :-1], grid.wet[..., 1:] & grid.wet[..., :-1]
+    # over the distance between neighbours in water; 0 where one is dry
+    inverse = [both / grid.steps(axis) for axis, both in enumerate(neighbours)]
+    count = len(series) * series[0].n_members
+
+    def members() -> Iterator[Values]:
+        return (member for ensemble in series for member in one_by_one(ensemble.velocity))
+
+    for member in members() if about_mean else ():
+        mean += member
+    mean /= count
+    for member in members():
+        off = np.where(grid.wet, member - mean, 0.0)
+        slopes = (np.diff(off, axis=axis - 2) * inverse[axis] for axis in (0, 1))
+        total += [np.vdot(each, each) for each in (off, *slopes)]
+    points = [np.count_nonzero(wet) for wet in (grid.wet, *neighbours)]
+    return np.asarray(total / (2 * count * np.maximum(points, 1)))
 
 
 # Singular values below this share of the largest: their squares are rounding of the largest one's.
@@ -119,7 +125,24 @@ _SMALL = 500_000
 SliceBlocks = Callable[[], Iterable[tuple[slice, Array]]]
 
 
-def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[Array, Array, Array]:
+def strongest_functions(fields: SliceBlocks, count: int) -> Array:
+    """Return the vertical functions that hold most of the variance of fields, so many at most, shape (K, Z), orthonormal rows.
+
+    Args:
+        fields: As slices, of shape (F, Z, 2, n).
+        count: At most; as many as there are levels, or more, give the levels themselves.
+    """
+    n_levels = next(iter(fields()))[1].shape[1]
+    if count >= n_levels:
+        return np.eye(n_levels)
+    covariance = np.zeros((n_levels, n_levels))
+    for _, block in fields():
+        for field in block.reshape(len(block), n_levels, -1):
+            covariance += field @ field.T
+    return np.asarray(np.linalg.eigh(covariance)[1].T[: -count - 1 : -1])
+
+
+def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[Array, Array]:
     """Return the leading directions of slices; see the module.
 
     Args:
@@ -128,20 +151,26 @@ def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[A
         n_modes: Number of clear directions at most; None for as many as the slices have.
 
     Returns:
-        shape (2N, r), orthonormal columns; shape (min(M, 2N),), singular values of all directions, decreasing; shape (M, r), products of
-        each slice with the columns.
+        shape (2N, r), orthonormal columns; shape (min(M, 2N),), singular values of all directions, decreasing.
     """
     n_slices = len(next(iter(blocks()))[1])
     if 2 * n_nodes * n_slices <= _SMALL or n_slices > 2 * n_nodes:
-        columns = gathered(blocks, n_nodes)
-        vectors, values = exact_svd(columns, n_modes)
-        products = columns.T @ vectors
+        vectors, values = exact_svd(gathered(blocks, n_nodes), n_modes)
     else:
-        vectors, values, products = _by_slices(blocks, n_nodes, n_modes)
-        sign = _signs(vectors)
-        vectors, products = vectors * sign, products * sign
+        vectors, values = _by_slices(blocks, n_nodes, n_modes)
+        vectors *= _signs(vectors)
     clear = None if n_modes is None else int(np.sum(values > _CLEAR * values[0]))
-    return vectors[:, :clear], values, products[:, :clear]
+    return vectors[:, :clear], values
+
+
+def products(blocks: SliceBlocks, vectors: Array) -> Array:
+    """Return the products of each slice with vectors, shape (2N, r): shape (M, r)."""
+    by_component = vectors.reshape(2, -1, vectors.shape[1])
+    parts = (
+        _flat(block) @ by_component[:, nodes].reshape(-1, vectors.shape[1])
+        for nodes, block in blocks()
+    )
+    return np.asarray(sum(parts))
 
 
 def exact_svd(columns: Array, n_modes: int | None) -> tuple[Array, Array]:
@@ -157,23 +186,19 @@ def gathered(blocks: SliceBlocks, n_nodes: int) -> Array:
     return np.concatenate([block for _, block in parts], axis=2).reshape(-1, 2 * n_nodes).T
 
 
-def _by_slices(
-    blocks: SliceBlocks, n_nodes: int, n_modes: int | None
-) -> tuple[Array, Array, Array]:
-    """Return vectors, singular values and products, by A'A."""
+def _by_slices(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[Array, Array]:
+    """Return vectors and singular values, by A'A."""
     gram = sum(_flat(block) @ _flat(block).T for _, block in blocks())
     squares, right = scipy.linalg.eigh(gram, overwrite_a=True, check_finite=False, driver="evd")
     values = np.sqrt(np.maximum(squares[::-1], 0.0))
     rank = int(np.sum(values > _RANK * values[0]))
-    right = right[:, ::-1][:, : min(n_modes or rank, rank)]
-    scale = values[: right.shape[1]]
-    by_component = np.empty((2, n_nodes, scale.size))
+    right = right[:, ::-1][:, : min(n_modes or rank, rank)] / values[: min(n_modes or rank, rank)]
+    by_component = np.empty((2, n_nodes, right.shape[1]))
     for nodes, block in blocks():
-        by_component[:, nodes] = (_flat(block).T @ (right / scale)).reshape(2, -1, scale.size)
+        by_component[:, nodes] = (_flat(block).T @ right).reshape(2, -1, right.shape[1])
     vectors = by_component.reshape(2 * n_nodes, -1)
     upper = np.linalg.cholesky(vectors.T @ vectors).T
-    inverse = scipy.linalg.solve_triangular(upper, np.eye(scale.size))
-    return vectors @ inverse, values, (right * scale) @ inverse
+    return vectors @ scipy.linalg.solve_triangular(upper, np.eye(len(upper))), values
 
 
 def _flat(block: Array) -> Array:

@@ -99,24 +99,24 @@ def process_of(
     anomalies = (weights - mean[:, None]) / np.sqrt(n_members - 1.0)
     copies = np.stack([modes.copies(each) for each in anomalies])
     spread = np.sqrt(np.sum(anomalies**2, axis=(1, 2, 3)))
-    local, dropped = np.empty((0, *mean.shape[1:])), np.zeros((mean.shape[1], len(modes.nodes)))
+    heights, directions = np.empty((0, mean.shape[1])), np.empty((0, mean.shape[2]))
+    dropped = np.zeros((mean.shape[1], len(modes.nodes)))
     if share < 1.0:
-        local, dropped = local_directions(copies, spread, modes, settings, bound)
+        heights, directions, dropped = local_directions(copies, spread, modes, settings, bound)
     moving = np.sqrt(share) * copies
     if mean_weights is not None:
         amplitude = np.sqrt(mean_variance) * (mean_weights + mean)
         moving = np.concatenate([amplitude[:, None], moving], axis=1)
-    functions, left = vertical_functions(
-        moving, spread.max() * local, some_nodes(modes.velocity_modes), _VERTICAL_SHARE * bound
-    )
+    largest, at_nodes = (spread.max() * heights, directions), some_nodes(modes.velocity_modes)
+    functions, left = vertical_functions(moving, largest, at_nodes, _VERTICAL_SHARE * bound)
     process = Process(
         np.zeros(len(weights), np.int64),
         mean,
         functions @ moving,
-        functions @ local,
+        (heights @ functions.T)[:, :, None] * directions[:, None],
         spread,
         functions,
-        np.full(moving.shape[1] + len(local), np.inf),
+        np.full(moving.shape[1] + len(heights), np.inf),
     )
     unshifted = SHIFT_WEIGHTS[0] if copies.shape[1] > n_members else 1.0
     first = moving.shape[1] - copies.shape[1]
@@ -132,8 +132,8 @@ def process_of(
 
 def local_directions(
     copies: Array, spread: Array, modes: ShiftedModes, settings: PriorSettings, bound: float
-) -> tuple[Array, Array]:
-    """Return the directions of the localised covariance for a spread of one, shape (B, Z, r), and what is dropped, shape (Z, N) [m/s].
+) -> tuple[Array, Array, Array]:
+    """Return the directions of the localised covariance for a spread of one, and what is dropped.
 
     Args:
         copies: shape (T, F, Z, r), anomalies of members and copies.
@@ -141,6 +141,9 @@ def local_directions(
         modes: At the nodes.
         settings: Share and radius.
         bound: As of ``process_of``.
+
+    Returns:
+        shape (B, Z), the vertical function of each direction; shape (B, r), its weights, by which that is multiplied; shape (Z, N) [m/s].
     """
     apart = times_with_spread(spread)
     normalised = copies[apart] / spread[apart, None, None, None] / np.sqrt(apart.size)
@@ -170,12 +173,12 @@ def local_directions(
 
     n = bisect_right(range(1, size.size + 1), bound**2, key=largest) if bound else 0
     q, b = np.nonzero(order >= n)
-    local = functions[q][:, :, None] * (directions[group[q], :, b] / spread.max())[:, None, :]
     left = np.zeros((len(height.T), len(modes.velocity_modes)))
     for counts, own in zip(of_levels(n), directions, strict=True):
         used = counts.any(axis=0)
         left += counts[:, used] @ np.square(modes.velocity_modes @ own[:, used]).T
-    return local, np.sqrt(left.reshape(len(left), 2, -1).mean(axis=1))
+    error = np.sqrt(left.reshape(len(left), 2, -1).mean(axis=1))
+    return functions[q], directions[group[q], :, b] / spread.max(), error
 
 
 def some_nodes(velocity_modes: Array) -> Array:
@@ -186,25 +189,32 @@ def some_nodes(velocity_modes: Array) -> Array:
 
 
 def vertical_functions(
-    moving: Array, fixed: Array, velocity_modes: Array, bound: float
+    moving: Array, fixed: tuple[Array, Array], velocity_modes: Array, bound: float
 ) -> tuple[Array, Array]:
     """Return the vertical functions that patterns need, shape (K, Z), orthonormal, and the error without the others, shape (Z,) [m/s].
 
     Args:
         moving: shape (T, F, Z, r), patterns at each time.
-        fixed: shape (B, Z, r), patterns beside these at any time.
+        fixed: shapes (B, Z) and (B, r), vertical functions and weights of patterns beside these at any time.
         velocity_modes: shape (2P, r) [m/s for a weight of one], at some nodes.
         bound: Of the standard deviation that those dropped have together [m/s].
     """
-    covariance = sum(np.einsum("kzr,kyr->zy", own, own, optimize=True) for own in (*moving, fixed))
-    each = [np.concatenate([own, fixed]) for own in moving]
+    heights, directions = fixed
+    scaled = heights * np.linalg.norm(directions, axis=1)[:, None]
+    flat = np.moveaxis(moving, 2, 0).reshape(heights.shape[1], -1)
+    covariance = flat @ flat.T + scaled.T @ scaled
     functions = np.linalg.eigh(covariance)[1].T[::-1]
+
+    def largest(function: Array) -> float:
+        """Return the largest variance of a function, over the nodes and times."""
+        own = (heights @ function)[:, None] * directions
+        at_any_time = np.sum((velocity_modes @ (own.T @ own)) * velocity_modes, axis=1)
+        each = (velocity_modes @ np.tensordot(at, function, (1, 0)).T for at in moving)
+        return float(max(np.max(np.square(one).sum(axis=1) + at_any_time) for one in each))
+
     left, total = np.zeros(functions.shape[1]), 0.0
     for n in range(len(functions), 1, -1):
-        of_function = [
-            velocity_modes @ np.tensordot(own, functions[n - 1], (1, 0)).T for own in each
-        ]
-        variance = max(np.square(own).sum(axis=1).max() for own in of_function)
+        variance = largest(functions[n - 1])
         total += variance
         if total > bound**2:
             return functions[:n], np.sqrt(left)

@@ -258,7 +258,8 @@ def _score_member(
     others = np.delete(members.weights, member, axis=0)
     copies = modes.copies((others - others.mean(axis=0)) / np.sqrt(len(others) - 1.0))
     whole = replace(settings, sample_share=0.0)
-    local, _ = local_directions(copies[None], np.ones(1), modes, whole, 0.0)
+    heights, directions, _ = local_directions(copies[None], np.ones(1), modes, whole, 0.0)
+    local = heights[:, :, None] * directions[:, None]
     flat = (each.reshape(len(each), -1) for each in (copies, local))
     sample, localised = (each.T @ each for each in flat)
     truth = members.weights[member] - others.mean(axis=0)

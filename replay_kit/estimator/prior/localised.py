@@ -4,7 +4,8 @@ With V (2N, r) the modes at the nodes, P its pseudo-inverse, C the covariance of
 covariance is H = P (T o V C V') P'. T is zero for most pairs of nodes of a large region: nodes are sorted into compact tiles, and H is the
 sum over pairs of tiles within the taper's radius of P_i (T_ij o F_i F_j') P_j', with F F' = V C V'. The sum is symmetric, so each pair
 counts once, and no N x N matrix is made. In large regions the products are in single precision, whose error, some 1e-7 of the sum,
-cancels out over the nodes.
+cancels out over the nodes. Of many nodes for each mode, those near each other are taken as one: modes and taper hardly differ there, and
+the work grows with the square of the nodes.
 """
 
 from typing import Any
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from replay_kit.core.arrays import Array
-from replay_kit.estimator.basis.shifts import ShiftedModes
+from replay_kit.estimator.basis.shifts import ShiftedModes, projector
 
 # Nodes in a tile at most.
 _TILE = 100
@@ -24,6 +25,8 @@ _FIELD_BYTES = 1 << 29
 _FEW_NODES = 1000
 # Share of the variance that the factor of a covariance leaves out.
 _DROPPED = 1e-9
+# Nodes, or groups of them, at most, and for each mode.
+_MOST_NODES, _NODES_A_MODE = 2000, 6
 # Depth functions that always have a covariance of their own, and the share of the variance that those with one of their own hold.
 _LEAST_APART, _APART = 8, 0.999
 
@@ -75,19 +78,35 @@ def localised_part(anomalies: Array, modes: ShiftedModes, radius: float) -> tupl
         covariances = np.concatenate(
             [covariances[:apart], covariances[apart:].sum(axis=0, keepdims=True)]
         )
-    at_nodes = modes.velocity_modes, modes.projector, modes.nodes
+    most = max(_MOST_NODES, _NODES_A_MODE * modes.velocity_modes.shape[1])
+    at_nodes = in_groups(modes.velocity_modes, modes.nodes, most)
     return functions, localised(covariances, *at_nodes, radius)
 
 
-def localised(
-    covariances: Array, velocity_modes: Array, projector: Array, nodes: Array, radius: float
-) -> Array:
+def in_groups(velocity_modes: Array, nodes: Array, most: int) -> tuple[Array, Array]:
+    """Return the means of modes over groups of neighbouring nodes, shape (2 n, r), and of their places, shape (n, 2) [m].
+
+    Args:
+        velocity_modes: shape (2N, r).
+        nodes: shape (N, 2) [m].
+        most: Nodes of a group are as few as make so many groups; halving may make twice as many.
+    """
+    if len(nodes) <= most:
+        return velocity_modes, nodes
+    order, ends = tiles(nodes, -(-len(nodes) // most))
+    starts, counts = np.append(0, ends[:-1]), np.diff(ends, prepend=0)[:, None]
+    by_component = velocity_modes.reshape(2, len(nodes), -1)[:, order]
+    grouped = np.add.reduceat(by_component, starts, axis=1) / counts
+    places = np.add.reduceat(nodes[order], starts, axis=0) / counts
+    return grouped.reshape(-1, velocity_modes.shape[1]), places
+
+
+def localised(covariances: Array, velocity_modes: Array, nodes: Array, radius: float) -> Array:
     """Return covariances of the modes' amplitudes after tapering over the nodes, shape (g, r, r); see the module.
 
     Args:
         covariances: shape (g, r, r).
         velocity_modes: shape (2N, r).
-        projector: shape (r, 2N).
         nodes: shape (N, 2) [m].
         radius: Where the taper reaches zero [m].
     """
@@ -95,7 +114,8 @@ def localised(
     precision: Any = np.float64 if n_nodes <= _FEW_NODES else np.float32
     order, ends = tiles(nodes, _TILE)
     factors = _factors(covariances)
-    back = np.stack([projector[:, part * n_nodes + order].T for part in range(2)], axis=1)
+    to_modes = projector(velocity_modes)
+    back = np.stack([to_modes[:, part * n_nodes + order].T for part in range(2)], axis=1)
     back, at_nodes = (each.astype(precision) for each in (back, velocity_modes))
     at_once = max(1, _FIELD_BYTES // (factors.shape[2] * back[:, :, 0].nbytes))
     parts = list[Array]()

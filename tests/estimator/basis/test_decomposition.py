@@ -1,15 +1,18 @@
-"""Slices by blocks, and their decomposition from products, against the singular value decomposition of all of them."""
+"""Slices by blocks, and their decomposition from products and in vertical functions, against that of all of them."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from replay_kit.estimator.basis import slices
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.estimator.basis import modes, slices
+from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.estimator.basis.slices import (
     decompose,
     ensemble_slices,
     exact_svd,
+    products,
     surface_speed,
 )
 from tests import synthetic
@@ -30,7 +33,7 @@ def test_it_spans_what_the_dense_decomposition_spans(monkeypatch, n_slices, rank
     columns = (
         rng.standard_normal((2 * n_nodes, rank)) * np.geomspace(1.0, 1e-3, rank)
     ) @ rng.standard_normal((rank, n_slices))
-    own, singular, products = decompose(blocks_of(columns, n_nodes), n_nodes, n_modes)
+    own, singular = decompose(blocks_of(columns, n_nodes), n_nodes, n_modes)
     vectors, values = exact_svd(columns, n_modes)
     u = np.linalg.svd(columns)[0][:, : min(rank, n_modes or rank)]
     assert own.shape == vectors.shape == u.shape
@@ -41,7 +44,8 @@ def test_it_spans_what_the_dense_decomposition_spans(monkeypatch, n_slices, rank
     np.testing.assert_allclose(
         singular[:rank] ** 2, values[:rank] ** 2, rtol=0.0, atol=1e-14 * values[0] ** 2
     )
-    np.testing.assert_allclose(products, columns.T @ own, atol=1e-10)
+    found = products(blocks_of(columns, n_nodes), own)
+    np.testing.assert_allclose(found, columns.T @ own, atol=1e-12)
 
 
 def test_blocks_of_rows_change_nothing_with_land_and_steps_of_the_sea_floor(monkeypatch):
@@ -68,3 +72,18 @@ def test_blocks_of_rows_change_nothing_with_land_and_steps_of_the_sea_floor(monk
             )
     speed = np.sqrt(np.mean(found[0][:, 0] ** 2))
     assert surface_speed(ensemble) == pytest.approx(speed)
+
+
+def test_times_are_as_many_members_and_strongest_vertical_functions_find_the_modes(monkeypatch):
+    """The functions are all of a sea in which two levels are the same; the weights of every level are exact whichever are taken."""
+    sea = synthetic.ensemble(n_members=12)
+    sea = replace(sea, velocity=sea.velocity[:, :, [0, 1, 2, 2]])
+    parts = [replace(sea, velocity=sea.velocity[k : k + 4]) for k in range(0, 12, 4)]
+    config = EstimatorConfig(modes=7)
+    found = [build_basis(series, config) for series in ([sea], parts)]
+    monkeypatch.setattr(modes, "_LEAST_FUNCTIONS", 3)
+    monkeypatch.setattr(modes, "_SLICES_A_MODE", 0)
+    found.append(build_basis(parts, config))
+    for name in ("modes", "member_weights", "mean_weights", "representation", "potential"):
+        one, *others = (getattr(each, name) for each in found)
+        np.testing.assert_allclose(others, [one] * 2, atol=1e-9 * np.abs(one).max(), err_msg=name)

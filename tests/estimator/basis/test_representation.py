@@ -31,7 +31,7 @@ def slow_residual(fields, modes, nodes, shift):
 def test_it_is_what_least_squares_leaves_of_shifted_copies():
     slices = ensemble_slices(SMALL)
     mean, modes = slices.mean(axis=0), np.random.default_rng(0).standard_normal((2 * len(NODES), 7))
-    found = shifted_residual(SMALL, mean, modes, 1.2e4)
+    found = shifted_residual([SMALL], mean, modes, 1.2e4)
     np.testing.assert_allclose(found, slow_residual(slices - mean, modes, NODES, 1.2e4), rtol=1e-9)
 
 
@@ -42,7 +42,7 @@ def test_an_estimate_errs_by_what_the_basis_leaves_at_each_place(stated):
     basis = estimator.observer.basis
     modes = basis.horizontal.velocity(NODES, basis.modes).reshape(2 * len(NODES), -1)
     mean = ensemble_slices(SMALL).mean(axis=0)
-    expected = shifted_residual(SMALL, mean, modes, correlation_length(SMALL))
+    expected = shifted_residual([SMALL], mean, modes, correlation_length(SMALL))
     flow = estimator.flow(estimator.initial())
     error = flow.unknowns.error
     # nothing else is uncertain: beside a node the error is that of the nearest one

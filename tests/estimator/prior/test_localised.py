@@ -44,7 +44,7 @@ def test_it_equals_the_twin_in_double_precision_and_nearly_in_single(monkeypatch
     rng = np.random.default_rng(0)
     nodes = nodes_of(kind, rng)
     modes, covariances = rng.standard_normal((2 * len(nodes), 6)), some_covariances(rng, 2, 6)
-    found = localised(covariances, modes, projector(modes), nodes, RADIUS)
+    found = localised(covariances, modes, nodes, RADIUS)
     for ours, covariance in zip(found, covariances, strict=True):
         theirs = slow.localised_covariance(covariance, modes, nodes, RADIUS, slow_taper)
         np.testing.assert_allclose(ours, theirs, atol=error * np.abs(theirs).max())
@@ -71,6 +71,23 @@ def test_weak_functions_of_depth_share_a_covariance_and_keep_their_variance():
     assert variance == pytest.approx(np.sum(anomalies**2), rel=1e-8)
 
 
+def test_nodes_in_groups_give_smooth_modes_nearly_the_same_variance(monkeypatch):
+    x, y = (0.13 * axis.ravel() for axis in np.mgrid[:24, :20])
+    modes = np.concatenate([np.cos(k * x + m * y) for k in range(4) for m in range(4)])
+    modes = modes.reshape(8, -1).T
+    anomalies, variance = np.random.default_rng(5).standard_normal((30, 3, 8)), []
+    shifted = ShiftedModes.by(modes, np.column_stack([x, y]), 0.0)
+    for most, radius in ((2000, 2.4), (120, 2.4), (120, 1e9)):
+        monkeypatch.setattr(module, "_MOST_NODES", most)
+        found = localised_part(anomalies, shifted, radius)[1]
+        variance.append(np.einsum("nr,grs,ns->gn", modes, found, modes))
+    near, far = (each / variance[0] for each in variance[1:])
+    assert np.mean(near) == pytest.approx(1.0, abs=0.02)
+    np.testing.assert_allclose(near, 1.0, rtol=0.1)
+    # the taper itself changes more
+    assert np.abs(far - 1.0).max() > 0.2
+
+
 @pytest.mark.parametrize("deficient", [False, True])
 def test_the_projector_is_the_pseudo_inverse_and_shifts_in_modes_are_shifts_of_fields(deficient):
     rng = np.random.default_rng(4)
@@ -79,7 +96,8 @@ def test_the_projector_is_the_pseudo_inverse_and_shifts_in_modes_are_shifts_of_f
     if deficient:
         modes[:, 5] = modes[:, 0] - modes[:, 1]
     shifted = ShiftedModes.by(modes, nodes, 1.2)
-    np.testing.assert_allclose(shifted.projector, np.linalg.pinv(modes), atol=1e-10)
+    to_modes = projector(modes)
+    np.testing.assert_allclose(to_modes, np.linalg.pinv(modes), atol=1e-10)
     anomalies = rng.standard_normal((3, 2, 6))
-    expected = shifted_copies(anomalies @ modes.T, nodes, 1.2) @ shifted.projector.T
+    expected = shifted_copies(anomalies @ modes.T, nodes, 1.2) @ to_modes.T
     np.testing.assert_allclose(shifted.copies(anomalies), expected, atol=1e-12)
