@@ -32,20 +32,28 @@ def to_local(
 ) -> tuple[Array, Array]:
     """Return local (east, north) [m] of geographic positions [degrees] in any longitude convention; shapes are kept."""
     place: Any = longitude, latitude
+    project: Callable[..., tuple[Any, ...]] = _proj(projection)
     if not (isinstance(longitude, float) and isinstance(latitude, float)):
         # of plain numbers an array takes longer than the projection
         place = np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64)
+        project = partial(_shaped, project)
     # pyproj takes less than two turns; the remainder of less than one is the number itself
-    east, north = _proj(projection)(np.fmod(place[0], 360.0), place[1])
+    east, north = project(np.fmod(place[0], 360.0), place[1])
     return np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64)
 
 
 def to_geographic(projection: Projection, east: ArrayLike, north: ArrayLike) -> tuple[Array, Array]:
     """Return (longitude, latitude) [degrees] of local points [m]; longitudes in [-180, 180]."""
-    longitude, latitude = _proj(projection)(
-        np.asarray(east, dtype=np.float64), np.asarray(north, dtype=np.float64), inverse=True
-    )
-    return np.asarray(longitude, dtype=np.float64), np.asarray(latitude, dtype=np.float64)
+    longitude, latitude = _shaped(partial(_proj(projection), inverse=True), east, north)
+    return longitude, latitude
+
+
+def _shaped(function: Callable[..., tuple[Any, ...]], *values: ArrayLike) -> tuple[Array, ...]:
+    """Return the results of a function of pyproj in the common shape of its arguments."""
+    arguments = np.broadcast_arrays(*(np.asarray(each, np.float64) for each in values))
+    # with NumPy before 2.4 it takes an array of one element for a number, and warns
+    found = function(*(each.item() if each.size == 1 else each for each in arguments))
+    return tuple(np.reshape(each, arguments[0].shape) for each in found)
 
 
 def grid_bearing_of_true_north(
@@ -189,16 +197,15 @@ def distance(
     longitude: ArrayLike, latitude: ArrayLike, other_longitude: ArrayLike, other_latitude: ArrayLike
 ) -> Array:
     """Return geodesic distances [m] on WGS84 between positions [degrees]."""
-    x0, y0, x1, y1 = np.broadcast_arrays(longitude, latitude, other_longitude, other_latitude)
-    _, _, metres = _ELLIPSOID.inv(x0, y0, x1, y1)
-    return np.asarray(metres, dtype=np.float64)
+    places = longitude, latitude, other_longitude, other_latitude
+    return _shaped(_ELLIPSOID.inv, *places)[2]
 
 
 def offset(
     longitude: Array, latitude: Array, to_longitude: Array, to_latitude: Array
 ) -> tuple[Array, Array]:
     """Return east and north [m], shapes (n,), of positions in the local frames about others: ``to_local`` with a projection per row."""
-    azimuth, _, metres = _ELLIPSOID.inv(longitude, latitude, to_longitude, to_latitude)
+    azimuth, _, metres = _shaped(_ELLIPSOID.inv, longitude, latitude, to_longitude, to_latitude)
     angle = np.deg2rad(azimuth)
     return np.asarray(metres * np.sin(angle)), np.asarray(metres * np.cos(angle))
 
@@ -206,8 +213,8 @@ def offset(
 def moved(longitude: Array, latitude: Array, east: Array, north: Array) -> tuple[Array, Array]:
     """Return longitudes and latitudes [degrees], shapes (n,), of local points [m] about positions: ``to_geographic`` by row."""
     azimuth, metres = heading_deg(east, north), np.hypot(east, north)
-    to_longitude, to_latitude, _ = _ELLIPSOID.fwd(longitude, latitude, azimuth, metres)
-    return np.asarray(to_longitude), np.asarray(to_latitude)
+    to_longitude, to_latitude, _ = _shaped(_ELLIPSOID.fwd, longitude, latitude, azimuth, metres)
+    return to_longitude, to_latitude
 
 
 def heading_deg(east: ArrayLike, north: ArrayLike) -> Array:
