@@ -58,6 +58,6 @@ def test_unlisted_names_without_standard_names_are_candidates(tmp_path):
     info = run_command(tmp_path, "info a.nc")
     replayed = run_command(tmp_path, "replay a.nc --ensemble ensemble.nc -o out.mcap")
     assert replayed.returncode == 3
-    for words in ("final_a, final_b may be them", "measurements.dead-reckoning through_water"):
+    for words in ("final_a, final_b may be them", "--dead-reckoning through_water"):
         assert words in info.stdout
         assert words in replayed.stderr
