@@ -44,7 +44,7 @@ def print_table(
         # what is cut in no case: names, unless they fill the line, and what is short
         kept = longest <= (2 * console.width // 3 if k == 0 else _SHORT)
         # a heading folds between its words
-        narrowest = max(longest, *map(len, column.split()))
+        narrowest = max([longest, *map(len, column.split())])
         table.add_column(
             column,
             overflow="fold",
