@@ -1,4 +1,4 @@
-"""What earlier versions had and this one has no more: settings, options and their values, each with what to use instead."""
+"""Settings, options and values removed since earlier versions, each with its replacement."""
 
 from replay_kit.core.errors import ConfigError
 
@@ -65,11 +65,11 @@ VALUES: dict[str, dict[str, str]] = {
 
 
 def instead_of(command: str, option: str) -> str:
-    """Return what to use instead of an option that a command had, by its name; empty for one that it never had."""
+    """Return the replacement of a removed option of a command; empty for an unknown option."""
     return SETTINGS.get(command, {}).get(option.replace("-", "_"), "")
 
 
 def refuse_value(option: str, value: object) -> None:
-    """Raise ConfigError for a value that an option could have."""
+    """Raise ConfigError for a removed value of an option."""
     if (instead := VALUES.get(option, {}).get(str(value))) is not None:
         raise ConfigError(f"{option} has no {value} any more: {instead}")
