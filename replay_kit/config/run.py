@@ -115,8 +115,8 @@ class MeasurementConfig(Section):
         reference: Velocity reference of profiles whose message states none; without this setting they are not used.
         use_relative: Use profiles relative to a platform of unknown velocity, for their shear.
         use_inverted: Use profiles computed from a dive's pings and depth-averaged current instead of the pings and the current.
-        flight_bias: Correct depth-averaged currents for the flight-model error that earlier dives show; they are then used in addition to profiles
-            computed from them.
+        flight_bias: Correct depth-averaged currents for the flight-model error that earlier dives show; they are then used in
+            addition to profiles computed from them.
         dead_reckoning: Whether dead-reckoned positions include a current; through_water: they do not, and give the depth-averaged current
             of dives without one in the log.
         dac_std: Standard error of a depth-averaged current that states none [m/s], in addition to that of its fixes.

@@ -1,6 +1,6 @@
-"""No-go areas and fences from GeoJSON and KML, and what about them a user should know.
+"""No-go areas and fences from GeoJSON and KML, with notes for the user.
 
-KML is made features of GeoJSON. References: RFC 7946; OGC 12-007r2, KML 2.3.
+KML is converted to GeoJSON features. References: RFC 7946; OGC 12-007r2, KML 2.3.
 """
 
 import json
@@ -35,26 +35,25 @@ _OTHERS = {
 
 
 class _NoAreaError(ValueError):
-    """What was found instead of areas."""
+    """Error: other content in place of areas."""
 
 
 def read_areas(path: Path) -> tuple[NoGo, ...]:
-    """Return the polygons of a file, and what its lines enclose, as no-go areas; with the property ``fence`` true as fences.
+    """Return the polygons and closed lines of a file as no-go areas; with the property ``fence`` true as fences.
 
-    What holds in an area does not hold in its holes; a fence's holes may not be entered. ``begin`` and ``end`` are the times between which
-    an area holds. Heights are left out.
+    An area excludes its holes; a fence's holes may not be entered. ``begin`` and ``end`` limit the time of an area. Heights are ignored.
 
     Raises:
-        PlanError: It is no GeoJSON or KML, or holds a geometry that encloses nothing.
+        PlanError: The file is not GeoJSON or KML, or a geometry encloses no area.
     """
     return tuple(area for _, area in _drawn(path))
 
 
 def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
-    """Return what about the areas of a file a user of them in a region should know: lines, open or crossing outlines, times, far away.
+    """Return notes on the areas of a file in a region: lines, open or crossing outlines, times, distant areas.
 
     Raises:
-        PlanError: An area lies in the region only if its corners are latitude and longitude.
+        PlanError: An area lies in the region only with latitude and longitude exchanged.
     """
     notes = []
     for of_line, area in _drawn(path):
@@ -80,7 +79,7 @@ def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
 
 
 def _overlaps(corners: Array, grid: Grid) -> bool:
-    """Return whether the bounds of an area's corners, shape (n, 2) [degrees], overlap those of a region."""
+    """Return whether the bounds of corners, shape (n, 2) [degrees], overlap those of a region."""
     if np.any(np.abs(corners[:, 1]) > 90.0):
         return False
     longitude = unwrap_longitude(corners[:, 0], float(grid.longitude.mean()))
@@ -89,10 +88,10 @@ def _overlaps(corners: Array, grid: Grid) -> bool:
 
 
 def _drawn(path: Path) -> list[_Drawn]:
-    """Return what a file draws as areas: of GeoJSON a FeatureCollection, a Feature or a geometry alone.
+    """Return the areas of a file; GeoJSON may be a FeatureCollection, a Feature or a single geometry.
 
     Raises:
-        PlanError: As for ``read_areas``.
+        PlanError: See ``read_areas``.
     """
     try:
         with open_input(path) as file:
@@ -113,7 +112,7 @@ def _drawn(path: Path) -> list[_Drawn]:
 
 
 def _features_of(content: bytes) -> list[Any]:
-    """Return the features of a file by its first bytes; a geometry alone is one without properties."""
+    """Return the features of a file, recognised by its first bytes; a single geometry is a feature without properties."""
     head = content.removeprefix(b"\xef\xbb\xbf").lstrip()[:2000]
     claimed = sum(size * content.count(mark) for mark, size in _OF_MARKS.items())
     if 2 * len(content) + claimed > _MOST_BYTES:
@@ -176,7 +175,7 @@ def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
 
 
 def _kind(value: Any) -> str:
-    """Return the GeoJSON type of a value; in words where it states none."""
+    """Return the GeoJSON type of a value; a description if it has none."""
     if not isinstance(value, Mapping):
         return f"{type(value).__name__} in JSON" if value is not None else "null"
     kind = value.get("type")
@@ -205,7 +204,7 @@ def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Drawn]:
 
 
 def _time(value: Any, name: str) -> int | None:
-    """Return a time [ns, UTC]; None for none."""
+    """Return a time [ns, UTC]; None if absent."""
     if value in (None, ""):
         return None
     try:
@@ -215,7 +214,7 @@ def _time(value: Any, name: str) -> int | None:
 
 
 def _rings(geometry: Any, name: str) -> Iterator[tuple[bool, list[Any]]]:
-    """Yield whether it is a line, and the rings, of each polygon and each line of a geometry."""
+    """Yield whether it is a line, and the rings, for each polygon and line of a geometry."""
     kind = _kind(geometry)
     if kind == "GeometryCollection" and isinstance(geometry.get("geometries"), list):
         for part in geometry["geometries"]:
@@ -234,7 +233,7 @@ def _rings(geometry: Any, name: str) -> Iterator[tuple[bool, list[Any]]]:
 
 
 def _corners(ring: Any, name: str) -> tuple[tuple[float, float], ...]:
-    """Return the corners of a ring [degrees], heights left out."""
+    """Return the corners of a ring [degrees], without heights."""
     try:
         corners = tuple((float(corner[0]), float(corner[1])) for corner in ring)
     except (ValueError, KeyError, TypeError, IndexError, OverflowError):
