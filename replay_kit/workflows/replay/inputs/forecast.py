@@ -33,7 +33,7 @@ class Forecasts:
 
     Attributes:
         series: Forecast at the used times, in order.
-        ensemble: Member of the series nearest to the log's beginning.
+        ensemble: Forecast of the series nearest to the log's beginning.
         evolves: Whether the estimate changes in time.
         near_ns: Time of the logs' first message [ns, UTC]; None without one.
         region: Part of the forecast found from the logs; None if all of it, or the part in the settings, was read.

@@ -260,7 +260,7 @@ def conclusions(
 
 
 def _preferred(state: MonitoringState) -> Finding | None:
-    """Return that the gate rejected most measurements of one source in favour of another, if it did."""
+    """Return a finding if the gate rejected most observations of one source in favour of another; None otherwise."""
     shares = {kind: rejected / asked for kind, (asked, rejected) in state.decisions.items()}
     for kind, (asked, rejected) in state.decisions.items():
         others = [other for other in shares if other != kind and shares[other] < 0.5]
@@ -271,7 +271,7 @@ def _preferred(state: MonitoringState) -> Finding | None:
 
 
 def _undetermined(state: MonitoringState) -> str:
-    """Return why nothing in a log tells whether directions are right, and what would."""
+    """Return why nothing in a log confirms directions, and what would; empty otherwise."""
     if not state.checks.pings[0]:
         return f"{_UNDETERMINED}; profiles of the current beside the mean currents would"
     if not state.means:
@@ -282,7 +282,7 @@ def _undetermined(state: MonitoringState) -> str:
 
 
 def _of_forecast(counts: Counts, moved: bool) -> tuple[Finding, ...]:
-    """Return how the measurements contradict the forecast, if they do: it does not fit where two thirds of them exceed the gate."""
+    """Return a finding if two thirds of the observations exceed the gate: the forecast does not fit."""
     beyond, total = counts.gated, counts.total.profiles + counts.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
