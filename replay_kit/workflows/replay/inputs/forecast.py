@@ -80,8 +80,8 @@ def read_forecasts(
 ) -> Forecasts:
     """Return the forecast at the times of the settings.
 
-    The estimate changes in time if the forecast has several dated times (unless one is chosen, or ``time.scale`` is static), or if a time
-    scale, oscillations or biases are set. Otherwise it is static.
+    The estimate changes in time with a forecast of several dated times, unless one is chosen or ``time.scale`` is static; also with a time
+    scale, oscillations or biases. Otherwise it is static.
 
     Args:
         path: Files of the ensemble.

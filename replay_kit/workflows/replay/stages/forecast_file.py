@@ -1,7 +1,7 @@
 """Check of a forecast's file by the joint density of DACs under the prior, as it is and with each fault undone.
 
 The prior gives the means p of the currents along dive paths and their covariance C; R is the observation-error covariance. A file with
-currents M f in place of f gives means M p and covariance M C M', so that the densities N(M p, M C M' + R) of the DACs compare the faults. C
+currents M f in place of f gives means M p and covariance M C M'. The densities N(M p, M C M' + R) of the DACs compare the faults. C
 accounts for dives in one eddy; for a forecast without skill no fault is found or excluded.
 """
 

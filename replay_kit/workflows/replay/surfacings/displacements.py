@@ -279,8 +279,7 @@ def _ahead(state: GroundState, flow: FlowEstimate) -> Ahead | None:
 def _current(state: GroundState, depth: Array, weight: Array) -> Array:
     """Return the predicted mean current over depths, shape (2,) [m/s].
 
-    Outside the estimate it is the current of the last dive, or NaN before the first, as the velocity through the water is the displacement
-    without the current.
+    Outside the estimate it is the current of the last dive, or NaN before the first.
     """
     if state.ahead is not None:
         return state.ahead.mean(depth, weight)

@@ -1,7 +1,8 @@
 """Correction of DACs for the flight-model error before assimilation.
 
-A DAC is the distance between the surfacing and its position by the flight model, so a relative error of that model is an error of the DAC:
-w (a + i b), with the velocity through the water w. An error estimated from earlier dives (``estimator/next_dive/flight.py``) is subtracted,
+A DAC is the distance of a surfacing from its dead-reckoned position over the dive's duration. A relative error of the flight model is thus
+an error of the DAC: w (a + i b), with the velocity through the water w. An error estimated from earlier dives
+(``estimator/next_dive/flight.py``) is subtracted,
 and its uncertainty added to the observation error. The measured value is kept too. A dive's own DAC and profiles contribute from the next
 dive on, as the estimate already has them.
 
