@@ -116,7 +116,7 @@ _COMMANDS = {
         "config": (
             "ensemble",
             "[SECTION...]",
-            "List every setting of a file of --config with its default and what it is for, as TOML.",
+            "List every setting with its default and description, as TOML for --config.",
         ),
     },
     "Synthetic data": {
@@ -283,7 +283,7 @@ def _explained(error: CycloptsError) -> str:
 
         name = (error.token.keyword or error.token.value).partition("=")[0].lstrip("-")
         gone, found = instead_of(command, name), settings_named(name)
-        message += f" It is gone: {gone}." if gone else ""
+        message += f" It was removed: {gone}." if gone else ""
         message += "".join(f" In a file of --config: [{section}] {key}." for section, key in found)
     return f"{message} See {' '.join(('replay-kit', *command.split()))} --help."
 

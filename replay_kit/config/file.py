@@ -52,7 +52,7 @@ def _no_toml(error: ValueError | RecursionError, data: bytes) -> str:
             if line.startswith("[")
             else f"the key '{line.partition('=')[0].strip()}'"
         )
-        return f"line {place[1]}: {what} stands twice; keep one"
+        return f"line {place[1]}: {what} is repeated; keep one"
     if isinstance(error, RecursionError):
         return "not TOML: its values are nested too deeply"
     return f"not TOML: {str(error)[:200]}"

@@ -166,7 +166,7 @@ class VelocityMap(_PlaceMap):
         if self.place is not None and not (
             -180.0 <= self.place[0] <= 360.0 and abs(self.place[1]) <= 90.0
         ):
-            raise ValueError("place is no longitude and latitude")
+            raise ValueError("place is not a longitude and latitude")
         return self
 
     @property

@@ -335,8 +335,8 @@ def _covering(request: Request, kept: Kept) -> list[Path]:
                 f"{path.name}, fetched {record.get('fetched')}" for path, record in copies[:3]
             )
             raise ForecastError(
-                f"{address}: nothing fetched before holds what is needed{where}{when} "
-                f"({held or f'none of this address in {kept.folder}'}); fetch it while there is a link: replay-kit fetch LOG... --ensemble "
+                f"{address}: no earlier download covers the request{where}{when} "
+                f"({held or f'none of this address in {kept.folder}'}); fetch it online: replay-kit fetch LOG... --ensemble "
                 "ADDRESS, or with --region W,S,E,N --start TIME --end TIME"
             )
         files.append(chosen)

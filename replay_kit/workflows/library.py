@@ -162,7 +162,7 @@ def replay(
         raise
     if 4 in outcome.exit_codes:
         lost = f"{len(outcome.losses)} damaged parts of the logs, {outcome.late} late messages"
-        warnings.warn(f"lost: {lost}; result.outcome.losses says what", stacklevel=2)
+        warnings.warn(f"lost: {lost}; result.outcome.losses lists it", stacklevel=2)
     if 6 in outcome.exit_codes:
         warnings.warn("; ".join(map(finding_text, outcome.consistency)), stacklevel=2)
     result = as_pooled(Result(file, outcome))

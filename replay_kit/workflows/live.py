@@ -105,9 +105,7 @@ class Live:
         """
         if start is None:
             if (at := self.position) is None:
-                raise ConfigError(
-                    "start: expected a place, as no message has held a position, got none"
-                )
+                raise ConfigError("start: expected a place, as no message had a position, got none")
             start = Place(at.longitude, at.latitude, at.depth)
         estimate = self.estimate
         return plan(estimate, start, goal, time=estimate.time_ns, settings=self._run.config)

@@ -180,7 +180,7 @@ def _nothing(
 ) -> str:
     expected = f"{', '.join(map(str, logs))}: expected ADCP pings whose bins can be tested"
     if any("/dac" in report.read for report in reports):
-        return f"{expected}, got mean currents alone, which a replay uses as they are"
+        return f"{expected}, got mean currents only, which a replay uses unchanged"
     why = "; ".join(f"{count} x {topic}: {reason}" for (topic, reason), count in counts.items())
     return f"{expected}, got none; not used: {why or 'nothing that could be a ping'}"
 
@@ -236,7 +236,7 @@ def print_quality(report: QualityReport, console: Console) -> None:
         print_lines(console, loss_lines(log))
     if report.late:
         console.print(
-            f"LOST: {report.late} messages came later than the reorder window allows; widen logs.reorder_window",
+            f"LOST: {report.late} messages arrived later than the reorder window; widen logs.reorder_window",
         )
 
 

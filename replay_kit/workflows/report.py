@@ -13,7 +13,7 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result
 from replay_kit.workflows.sound import sound_result
 
-_RECOVERED = "The result is damaged or cut short: this shows what could be recovered."
+_RECOVERED = "The result is damaged or truncated: only its recoverable content is shown."
 
 
 def report(
@@ -83,5 +83,5 @@ def _version_notes(result: Result) -> tuple[str, ...]:
         return ()
     return (
         f"The result has version {version} of the contract, this program version {CONTRACT_VERSION}: "
-        "what changed between them is not shown, or under its former name.",
+        "changes between them may not be shown.",
     )

@@ -48,7 +48,7 @@ _NS = 1_000_000_000
 # Innovations written together.
 _BLOCK = 16
 #: Said in a result whose estimate is static.
-STATIC = "the estimate does not change with time: smoothed, it is the last estimate at all times"
+STATIC = "the estimate is static: smoothed, it is the last estimate at all times"
 
 
 def smooth(

@@ -57,7 +57,9 @@ class Sound:
     def lines(self) -> tuple[str, ...]:
         """Losses, and whether damage could be detected, one line each."""
         lost = tuple(f"LOST: {self.of.name}: {loss_words(loss)}" for loss in self.losses)
-        note = f"Note: {self.of.name}: has no checksum over all of it, so that damage cannot be detected"
+        note = (
+            f"Note: {self.of.name}: has no checksum of the whole file, so damage cannot be detected"
+        )
         return (*lost, note) if self.unchecked else lost
 
 

@@ -153,7 +153,7 @@ def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Pat
             others.append(str(path))
     what = f"found only other contents: {', '.join(others)}" if others else "there is none"
     raise LogError(
-        f"{result}: its input {key} is {name} with SHA-256 {digest[:12]}...; {what}; say with --inputs in which folder it is"
+        f"{result}: its input {key} is {name} with SHA-256 {digest[:12]}...; {what}; give its folder with --inputs"
     )
 
 
@@ -162,7 +162,7 @@ def _what_may_differ(recorded: Recorded) -> tuple[str, ...]:
     notes = []
     if "time_limit" in recorded.metadata.get("replay_kit.options", {}):
         notes.append(
-            "planned with --time-limit: a search that the clock stops may find another plan"
+            "planned with --time-limit: a search stopped by the clock may find another plan"
         )
     version_then = recorded.metadata.get("contract", {}).get("version")
     if version_then != str(CONTRACT_VERSION):

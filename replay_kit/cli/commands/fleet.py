@@ -132,7 +132,7 @@ def _table(missions: tuple[Path, ...], inputs: Inputs) -> "tuple[FleetTable, Pat
     if [path.suffix.lower() for path in missions] == [".toml"]:
         if inputs.ensemble:
             raise ConfigError(
-                f"--ensemble: {missions[0]} says which ensemble a mission has; name it there, for all of them in [all]"
+                f"--ensemble: {missions[0]} names the ensembles of missions; name it there, for all in [all]"
             )
         return load_fleet(missions[0]), missions[0].parent
     if not inputs.ensemble:

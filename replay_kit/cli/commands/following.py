@@ -44,7 +44,7 @@ class Following:
             others: Options incompatible with ``--follow``, by name.
         """
         if self.follow and (given := [name for name, value in others.items() if value]):
-            raise ConfigError(f"{given[0]}: does not go with --follow; leave one of them out")
+            raise ConfigError(f"{given[0]}: cannot be combined with --follow; omit one")
         alone = {
             "--until-idle": self.until_idle,
             "--goal-file": self.goal_file,
@@ -53,7 +53,7 @@ class Following:
         if not self.follow and (
             given := [name for name, value in alone.items() if value is not None]
         ):
-            raise ConfigError(f"{given[0]}: goes with --follow only; add --follow, or leave it out")
+            raise ConfigError(f"{given[0]}: needs --follow; add it, or omit the option")
 
     def goes_on(self, out: Path) -> bool:
         """Return whether an earlier ``--follow`` is continued and its outputs are rewritten."""
@@ -87,10 +87,10 @@ class Following:
         assert job.out is not None
         if job.vehicles and self.goal_file is not None:
             raise ConfigError(
-                "--goal-file: goes with one vehicle; give each its goal with --goal NAME=LON,LAT,DEPTH"
+                "--goal-file: needs a single vehicle; give each its goal with --goal NAME=LON,LAT,DEPTH"
             )
         if job.goal is not None and self.goal_file is not None:
-            raise ConfigError("--goal-file: --goal is given too; leave one of them out")
+            raise ConfigError("--goal-file: cannot be combined with --goal; omit one")
 
         def tell(text: str) -> None:
             console.print(text)

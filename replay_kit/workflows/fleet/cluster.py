@@ -101,7 +101,7 @@ class Workers:
                     continue
                 if isinstance(error, CancelledError):
                     raise UnreachableError(
-                        f"{self.name}: the scheduler was lost; what is done is kept: begin it, and go on with --resume"
+                        f"{self.name}: the scheduler was lost; finished results are kept: restart it, and continue with --resume"
                     )
                 if isinstance(error, (BrokenProcessPool, *self.killed)):
                     error = LostCallError("the worker died each time; was there enough memory?")
@@ -179,7 +179,7 @@ def open_workers(
         yield Workers("this machine", workers or _cores(), _processes, _alone)
         return
     if workers is not None:
-        raise ConfigError(f"--scheduler {scheduler} has workers of its own; leave --workers out")
+        raise ConfigError(f"--scheduler {scheduler} has its own workers; omit --workers")
     try:
         import dask
         import distributed
@@ -232,14 +232,14 @@ def _connected(address: str) -> Iterator[Any]:
         client = Client(address, timeout=TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UnreachableError(
-            f"{address}: the scheduler does not answer in {TIMEOUT_S:g} s; is it running, the address right?"
+            f"{address}: the scheduler does not answer in {TIMEOUT_S:g} s; check that it runs, and its address"
         ) from error
     try:
         client.wait_for_workers(1, timeout=TIMEOUT_S)
         yield client
     except TimeoutError as error:
         raise UnreachableError(
-            f"{address}: the scheduler has no worker in {TIMEOUT_S:g} s; begin: dask worker {address}"
+            f"{address}: the scheduler has no worker in {TIMEOUT_S:g} s; start one: dask worker {address}"
         ) from error
     finally:
         client.close(timeout=5)

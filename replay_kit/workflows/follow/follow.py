@@ -117,7 +117,7 @@ class Follower:
             options.states.mkdir(exist_ok=True)
         except OSError as error:
             raise ConfigError(
-                f"{options.states}: expected a folder that can be made: {error.strerror}; choose another"
+                f"{options.states}: cannot create the folder: {error.strerror}; choose another"
             ) from error
         assert job.out is not None
         self._job, self._config, self._planner_of, self._options, self._clock = (
@@ -218,7 +218,7 @@ class Follower:
         try:
             return self._set_goal(read_goal(self._options.goal_file))
         except ConfigError as error:
-            self._say(f"{error}; the goal stays", once=True)
+            self._say(f"{error}; the goal is unchanged", once=True)
             return False
 
     def _set_goal(self, goal: Place | None) -> bool:
@@ -256,7 +256,7 @@ class Follower:
                 return
             if not self._held:
                 raise
-            self._say(f"not replayed, the result before stays: {error}", once=True)
+            self._say(f"not replayed, the previous result is kept: {error}", once=True)
             return
         assert self._made is not None
         took, dives = self._clock.idle_s() - began, count_text(len(self._made.by_dive), "dive")
@@ -350,7 +350,7 @@ class Follower:
             if self._forecast is None or self._forecast[2] != ahead:
                 raise
             self._say(
-                f"the newer forecast cannot be used, and the one before stays: {error}", once=True
+                f"the newer forecast cannot be used, the previous one is kept: {error}", once=True
             )
             return self._forecast[1]
         name = ", ".join(named_hash(path) for path in ensemble_files(job.ensemble))
@@ -379,9 +379,9 @@ class Follower:
                 os.link(self._out, target)
             except OSError:
                 shutil.copyfile(self._out, target)
-            kept = f"; the result with the one before is kept as {target.name}"
+            kept = f"; the previous result is kept as {target.name}"
         self._say(
-            f"a newer forecast: {name}, before it {self._memory.forecast}; all measurements so far go into it too{kept}",
+            f"a newer forecast: {name}, before it {self._memory.forecast}; all observations so far are used with it{kept}",
             archives=number,
             forecast=name,
         )

@@ -90,7 +90,7 @@ def examine(path: Path, stamp: Stamp, config: LogConfig) -> Source:
             return Source(path, stamp, digest, log.report().mission, first)
     except (LogError, OSError) as error:
         words = str(error).removeprefix(f"{path}: ")
-        return Source(path, stamp, digest, aside=f"is no log that can be read: {words}")
+        return Source(path, stamp, digest, aside=f"is not a readable log: {words}")
 
 
 def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
@@ -113,7 +113,7 @@ def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
     if found.mission and missions and found.mission not in missions:
         return replace(
             found,
-            aside=f"is of {found.mission}, not of {', '.join(sorted(missions))}; follow it with a command of its own",
+            aside=f"is of {found.mission}, not of {', '.join(sorted(missions))}; follow it separately",
         )
     times = [source.first_ns for source in others if source.first_ns is not None]
     far = bool(times) and not min(times) - _FAR_NS <= found.first_ns <= max(times) + _FAR_NS
@@ -149,9 +149,7 @@ def change_words(before: Source | None, now: Source, known: Mapping[Path, Source
             if source.first_ns is not None and not source.aside
         ]
         late = now.first_ns is not None and bool(times) and now.first_ns < max(times)
-        return (
-            f"new{', older than what was replayed: the replay goes back before it' if late else ''}"
-        )
+        return f"new{', older than replayed data: the replay goes back before it' if late else ''}"
     if now.sha256 == before.sha256:
         return ""
     if (
@@ -166,7 +164,7 @@ def change_words(before: Source | None, now: Source, known: Mapping[Path, Source
         if now.stamp[:2] != before.stamp[:2]
         else "was written anew"
     )
-    return f"{how}: the replay goes back before what changed in it"
+    return f"{how}: the replay goes back before the change"
 
 
 def mission_words(before: Mapping[Path, Source], now: Mapping[Path, Source]) -> list[str]:
@@ -186,7 +184,7 @@ def mission_words(before: Mapping[Path, Source], now: Mapping[Path, Source]) -> 
     )
     held = ", ".join(f"{mission} ({pattern(paths)})" for mission, paths in followed.items())
     return [
-        f"follows {held}, whose files came first, and leaves out {others}: to follow that, give it a folder and a result of its own"
+        f"follows {held}, whose files came first, and leaves out {others}: to follow that, use a separate folder and result"
     ]
 
 
@@ -232,7 +230,7 @@ def read_goal(path: Path) -> Place:
     longitude, latitude, depth = numbers(text, str(path), PLACE.form)
     if not (abs(longitude) <= 360.0 and depth >= 0.0):
         raise ConfigError(
-            f"{path}: '{text[:80]}' is no place in the ocean; write LON,LAT,DEPTH [degrees, degrees, m]"
+            f"{path}: '{text[:80]}' is not a place in the ocean; write LON,LAT,DEPTH [degrees, degrees, m]"
         )
     return Place(longitude, latitude, depth)
 

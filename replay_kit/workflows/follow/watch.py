@@ -177,9 +177,7 @@ def look_again(
     sources = dict(replayed)
     lost = [source.path.name for source in gone if not source.aside]
     said = (
-        [
-            f"{some_text(lost)}: no longer there, and left out: the replay goes back before what they held"
-        ]
+        [f"{some_text(lost)}: missing, so excluded: the replay goes back before their data"]
         if lost
         else []
     )
@@ -255,7 +253,7 @@ def notify(command: str, line: str) -> str:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return f"--notify: the command did not end well: {error}"
+        return f"--notify: the command failed: {error}"
     words = done.stderr.strip().splitlines()
     return (
         f"--notify: the command ended with {done.returncode}{': ' + words[-1] if words else ''}"

@@ -67,7 +67,7 @@ def _of_table(value: Any, name: str, columns: Asked) -> list[Observation]:
     }
     found, left_out = profiles_in_memory(name, stored, columns, notes)
     if left_out:
-        notes.append(f"{left_out} rows without a time or a place left out")
+        notes.append(f"{left_out} rows without a time or a place excluded")
     for note in notes:
         # a unit that is stated is no assumption
         if ": converted from " not in note and not note.startswith("read as "):

@@ -300,7 +300,7 @@ def next_command(
         ]
     return [
         f"Next: replay-kit info {given} ANOTHER_LOG",
-        "ANOTHER_LOG is the log of this mission that has what is missing",
+        "ANOTHER_LOG is a log of this mission with the missing data",
     ]
 
 
@@ -328,7 +328,7 @@ def late_lines(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
         which = ", ".join(f"{count} x {name}" for name, count in late.items())
         seconds = math.ceil(1e-9 * max(topic.late_by_ns for topic in topics.values()))
         yield (
-            f"Late, by more than the reorder window, so that a replay leaves them out: {which}; "
+            f"Late, by more than the reorder window, so excluded from a replay: {which}; "
             f"logs.reorder_window = {seconds} keeps them"
         )
 
@@ -346,4 +346,4 @@ def gap_lines(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
     for gap_ns, name, since_ns in gaps[:_MOST_GAPS]:
         yield f"Gap: {name} has no message for {gap_ns * 1e-9:.0f} s from {iso_time(since_ns, 's')}"
     if len(gaps) > _MOST_GAPS:
-        yield f"Gaps on {len(gaps) - _MOST_GAPS} more topics; --json has them"
+        yield f"Gaps on {len(gaps) - _MOST_GAPS} more topics; --json lists them"

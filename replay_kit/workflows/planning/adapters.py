@@ -227,7 +227,7 @@ def without_odds(mission: planners.MissionPlan, estimate: FlowEstimate) -> plann
         return mission
     return replace(
         mission,
-        message=f"{mission.message}; the estimate states no uncertainty: how likely that is is not known",
+        message=f"{mission.message}; the estimate states no uncertainty, so its odds are unknown",
     )
 
 

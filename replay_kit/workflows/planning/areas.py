@@ -59,13 +59,13 @@ def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
     for of_line, area in _drawn(path):
         name, corners = area.name, np.array(area.polygon)
         if of_line:
-            notes.append(f"{name}: it is drawn as a line; what the line encloses is forbidden")
+            notes.append(f"{name}: drawn as a line; the enclosed area is forbidden")
         if area.polygon[0] != area.polygon[-1]:
             notes.append(
                 f"{name}: its outline is open; it is closed from the last corner to the first"
             )
         if area.is_timed:
-            notes.append(f"{name}: a mission that lasts into its time keeps out of it throughout")
+            notes.append(f"{name}: a mission that overlaps its time avoids it throughout")
         if len(corners) > 3 and not shapely.is_valid(shapely.Polygon(corners)):
             notes.append(f"{name}: its outline crosses itself; filled by the even-odd rule")
         if not _overlaps(corners, grid):
@@ -74,7 +74,7 @@ def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
                     f"{path}: {name} has corners such as {corners[0, 0]:g}, {corners[0, 1]:g}, which lie in the region as latitude and "
                     "longitude; GeoJSON has longitude first: swap them"
                 )
-            notes.append(f"{name}: it lies outside of the region")
+            notes.append(f"{name}: lies outside the region")
     return tuple(notes)
 
 
@@ -116,7 +116,7 @@ def _features_of(content: bytes) -> list[Any]:
     head = content.removeprefix(b"\xef\xbb\xbf").lstrip()[:2000]
     claimed = sum(size * content.count(mark) for mark, size in _OF_MARKS.items())
     if 2 * len(content) + claimed > _MOST_BYTES:
-        raise _NoAreaError("more than some 400,000 corners, which are to be simplified")
+        raise _NoAreaError("more than about 400,000 corners")
     if head.startswith(b"<") and b"<kml" in head.lower():
         if not (found := list(_of_kml(content))):
             raise _NoAreaError("KML without polygons or lines")
@@ -124,7 +124,7 @@ def _features_of(content: bytes) -> list[Any]:
     try:
         document = json.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        what = f"what is no JSON ({str(error)[:100]})" if head else "nothing"
+        what = f"invalid JSON ({str(error)[:100]})" if head else "nothing"
         others = (name for begin, name in _OTHERS.items() if head.startswith(begin))
         raise _NoAreaError(next(others, what)) from error
     kind = _kind(document)
@@ -146,7 +146,7 @@ def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
     try:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError) as error:
-        raise _NoAreaError(f"KML that is no XML ({error})") from error
+        raise _NoAreaError(f"invalid XML in KML ({error})") from error
 
     def ring(line: ElementTree.Element) -> list[list[str]]:
         text = line.findtext("{*}coordinates") or ""
@@ -186,7 +186,7 @@ def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Drawn]:
     """Yield the areas of a feature."""
     properties = feature.get("properties") or {}
     if not isinstance(properties, Mapping):
-        raise _NoAreaError(f"feature {number} with properties that are no object")
+        raise _NoAreaError(f"feature {number} whose properties are not an object")
     name = str(properties.get("name") or f"no-go area {number}")
     surface_only, fence = (properties.get(key) or False for key in ("surface_only", "fence"))
     for key, value in (("surface_only", surface_only), ("fence", fence)):

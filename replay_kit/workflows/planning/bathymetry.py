@@ -138,7 +138,7 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     if not np.any(values > 0.0):
         raise ForecastError(
             f"{path}: {variable.name} as a {'height, positive up' if up else 'depth, positive down'}, has no water; give it the attribute "
-            f'positive = "{"down" if up else "up"}" if its sign is the other one'
+            f'positive = "{"down" if up else "up"}" if its sign is opposite'
         )
     # continuous where the region lies across the seam of the file
     longitude = unwrap_longitude(longitude, float(region.longitude.mean()))
@@ -240,8 +240,8 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
     spacing, cells = (_spacing(*each) for each in (places, (grid.east, grid.north)))
     if spacing > 1.05 * cells:
         notes.append(
-            f"the bathymetry's points are {spacing / 1e3:.1f} km apart, wider than the forecast's, {cells / 1e3:.1f} km; between four of "
-            "them the shallowest counts"
+            f"the bathymetry's points are {spacing / 1e3:.1f} km apart, wider than the forecast's, {cells / 1e3:.1f} "
+            "km; between four of them the shallowest is used"
         )
     west = unwrap_longitude(grid.longitude, float(bathymetry.longitude.mean()))
     covered = (bathymetry.longitude, west), (bathymetry.latitude, grid.latitude)
@@ -249,7 +249,7 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
         theirs.min() < ours.min() - 1e-9 or theirs.max() > ours.max() + 1e-9
         for ours, theirs in covered
     ):
-        notes.append("the bathymetry does not cover all of the region; missions keep inside of it")
+        notes.append("the bathymetry does not cover the whole region; missions stay inside it")
     return tuple(notes)
 
 

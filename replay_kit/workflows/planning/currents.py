@@ -95,13 +95,13 @@ class KnownCurrent:
             return asked_ns, ()
         if self.last_fix_ns is not None:
             return self.last_fix_ns, (
-                f"it begins at {time_text(self.last_fix_ns)}, the time of the last fix; --start-time says another",
+                f"it begins at {time_text(self.last_fix_ns)}, the time of the last fix; --start-time sets another",
             )
         known = self.first.time_ns
         words = (
             ""
             if known is None
-            else f"it begins at {time_text(known)}, the time of the estimate; --start-time says another"
+            else f"it begins at {time_text(known)}, the time of the estimate; --start-time sets another"
         )
         return known or 0, (words,) * bool(words)
 
@@ -229,7 +229,7 @@ class KnownCurrent:
         if over <= 0.0:
             return ()
         return (
-            f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",
+            f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held constant",
         )
 
     def _beyond(self, begin_ns: int, end_ns: int) -> str:
@@ -239,7 +239,7 @@ class KnownCurrent:
             return ""
         earlier, later = (known - begin_ns) / 3.6e12, (end_ns - known) / 3.6e12
         if earlier > limit:
-            return f". The mission begins {_long(earlier)} before that time: it is planned in a current of which little is known"
+            return f". The mission begins {_long(earlier)} before that time: the current there is little known"
         return f". The mission ends {_long(later)} after that time" if later > limit else ""
 
     def _of_one_time(self) -> str:
@@ -252,13 +252,15 @@ class KnownCurrent:
         if self.process is not None:
             return (
                 f"the forecast has one time, {when}: the estimate returns to it at the ensemble's rate of change, at which the samples "
-                f"part; beyond {hours:.0f} h this is a guess, as less than half of what was measured counts there"
+                f"part; beyond {hours:.0f} h this is a guess, with less than half the weight of the observations"
             )
         if not np.isfinite(hours):
-            return f"the current is frozen at {when}; for how long that holds is not known, as it does not turn anywhere"
+            return (
+                f"the current is frozen at {when}; for how long is unknown, as it has no vorticity"
+            )
         return (
-            f"the current is frozen at {when}; beyond {hours:.0f} h this is a guess: the ensemble's rate of change is not known, and in "
-            "that time its eddies turn by one radian"
+            f"the current is frozen at {when}; beyond {hours:.0f} h this is a guess: the ensemble's rate of change "
+            "is unknown, and its eddies turn by one radian in that time"
         )
 
     @property

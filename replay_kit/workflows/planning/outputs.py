@@ -210,7 +210,7 @@ def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
         other = "" if planned.helps is None else f"; --waypoint-tolerance {planned.helps:g} is safe"
         return f"the waypoints are not safe{share}{other}"
     if few is not None and made.status == "unsafe":
-        return "waypoints of a plan that is not safe"
+        return "waypoints of an unsafe plan"
     if job.risk is None or figures is None:
         return None
     if made.status != "unsafe" and violating <= job.risk + 1e-9:
@@ -253,6 +253,6 @@ def _apart(row: Mapping[str, Any]) -> str:
         text += f"; nearer than {row['separation_m'] / 1e3:g} km in {100.0 * row['nearer_in_samples']:.0f} % of the samples"
     if not row["kept"]:
         text += (
-            f"; {row['separation_m'] / 1e3:g} km are not kept: no way round was found for either"
+            f"; {row['separation_m'] / 1e3:g} km are not kept: no route around was found for either"
         )
     return text

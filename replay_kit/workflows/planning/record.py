@@ -132,7 +132,7 @@ def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> Pl
         return PlanRequest.model_validate(kept)
     except (KeyError, TypeError, ValueError) as error:
         raise LogError(
-            f"{PLAN_RECORD}: expected what a plan was asked for, got {dict(record)}; plan again"
+            f"{PLAN_RECORD}: expected the request of a plan, got {dict(record)}; plan again"
         ) from error
 
 

@@ -64,7 +64,7 @@ def _check(request: PlanRequest) -> None:
         ConfigError: Two options exclude each other, one needs another, or a value is invalid.
     """
     if not request.goal:
-        raise ConfigError("--goal: expected LON,LAT,DEPTH, where to go")
+        raise ConfigError("--goal: expected LON,LAT,DEPTH")
     # read once, so that what is wrong with them is said before anything is loaded
     _ = (
         *(
@@ -78,9 +78,9 @@ def _check(request: PlanRequest) -> None:
     )
     _check_together(request)
     if request.risk is not None and not 0.0 <= request.risk < 1.0:
-        raise ConfigError(f"--risk: expected a share from 0 to below 1, got {request.risk:g}")
+        raise ConfigError(f"--risk: expected a fraction from 0 to below 1, got {request.risk:g}")
     if not 0.0 <= request.arrive <= 1.0:
-        raise ConfigError(f"--arrive: expected a share from 0 to 1, got {request.arrive:g}")
+        raise ConfigError(f"--arrive: expected a fraction from 0 to 1, got {request.arrive:g}")
     for name in (
         "time_limit",
         "battery",

@@ -147,7 +147,7 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
     if left := len(job.departures_ns) - len(compared):
-        notes += (f"--time-limit left out the last {left} departures",)
+        notes += (f"--time-limit excluded the last {left} departures",)
     if job.waypoints and len(made.headings_deg) == 0:
         notes += ("no waypoints are written: the plan has no legs",)
     begin_ns = made.start_time_ns
@@ -157,7 +157,7 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     planned = _judged(asked, request, made, notes)
     shaped = request.shape is not None or compared or job.risk is not None
     if planned.plan.status == "uncertain" and job.objective in (None, "time") and not shaped:
-        hint = "--objective odds looks for a mission that more samples arrive with"
+        hint = "--objective odds searches for better odds"
         planned = replace(planned, notes=(*planned.notes, hint))
     each = replace(asked, job=job.model_copy(update={"waypoints": False, "held": False}))
     departures = [_judged(each, request, plan, ()) for plan in compared]
@@ -238,8 +238,8 @@ def _begin(job: PlanRequest, known: KnownCurrent) -> tuple[int, tuple[str, ...]]
     )
     if job.departures_ns and not known.changes:
         raise PlanError(
-            f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}, in which all "
-            "departures are the same; give the result of a replay through a forecast's times, or several files"
+            f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}, "
+            "in which all departures are equal; give the result of a replay through a forecast's times, or several files"
         )
     last, horizon = known.ends_ns, job.horizon_s
     if horizon is not None and last is not None and begin_ns + horizon * 1e9 > last:

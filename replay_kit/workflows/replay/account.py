@@ -154,7 +154,7 @@ class Account:
                 for jump in self.merged.jumps
             ),
             *(
-                f"{count} messages on {topic} were set aside: their stamps are more than a day from those before and after"
+                f"{count} messages on {topic} were excluded: their stamps are more than a day from those before and after"
                 for topic, count in sorted(self.merged.astray.items())
             ),
             *self.counts.notes(),
@@ -278,7 +278,7 @@ def _notes_of(reports: Sequence[LogReport]) -> list[str]:
     if len(missions) > 1:
         notes.insert(
             0,
-            f"the logs are of {len(missions)} missions, merged as if one vehicle had made them: {', '.join(missions)}",
+            f"the logs are of {len(missions)} missions, merged as those of one vehicle: {', '.join(missions)}",
         )
     return notes
 

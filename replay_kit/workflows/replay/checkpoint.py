@@ -99,7 +99,7 @@ class States:
         stream, self._digest = self._counted(messages), hashlib.sha256()
         checkpoint = read_state(path, self._identity)
         if not (isinstance(checkpoint, Checkpoint) and isinstance(checkpoint.state, RunState)):
-            raise unusable(path, "it is no checkpoint")
+            raise unusable(path, "it is not a checkpoint")
         deque(islice(stream, checkpoint.state.messages), 0)
         if self._grows and self._digest.hexdigest() != checkpoint.digest:
             raise unusable(path, "the logs have changed before it")

@@ -52,7 +52,7 @@ _MOST_DENIED = 20_000
 # In a note on a forecast that is not of the log's place or time.
 _OUTSIDE = re.compile("outside|is no forecast")
 _NOT_DENIED = (
-    "the estimate without each vehicle was not made: there are too many vehicles and measurements"
+    "the estimate without each vehicle was not computed: too many vehicles and observations"
 )
 
 

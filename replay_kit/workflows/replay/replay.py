@@ -125,7 +125,7 @@ def _replay(
         if run.writer is not None:
             run.writer.abandon()
         assert states is not None, "a run without a state reads none"
-        job.tell(f"{error}; the replay begins anew")
+        job.tell(f"{error}; the replay restarts")
         states.forget()
         return _replay(job, config, planner_of, progress, inputs.forecasts)
     except BaseException as error:

@@ -108,7 +108,7 @@ def scored_points(
     z, j, i = np.nonzero(scored)
     if z.size == 0:
         raise MeasurementError(
-            f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; of another place?"
+            f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; is it of another place?"
         )
     u, v = truth.velocity[0][:, z, j, i]
     at = truth.grid.longitude[j, i], truth.grid.latitude[j, i]

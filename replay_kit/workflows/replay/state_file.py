@@ -66,7 +66,7 @@ def read_state(path: Path, run: str) -> Any:
     try:
         with file:
             if _TREE[:16].encode() not in file.read(_ENTRY + 16)[_ENTRY:]:
-                raise LogError(f"{path}: exists and is no state of a run; choose another name")
+                raise LogError(f"{path}: exists and is not the state of a run; choose another name")
             members = _members(file, path.stat().st_size)
         of, tree = json.loads(members.pop(_TREE).tobytes())
         if of == run:
@@ -81,7 +81,7 @@ def read_state(path: Path, run: str) -> Any:
 
 def unusable(path: Path, why: str) -> StateError:
     """Return the error for an unusable state, with the reason."""
-    return StateError(f"{path}: the run cannot go on from it: {' '.join(why.split())[:200]}")
+    return StateError(f"{path}: the run cannot resume from it: {' '.join(why.split())[:200]}")
 
 
 def _members(file: Any, size: int) -> dict[str, Any]:
@@ -200,7 +200,7 @@ def _names(kind: Any) -> tuple[str, ...]:
     if own and issubclass(kind, tuple):
         return tuple(kind._fields)
     raise TypeError(
-        f"it holds {kind.__module__}.{kind.__name__}, which is no value of this program"
+        f"it holds {kind.__module__}.{kind.__name__}, which is not a value of this program"
     )
 
 
@@ -208,8 +208,8 @@ def _class(name: str) -> Any:
     """Return the class with a name."""
     module, _, own = name.partition(":")
     if not module.startswith(("replay_kit.", "planners.")) or "__" in name:
-        raise TypeError(f"it holds {name}, which is no value of this program")
+        raise TypeError(f"it holds {name}, which is not a value of this program")
     found = getattr(importlib.import_module(module), own)
     if not isinstance(found, type) or found.__module__ != module:
-        raise TypeError(f"it holds {name}, which is no value of this program")
+        raise TypeError(f"it holds {name}, which is not a value of this program")
     return found

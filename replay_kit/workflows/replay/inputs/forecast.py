@@ -188,7 +188,7 @@ def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[
     if not made_from or spread is not None:
         return ()
     return (
-        f"the spread of members made of {made_from} is taken for their error: {what} does not fit it",
+        f"the spread of members made of {made_from} is used as their error: {what} does not fit it",
     )
 
 

@@ -53,7 +53,7 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
     if config.time.biases or job.against:
         what = "--against" if job.against else "time.biases"
         raise ConfigError(
-            f"{what}: expected the logs of one vehicle, got those of {len(vehicles)}; leave it out, or replay each alone"
+            f"{what}: expected the logs of one vehicle, got those of {len(vehicles)}; omit it, or replay each separately"
         )
     placed = _placed([_in_order(one) for one in sorted(vehicles, key=lambda one: one.name)], config)
     given = tuple(replace(one, goal=one.goal or job.goal) for one in placed)
@@ -103,8 +103,8 @@ def _by_missions(logs: Sequence[Path], config: RunConfig) -> tuple[Vehicle, ...]
         return ()
     if unknown := [path.name for path, name in stated.items() if not name]:
         raise ConfigError(
-            f"{some_text(unknown)}: the logs are of {some_text(names)}, and this one does not say of which; "
-            f"say so with --as {names[0]}={unknown[0]}, and name the logs of the others too"
+            f"{some_text(unknown)}: the logs are of {some_text(names)}, and this one does not state its vehicle; name "
+            f"it with --as {names[0]}={unknown[0]}, and name the logs of the others too"
         )
     return tuple(
         Vehicle(name, tuple(path for path in logs if stated[path] == name)) for name in names
@@ -131,7 +131,7 @@ def _placed(vehicles: Sequence[Vehicle], config: RunConfig) -> list[Vehicle]:
             continue
         reach = Logs([one.logs], config).reach
         if not len(reach.places) or reach.first_ns is None or reach.last_ns is None:
-            why = "no position in its logs, so that nothing of it is used; the others are replayed"
+            why = "no position in its logs, so it is not used; the others are replayed"
             found.append(replace(one, why_not=why))
             continue
         spans[one.name] = reach.first_ns, reach.last_ns
@@ -160,7 +160,7 @@ def _of_times(name: str, spans: Mapping[str, tuple[int, int]]) -> tuple[str, ...
     if abs(first_ns - begin_ns) > _YEAR_NS:
         raise MeasurementError(
             f"{name}: begins at {time_text(first_ns)}, the nearest of the others at {time_text(begin_ns)}: measurements of different "
-            "years do not share an estimate; replay it apart, or correct its clock"
+            "years do not share an estimate; replay it separately, or correct its clock"
         )
     later, ends_later = first_ns - begin_ns, last_ns - end_ns
     if abs(later) >= _HOUR_NS and abs(later - ends_later) <= _SAME_NS:
@@ -190,8 +190,8 @@ def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
             longitude, latitude = one.places[-1]
             anew = ", or delete the folder of states: the first logs chose the region"
             raise MeasurementError(
-                f"{one.name}: was at {latitude:.2f} N, {longitude:.2f} E, outside the region of the forecast, so that it shares no "
-                f"estimate with the others; replay it apart, with a forecast of its place{anew if job.following else ''}"
+                f"{one.name}: was at {latitude:.2f} N, {longitude:.2f} E, outside the region of the forecast, so it "
+                f"cannot share the estimate; replay it separately, with a forecast of its place{anew if job.following else ''}"
             )
     return found
 

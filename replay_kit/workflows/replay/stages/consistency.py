@@ -38,7 +38,7 @@ _LEAST_REJECTED = 5
 _LEAST_VALUES, _MOST_NIS = 20, 3.0
 # Measurements beyond the gate that are remembered.
 _MOST_GATED = 256
-_SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
+_SHEAR_ALONE = "all profiles are relative to the platform, and give the shear only"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,7 +202,7 @@ def is_distrusted(found: Iterable[Finding]) -> bool:
 
 def left_out(state: MonitoringState, found: FoundWith) -> tuple[MonitoringState, FoundWith]:
     """Return state and findings of one of several vehicles, excluded because its sources contradict each other."""
-    advice = "nothing that this vehicle measured is used, the estimate is rebuilt from the others; check both of its sources"
+    advice = "this vehicle is excluded, the estimate is rebuilt from the others; check both of its sources"
     return replace(state, left_out=True), [
         (replace(finding, distrusts=True, advice=advice), contradict)
         for finding, contradict in found

@@ -212,8 +212,8 @@ class Counts:
         means = sum(self.path_means.values())
         if means and means == self.total.profiles:
             notes.append(
-                f"no profile of the current was used: the estimate rests on {means} mean currents of dives alone; "
-                "how the current changes with depth is known from the ensemble only"
+                f"no profile of the current was used: the estimate is based on {means} mean currents of dives only; "
+                "the shear is that of the ensemble"
             )
         if self.interpolated:
             notes.append(
@@ -222,7 +222,7 @@ class Counts:
             )
         if self.repeated:
             notes.append(
-                f"{self.repeated} profiles are duplicates, or older than those before them, as where recordings overlap: not used"
+                f"{self.repeated} profiles not used: duplicates, or older than their predecessors, as in overlapping recordings"
             )
         if self.gated:
             notes.append(
