@@ -1,4 +1,4 @@
-"""The command line: options to settings and values, one call of a workflow or study, an exit code."""
+"""Command line: options to settings and values, one call of a workflow or study, an exit code."""
 
 from replay_kit.cli.app import main
 

@@ -1,7 +1,7 @@
-"""The command line: parse, one call of a workflow or study, exit code.
+"""Command line: parsing, one call of a workflow or study, exit code.
 
-Exit codes: 0 done; 1 the run failed inside; 2 bad option or configuration; 3 input unusable; 4 finished, but something was lost;
-5 a result could not be made again; 130 interrupted.
+Exit codes: 0 done; 1 internal failure; 2 bad option or configuration; 3 input unusable; 4 finished, but something was lost;
+5 a result could not be reproduced; 130 interrupted.
 """
 
 import gc
@@ -116,7 +116,7 @@ _COMMANDS = {
         "config": (
             "ensemble",
             "[SECTION...]",
-            "List every setting of a file of --config with its default and what it is for, as TOML.",
+            "List every setting with its default and description, as TOML for --config.",
         ),
     },
     "Synthetic data": {
@@ -155,12 +155,12 @@ _NO_CONSOLE: Any = object()
 
 
 def _shown(default: Any) -> str | None:
-    """Return a default as the help states it; None where nothing is the default."""
+    """Return a default as stated in the help; None without a default."""
     return None if default in (None, (), False) else str(default)
 
 
 def _group(name: str, table: Mapping[str, Mapping[str, Sequence[str]]], **more: Any) -> App:
-    """Return a program with the commands of a table, by their import paths, so that their modules are loaded when they are called."""
+    """Return an app with the commands of a table, by import path, so that their modules load on call."""
     group = App(
         name=name,
         help_flags=_HELP,
@@ -229,11 +229,11 @@ def run(arguments: Sequence[str]) -> int:
     """Return the exit code of a command.
 
     Args:
-        arguments: What follows the program's name.
+        arguments: Words after the program's name.
 
     Raises:
         CycloptsError: The arguments cannot be parsed.
-        ReplayKitError: The command ended with an error of its own.
+        ReplayKitError: The command failed.
     """
     console.begin(console.Reporting())
     words = command_first(arguments, {*FORMS, "experiment"})
@@ -251,7 +251,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def report(error: BaseException) -> int:
-    """Print an error that ends a command on standard error, and keep it in the file of ``--log``; return its exit code."""
+    """Print a command's error on standard error and in the file of ``--log``; return its exit code."""
     message, code = str(error), error.exit_code if isinstance(error, ReplayKitError) else 1
     if isinstance(error, CycloptsError):
         message, code = _explained(error), 2
@@ -268,7 +268,7 @@ def report(error: BaseException) -> int:
 
 
 def _explained(error: CycloptsError) -> str:
-    """Return the message of a usage error, and where the options are listed."""
+    """Return the message of a usage error, with the command that lists the options."""
     command = " ".join(error.command_chain or ())
     if isinstance(error, MissingArgumentError):
         # what is missing may be what was misspelt
@@ -283,13 +283,13 @@ def _explained(error: CycloptsError) -> str:
 
         name = (error.token.keyword or error.token.value).partition("=")[0].lstrip("-")
         gone, found = instead_of(command, name), settings_named(name)
-        message += f" It is gone: {gone}." if gone else ""
+        message += f" It was removed: {gone}." if gone else ""
         message += "".join(f" In a file of --config: [{section}] {key}." for section, key in found)
     return f"{message} See {' '.join(('replay-kit', *command.split()))} --help."
 
 
 def _misspelt(error: MissingArgumentError) -> UnknownOptionError | None:
-    """Return the error of the first option of a command line that the command does not have; None where it has all."""
+    """Return the error of the first unknown option of a command line; None if all are known."""
     assert error.app is not None
     arguments = error.app.assemble_argument_collection()
     known = {name for argument in arguments for name in argument.names}

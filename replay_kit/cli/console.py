@@ -1,4 +1,4 @@
-"""Where answers and progress go: terminal, pipe, file; how much a command prints, and the file of ``--log`` that keeps it."""
+"""Destination of answers and progress, level of output, and the file of ``--log``."""
 
 import io
 import os
@@ -29,7 +29,7 @@ PIPE_WIDTH = 160
 
 @dataclass(frozen=True, slots=True)
 class Reporting:
-    """What ``-q``, ``-v`` and ``--log`` ask for.
+    """Settings of ``-q``, ``-v`` and ``--log``.
 
     Attributes:
         quiet: Print errors only; answers that go to files and to ``-`` are not printed and stay.
@@ -47,12 +47,12 @@ _CURRENT: ContextVar[Reporting] = ContextVar("reporting", default=_DEFAULT)
 
 
 def current() -> Reporting:
-    """Return what the running command asked for."""
+    """Return the reporting settings of the running command."""
     return _CURRENT.get()
 
 
 def begin(asked: Reporting) -> None:
-    """Report from now on as a command asks for.
+    """Set the reporting of a command.
 
     Raises:
         ConfigError: The file of ``--log`` cannot be written.
@@ -68,7 +68,7 @@ def begin(asked: Reporting) -> None:
 
 
 def keep(text: str) -> None:
-    """Add lines with the time to the file of ``--log``, if there is one."""
+    """Append lines with the time to the file of ``--log``, if any."""
     if (path := current().log) is not None and text.strip():
         now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
         with path.open("a", encoding="utf-8") as file:
@@ -87,14 +87,14 @@ _STYLE = re.compile(r"\x1b\[[0-9;]*m")
 
 
 class InterruptedRunError(ReplayKitError):
-    """Ctrl-C, with the file that is left behind."""
+    """Interrupt by Ctrl-C; names the partial file."""
 
     exit_code = 130
 
 
 @contextmanager
 def part_named(out: Path) -> Iterator[None]:
-    """Turn an interrupt into an error that names the partial file, when this run has written one."""
+    """Convert an interrupt into an error that names the partial file, if this run wrote one."""
     part = out.with_name(out.name + ".part")
     before = _stamp(part)
     try:
@@ -109,7 +109,7 @@ def part_named(out: Path) -> Iterator[None]:
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
-    """Return what distinguishes one writing of a file from another; None without the file."""
+    """Return the identity of a version of a file; None without the file."""
     if not path.exists():
         return None
     status = path.stat()
@@ -117,28 +117,28 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 
 class _Kept(io.StringIO):
-    """A stream that prints, unless the command is quiet, and keeps what it is given in the file of ``--log``."""
+    """Stream that prints, unless quiet, and copies its text to the file of ``--log``."""
 
     def __init__(self, stream: TextIO) -> None:
         super().__init__()
         self._stream = stream
 
     def write(self, text: str) -> int:
-        """Print and keep a text."""
+        """Print and keep text."""
         keep(_STYLE.sub("", text))
         return len(text) if current().quiet else self._stream.write(text)
 
     def flush(self) -> None:
-        """Flush what was printed."""
+        """Flush the printed text."""
         self._stream.flush()
 
     def isatty(self) -> bool:
-        """Return whether a person reads it."""
+        """Return whether the output is a terminal."""
         return self._stream.isatty()
 
 
 def console_beside(*answers: Path | None) -> "Console":
-    """Return where tables and messages go: standard output, or standard error when an answer takes that; wide in a pipe."""
+    """Return the console of tables and messages: standard output, or standard error if an answer uses that; wide in a pipe."""
     from replay_kit.show.text import SafeConsole
 
     stream = (
@@ -151,10 +151,10 @@ def console_beside(*answers: Path | None) -> "Console":
 
 @contextmanager
 def progress(threads: int | None = None) -> "Iterator[Progress]":
-    """Show on a terminal what is done, how far it is and how long it still takes; nothing in a pipe. The file of ``--log`` has each stage.
+    """Show progress and remaining time on a terminal; nothing in a pipe. The file of ``--log`` receives each stage.
 
     Args:
-        threads: To hold BLAS to; None leaves that to the work.
+        threads: Limit of BLAS threads; None sets no limit.
     """
     from threadpoolctl import threadpool_limits
 
@@ -193,9 +193,9 @@ def progress(threads: int | None = None) -> "Iterator[Progress]":
 
 
 def _stages(show: "Progress") -> "Progress":
-    """Return a function that shows steps, each stage's first and last and others now and then, and keeps the stages in the log's file.
+    """Return a function that shows a stage's first and last step and some between, and logs the stages.
 
-    A stage of unknown length within one whose end is known is a detail of that.
+    A stage of unknown length within one of known length is shown as its detail.
     """
     stage, due, share = "", 0.0, (0.0, 0.0)
 
@@ -228,13 +228,13 @@ def write_json(path: Path | None, answer: Mapping[str, Any]) -> None:
 
 
 def keep_json(path: Path | None, answer: Mapping[str, Any]) -> None:
-    """Write the part so far of an answer that grows, for a run that may be killed; a pipe and standard output get the whole one only."""
+    """Write the partial answer of a run that may be killed; pipes and standard output receive only the complete one."""
     if path is not None and str(path) != "-" and not is_stream(path):
         write_json(path, answer)
 
 
 def write_text(path: Path | None, text: str) -> None:
-    """Write an answer: a file appears whole or not at all, a pipe or device is written as it is, ``-`` is standard output.
+    """Write an answer: a file completely or not at all, a pipe or device directly, ``-`` to standard output.
 
     Raises:
         ReplayKitError: It cannot be written.

@@ -1,4 +1,4 @@
-"""What the commands share: option groups, the endings of outputs, and the reading of values with several parts."""
+"""Parts shared by the commands: option groups, endings of outputs, and parsing of compound values."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -48,13 +48,13 @@ TO_INPUTS, TO_OUTPUTS, TO_OPTIONS = (
 def option(
     metavar: str | None = None, *, least: float | None = None, seconds: bool = False, **more: Any
 ) -> Parameter:
-    """Return an option with one value; its name is that of the parameter, its help stands in the docstring.
+    """Return an option with one value, named after the parameter; its help is in the docstring.
 
     Args:
         metavar: Form of the value; None for the type's own. A value whose form is stated may begin with a minus, as a longitude does.
         least: Least number accepted; None for no bound.
-        seconds: Whether a duration such as 36h is taken too.
-        more: As of ``Parameter``: another name, an alias, a group, a help that several commands share.
+        seconds: Whether a duration such as 36h is accepted too.
+        more: Arguments of ``Parameter``: another name, an alias, a group, a shared help.
     """
     if least is not None:
         more["validator"] = Number(gte=least)
@@ -71,7 +71,7 @@ def _seconds(_: type, tokens: Sequence[Token]) -> float:
 
 
 def argument(name: str, **more: Any) -> Parameter:
-    """Return a required argument without an option's name."""
+    """Return a required positional argument."""
     return Parameter(name=name, group=INPUTS, required=True, **more)
 
 
@@ -85,25 +85,26 @@ FLAG = flag()
 
 @dataclass(frozen=True, slots=True)
 class Ending:
-    """Mark of an output's annotation: how its name ends. Without endings the output is a folder.
+    """Mark of an output's annotation: possible endings of its name. Without endings the output is a folder.
 
     Attributes:
         endings: Possible endings in lower case, with their dots; a bare name such as ``targets`` has the ending ``.targets``.
-        stream: Whether the output can be a pipe, a device, or ``-``, standard output. Other outputs are written beside their name first
-            and then renamed, which would replace a device by a file.
+        stream: Whether the output can be a pipe, a device, or ``-``, standard output. Other outputs are written under a temporary name and
+            renamed, which would replace a device by a file.
     """
 
     endings: tuple[str, ...] = ()
     stream: bool = False
 
     def check(self, name: str, text: str) -> None:
-        """Refuse a name whose ending does not fit.
+        """Raise ConfigError for a name with the wrong ending.
 
-        A name without an ending fits where there is one format; where the ending chooses the format, it must be there. Upper case is the
-        same as lower case. The ending of a file is refused for a folder.
+        A name without an ending fits a single format; where the ending selects the format, it is required. Case is ignored. A folder may
+        not
+        have the ending of a file.
 
         Args:
-            name: Of the option.
+            name: Name of the option.
             text: Its value.
 
         Raises:
@@ -135,12 +136,12 @@ class Ending:
 
 
 def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
-    """Refuse names of outputs and numbers that do not fit, before missing options are named and values converted; then begin to report.
+    """Check names of outputs and numbers before missing options are named and values converted; then begin to report.
 
     The arguments are those of the hooks that cyclopts calls between splitting and converting a command line.
 
     Raises:
-        ConfigError: An ending or a number does not fit, or the file of ``--log`` is another of the command's files, or cannot be written.
+        ConfigError: An ending or number does not fit, or the file of ``--log`` is another file of the command or cannot be written.
     """
     given = {
         argument.name: [token.value for token in argument.tokens]
@@ -161,7 +162,7 @@ def before_conversion(app: App, commands: tuple[str, ...], arguments: ArgumentCo
 
 
 def _is(path: Path, value: str) -> bool:
-    """Return whether a value of the command line is a path."""
+    """Return whether a path equals a value of the command line."""
     return path.resolve() == Path(value).resolve()
 
 
@@ -212,7 +213,7 @@ ConfigFile = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Replacing:
-    """Whether outputs that exist are replaced, and how much is printed.
+    """Replacement of existing outputs, and level of output.
 
     Attributes:
         overwrite: Replace outputs that exist. An input is never replaced.
@@ -231,7 +232,7 @@ class Replacing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer(Replacing):
-    """Where a command's answer goes beside the terminal.
+    """Additional output of a command's answer.
 
     Attributes:
         json_file: Write the answer as JSON; - is standard output.
@@ -252,7 +253,7 @@ def place(text: str, name: str) -> "Place":
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Processes:
-    """Which processes do the work.
+    """Processes of the computation.
 
     Attributes:
         scheduler: Address of a Dask cluster's scheduler, such as tcp://10.0.0.1:8786.

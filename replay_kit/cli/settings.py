@@ -1,4 +1,4 @@
-"""The settings on the command line: options with the names, values, defaults and help of ``RunConfig``, and the list of all keys."""
+"""Settings as options with the names, values, defaults and help of ``RunConfig``, and the list of all keys."""
 
 import json
 import textwrap
@@ -28,17 +28,17 @@ _HEADINGS = {
 class Settings:
     """Settings given as options.
 
-    The class that ``takes_settings`` makes for a command has one field for each setting, None when its option is not given, and the file of
-    ``--config``. A field's metadata hold the path of its setting and the function that reads the option's text.
+    The class that ``takes_settings`` makes for a command has one field per setting, None if the option is not given, and the file of
+    ``--config``. A field's metadata hold the path of its setting and the parser of the option's text.
     """
 
     @property
     def file(self) -> Path | None:
-        """The file of ``--config``; None without."""
+        """File of ``--config``; None without one."""
         return vars(self).get("config")
 
     def words(self) -> list[str]:
-        """Return the options that give these settings again, with the file."""
+        """Return the command-line options that reproduce these settings, with the file."""
         found = [] if self.file is None else ["--config", str(self.file)]
         for entry, value in self._options():
             name, values = entry.metadata["option"], value if isinstance(value, list) else [value]
@@ -49,7 +49,7 @@ class Settings:
         """Return the settings: options over the file of ``--config`` over the defaults.
 
         Args:
-            sections: Tables of settings that the command has options of its own for; None for those not given.
+            sections: Tables of settings from the command's own options; None means not given.
 
         Raises:
             ConfigError: The file or a value is wrong.
@@ -61,7 +61,7 @@ class Settings:
         return load_config(self.file, given)
 
     def _options(self) -> Iterator[tuple[Field[Any], Any]]:
-        """Yield the options that are given, with their values."""
+        """Yield the options given, with their values."""
         values = vars(self)
         for entry in fields(self):
             if entry.metadata and values[entry.name] is not None:
@@ -69,11 +69,11 @@ class Settings:
 
 
 def takes_settings(*paths: str, file: bool = True) -> Callable[[_Command], _Command]:
-    """Return the decorator that gives the parameter ``settings`` of a command the options of settings.
+    """Return a decorator that adds options of settings to the parameter ``settings`` of a command.
 
     Args:
-        paths: Sections such as ``forecast`` and settings such as ``estimator.modes`` that the command uses; those marked as options count.
-        file: Whether it has ``--config`` too.
+        paths: Sections such as ``forecast`` and settings such as ``estimator.modes``; only settings marked as options are added.
+        file: Whether ``--config`` is added.
     """
     entries: list[tuple[str, Any, Any]] = (
         [("config", ConfigFile, field(default=None))] if file else []
@@ -105,7 +105,7 @@ def remapped(pairs: list[str], option: str = "--remap") -> dict[str, str]:
     """Return the values of options ``OLD=NEW``, old to new.
 
     Raises:
-        ConfigError: One is not such a pair, or an old name is given twice.
+        ConfigError: A value is not such a pair, or an old name is repeated.
     """
     names = [pair.partition("=") for pair in pairs]
     if not all(old and new for old, _, new in names) or len({old for old, _, _ in names}) < len(
@@ -116,16 +116,16 @@ def remapped(pairs: list[str], option: str = "--remap") -> dict[str, str]:
 
 
 def _marks(setting: FieldInfo, kind: type[_Mark]) -> Iterator[_Mark]:
-    """Yield the marks of a kind in a setting's annotation."""
+    """Yield the marks of one kind in a setting's annotation."""
     return (part for part in setting.metadata if isinstance(part, kind))
 
 
 def _option_type(
     setting: FieldInfo, name: str, repeats: bool
 ) -> tuple[Any, Callable[[Any], object]]:
-    """Return the type of a setting's option, and the function that reads its value.
+    """Return the type of a setting's option, and the parser of its value.
 
-    Switches and words are checked with the option; other text is checked by the settings' model, as a TOML file is.
+    Switches and words are checked with the option; other text is checked by the model of the settings, as a TOML file is.
     """
     annotation: Any = setting.annotation
     kinds = [annotation, *get_args(annotation)]
@@ -168,17 +168,17 @@ def every_setting(
 
 
 def settings_named(name: str) -> list[tuple[str, str]]:
-    """Return section and key of the settings of a name, which may have its section before it, as in ``planner.depth``."""
+    """Return section and key of the settings with a name, which may include its section, as in ``planner.depth``."""
     wanted = name.replace("-", "_")
     paths = [path.rpartition(".") for path, _ in every_setting()]
     return [(section, key) for section, _, key in paths if wanted in (key, f"{section}.{key}")]
 
 
 def annotated_toml(sections: Sequence[str] = ()) -> str:
-    """Return the settings as TOML with their descriptions and defaults in comments, so that a line counts once it is uncommented.
+    """Return the settings as TOML, with descriptions and commented defaults ready to be uncommented.
 
     Args:
-        sections: Those wanted, such as ``measurements.quality``; all when empty.
+        sections: Sections such as ``measurements.quality``; all when empty.
 
     Raises:
         ConfigError: There is no such section.

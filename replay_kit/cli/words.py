@@ -1,4 +1,4 @@
-"""The words of a command line before they are parsed: options before the command, files after ``--ensemble``, logs after ``--as``."""
+"""Preprocessing of command-line words: options before the command, files after ``--ensemble``, logs after ``--as``."""
 
 from collections.abc import Collection, Sequence
 from glob import has_magic
@@ -10,7 +10,7 @@ _ENDINGS = (".nc", ".nc3", ".nc4", ".cdf", ".netcdf", ".zarr")
 
 
 def command_first(arguments: Sequence[str], commands: Collection[str]) -> list[str]:
-    """Return a command line that begins with its command: options before it stand at its end."""
+    """Return a command line with options before the command moved to its end."""
     words = list(arguments)
     if words and words[0].startswith("-"):
         first = next((k for k, word in enumerate(words) if word in commands), 0)
@@ -19,13 +19,13 @@ def command_first(arguments: Sequence[str], commands: Collection[str]) -> list[s
 
 
 def repeat_ensembles(arguments: Sequence[str]) -> list[str]:
-    """Return a command line in which each file after ``--ensemble`` has the option before it.
+    """Return a command line with ``--ensemble`` repeated before each of its files.
 
-    Words that follow the option's value are files of the ensemble if they look like forecasts, and if the logs stand elsewhere: before the
-    options, among these words under another ending, or nowhere as in ``info --ensemble A.nc B.nc``. Else they are logs.
+    Words that follow the option's value are files of the ensemble if they look like forecasts, and if the logs are elsewhere: before the
+    options, among these words with another ending, or absent as in ``info --ensemble A.nc B.nc``. Otherwise they are logs.
 
     Args:
-        arguments: What follows the program's name.
+        arguments: Words after the program's name.
     """
     words, found, position = list(arguments), list[str](), 0
     logs_first = len(words) > 1 and not words[1].startswith("-")
@@ -48,10 +48,10 @@ def repeat_ensembles(arguments: Sequence[str]) -> list[str]:
 
 
 def spread_vehicles(arguments: Sequence[str]) -> list[str]:
-    """Return a command line in which each log after ``--as NAME=`` has the option before it, and is one of the command's logs too.
+    """Return a command line with ``--as NAME=`` repeated before each of its logs, which also become logs of the command.
 
     Args:
-        arguments: What follows the program's name.
+        arguments: Words after the program's name.
     """
     found, logs, words = list[str](), list[str](), list(arguments)
     while words:

@@ -1,4 +1,4 @@
-"""``[gating]``, ``[consistency]``, ``[time]``: what an estimator accepts, what contradictions lead to, how the estimate changes."""
+"""``[gating]``, ``[consistency]``, ``[time]``: gate, consistency checks, and change of the estimate in time."""
 
 from typing import Annotated, Literal
 
@@ -46,7 +46,7 @@ class TimeConfig(Section):
     """``[time]``: change of the current in time, oscillations, and biases of the instrument.
 
     Attributes:
-        scale: Decorrelation time of what the forecast does not explain [s]; auto: from the ensemble's change between its times; static:
+        scale: Decorrelation time of the forecast error [s]; auto: from the ensemble's change between its times; static:
             the current does not change.
         window: Time within which profiles that repeat each other are combined into one update [s], for logs of 1 to 10 Hz; 0: none;
             auto: by the current's change.

@@ -1,4 +1,4 @@
-"""A TOML file as tables, whatever its bytes are; the model of a table of settings; and what is wrong with one, in words."""
+"""TOML files read as tables, the base model of a table of settings, and messages for invalid ones."""
 
 import re
 import reprlib
@@ -42,7 +42,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _no_toml(error: ValueError | RecursionError, data: bytes) -> str:
-    """Return why bytes are not TOML; of a key or a table that stands twice its name and line."""
+    """Return why bytes are not TOML; for a duplicate key or table its name and line."""
     if place := re.fullmatch(
         r"Cannot (?:overwrite a value|declare .* twice) \(at line (\d+), column \d+\)", str(error)
     ):
@@ -52,7 +52,7 @@ def _no_toml(error: ValueError | RecursionError, data: bytes) -> str:
             if line.startswith("[")
             else f"the key '{line.partition('=')[0].strip()}'"
         )
-        return f"line {place[1]}: {what} stands twice; keep one"
+        return f"line {place[1]}: {what} is repeated; keep one"
     if isinstance(error, RecursionError):
         return "not TOML: its values are nested too deeply"
     return f"not TOML: {str(error)[:200]}"
@@ -74,13 +74,13 @@ _SHORT = reprlib.Repr()
 def explain(
     error: ValidationError, model: type[BaseModel], path: Path | None, options: Mapping[str, Any]
 ) -> str:
-    """Return what is wrong with a configuration: each key with its value, and the known keys where one is unknown.
+    """Return the message for an invalid configuration: each key with its value, and the known keys for an unknown one.
 
     Args:
-        error: Of the validation.
-        model: What was validated.
+        error: Error of the validation.
+        model: Model validated against.
         path: The file; None without one.
-        options: Tables of the values that options gave, which are laid over the file's; None is not given.
+        options: Tables of option values, which override the file; None means not given.
     """
     found: dict[str, list[str]] = defaultdict(list)
     errors = error.errors()
@@ -100,7 +100,7 @@ def explain(
 
 
 def _is_given(options: Mapping[str, Any], location: tuple[int | str, ...]) -> bool:
-    """Return whether the value at a place, or a value below it, was given as an option."""
+    """Return whether a value at a location, or below it, was given as an option."""
     value: Any = options
     for part in location:
         if not isinstance(value, Mapping):
@@ -114,7 +114,7 @@ def _is_given(options: Mapping[str, Any], location: tuple[int | str, ...]) -> bo
 
 
 def _known_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    """Return the keys known at a place: of a section, or of an entry of a list whose kind is stated."""
+    """Return the known keys at a location: those of a section, or of a list entry of stated kind."""
     for part in location:
         if isinstance(part, int) or part not in model.model_fields:
             continue
@@ -136,7 +136,7 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _is_kind(model: type[BaseModel], location: tuple[int | str, ...]) -> bool:
-    """Return whether a model is what a place in the configuration says: pydantic names an entry's kind in the place."""
+    """Return whether a location in the configuration refers to a model: pydantic includes the kind of an entry in it."""
     kinds = get_args(model.model_fields["kind"].annotation) if "kind" in model.model_fields else ()
     return len(kinds) != 1 or kinds[0] in location
 
@@ -149,7 +149,7 @@ def refuse_earlier(tables: Mapping[str, Any], path: Path | None) -> None:
         path: The file, for the message.
 
     Raises:
-        ConfigError: It has one; the message says what to write instead.
+        ConfigError: Such a key is present; the message names its replacement.
     """
     if "trust" in tables:
         raise ConfigError(
@@ -170,7 +170,7 @@ _DURATION = re.compile(r"\s*\d+(\.\d*)?\s*(s|min|h|d)\s*")
 
 
 def in_unit(value: object, description: str) -> object:
-    """Return a duration, such as 36h, in the unit that a description states in brackets; anything else as it is."""
+    """Return a duration, such as 36h, in the unit that a description states in brackets; other values unchanged."""
     unit = _UNIT.search(description)
     if unit and isinstance(value, str) and _DURATION.fullmatch(value):
         return parse_duration(value) / parse_duration(f"1{unit[1]}")
@@ -185,14 +185,14 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class Section(BaseModel):
-    """A table of settings, which its docstring describes."""
+    """Table of settings, described by its docstring."""
 
     # built when first used: a command's help needs the fields alone
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        """Give each setting its description."""
+        """Set the description of each setting."""
         for name, text in _DESCRIBED.findall(cls.__doc__ or ""):
             cls.model_fields[name].description = " ".join(text.split())
 
@@ -210,11 +210,11 @@ class Section(BaseModel):
         return in_unit(value, setting.description or "") if setting else value
 
     def __str__(self) -> str:
-        """Return the same as ``repr``."""
+        """Return the ``repr``."""
         return repr(self)
 
     def __repr_args__(self) -> list[tuple[str | None, Any]]:
-        """Return the settings that are not the defaults: a whole configuration has some two hundred."""
+        """Return the settings that differ from the defaults: a whole configuration has some two hundred."""
         defaults = {
             name: field.get_default(call_default_factory=True)
             for name, field in type(self).model_fields.items()

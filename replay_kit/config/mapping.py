@@ -1,4 +1,4 @@
-"""``[[measurements.map]]``: which fields of a topic hold a profile, a velocity, a position or a depth, for messages of no known kind.
+"""``[[measurements.map]]``: fields of a topic that hold a profile, velocity, position or depth, for messages of unknown type.
 
 A path is field names with dots between them, list indices among them, and ``*`` for every item of a list:
 ``fix.position.0``, ``cells.*.east``.
@@ -19,7 +19,7 @@ DepthUnit = Literal["m", "dm", "cm", "mm", "dbar", "bar", "Pa", "hPa", "kPa"]
 
 
 class _Map(Section):
-    """What every map states.
+    """Settings common to all maps.
 
     Attributes:
         topic: Topic whose messages are read in this way, whatever their schema.
@@ -39,7 +39,7 @@ class _Map(Section):
 
 
 class _PlaceMap(_Map):
-    """A map that may state a place.
+    """Map that may state a position.
 
     Attributes:
         dead_reckoned: Whether the position was computed by dead reckoning, not measured.
@@ -166,12 +166,12 @@ class VelocityMap(_PlaceMap):
         if self.place is not None and not (
             -180.0 <= self.place[0] <= 360.0 and abs(self.place[1]) <= 90.0
         ):
-            raise ValueError("place is no longitude and latitude")
+            raise ValueError("place is not a longitude and latitude")
         return self
 
     @property
     def elsewhere(self) -> bool:
-        """Whether it was measured at a place of its own, not at the vehicle."""
+        """Whether the instrument has its own position, apart from the vehicle."""
         return self.longitude is not None or self.place is not None
 
 

@@ -1,4 +1,4 @@
-"""How a setting is called on the command line, and texts that hold several numbers: without pydantic, for a help that is quick."""
+"""Options of settings and parsing of numbers in texts; without pydantic, for fast help."""
 
 import math
 import re
@@ -9,13 +9,13 @@ from replay_kit.core.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """Mark of a setting that is an option too, ``Annotated[type, Option(...)]``; the command line reads it, pydantic does not.
+    """Mark of a setting that is also an option, ``Annotated[type, Option(...)]``; pydantic ignores it.
 
     Attributes:
-        metavar: Form of its value in the help, such as ``W,S,E,N``; None for the type's own.
-        heading: Over it in the help.
-        repeats: Whether the option may be repeated, a value each time.
-        name: Of the option; None for the key's.
+        metavar: Form of the value in the help, such as ``W,S,E,N``; None for that of the type.
+        heading: Heading above it in the help.
+        repeats: Whether the option may be repeated, with one value each time.
+        name: Name of the option; None for the key.
     """
 
     metavar: str | None = None
@@ -26,12 +26,12 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Mark of an annotation: the names of the numbers in a text, which commas divide, such as ``LON,LAT,DEPTH``."""
+    """Mark of an annotation: names of the comma-separated numbers in a text, such as ``LON,LAT,DEPTH``."""
 
     form: str
 
     def check(self, name: str, text: str) -> None:
-        """Raise ConfigError when a value does not hold these numbers, or no place on the Earth."""
+        """Raise ConfigError unless a value holds these numbers and, for a position, lies on the Earth."""
         values = numbers(text, name, self.form)
         if self.form.startswith("LON,LAT,") and abs(values[1]) > 90.0:
             swapped = ",".join(f"{value:g}" for value in (values[1], values[0], *values[2:]))
@@ -50,10 +50,10 @@ PLACE = Numbers("LON,LAT,DEPTH")
 
 @dataclass(frozen=True, slots=True)
 class OfVehicles(Numbers):
-    """Mark of numbers that may be one vehicle's: ``NAME=`` stands before them."""
+    """Mark of numbers that may be preceded by ``NAME=``, for one vehicle."""
 
     def check(self, name: str, text: str) -> None:
-        """Raise ConfigError as for the numbers alone."""
+        """Raise ConfigError as ``Numbers.check`` does."""
         Numbers.check(self, name, text.rpartition("=")[2])
 
 
@@ -61,15 +61,15 @@ PLACES = OfVehicles("LON,LAT,DEPTH")
 
 
 def numbers(text: str, name: str, form: str | None = None) -> tuple[float, ...]:
-    """Return the finite numbers of an option, with commas between them.
+    """Return the finite comma-separated numbers of an option.
 
     Args:
-        text: The option's value.
-        name: Of the option.
-        form: Names of the numbers, with commas between them; None for any count.
+        text: Value of the option.
+        name: Name of the option.
+        form: Comma-separated names of the numbers; None for any count.
 
     Raises:
-        ConfigError: They are not numbers, or not as many as are expected.
+        ConfigError: A part is not a number, or the count differs from ``form``.
     """
     parts, labels = text.split(","), [] if form is None else form.split(",")
     expected = f"{name}: expected {form or 'numbers with commas between them'}, got '{text}'"
@@ -84,7 +84,7 @@ def numbers(text: str, name: str, form: str | None = None) -> tuple[float, ...]:
 
 
 def _number(part: str, expected: str) -> float:
-    """Return a finite number; ``expected`` begins the error where it is none."""
+    """Return a finite number; ``expected`` begins the error message otherwise."""
     if hemisphere := re.fullmatch(r"([\d.]+)\s*°?\s*([NSEWnsew])", part):
         sign = "-" if hemisphere[2] in "SWsw" else ""
         raise ConfigError(

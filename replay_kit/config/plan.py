@@ -1,6 +1,6 @@
-"""``[plan]``: what ``plan`` is asked for. The file, the options and the record of a result have the same names and values.
+"""``[plan]``: the request of ``plan``; the file, the options and the record of a result have the same names and values.
 
-Places, times and lists of numbers are texts, as on the command line, and are read when they are asked for.
+Places, times and lists of numbers are texts, as on the command line, and are parsed on access.
 """
 
 from pathlib import Path
@@ -31,18 +31,17 @@ _INPUTS, _OPTIONS, _OUTPUTS = "Inputs", "Options", "Outputs"
 
 
 class PlanRequest(Section):
-    """``[plan]``: where to go from where, when, what for, and how it is judged.
+    """``[plan]``: start, goals, times, objective and limits of a mission.
 
     Attributes:
         flows: Files of the estimate.
         start: Where the mission begins [degrees, degrees, m]. Default: the last fix of a result.
         goal: Goal [degrees, degrees, m]; may be repeated, in order. Default: that of a result. NAME= fixes it to one glider.
-        glider: Where one of several gliders begins, in place of --start; once for each. They share the goals, and each has its own
-            files.
-        no_go: No-go polygons (GeoJSON, KML). By their properties: surface_only may be passed below, fence must not be left, begin and
-            end are times between which one holds.
+        glider: Start of one of several gliders, instead of --start; once for each. They share the goals, and each has its own files.
+        no_go: No-go polygons (GeoJSON, KML). By their properties: surface_only may be passed below; fence must not be left; begin and
+            end limit the time in which one holds.
         bathymetry: Depth of the bottom on a grid.
-        start_time: When the mission begins, ISO 8601 UTC. Default: the time of a result's last fix; of an estimate alone its time.
+        start_time: Start time of the mission, ISO 8601 UTC. Default: the time of a result's last fix; of an estimate alone its time.
         depart: Compare departures from T0 to T1; the best by --objective is planned, by default the earliest arrival.
         horizon: Plan only this far ahead, such as 72h, and report what remains.
         mooring: Stay within a radius of the goal [m] for a duration [hours].
@@ -52,12 +51,12 @@ class PlanRequest(Section):
         line_width: Largest distance of the track from the line at which the goal counts as reached [m]. Default: 2000.
         risk: Plan with a margin such that at most this fraction of samples violates a constraint.
         arrive: Fraction of samples that must arrive for the status reached.
-        held: State how many arrive uncorrected too.
+        held: Also state how many arrive with the planned headings held.
         arrive_by: Latest arrival that counts: ISO 8601 UTC, or a duration such as 36h.
         time_limit: Stop searching for other legs, routes and margins after this time [s].
         separation: With --glider: least horizontal distance between two gliders at the same time [m].
-        battery: Energy that the vehicle has [MJ].
-        of_glider: Of several gliders the one whose plan a result holds.
+        battery: Energy available [MJ].
+        of_glider: Glider whose plan a result holds, of several.
         waypoints: Whether a short list of waypoints is made.
         waypoint_tolerance: Distance off the track within which no waypoint is needed [m]. Default: the tolerance of the plan.
     """
@@ -97,12 +96,12 @@ class PlanRequest(Section):
 
     @property
     def accepted_risk(self) -> float:
-        """Share of the samples that may violate a constraint."""
+        """Fraction of the samples that may violate a constraint."""
         return ACCEPTED_RISK if self.risk is None else self.risk
 
     @property
     def start_place(self) -> "Place":
-        """Where it begins."""
+        """Start of the mission."""
         if self.start is None:
             raise ConfigError(
                 "--start is missing; expected replay-kit plan FLOW... --start LON,LAT,DEPTH --goal LON,LAT,DEPTH, or a result with a fix."
@@ -111,12 +110,12 @@ class PlanRequest(Section):
 
     @property
     def goals(self) -> tuple["Place", ...]:
-        """Where it goes, in this order."""
+        """Goals, in order."""
         return tuple(_place(text, "--goal") for text in self.goal)
 
     @property
     def glider_places(self) -> dict[str, "Place"]:
-        """Where each of several gliders begins, by its name."""
+        """Start of each of several gliders, by name."""
         found: dict[str, Place] = {}
         for text in self.glider:
             name, equals, place = text.rpartition("=")
@@ -129,7 +128,7 @@ class PlanRequest(Section):
 
     @property
     def goals_of_gliders(self) -> tuple[tuple[str, "Place"], ...]:
-        """Each goal, with the name of the glider whose own it is; empty for all."""
+        """Glider assigned to each goal and the goal; the name is empty for all gliders."""
         named = [text.rpartition("=")[::2] for text in self.goal]
         return tuple((name, _place(place, "--goal")) for name, place in named)
 
@@ -143,21 +142,21 @@ class PlanRequest(Section):
 
     @property
     def start_time_ns(self) -> int | None:
-        """When it begins [ns, UTC]; None for the time of the estimate."""
+        """Start time [ns, UTC]; None for the time of the estimate."""
         return None if self.start_time is None else _time(self.start_time, "--start-time")
 
     @property
     def departures_ns(self) -> tuple[int, ...]:
-        """Times at which it may begin, which are compared [ns, UTC]; empty for one."""
+        """Departure times to compare [ns, UTC]; empty for a single one."""
         return () if self.depart is None else departures_of(self.depart)
 
     @property
     def horizon_s(self) -> float | None:
-        """Since its start, after which no leg of the plan ends [s]; None for none."""
+        """Time since the start after which no leg ends [s]; None without a horizon."""
         return None if self.horizon is None else _duration(self.horizon, "--horizon")
 
     def arrive_by_s(self, begin_ns: int) -> float | None:
-        """Return the time since a start [ns, UTC] after which an arrival does not count [s]; None without one.
+        """Return the latest arrival as a time since a start [ns, UTC] [s]; None without a limit.
 
         Raises:
             ConfigError: It is neither a time nor a duration, or not after the start.
@@ -177,10 +176,10 @@ class PlanRequest(Section):
 
 
 def departures_of(text: str) -> tuple[int, ...]:
-    """Return the departures [ns, UTC] of ``--depart T0,T1,STEP``: from the first to the last, so far apart.
+    """Return the departure times [ns, UTC] of ``--depart T0,T1,STEP``.
 
     Raises:
-        ConfigError: These are no two times and a duration above 0, the last is before the first, or they are too many.
+        ConfigError: The text is not two times and a duration above 0, T1 precedes T0, or the times are too many.
     """
     parts = [part.strip() for part in text.split(",")]
     if len(parts) != 3:

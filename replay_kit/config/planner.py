@@ -1,4 +1,4 @@
-"""``[planner]``: what a replay plans, and when."""
+"""``[planner]``: kind, times and vehicle of plans."""
 
 from dataclasses import dataclass, replace
 from math import inf, sqrt
@@ -28,18 +28,18 @@ class DiveSettings:
     """Dive settings of the vehicle.
 
     Attributes:
-        speed: Through water [m/s].
-        depth: Of a mission's dives [m].
-        yos: Dives between surfacings.
-        min_angle: Shallowest glide [degrees].
-        max_angle: Steepest glide [degrees].
-        depths: Range, where stated [m].
-        speeds: Range, where stated [m/s].
-        surface_time: Drift at each surfacing [s].
-        radius: Of a goal [m]; None for the tolerance.
-        speed_spread: Of the speed, as a share of it; 0 where it is stated or not known.
-        speed_error: Its standard error, as a share of it.
-        origin: What no setting states, in words; empty where all is stated.
+        speed: Speed through water [m/s].
+        depth: Depth of dives [m].
+        yos: Yos between surfacings.
+        min_angle: Shallowest glide angle [degrees].
+        max_angle: Steepest glide angle [degrees].
+        depths: Range of depths, if stated [m].
+        speeds: Range of speeds, if stated [m/s].
+        surface_time: Duration of drift at each surfacing [s].
+        radius: Radius of a goal [m]; None for the tolerance.
+        speed_spread: Relative spread of the speed; 0 if unknown.
+        speed_error: Relative standard error of the speed.
+        origin: Values that no setting states, as text.
     """
 
     speed: float
@@ -66,19 +66,19 @@ class PlannerConfig(Section):
     """``[planner]``: one glide, or a mission of many dives; keys that only a mission has say so.
 
     Attributes:
-        kind: What is planned: a glide, one constant velocity, or a mission of dives; auto: a mission for a glider's log, a glide for
+        kind: Kind of plan: a glide, one constant velocity, or a mission of dives; auto: a mission for a glider's log, a glide for
             others.
-        when: When a plan is made: at intervals, a mission's at the next surfacing; or at each surfacing.
+        when: Times of plans: at intervals, for a mission at the next surfacing; or at each surfacing.
         speed: Speed through water [m/s]; of a vehicle with --thrust a range too, as 0.5:1.5, in which it is chosen. Default: as flown,
             else 0.3.
         tolerance: Distance from the goal within which it is reached [m].
         radius: Distance from a goal at which a simulated flight arrives [m]. Default: as flown, else the tolerance.
         interval: Log time between plans [s]; a very large number plans at the end only.
         max_duration: Longest glide or mission considered [s] (plan: 1200000).
-        depth: Depth of a mission's dives [m], or a range, as 100:700, in which it is chosen leg by leg. Default: as flown, else 500.
+        depth: Depth of a mission's dives [m], or a range such as 100:700, chosen for each leg. Default: as flown, else 500.
         max_depth: Greatest depth of the vehicle [m]; deeper dives and goals are refused. Default: none.
         dives: Number of a mission's dives between surfacings; heading and glide angle are held. Default: as flown, else 1.
-        surface_time: Time that a mission drifts at each surfacing [s]. Default: as flown, else 0.
+        surface_time: Duration of drift at each surfacing of a mission [s]. Default: as flown, else 0.
         legs: Number of surfacings of a mission, from its first plan on. Default: the best number.
         max_legs: Most surfacings of a mission. Default: as many as max_duration takes, of a mooring 60.
         min_angle: Shallowest glide angle of a mission [degrees]. Default: as flown with the speed, else 15.
@@ -88,8 +88,8 @@ class PlannerConfig(Section):
         margin: Minimum distance of a mission from land, shallows and no-go areas [m].
         bathymetry: Bottom depth on a grid (NetCDF); dives turn, and a glide ends, above it.
         clearance: Minimum height of a plan above the bottom [m].
-        flow_step: Time between the estimates that a mission is planned on where the current changes [s].
-        samples: Number of samples of the estimate in which a mission is flown, for its odds and ellipses. Default: 100 for plan and the
+        flow_step: Interval of the estimates for a mission in a changing current [s].
+        samples: Number of simulated flights of a mission, for its odds and ellipses. Default: 100 for plan and the
             last plan of a replay, else 0.
         seed: Seed of the samples.
     """
@@ -151,26 +151,26 @@ class PlannerConfig(Section):
 
     @property
     def depth_limit(self) -> float:
-        """Greatest depth of the vehicle [m]; infinite where none is stated."""
+        """Greatest depth of the vehicle [m]; infinite without a limit."""
         return inf if self.max_depth is None else self.max_depth
 
     @property
     def bathymetry_path(self) -> Path | None:
-        """File of the bathymetry; None without."""
+        """Bathymetry file; None without one."""
         return None if self.bathymetry is None else Path(self.bathymetry)
 
     def diving(
         self, flown: AsFlown | None = None, goal_depth: float = 0.0, deepest: float = inf
     ) -> DiveSettings:
-        """Return how the vehicle dives, with what no setting states as the log's dives were flown, or else assumed.
+        """Return the dive settings: values that no setting states are as flown, or else assumed.
 
-        A depth that is not stated reaches the goal; as assumed it does not pass the forecast. Beside a speed that is stated the angles are
-        the usual ones.
+        An unstated depth reaches the goal; an assumed one stays above the forecast's deepest level. With a stated speed the angles are the
+        usual ones.
 
         Args:
-            flown: The median of the log's dives; None where they are not known.
-            goal_depth: [m].
-            deepest: Level of the forecast [m].
+            flown: Median of the log's dives; None if unknown.
+            goal_depth: Depth of the goal [m].
+            deepest: Deepest level of the forecast [m].
         """
         # a speed that no glider has says nothing of its glide either, while a depth is measured
         gliding = flown if self.speed is None and flown is not None and flown.is_plausible else None
@@ -207,7 +207,7 @@ class PlannerConfig(Section):
         return replace(dives, origin=self._origin(flown, dives))
 
     def _origin(self, flown: AsFlown | None, dives: DiveSettings) -> str:
-        """Return what of some dives no setting states."""
+        """Return the dive settings that no setting states, as text."""
         asked = [] if self.speed else [f"{dives.speed:.2f} m/s"]
         shape = list[str]()
         if self.kind != "glide" and self.depth is None:
@@ -234,7 +234,7 @@ class PlannerConfig(Section):
         return f"{of}: {', '.join(asked + shape)}" if asked + shape else ""
 
     def resolved(self, of_glider: bool) -> Self:
-        """Return the settings with a kind for ``auto``: a mission for a glider's log, a glide for others."""
+        """Return the settings with ``auto`` resolved: a mission for a glider's log, a glide for others."""
         return (
             self
             if self.kind != "auto"

@@ -1,8 +1,8 @@
-"""``[measurements]``: every threshold of ``quality``, of bins and of the track, and what ``without`` withholds (data denial).
+"""``[measurements]``: thresholds of ``quality`` for bins and track, and rules of ``without`` (data denial).
 
 ``None`` switches a test off. A bin beyond ``*_suspect`` is flagged 3, beyond ``*_fail`` 4, as in QARTOD, "Manual for Real-Time Quality
-Control of In-Situ Current Observations" (U.S. IOOS), which names the tests and leaves the thresholds to the operator. TOML has no null: a
-test is switched off there by the word ``"off"``.
+Control of In-Situ Current Observations" (U.S. IOOS), which names the tests and leaves the thresholds to the operator. TOML has no null;
+write ``"off"`` there.
 """
 
 import re
@@ -20,7 +20,7 @@ def _off_is_none(value: object) -> object:
 
 
 def _none_is_off(value: float | None) -> float | str:
-    """Write None as the word, so that recorded settings, which leave out what is None, read back as they were."""
+    """Return the word for None, so that recorded settings, which omit None, read back unchanged."""
     return "off" if value is None else value
 
 
@@ -41,7 +41,7 @@ _MOST = {"error_velocity": "m/s", "speed": "m/s", "tilt": "degrees", "outlier": 
 
 
 def _limit(quantity: str, side: str, unit: str, default: float | None, note: str = "") -> Any:
-    """Return the setting of a threshold; its name says whether a bin beyond it is suspect or fails."""
+    """Return the setting of a threshold; its name states whether a bin beyond it is suspect or fails."""
     return Field(
         default=default,
         description=f"{quantity} {side} which a bin is flagged [{unit}]{note and '; '}{note}.",
@@ -49,7 +49,7 @@ def _limit(quantity: str, side: str, unit: str, default: float | None, note: str
 
 
 class QualityConfig(Section):
-    """``[measurements.quality]``: which bins are suspect, and which fail."""
+    """``[measurements.quality]``: thresholds beyond which bins are suspect or fail."""
 
     use_suspect: bool = Field(default=True, description="Use suspect bins; off makes them fail.")
     correlation_suspect: _Limit = _limit(
@@ -168,11 +168,11 @@ class QualityConfig(Section):
         return self
 
     def limits(self, name: str) -> tuple[float | None, float | None]:
-        """Return the thresholds of a test, suspect and fail."""
+        """Return the thresholds of a test: suspect and fail."""
         return getattr(self, f"{name}_suspect"), getattr(self, f"{name}_fail")
 
     def limits_in_words(self, name: str) -> tuple[str, str]:
-        """Return the thresholds of a test with their sign and unit, suspect and fail; empty where it has none."""
+        """Return the thresholds of a test with sign and unit, suspect and fail; empty without thresholds."""
         sign, unit = ("<", _LEAST[name]) if name in _LEAST else (">", _MOST[name])
         suspect, fail = (
             "" if limit is None else f"{sign} {limit:g} {unit}" for limit in self.limits(name)
@@ -185,7 +185,7 @@ _EXPECTED = f"expected {', '.join(_KINDS)} or dives:3-5"
 
 
 def checked_rules(rules: Sequence[str]) -> None:
-    """Raise ValueError for a rule that is none, or is given twice."""
+    """Raise ValueError for an invalid or duplicate rule."""
     for rule in rules:
         if rule in _KINDS:
             continue
@@ -203,12 +203,12 @@ def checked_rules(rules: Sequence[str]) -> None:
 
 
 def rules_for(rules: Sequence[str], kind: str, dive: int) -> tuple[str, ...]:
-    """Return the rules that leave out a measurement of some kind and dive.
+    """Return the rules that withhold a measurement.
 
     Args:
-        rules: As configured.
-        kind: Of the measurement.
-        dive: Its dive's number; 0 before the first dive, or without dives.
+        rules: Rules as configured.
+        kind: Kind of the measurement.
+        dive: Number of its dive; 0 before the first dive, or without dives.
     """
     return tuple(
         rule
@@ -218,6 +218,6 @@ def rules_for(rules: Sequence[str], kind: str, dive: int) -> tuple[str, ...]:
 
 
 def _dives(rule: str) -> tuple[int, int]:
-    """Return the first and the last dive of a rule ``dives:FIRST-LAST``."""
+    """Return the first and last dive of a rule ``dives:FIRST-LAST``."""
     first, _, last = rule.partition(":")[2].partition("-")
     return int(first), int(last or first)

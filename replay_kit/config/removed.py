@@ -1,10 +1,10 @@
-"""What earlier versions had and this one has no more: settings, options and their values, each with what to use instead."""
+"""Settings, options and values removed since earlier versions, each with its replacement."""
 
 from replay_kit.core.errors import ConfigError
 
-_SAMPLING = "adaptive sampling is gone: choose the places yourself, and plan to them with --goal"
-_BLIND = "it steered a vehicle that nobody corrects: --held says how one fares"
-_CONSTANT = "nobody changed its default, which holds now"
+_SAMPLING = "without adaptive sampling, choose the places yourself, and plan to them with --goal"
+_BLIND = "it assumed that headings are held: see --held"
+_CONSTANT = "its default now always applies"
 _GATE = "what exceeds the gate is rejected, and where most is, the ensemble is taken to be too narrow: softening let faults in"
 
 #: Keys of the settings, by table; of a table with a command's name they are its options too.
@@ -13,7 +13,7 @@ SETTINGS: dict[str, dict[str, str]] = {
         "use_dac": 'without = ["dac"] leaves depth-averaged currents out',
         **dict.fromkeys(
             ("use_drift", "drift_std", "drift_depth"),
-            "drift between fixes is no measurement: the wind moves the vehicle too",
+            "drift between fixes is not used: the wind moves the vehicle too",
         ),
     },
     "measurements.map": {"join_within": "record both components of a velocity in one message"},
@@ -28,7 +28,7 @@ SETTINGS: dict[str, dict[str, str]] = {
     },
     "measurements.quality": dict.fromkeys(("outlier_window", "outlier_floor"), _CONSTANT),
     "time": {
-        "dropped_std": "it is [estimator] dropped_std, of an estimate that is constant too",
+        "dropped_std": "it is [estimator] dropped_std, also for a static estimate",
         **dict.fromkeys(
             (
                 *("trajectory_scale", "oscillator_std", "oscillator_scale"),
@@ -55,7 +55,7 @@ SETTINGS: dict[str, dict[str, str]] = {
 VALUES: dict[str, dict[str, str]] = {
     "gating.gate": {"soften": _GATE},
     "--without": {"drift": "leave it out; no drift between fixes is used"},
-    "--oscillators": {"steady": "levels that are closer resolve depth more finely"},
+    "--oscillators": {"steady": "closer levels resolve depth more finely"},
     "--objective": dict.fromkeys(("learn", "map"), _SAMPLING),
     "--estimator": dict.fromkeys(
         ("ensemble_mean", "etkf", "letkf", "gp", "depth_average"),
@@ -65,11 +65,11 @@ VALUES: dict[str, dict[str, str]] = {
 
 
 def instead_of(command: str, option: str) -> str:
-    """Return what to use instead of an option that a command had, by its name; empty for one that it never had."""
+    """Return the replacement of a removed option of a command; empty for an unknown option."""
     return SETTINGS.get(command, {}).get(option.replace("-", "_"), "")
 
 
 def refuse_value(option: str, value: object) -> None:
-    """Raise ConfigError for a value that an option could have."""
+    """Raise ConfigError for a removed value of an option."""
     if (instead := VALUES.get(option, {}).get(str(value))) is not None:
         raise ConfigError(f"{option} has no {value} any more: {instead}")

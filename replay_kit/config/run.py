@@ -1,4 +1,4 @@
-"""The run's configuration: frozen, nested, every default visible here, an unknown key is an error.
+"""The run's configuration: frozen, nested, with every default here; unknown keys are errors.
 
 One TOML file holds it; each table is one class below. Command-line options override the file.
 """
@@ -62,12 +62,11 @@ class LogConfig(Section):
         component: MAVLink component of the system whose positions are read; by default the first that states one.
         start: First time used, ISO 8601 UTC.
         end: Last time used, ISO 8601 UTC.
-        reorder_window: Largest delay at which a message is still sorted in [s]; later ones are counted and excluded.
+        reorder_window: Largest delay at which a message is still sorted in [s]; later messages are counted and excluded.
         remap: New names of topics, by their old names; the option may be repeated.
         columns: Columns of a table of pings that have neither the standard name nor that of the quantity; a number stands for all rows.
             The option may be repeated.
-        caches: Folder with the sensor lists (.cac) of a Slocum's files, where they are neither in cac or cache beside these nor in the
-            three folders above.
+        caches: Folder with the sensor lists (.cac) of a Slocum's files, if not in cac or cache next to them or in the three folders above.
     """
 
     clock: Annotated[Literal["log", "publish", "header"], Option()] = "log"
@@ -115,18 +114,18 @@ class MeasurementConfig(Section):
         velocity_std: Standard error of each velocity component of a bin whose message states none [m/s].
         reference: Velocity reference of profiles whose message states none; without this setting they are not used.
         use_relative: Use profiles relative to a platform of unknown velocity, for their shear.
-        use_inverted: Use profiles that were computed from a dive's pings and depth-averaged current instead of these.
-        flight_bias: Correct mean currents for the flight-model error where earlier dives show one; they then count beside profiles
-            computed from them.
-        dead_reckoning: Whether dead-reckoned positions include a current; through_water: they do not, and give the depth-averaged
-            current of dives whose log states none.
-        dac_std: Standard error of a depth-averaged current that states none [m/s], beside that of its fixes.
+        use_inverted: Use profiles computed from a dive's pings and depth-averaged current instead of the pings and the current.
+        flight_bias: Correct depth-averaged currents for the flight-model error that earlier dives show; they are then used in
+            addition to profiles computed from them.
+        dead_reckoning: Whether dead-reckoned positions include a current; through_water: they do not, and give the depth-averaged current
+            of dives without one in the log.
+        dac_std: Standard error of a depth-averaged current that states none [m/s], in addition to that of its fixes.
         water_track_distance: Distance of the DVL's water-track layer below the vehicle [m]; its message does not state it.
-        fix_std: Standard error of each component of a fix [m], in mean currents between fixes.
+        fix_std: Standard error of each component of a fix [m], for currents averaged between fixes.
         correlation_depth: E-folding distance of the correlation of the errors within a ping that states none [m].
         regional_speed: Rms speed of the region's currents [m/s], for the errors of geostrophic shear. Default: the ensemble's.
-        surface_tide_std: Speed of tides and inertial motion at the surface that the forecast does not hold [m/s]: an error of radars
-            and drifters. Default: 0.08.
+        surface_tide_std: Speed of surface tides and inertial motion absent from the forecast [m/s]: an error of radars and drifters.
+            Default: 0.08.
         surface_spacing: Width of the boxes in which radar currents are averaged [m]. Default: two of the ensemble's cells.
         surface_box: West, south, east and north bound of the radar currents and drifters used [degrees]. Default: the ensemble's.
         without: Withhold measurements (data denial): dac, profiles, shear, radar, drifters, sensors, dives:3-5.
@@ -170,15 +169,16 @@ class MeasurementConfig(Section):
 
 
 class ForecastConfig(Section):
-    """``[forecast]``: what the members of the ensemble are, and which part of it is used.
+    """``[forecast]``: members of the ensemble, and the part used.
 
     Attributes:
-        members: What a member is. dim[:NAME]: a position along a dimension; files[:REGEX]: a file or a label; suffix: variables such as
+        members: Source of the members. dim[:NAME]: a position along a dimension; files[:REGEX]: a file or a label; suffix: variables such
+            as
             uo_glor and uo_oras; lags: forecasts of several starts; times:15d: fields within so many days of the season; models: several
             products. Default: found from the files.
-        axes: Whether velocities lie along the grid's axes or along true east and north; auto: as the file says.
-        region: West, south, east and north bound of the part used [degrees], or all. Default: all of a small forecast, else what lies
-            around the log and the goal.
+        axes: Whether velocities lie along the grid's axes or along true east and north; auto: as stated in the file.
+        region: West, south, east and north bound of the part used [degrees], or all. Default: all of a small forecast, else the
+            surroundings of the log and the goal.
         window_points: Largest region [points per level] that is estimated at once; in a larger one windows follow each vehicle.
             Default: a square of 14 correlation lengths.
         levels: Depth levels used [m]; the nearest are taken. Default: all.
@@ -241,7 +241,7 @@ class EstimatorConfig(Section):
         shift_distance: Distance of the members' shifted copies [m], 0 for none, as fit writes it. Default: one correlation length, or
             half of it.
         localisation_radius: Distance at which the localisation's taper is zero [m], as fit writes it. Default: 6.5 correlation lengths.
-        representation_error_std: Representation error [m/s]. Default: from what the truncated basis does not represent.
+        representation_error_std: Representation error [m/s]. Default: what the truncated basis cannot represent.
         spread: Factor on the prior's variance; fit: by the first profiles; as_given: 1. Default: fit for members made of lags, times or
             models.
         dropped_std: Largest standard deviation of all directions of the prior dropped together [m/s]; smaller is slower and more exact.
@@ -271,12 +271,12 @@ class EstimatorConfig(Section):
 
     @field_serializer("modes")
     def _none_is_all(self, value: int | None) -> int | str:
-        """Write None as the word, so that recorded settings, which leave out what is None, read back as they were."""
+        """Return the word for None, so that recorded settings, which omit None, read back unchanged."""
         return "all" if value is None else value
 
 
 class OutputConfig(Section):
-    """``[output]``: what is published, and how often.
+    """``[output]``: content and interval of publication.
 
     Attributes:
         depths: Depths of the published slices [m]. Default: three levels.
@@ -294,7 +294,7 @@ class OutputConfig(Section):
 
 
 class RunConfig(Section):
-    """All of a run's settings."""
+    """All settings of a run."""
 
     logs: LogConfig = Field(default_factory=LogConfig)
     measurements: MeasurementConfig = Field(default_factory=MeasurementConfig)
@@ -310,11 +310,11 @@ class RunConfig(Section):
 
 
 def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -> RunConfig:
-    """Return the configuration of a TOML file with command-line options laid over it.
+    """Return the configuration of a TOML file, overridden by command-line options.
 
     Args:
         path: The TOML file; None for the defaults.
-        overrides: Tables as in the file, of option values; values of None are not options.
+        overrides: Tables of option values as in the file; None means not given.
 
     Raises:
         ConfigError: The file is missing or no TOML, or a key or value is wrong.
@@ -330,7 +330,7 @@ def load_config(path: Path | None, overrides: Mapping[str, Any] | None = None) -
 
 
 def laid_over(table: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a table with the values given in place of its own; tables are merged, values of None are not given."""
+    """Return a table overridden by given values; tables are merged, None means not given."""
     merged = dict(table)
     for key, value in given.items():
         below = merged.get(key, {})

@@ -1,1 +1,1 @@
-"""Each command's work, one file or folder a command."""
+"""Workflows behind the commands, one module or package each."""

@@ -1,4 +1,4 @@
-"""Logs of any known format, merged into one MCAP log or telemetry log that keeps everything the format can hold."""
+"""Merging of logs of any known format into one MCAP log or telemetry log, without loss where the format permits."""
 
 import heapq
 from collections import Counter, deque
@@ -41,13 +41,13 @@ _STAMP_BYTES = 8
 
 @dataclass(frozen=True, slots=True)
 class ConvertSummary:
-    """What was converted.
+    """Summary of a conversion.
 
     Attributes:
-        out: The log.
+        out: The log written.
         messages: Messages written, by topic.
-        reports: What each reader found, in the order of the inputs.
-        left_out: Number of messages by (topic, what the output format cannot hold of them).
+        reports: Report of each reader, in the order of the inputs.
+        left_out: Number of messages by (topic, content that the output format cannot hold).
     """
 
     out: Path
@@ -62,7 +62,7 @@ class ConvertSummary:
 
     @property
     def undecodable(self) -> Mapping[str, tuple[int, str]]:
-        """Topic to (count over all inputs, first reason) for what no decoder could read."""
+        """Number of undecodable messages in all inputs and the first reason, by topic."""
         merged: dict[str, tuple[int, str]] = {}
         for report in self.reports:
             for topic, (count, reason) in report.undecodable.items():
@@ -78,24 +78,24 @@ def convert(
     config: LogConfig,
     progress: Progress = silent,
 ) -> ConvertSummary:
-    """Write the messages of all inputs, in order of (time, input, position), to one log and return what was written.
+    """Write the messages of all inputs to one log, ordered by (time, input, position), and return a summary.
 
     MCAP to MCAP keeps payloads, schemas, encodings, all stamps, sequences, attachments and metadata. Messages of other formats become
-    JSON; the frames of a telemetry log are also kept as they were, so that they can be written again. A message later than the reorder
-    window allows is written where it comes. A telemetry log as output takes the frames of the inputs that have them, and frames made of
-    the fixes and pings of the others; the summary counts what it cannot hold.
+    JSON; the frames of a telemetry log are also kept unchanged, so that they can be restored. A message later than the reorder window is
+    written in arrival order. A telemetry log receives the inputs' own frames, and new frames for other fixes and pings; the summary counts
+    losses.
 
     Args:
         inputs: Logs of any format that ``open_log`` knows.
         out: The log: a telemetry log when its name ends in ``.tlog``, else MCAP.
-        overwrite: Whether an existing output is replaced; an input never is.
+        overwrite: Whether an existing output is replaced; an input never is replaced.
         config: Clock, first and last time, reorder window.
-        progress: Called with how much of the inputs is read.
+        progress: Called with the amount of input read.
 
     Raises:
         ConfigError: The output is an input, or exists, or cannot be written; or there is no input.
-        LogError: An input cannot be opened; or it changed while it was read, and what was written stays as ``OUT.part``.
-        ReplayKitError: The output does not read back as written; it stays as ``OUT.part``.
+        LogError: An input cannot be opened, or changed while it was read; then ``OUT.part`` remains.
+        ReplayKitError: The output does not read back as written; ``OUT.part`` remains.
     """
     if not inputs:
         raise ConfigError("convert: expected at least one log, got none")
@@ -136,7 +136,7 @@ def _to_mcap(
 
 
 class _Framed(NamedTuple):
-    """A message that becomes entries of a telemetry log: name and bytes of each, made when it is written."""
+    """Message as entries of a telemetry log: name and bytes of each, computed on writing."""
 
     time_ns: int
     input: int
@@ -151,7 +151,7 @@ def _to_tlog(
     on_message: Callable[[int], None],
     check_inputs: Callable[[], None],
 ) -> ConvertSummary:
-    """Write the frames that the logs hold as they are, and frames made of fixes and pings that no such frame holds."""
+    """Write the logs' own frames, and new frames for fixes and pings without one."""
     framed = [next(log.frames(), None) is not None for log in logs]
     made = TlogFrames(beside_vehicle=any(framed))
     streams: list[Iterator[_Framed]] = [map(_kept, log.frames()) for log in logs]
@@ -181,7 +181,7 @@ def _kept(frame: RawMessage) -> _Framed:
 
 
 def _made(log: LogFile, has_frames: bool, made: TlogFrames, config: LogConfig) -> Iterator[_Framed]:
-    """Yield a log's messages by time, without those decoded from frames that the log holds too."""
+    """Yield a log's messages by time, except those decoded from its own frames."""
     for message in merge([log], config.reorder_window, keep_late=True):
         if not (has_frames and message.topic.startswith("mavlink/")):
             yield _Framed(
@@ -196,12 +196,12 @@ def _in_span(message: RawMessage | _Framed, config: LogConfig) -> bool:
 
 
 def _order(message: RawMessage | _Framed) -> tuple[int, int, int]:
-    """Return the key that merges streams by time; each stream keeps its own order, also where that is not of time."""
+    """Return the key that merges streams by time; each stream keeps its own order, even if not by time."""
     return message.time_ns, message.input, message.position
 
 
 def convert_json(summary: ConvertSummary) -> dict[str, Any]:
-    """Return what was converted for JSON."""
+    """Return the summary of a conversion for JSON."""
     return {
         "messages": dict(summary.messages),
         "undecodable": undecodable_json(summary.undecodable),
@@ -224,7 +224,7 @@ def convert_json(summary: ConvertSummary) -> dict[str, Any]:
 
 
 def print_converted(summary: ConvertSummary, console: Console, verbose: bool = False) -> None:
-    """Print what was converted; topics that differ in a number alone share a row unless whole tables are asked for."""
+    """Print the summary of a conversion; topics that differ only in a number share a row unless verbose."""
     rows = ((topic, str(count)) for topic, count in sorted(summary.messages.items()))
     print_table(console, str(summary.out), ("topic", "messages"), folded(rows, verbose))
     for lines in (loss_lines, unchecked_lines, note_lines):

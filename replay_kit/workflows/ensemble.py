@@ -1,4 +1,4 @@
-"""Ensembles: the prior fitted and written as settings (``fit``), and what the files of a forecast hold (``info --ensemble``)."""
+"""Ensembles: fit of the prior, written as settings (``fit``), and description of forecast files (``info --ensemble``)."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,13 +24,13 @@ from replay_kit.show.text import print_table
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What was tried and chosen.
+    """Settings tried and chosen by a fit.
 
     Attributes:
-        rows: All that was tried, in that order.
-        chosen: The settings of the least score.
+        rows: All trials, in order.
+        chosen: Settings with the lowest score.
         length: The ensemble's correlation length [m].
-        ensemble: Its file.
+        ensemble: File of the ensemble.
         left_out: Number of members left out in turn.
     """
 
@@ -42,7 +42,7 @@ class Fitted:
 
 
 def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fitted:
-    """Return the prior's settings that tell members left out best.
+    """Return the settings of the prior that best predict members left out.
 
     Args:
         ensemble: All members.
@@ -78,12 +78,12 @@ localisation_radius = {fitted.chosen.radius:.1f}
 
 
 def fit_json(fitted: Fitted) -> dict[str, Any]:
-    """Return the JSON object of ``--json``."""
+    """Return the fit for JSON."""
     return asdict(fitted)
 
 
 def print_fit(fitted: Fitted, console: Console) -> None:
-    """Print all that was tried, and what was chosen."""
+    """Print all trials and the chosen settings."""
     rows = (
         (*_figures(row.settings), f"{row.score:.4f}", f"{row.coverage90:.3f}")
         for row in fitted.rows
@@ -110,7 +110,7 @@ _MOST_LABELS = 6
 
 
 def ensemble_json(found: Description) -> dict[str, Any]:
-    """Return a description for JSON."""
+    """Return the description of an ensemble for JSON."""
     ensemble, check = found.ensemble, found.check
     return {
         "files": found.source,
@@ -139,7 +139,7 @@ def ensemble_json(found: Description) -> dict[str, Any]:
 
 
 def print_ensemble(found: Description, console: Console) -> None:
-    """Print a description."""
+    """Print the description of an ensemble."""
     table = Table("forecast", found.source, title_justify="left")
     for path in found.grids if found.ensemble is not None else ():
         table.add_row("file of the grid, no current", path.name)
@@ -183,7 +183,7 @@ def _time(ensemble: Ensemble) -> str | None:
 
 
 def _shortened(labels: tuple[str, ...]) -> list[str]:
-    """Return the first and last labels, and how many are between them."""
+    """Return the first and last labels, and the number between them."""
     if len(labels) <= _MOST_LABELS:
         return list(labels)
     half = _MOST_LABELS // 2

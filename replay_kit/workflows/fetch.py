@@ -1,4 +1,4 @@
-"""Forecasts given by address become files: cut to what logs need, fetched once, and found again without a link."""
+"""Fetching of remote forecasts: cut to the needs of the logs, fetched once, and found again offline."""
 
 import hashlib
 import shutil
@@ -43,12 +43,12 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
-    """What several missions need of one forecast.
+    """Part of one forecast that several missions need.
 
     Attributes:
-        jobs: The missions; one without logs stands for what the settings state.
+        jobs: The missions; for one without logs the settings state the part.
         config: Their settings.
-        reaches: Where and when each is.
+        reaches: Area and period of each.
     """
 
     jobs: tuple[ReplayJob, ...]
@@ -57,22 +57,22 @@ class Request:
 
     @property
     def ensemble(self) -> Paths:
-        """The files and addresses of the forecast."""
+        """Files and addresses of the forecast."""
         return self.jobs[0].ensemble
 
     @property
     def addresses(self) -> tuple[Address, ...]:
-        """The addresses."""
+        """Addresses of the forecast."""
         return addresses_in(self.ensemble)
 
     @property
     def goals(self) -> list[Place]:
-        """Where the missions go."""
+        """Goals of the missions."""
         return [job.goal for job in self.jobs if job.goal is not None]
 
     @property
     def key(self) -> str:
-        """Hash of what decides which part is fetched."""
+        """Hash of the inputs that determine the part fetched."""
         config = self.config
         decisive = [
             *(key_of(address) for address in self.addresses),
@@ -88,7 +88,7 @@ class Request:
 
     @property
     def deepest(self) -> float | None:
-        """Depth below which nothing is needed [m]; None where that is not known."""
+        """Greatest depth needed [m]; None if unknown."""
         depths = [reach.deepest for reach in self.reaches if reach.deepest is not None]
         if len(depths) < len(self.reaches):
             return None
@@ -99,7 +99,7 @@ class Request:
 
     @property
     def span(self) -> tuple[int | None, int | None]:
-        """First and last time [ns, UTC]; None where they are not known."""
+        """First and last time [ns, UTC]; None if unknown."""
         firsts = [reach.first_ns for reach in self.reaches if reach.first_ns is not None]
         lasts = [reach.last_ns for reach in self.reaches if reach.last_ns is not None]
         return min(firsts, default=None), max(lasts, default=None)
@@ -107,13 +107,13 @@ class Request:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fetched:
-    """A forecast that is here.
+    """Forecast as local files.
 
     Attributes:
-        ensemble: Its files.
-        regions: The part that each mission needs; None where that is found anew.
-        files: Those that stand for addresses.
-        asked: Whether values were received for it.
+        ensemble: Files of the forecast.
+        regions: Part that each mission needs; None where it is determined again.
+        files: Local copies of addresses.
+        asked: Whether values were downloaded for it.
     """
 
     ensemble: tuple[tuple[Path, ...], ...]
@@ -123,14 +123,14 @@ class Fetched:
 
 
 def with_local_forecasts(jobs: Sequence[tuple[ReplayJob, RunConfig]]) -> list[ReplayJob]:
-    """Return jobs whose forecasts are files; what is at an address is fetched, a box that jobs share once.
+    """Return jobs whose forecasts are files; addresses are fetched, shared boxes once.
 
     Args:
         jobs: Jobs with their settings.
 
     Raises:
         LogError: A log cannot be opened.
-        ForecastError: A forecast cannot be fetched or used, or without asking a server there is none.
+        ForecastError: A forecast cannot be fetched or used, or is not available offline.
     """
     done = [job for job, _ in jobs]
     groups: dict[str, list[int]] = {}
@@ -154,14 +154,14 @@ def with_local_forecasts(jobs: Sequence[tuple[ReplayJob, RunConfig]]) -> list[Re
 
 
 def _rival(job: ReplayJob, each: Against, config: RunConfig) -> Against:
-    """Return another forecast as files."""
+    """Return a competing forecast as files."""
     if not addresses_in((each,)):
         return each
     return fetch(request_of(replace(job, ensemble=(each,)), config)).ensemble[0]
 
 
 def request_of(job: ReplayJob, config: RunConfig) -> Request:
-    """Return what a job needs of its forecast; without logs what the settings state.
+    """Return the part of its forecast that a job needs; without logs the part that the settings state.
 
     Raises:
         LogError: A log cannot be opened.
@@ -171,14 +171,14 @@ def request_of(job: ReplayJob, config: RunConfig) -> Request:
 
 
 def _joined(requests: Sequence[Request]) -> Request:
-    """Return what several missions with the same settings need together."""
+    """Return the joint request of missions with the same settings."""
     jobs = tuple(job for request in requests for job in request.jobs)
     reaches = tuple(reach for request in requests for reach in request.reaches)
     return Request(jobs, requests[0].config, reaches)
 
 
 def _sharing(requests: Sequence[Request]) -> list[list[int]]:
-    """Return which requests are answered together: those whose common box is hardly larger than their own boxes."""
+    """Return the groups of requests whose common box is hardly larger than their own boxes."""
     groups: list[list[int]] = []
     for number, request in enumerate(requests):
         for group in groups:
@@ -192,7 +192,7 @@ def _sharing(requests: Sequence[Request]) -> list[list[int]]:
 
 
 def _area(requests: Sequence[Request]) -> float:
-    """Return the area of the places of requests, and half a degree around [square degrees]."""
+    """Return the area of the places of requests, extended by half a degree [square degrees]."""
     places = np.concatenate([reach.places for one in requests for reach in one.reaches])
     if not len(places):
         return 0.0
@@ -206,10 +206,10 @@ def _corners(box: Region) -> list[tuple[float, float]]:
 
 
 def fetch(request: Request) -> Fetched:
-    """Return a forecast as files: those fetched before where the server's are still the same, or where none may be asked.
+    """Return a forecast as files: earlier downloads if still current or offline, else new ones.
 
     Raises:
-        ForecastError: The forecast cannot be fetched or used, or without asking a server there is none.
+        ForecastError: The forecast cannot be fetched or used, or is not available offline.
     """
     kept = cache_of(request.config.forecast)
     held = kept.find(request.addresses, request.key)
@@ -224,7 +224,7 @@ def fetch(request: Request) -> Fetched:
 
 
 def _received(request: Request, held: Sequence[Copy] | None) -> Fetched | None:
-    """Return a forecast as files, received now; None where those that are held are still as the server's."""
+    """Return a forecast downloaded now as files; None if the files held are still current."""
     config = request.config.forecast
     if held is not None and _is_current(request, held):
         return None
@@ -236,10 +236,10 @@ def _received(request: Request, held: Sequence[Copy] | None) -> Fetched | None:
 
 
 def price(request: Request) -> list[dict[str, Any]]:
-    """Return what each address of a request holds and would cost; values are not received, but for a patch that gives the margin.
+    """Return the contents and download size of each address of a request; only a patch that determines the margin is downloaded.
 
     Raises:
-        ForecastError: As in ``fetch``.
+        ForecastError: See ``fetch``.
     """
     return _asked(_price, request)
 
@@ -249,18 +249,18 @@ def _price(request: Request) -> list[dict[str, Any]]:
 
 
 def _asked(call: Callable[..., _Value], request: Request, *more: object) -> _Value:
-    """Return what a call finds out from the servers of a request."""
+    """Return the result of a query to the servers of a request."""
     return apart(call, request, *more, what=str(request.addresses[0]))
 
 
 def copy_whole(source: Path, out: Path) -> None:
-    """Copy a file; the copy is whole or absent."""
+    """Copy a file completely or not at all."""
     with source.open("rb") as held, atomic_file(out) as file:
         shutil.copyfileobj(held, file)
 
 
 def _is_current(request: Request, held: Sequence[Copy]) -> bool:
-    """Return whether the data sets of files are still as they were."""
+    """Return whether the data sets of files are unchanged on the server."""
     wanted = Wanted(**{each.name: held[0][1]["wanted"][each.name] for each in fields(Wanted)})
     prints = [
         cut.fingerprint() for cut in cuts_of(request.ensemble, wanted, request.config.forecast)
@@ -276,7 +276,7 @@ def _fetched(
 
 
 def wanted_of(request: Request) -> tuple[Wanted, tuple[FoundRegion | None, ...]]:
-    """Return what is asked of the servers, and the part that each mission needs; None where that is all.
+    """Return the query to the servers, and the part that each mission needs; None for all of it.
 
     Raises:
         ForecastError: The forecast is of another place.
@@ -306,7 +306,7 @@ def wanted_of(request: Request) -> tuple[Wanted, tuple[FoundRegion | None, ...]]
 
 
 def _reached(region: FoundRegion, reach: Reach) -> Region:
-    """Return the box of a region; where windows follow the vehicle, of all that they can reach."""
+    """Return the box of a region; for windows that follow the vehicle, the box of all windows within reach."""
     if not region.follows:
         return region.region
     high = region.region[3] - region.region[1]
@@ -315,10 +315,10 @@ def _reached(region: FoundRegion, reach: Reach) -> Region:
 
 
 def _covering(request: Request, kept: Kept) -> list[Path]:
-    """Return files that were fetched for something else and hold what is needed; the part that the logs need is found in them.
+    """Return files of earlier downloads that cover a request; the part that the logs need is determined from them.
 
     Raises:
-        ForecastError: There are none.
+        ForecastError: No such files exist.
     """
     places = np.concatenate([reach.places for reach in request.reaches])
     files, span = [], request.span
@@ -335,8 +335,8 @@ def _covering(request: Request, kept: Kept) -> list[Path]:
                 f"{path.name}, fetched {record.get('fetched')}" for path, record in copies[:3]
             )
             raise ForecastError(
-                f"{address}: nothing fetched before holds what is needed{where}{when} "
-                f"({held or f'none of this address in {kept.folder}'}); fetch it while there is a link: replay-kit fetch LOG... --ensemble "
+                f"{address}: no earlier download covers the request{where}{when} "
+                f"({held or f'none of this address in {kept.folder}'}); fetch it online: replay-kit fetch LOG... --ensemble "
                 "ADDRESS, or with --region W,S,E,N --start TIME --end TIME"
             )
         files.append(chosen)

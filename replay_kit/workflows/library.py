@@ -1,4 +1,4 @@
-"""What ``import replay_kit`` offers beside the readers: a replay and a plan, each as one call."""
+"""Python interface to replay and plan, each a single call."""
 
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
@@ -68,12 +68,12 @@ At = Place | tuple[float, float, float]
 
 
 class ReplayOptions(TypedDict, total=False):
-    """Further options of ``replay``.
+    """Keyword options of ``replay``.
 
     Attributes:
         overwrite: Whether an existing result is replaced.
         estimator: An ``Estimator``, or a function of the ``Ensemble`` and ``EstimatorConfig`` that returns one.
-        prior: Function of the basis and the usual ``Process`` that returns the one to use, which the log then does not change.
+        prior: Function of the basis and the default ``Process`` that returns the one to use, which is not adapted to the log.
         planner: A ``Planner``, or a function of the ``PlannerConfig`` and the ``Grid`` that returns one.
     """
 
@@ -92,22 +92,22 @@ def replay(
     settings: Settings = None,
     **options: Unpack[ReplayOptions],
 ) -> Result:
-    """Estimate the current from logs and an ensemble forecast: the estimate, and tables of the observations used.
+    """Estimate the current from logs and an ensemble forecast.
 
     Args:
-        logs: Logs of one mission; an open one stands for its path, and is read with these settings. Or measurements
-            (``Observation.profile``, ``Observation.mean``), one or several, or a table with a row for each depth: a pandas table, an xarray
-            ``Dataset`` or what one can be made of, with ``time``, ``longitude``, ``latitude``, ``depth`` [m], ``u``, ``v`` and ``error``
-            [m/s]; ``logs.columns`` names others. They are written beside ``out`` as NAME.observations.mcap. Of several vehicles that share
-            the estimate a mapping from the name of each to its log or logs.
-        ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` says what a member is. With ``models``, files in a
-            list of their own are one product. Or an ``Ensemble``, an xarray ``Dataset`` or what one can be made of, which is written beside
-            ``out`` as NAME.ensemble.nc; of several in a list each is a member.
-        goal: Where to go next, of several vehicles all or, in a mapping, those named; None plans nothing.
-        out: Result MCAP to keep; None for a temporary one, which lasts as long as the value returned.
-        settings: Such as ``{"forecast": {"levels": [5, 150, 500]}}``; ``replay_kit.RunConfig`` has them all.
-        **options: ``overwrite=True`` replaces an existing result. ``estimator=``, ``prior=`` and ``planner=`` are used in place of those of
-            the settings: see ``ReplayOptions``.
+        logs: Logs of one mission; an open log is read again from its path with these settings. Or observations (``Observation.profile``,
+            ``Observation.mean``), one or several, or a table with one row per depth: a pandas table, an xarray ``Dataset`` or a mapping
+            convertible to one, with ``time``, ``longitude``, ``latitude``, ``depth`` [m], ``u``, ``v`` and ``error``
+            [m/s]; ``logs.columns`` names others. They are saved next to ``out`` as NAME.observations.mcap. For several vehicles that share
+            the estimate, a mapping of names to logs.
+        ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` defines a member. With ``models``, each inner list of
+            files is one product. Or an ``Ensemble``, an xarray ``Dataset`` or a mapping convertible to one, saved next to ``out`` as
+            NAME.ensemble.nc; in a list each is a member.
+        goal: Goal of the vehicle or of all vehicles, or a mapping of names to goals; None plans nothing.
+        out: Result MCAP; None for a temporary file, which exists as long as the value returned.
+        settings: Settings such as ``{"forecast": {"levels": [5, 150, 500]}}``; for all see ``replay_kit.RunConfig``.
+        **options: ``overwrite=True`` replaces an existing result. ``estimator=``, ``prior=`` and ``planner=`` replace those of the
+            settings: see ``ReplayOptions``.
 
     Raises:
         ReplayKitError: An input cannot be used, or a setting is wrong.
@@ -162,7 +162,7 @@ def replay(
         raise
     if 4 in outcome.exit_codes:
         lost = f"{len(outcome.losses)} damaged parts of the logs, {outcome.late} late messages"
-        warnings.warn(f"lost: {lost}; result.outcome.losses says what", stacklevel=2)
+        warnings.warn(f"lost: {lost}; result.outcome.losses lists it", stacklevel=2)
     if 6 in outcome.exit_codes:
         warnings.warn("; ".join(map(finding_text, outcome.consistency)), stacklevel=2)
     result = as_pooled(Result(file, outcome))
@@ -175,7 +175,7 @@ def replay(
 
 @contextmanager
 def _notebook_progress() -> Iterator[Progress]:
-    """Show progress in the cell of a notebook until the work is done; nothing elsewhere."""
+    """Show progress in a notebook cell until the work is done; nothing elsewhere."""
     shell = getattr(builtins, "get_ipython", lambda: None)()
     if type(shell).__name__ != "ZMQInteractiveShell":
         yield silent
@@ -200,13 +200,13 @@ def _notebook_progress() -> Iterator[Progress]:
 
 @dataclass(frozen=True)
 class _Held:
-    """What is in memory, as files beside a result.
+    """In-memory inputs, saved as files next to a result.
 
     Attributes:
         out: The result.
         overwrite: Whether existing files are replaced.
-        config: The run's.
-        names: What each of the files is called in errors.
+        config: Settings of the run.
+        names: Name of each file in errors.
     """
 
     out: Path
@@ -215,20 +215,20 @@ class _Held:
     names: dict[Path, str] = field(default_factory=dict)
 
     def path(self, ending: str, name: str) -> Path:
-        """Return the file of what is called so."""
+        """Return the file for an input."""
         path = self.out.with_suffix(ending)
         check_paths((), (path,), self.overwrite)
         self.names[path] = name
         return path
 
     def named(self, words: str) -> str:
-        """Return an error's words with what was given in place of its file."""
+        """Return an error message with the names of inputs in place of their files."""
         for path, name in self.names.items():
             words = words.replace(str(path), name).replace(path.name, name)
         return words
 
     def log_paths(self, logs: Logs, vehicle: str = "") -> tuple[Path, ...]:
-        """Return the logs of a replay, or of one of its vehicles; observations and tables are written."""
+        """Return the logs of a replay or one of its vehicles; observations and tables are written to files."""
         if is_observed(logs):
             name = f"logs['{vehicle}']" if vehicle else "measurements"
             path = self.path(f"{vehicle and '.'}{vehicle}.observations.mcap", name)
@@ -240,7 +240,7 @@ class _Held:
         return tuple(as_path(getattr(log, "path", log), "log") for log in each)
 
     def forecast_paths(self, ensemble: Forecast) -> tuple[tuple[Path, ...], ...]:
-        """Return the files of a forecast; datasets are written, each of several as a file of its own."""
+        """Return the files of a forecast; datasets are written, each to its own file."""
         several = isinstance(ensemble, list | tuple)
         each: Sequence[Any] = ensemble if isinstance(ensemble, list | tuple) else [ensemble]
         if not any(map(is_forecast, each)):
@@ -258,7 +258,7 @@ class _Held:
 
 
 def _with_members(config: RunConfig, ensemble: Any) -> RunConfig:
-    """Return settings with which datasets in a list are members, unless these say otherwise or one of them has members itself."""
+    """Return settings in which listed datasets are members, unless the settings differ or a dataset has members itself."""
     several = isinstance(ensemble, list | tuple) and all(hasattr(one, "dims") for one in ensemble)
     if (
         not several
@@ -271,7 +271,7 @@ def _with_members(config: RunConfig, ensemble: Any) -> RunConfig:
 
 
 def _vehicles(logs: Mapping[str, Any], goal: Any, held: _Held) -> tuple[Vehicle, ...]:
-    """Return the vehicles of a replay of several, each with its logs and its goal."""
+    """Return the vehicles of a replay, each with its logs and goal."""
     goals: Mapping[str, Any] = goal if isinstance(goal, Mapping) else {}
     if not logs or (unknown := [name for name in goals if name not in logs]):
         what = f"goal: {', '.join(unknown)}" if logs else "logs"
@@ -289,14 +289,14 @@ def _vehicles(logs: Mapping[str, Any], goal: Any, held: _Held) -> tuple[Vehicle,
 def plan(
     estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, settings: Settings = None
 ) -> Plan:
-    """Return the best glide, or with ``planner.kind`` mission the best mission, found on an estimate.
+    """Return the best glide found on an estimate, or mission if ``planner.kind`` is ``mission``.
 
     Args:
         estimate: The current.
-        start: Where it begins.
-        goal: Where it should pass.
-        time: When it begins: ISO 8601 text, datetime64 or integer nanoseconds (UTC); None for the estimate's time.
-        settings: As in ``replay``; ``[planner]`` counts.
+        start: Start position.
+        goal: Goal.
+        time: Start time: ISO 8601 text, datetime64 or integer nanoseconds (UTC); None for the estimate's time.
+        settings: See ``replay``; only ``[planner]`` applies.
 
     Raises:
         PlanError: Start or goal is outside the region or on land, or the time outside the forecast.
@@ -322,11 +322,11 @@ def open_ensemble(ensemble: Forecast, *, settings: Settings = None) -> Ensemble:
     """Return the members of an ensemble forecast that a replay would use.
 
     Args:
-        ensemble: As in ``replay``.
-        settings: As in ``replay``; ``[forecast]`` counts.
+        ensemble: See ``replay``.
+        settings: See ``replay``; only ``[forecast]`` applies.
 
     Raises:
-        ForecastError: The file is missing or is no such ensemble.
+        ForecastError: A file is missing or is not an ensemble.
     """
     config = _with_members(settings_of(settings), ensemble)
     with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder:
@@ -343,7 +343,7 @@ def open_ensemble(ensemble: Forecast, *, settings: Settings = None) -> Ensemble:
 
 
 def settings_of(settings: Settings) -> RunConfig:
-    """Return a whole configuration.
+    """Return the complete configuration of settings.
 
     Raises:
         ConfigError: A key or value is wrong, or the file is missing.
@@ -356,14 +356,14 @@ def settings_of(settings: Settings) -> RunConfig:
 
 
 def place_of(at: At, what: str) -> Place:
-    """Return a place.
+    """Return the position of a value.
 
     Args:
-        at: The place, or its three numbers.
-        what: What it is, for the error.
+        at: Position, or its three numbers.
+        what: Its name in the error.
 
     Raises:
-        ConfigError: It is neither.
+        ConfigError: The value is neither.
     """
     if isinstance(at, Place):
         return at

@@ -1,11 +1,11 @@
-"""The live door: a replay that a vehicle's own program feeds, message by message or in blocks of any size.
+"""Live interface: a replay fed by a vehicle's own program, message by message or in blocks of any size.
 
     now = rk.live("ensemble.nc")
     for message in source:
         now.feed([message])
     now.estimate.velocity_at(152.6, -40.0, 150.0)
 
-It is the replay's own run, so that after the same messages the estimate is that of a replay, to the last bit.
+After the same messages the estimate equals that of a replay, bit for bit.
 """
 
 # keeps the signatures in help() short: the names of types, not what they stand for
@@ -34,11 +34,11 @@ from replay_kit.workflows.replay.state import Setup
 
 
 def live(ensemble: Paths, *, settings: Settings = None) -> Live:
-    """Return an estimate that messages are fed to as they come.
+    """Return an estimate that is updated by feeding messages.
 
     Args:
-        ensemble: Files of the forecast, as in ``replay``. All of its region is used, or ``forecast.region``.
-        settings: As in ``replay``.
+        ensemble: Files of the forecast, see ``replay``. The whole region is used, or ``forecast.region``.
+        settings: See ``replay``.
 
     Raises:
         ReplayKitError: The forecast cannot be used, or a setting is wrong.
@@ -47,10 +47,10 @@ def live(ensemble: Paths, *, settings: Settings = None) -> Live:
 
 
 class Live:
-    """Estimate of the current from the messages so far. It is mutable: messages change it, questions do not."""
+    """Estimate of the current from the messages so far; only ``feed`` changes it."""
 
     def __init__(self, ensemble: Paths, config: RunConfig) -> None:
-        """Read the forecast and make the prior of it."""
+        """Read the forecast and build its prior."""
         self._threads = ThreadpoolController()
         forecasts = read_forecasts(ensemble, config, None, None)
         speeds = checked_speeds(forecasts.ensemble, config)
@@ -60,14 +60,14 @@ class Live:
         self._run.follow_up = follow_up
 
     def feed(self, messages: Iterable[Message], *, last: bool = False) -> None:
-        """Take messages, in the order of their times.
+        """Assimilate messages, in order of time.
 
         Args:
-            messages: One or several.
-            last: Whether none follows: pings that wait for a position are then measured with what there is.
+            messages: One or more messages.
+            last: Whether these are the last messages; pings waiting for a position are then processed without it.
 
         Raises:
-            MeasurementError: They cannot be used, or contradict each other and ``consistency.on_failure`` is ``stop``.
+            MeasurementError: Messages are unusable, or contradict each other and ``consistency.on_failure`` is ``stop``.
         """
         block, last_ns = list(messages), self._run.last_ns
         if last:
@@ -78,26 +78,26 @@ class Live:
 
     @property
     def estimate(self) -> FlowEstimate:
-        """The estimate of the current at the time of the last message, with the measurements that wait for others of their group."""
+        """Estimate at the time of the last message, including observations that wait for their group."""
         with self._threads.limit(limits=self._run.config.output.threads):
             return self._run.flow_now()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What contradicts each other so far."""
+        """Contradictions found so far."""
         return self._run.of[0].monitoring.findings
 
     @property
     def position(self) -> VehicleState | None:
-        """The last position of the vehicle; None before one."""
+        """Last position of the vehicle; None before the first."""
         return self._run.position
 
     def plan(self, goal: At, *, start: At | None = None) -> Plan:
-        """Return the best way to a goal on the estimate as it is now; as ``replay_kit.plan``.
+        """Return the best plan to a goal on the present estimate; see ``replay_kit.plan``.
 
         Args:
-            goal: Where it should pass.
-            start: Where it begins; None for the last position.
+            goal: Goal.
+            start: Start position; None for the last position.
 
         Raises:
             ConfigError: Neither a start nor a position is known.
@@ -105,9 +105,7 @@ class Live:
         """
         if start is None:
             if (at := self.position) is None:
-                raise ConfigError(
-                    "start: expected a place, as no message has held a position, got none"
-                )
+                raise ConfigError("start: expected a place, as no message had a position, got none")
             start = Place(at.longitude, at.latitude, at.depth)
         estimate = self.estimate
         return plan(estimate, start, goal, time=estimate.time_ns, settings=self._run.config)

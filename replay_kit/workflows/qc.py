@@ -1,4 +1,4 @@
-"""Quality control of a mission's logs: what each test did, and the pings that lose every bin, as tables and for JSON."""
+"""Quality control of a mission's logs: results of each test, and pings without a usable bin, as tables and for JSON."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -30,12 +30,12 @@ _LOST_SHOWN = 5
 
 @dataclass(slots=True, eq=False)
 class TestCount:
-    """Results of one test over all bins of a topic that have a velocity.
+    """Results of one test for all bins of a topic with a velocity.
 
     Attributes:
-        reason: The reason that the test gives to bins.
-        flags: QARTOD flag to number of bins.
-        not_evaluated: Why some could not be tested, to their number.
+        reason: Reason that the test assigns to bins.
+        flags: Number of bins by QARTOD flag.
+        not_evaluated: Number of untested bins by reason.
     """
 
     reason: Reason
@@ -43,12 +43,12 @@ class TestCount:
     not_evaluated: Counter[str] = field(default_factory=Counter)
 
     def add(self, test: BinTest, rows: NDArray[np.intp], present: NDArray[np.bool_]) -> None:
-        """Count the bins of some pings.
+        """Count the bins of pings.
 
         Args:
             test: The test's results for all pings of a block.
-            rows: Numbers of the pings among them.
-            present: Which of their bins have a velocity, shape (n, m).
+            rows: Numbers of the pings in the block.
+            present: shape (n, m), whether a bin has a velocity.
         """
         flags = test.flags[rows]
         self.flags.update(flags[present].tolist())
@@ -58,7 +58,7 @@ class TestCount:
             self.not_evaluated[why] += int(skipped[k])
 
     def to_json(self, name: str, settings: MeasurementConfig) -> dict[str, Any]:
-        """Return the count with the thresholds of the test."""
+        """Return the counts with the thresholds of the test."""
         suspect, fail = _limits_of(name, settings)
         return {
             "test": name,
@@ -75,12 +75,12 @@ class TestCount:
 
 @dataclass(slots=True, eq=False)
 class TopicQuality:
-    """One topic's pings.
+    """Quality of the pings of one topic.
 
     Attributes:
         pings: Number of pings tested.
-        flags: QARTOD flag to number of bins, after all tests.
-        tests: By name, in the order in which they are made.
+        flags: Number of bins by QARTOD flag, after all tests.
+        tests: Results by test, in the order of testing.
         lost: Pings without a usable bin: time, log, position in the log and the reasons of their bins.
     """
 
@@ -90,7 +90,7 @@ class TopicQuality:
     lost: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, block: Block, rows: NDArray[np.intp]) -> None:
-        """Count some pings of a block."""
+        """Count pings of a block."""
         columns = block.ping
         flags = columns["flags"][rows]
         real = np.arange(flags.shape[1]) < columns["bins"][rows, None]
@@ -114,14 +114,14 @@ class TopicQuality:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QualityReport:
-    """The quality control of some logs.
+    """Quality control of logs.
 
     Attributes:
-        logs: What the readers found.
-        settings: The thresholds.
-        topics: By name.
-        not_used: Topic to reason to count, of messages that give no profile.
-        late: Number of messages left out because they came later than the reorder window allows.
+        logs: Reports of the readers.
+        settings: Thresholds.
+        topics: Quality by topic.
+        not_used: Number of messages without a profile, by topic and reason.
+        late: Number of messages excluded as later than the reorder window.
     """
 
     logs: tuple[LogReport, ...]
@@ -132,18 +132,18 @@ class QualityReport:
 
     @property
     def exit_code(self) -> int:
-        """4 when something was lost of the logs, else 0."""
+        """4 if part of the logs was lost, else 0."""
         return 4 if self.late or any(log.losses for log in self.logs) else 0
 
 
 def check_quality(
     logs: Sequence[Path], config: RunConfig, on_message: Callable[[int], None] = lambda _: None
 ) -> QualityReport:
-    """Return the results of each test on the pings of one mission's logs, which are read to their end.
+    """Return the results of each test on the pings of one mission's logs.
 
     Args:
-        logs: Logs, merged by time.
-        config: The settings; those of ``[logs]`` and ``[measurements]`` count.
+        logs: Logs, read completely and merged by time.
+        config: Settings; ``[logs]`` and ``[measurements]`` apply.
         on_message: Called with each message's time [ns], for progress.
 
     Raises:
@@ -169,7 +169,7 @@ def check_quality(
 
 
 def _told(messages: Iterable[Message], on_message: Callable[[int], None]) -> Iterator[Message]:
-    """Yield messages, each after its time was told."""
+    """Yield messages, after reporting their times."""
     for message in messages:
         on_message(message.time_ns)
         yield message
@@ -180,13 +180,13 @@ def _nothing(
 ) -> str:
     expected = f"{', '.join(map(str, logs))}: expected ADCP pings whose bins can be tested"
     if any("/dac" in report.read for report in reports):
-        return f"{expected}, got mean currents alone, which a replay uses as they are"
+        return f"{expected}, got mean currents only, which a replay uses unchanged"
     why = "; ".join(f"{count} x {topic}: {reason}" for (topic, reason), count in counts.items())
     return f"{expected}, got none; not used: {why or 'nothing that could be a ping'}"
 
 
 def _limits_of(test: str, settings: MeasurementConfig) -> tuple[str, str]:
-    """Return the thresholds of a test in words, suspect and fail; empty where it has none."""
+    """Return the thresholds of a test as text, suspect and fail; empty without thresholds."""
     quality = settings.quality
     edge = "edge > range x cos(beam angle)"
     surface = f"depth < {settings.surface_depth:g} m"
@@ -204,7 +204,7 @@ def _limits_of(test: str, settings: MeasurementConfig) -> tuple[str, str]:
 
 
 def quality_json(report: QualityReport) -> dict[str, Any]:
-    """Return a quality control for JSON, with every threshold it was made with."""
+    """Return a quality control for JSON, with all its thresholds."""
     return {
         "exit_code": report.exit_code,
         "logs": [log.path for log in report.logs],
@@ -228,7 +228,7 @@ def quality_json(report: QualityReport) -> dict[str, Any]:
 
 
 def print_quality(report: QualityReport, console: Console) -> None:
-    """Print a table for each topic, then messages not used and losses."""
+    """Print a table per topic, then unused messages and losses."""
     for topic in quality_json(report)["topics"]:
         _print_topic(topic, report.settings.quality.use_suspect, console)
     print_lines(console, not_used_lines(report.not_used))
@@ -236,12 +236,12 @@ def print_quality(report: QualityReport, console: Console) -> None:
         print_lines(console, loss_lines(log))
     if report.late:
         console.print(
-            f"LOST: {report.late} messages came later than the reorder window allows; widen logs.reorder_window",
+            f"LOST: {report.late} messages arrived later than the reorder window; widen logs.reorder_window",
         )
 
 
 def _print_topic(topic: Mapping[str, Any], use_suspect: bool, console: Console) -> None:
-    """Print a topic as JSON has it."""
+    """Print a topic in its JSON form."""
     columns = ("test", "suspect when", "fails when", "tested", "suspect", "failed")
     keys = ("test", "suspect_when", "fail_when", "evaluated", "suspect", "failed")
     rows = [

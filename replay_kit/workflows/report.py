@@ -1,4 +1,4 @@
-"""A result as a page, also when the result is not complete: what can be recovered is shown, and what was lost is said."""
+"""Report page of a result, also of an incomplete one: recoverable content, and a note of losses."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,22 +13,22 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result
 from replay_kit.workflows.sound import sound_result
 
-_RECOVERED = "The result is damaged or cut short: this shows what could be recovered."
+_RECOVERED = "The result is damaged or truncated: only its recoverable content is shown."
 
 
 def report(
     path: Path, out: Path, overwrite: bool = False, made: Outcome | None = None
 ) -> tuple[int, Contents]:
-    """Write the report on a result, and return its size in bytes and what it shows.
+    """Write the report on a result, and return its size [bytes] and contents.
 
     Args:
-        path: A result of a replay or a plan; of one that is cut short the whole chunks are shown.
-        out: The page.
+        path: Result of a replay or a plan; a truncated one is shown up to its last complete chunk.
+        out: Page to write.
         overwrite: Whether an existing page is replaced.
-        made: Of the replay that has just made the result, for its score against a truth, which is not in the file.
+        made: Outcome of the replay just finished, for its score against a truth, which the file lacks.
 
     Raises:
-        LogError: The file is missing, or is no result.
+        LogError: The file is missing, or is not a result.
         ConfigError: The page exists and may not be replaced, or cannot be written.
     """
     # here, because plots and exports need no pages
@@ -48,7 +48,7 @@ def report(
 
 
 def _write(path: Path, text: str) -> int:
-    """Write a page, and return its size in bytes."""
+    """Write a page, and return its size [bytes]."""
     page = text.encode()
     write_whole(path, page)
     return len(page)
@@ -56,14 +56,14 @@ def _write(path: Path, text: str) -> int:
 
 @contextmanager
 def opened(path: Path, made: Outcome | None = None) -> Iterator[Contents]:
-    """Yield the contents of a result, with notes on what was lost of it; of one that is cut short, what could be recovered.
+    """Yield the recoverable contents of a result, with notes on its losses.
 
     Args:
-        path: As in ``report``.
-        made: As in ``report``.
+        path: See ``report``.
+        made: See ``report``.
 
     Raises:
-        LogError: The file is missing, or is no result.
+        LogError: The file is missing, or is not a result.
     """
     with sound_result(path) as sound:
         result = read_result(sound.path, made, sound.file)
@@ -72,7 +72,7 @@ def opened(path: Path, made: Outcome | None = None) -> Iterator[Contents]:
 
 
 def page_of(result: Path) -> Path:
-    """Return the name of the page of a result: the result's, with the ending ``.html``."""
+    """Return the file of a result's page: the name of the result with the ending ``.html``."""
     name = result.name.removesuffix(".part").removesuffix(".mcap")
     return result.with_name(f"{name}.html")
 
@@ -83,5 +83,5 @@ def _version_notes(result: Result) -> tuple[str, ...]:
         return ()
     return (
         f"The result has version {version} of the contract, this program version {CONTRACT_VERSION}: "
-        "what changed between them is not shown, or under its former name.",
+        "changes between them may not be shown.",
     )

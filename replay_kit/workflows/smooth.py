@@ -1,9 +1,8 @@
-"""Logs to a smoothed result: at each published time the estimate from the measurements before and after it.
+"""Smoothed result of logs: at each published time the estimate from observations before and after it.
 
-The file is that of a replay (``replay_kit/results/CHANNELS.md``) with other contents in two places: grids and unknowns are those of the
-smoothed estimate at the published times; the residual of a measurement is that to the one before, carried forward to the measurement, and
-the replay's stands beside it. Innovations, NIS and the gate's decisions stay those of
-the replay, which did not know later measurements.
+The file has the format of a replay (``replay_kit/results/CHANNELS.md``) with two differences: grids and unknowns are smoothed at the
+published times; an observation's residual is that to the previous smoothed estimate, carried forward to the observation, next to that of
+the replay. Innovations, NIS and gate decisions are those of the replay, without later observations.
 """
 
 from collections.abc import Iterator, Sequence
@@ -49,7 +48,7 @@ _NS = 1_000_000_000
 # Innovations written together.
 _BLOCK = 16
 #: Said in a result whose estimate is static.
-STATIC = "the estimate does not change with time: smoothed, it is the last estimate at all times"
+STATIC = "the estimate is static: smoothed, it is the last estimate at all times"
 
 
 def smooth(
@@ -57,19 +56,19 @@ def smooth(
     config: RunConfig,
     progress: Progress = silent,
 ) -> Outcome:
-    """Write the smoothed result of logs, and return the outcome of the replay that it begins with.
+    """Write the smoothed result of logs, and return the outcome of its forward replay.
 
-    An estimator that is static counts all measurements the same at all times: smoothed, it is its last estimate.
+    A static estimator weights all observations equally at all times: its smoothed estimate is the last one.
 
     Args:
-        job: Logs, ensemble and result; its goal and its other outputs do not count.
-        config: The run's settings; grids are published every ``output.interval``.
-        progress: Called with how much is done of each stage.
+        job: Logs, ensemble and result; goal and other outputs are ignored.
+        config: Settings of the run; grids are published every ``output.interval``.
+        progress: Called with the progress of each stage.
 
     Raises:
         LogError: A log cannot be opened.
         ForecastError: The ensemble cannot be used.
-        MeasurementError: The logs hold no usable ping of this region.
+        MeasurementError: The logs have no usable ping in this region.
         ConfigError: Windows follow the vehicle, or the result exists and may not be replaced, or an option is wrong.
     """
     check_outputs(job)
@@ -108,12 +107,12 @@ def smooth(
 
 
 def published_times(first_ns: int, last_ns: int, interval: float) -> list[int]:
-    """Return the times at which a smoothed estimate is published [ns, UTC]: every interval from the first on, and the last."""
+    """Return the publication times of a smoothed estimate [ns, UTC]: every interval from the first on, and the last."""
     return [*range(first_ns, last_ns, round(interval * _NS)), last_ns]
 
 
 def changes(estimator: Estimator[Any]) -> TypeGuard[ReducedBasisEstimator]:
-    """Return whether an estimator is one through time, which can be smoothed."""
+    """Return whether an estimator changes in time and can be smoothed."""
     return isinstance(estimator, ReducedBasisEstimator) and bool(
         np.isfinite(estimator.observer.tau).any()
     )
@@ -131,7 +130,7 @@ def _forward(
     logs: Logs,
     progress: Progress,
 ) -> tuple[Run, Prepared, list[tuple[Any, Innovation | None]]]:
-    """Return the replay of the logs, each profile alone and all as stated, and its events with their innovations; None of positions."""
+    """Return the forward replay with single profiles and stated errors, and its events with innovations, None for positions."""
     unchecked = config.consistency.model_copy(update={"on_failure": "ignore"})
     config = config.model_copy(update={"consistency": unchecked})
     job = replace(job, out=None, truth=None, goal=None)
@@ -217,7 +216,7 @@ def _write(
 def _one_by_one(
     done: Sequence[tuple[Any, Innovation | None]],
 ) -> Iterator[tuple[Any, Innovation | None]]:
-    """Yield measurements with their innovations, and positions one by one."""
+    """Yield observations with their innovations, and positions one by one."""
     for event, innovation in done:
         yield from ((one, None) for one in event) if innovation is None else ((event, innovation),)
 
@@ -225,7 +224,7 @@ def _one_by_one(
 def _smoothed(
     estimator: Estimator[Any], state: Any, measurement: Any, innovation: Innovation
 ) -> Innovation:
-    """Return an innovation whose residual is that to a smoothed estimate, for the bins that have one; it keeps that of the replay."""
+    """Return an innovation with the residual to a smoothed estimate where defined, in addition to that of the replay."""
     replayed = innovation.residual
     residual = np.where(np.isfinite(replayed), estimator.innovation(state, measurement), np.nan)
     return replace(innovation, residual=residual, replayed_residual=replayed, estimated_std=np.nan)

@@ -1,7 +1,7 @@
-"""A result whose checksums fit: the file itself, or of a damaged one a copy of what could be recovered, and what was lost.
+"""Results with valid checksums: the file itself, or a copy of a damaged file's recoverable content, with its losses.
 
-Every command that reads a result begins here. The checksums of a file's data and of its summary are compared first, without unpacking it;
-only where they do not fit is the file scanned, as a damaged log is.
+All commands read results through this module. The checksums of data and summary are compared first, without decompression; only on a
+mismatch is the file scanned as a damaged log.
 """
 
 import shutil
@@ -29,13 +29,13 @@ _INCOMPLETE = (*DAMAGED, TypeError, AttributeError, RuntimeError)
 
 @dataclass(frozen=True, slots=True)
 class Sound:
-    """A result whose checksums fit.
+    """Result with valid checksums.
 
     Attributes:
-        file: What can be read of it, opened.
-        of: The file that was given.
-        losses: What of that file is not in it.
-        unchecked: Whether the file has no checksum that covers all of it, as files of other programs.
+        file: Opened readable file.
+        of: File as given.
+        losses: Content of that file that was lost.
+        unchecked: Whether no checksum covers the whole file, as in files of other programs.
     """
 
     file: OpenResult
@@ -45,25 +45,27 @@ class Sound:
 
     @property
     def path(self) -> Path:
-        """Where it can be read."""
+        """Path of the readable file."""
         return self.file.path
 
     @property
     def exit_code(self) -> int:
-        """4 where something was lost, else 0."""
+        """4 if something was lost, else 0."""
         return 4 if self.losses else 0
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What was lost, and whether damage could be detected, a line each."""
+        """Losses, and whether damage could be detected, one line each."""
         lost = tuple(f"LOST: {self.of.name}: {loss_words(loss)}" for loss in self.losses)
-        note = f"Note: {self.of.name}: has no checksum over all of it, so that damage cannot be detected"
+        note = (
+            f"Note: {self.of.name}: has no checksum of the whole file, so damage cannot be detected"
+        )
         return (*lost, note) if self.unchecked else lost
 
 
 @contextmanager
 def sound_result(path: Path) -> Iterator[Sound]:
-    """Yield a result whose checksums fit; what its readers raise for want of what was lost names the loss.
+    """Yield a result with valid checksums; errors of its readers from lost content name the loss.
 
     Raises:
         LogError: Too little of the file could be recovered.
@@ -88,14 +90,14 @@ def _too_little(sound: Sound, error: Exception) -> LogError:
 
 
 def recover(path: Path, folder: Path) -> Sound:
-    """Return a result whose checksums fit; a copy of what could be recovered is made only of a damaged file.
+    """Return a result with valid checksums, a copy of the recoverable content only for a damaged file.
 
     Args:
-        path: The result.
-        folder: Where the copy is made.
+        path: Result.
+        folder: Folder of the copy.
 
     Raises:
-        LogError: The file is missing, or is no MCAP file.
+        LogError: The file is missing, or is not an MCAP file.
     """
     file = OpenResult(path)
     if checksums_fit(file.file):
@@ -113,12 +115,12 @@ def recover(path: Path, folder: Path) -> Sound:
 
 
 def open_result(path: str | Path) -> "Result":
-    """Return a result that ``replay`` wrote, with its estimate and tables; they are read when first asked for.
+    """Return a result of ``replay``, with its estimate and tables, which are read on first access.
 
-    Of a damaged file a copy of what could be recovered is opened, and a warning says what was lost.
+    For a damaged file a copy of the recoverable content is opened, with a warning about the losses.
 
     Raises:
-        LogError: The file is missing, or is no result.
+        LogError: The file is missing, or is not a result.
         ConfigError: The path is neither text nor a ``Path``.
     """
     # here, because tables and estimates take half a second to load

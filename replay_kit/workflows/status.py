@@ -1,4 +1,4 @@
-"""The status of a result: read, shown, written as a page."""
+"""Status of a result: read, displayed, written as a page."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,14 +16,14 @@ from replay_kit.workflows.sound import Sound, sound_result
 def read_status(
     path: Path, now_ns: int | None = None
 ) -> tuple[dict[str, Status], Outcome | None, Sound]:
-    """Return the status of each vehicle of a result, under an empty name that of the only one, the outcome, and what was lost.
+    """Return the status by vehicle of a result, with an empty name for a single one, the outcome, and the losses.
 
     Args:
-        path: The result; of a damaged one what could be recovered counts.
-        now_ns: The present time [ns, UTC]; None for the last time of the result.
+        path: Result; of a damaged one the recoverable content.
+        now_ns: Present time [ns, UTC]; None for the last time of the result.
 
     Raises:
-        LogError: The file is missing, or is no result.
+        LogError: The file is missing, or is not a result.
     """
     with sound_result(path) as sound:
         reader = ResultReader(sound.path, opened=sound.file)
@@ -33,10 +33,10 @@ def read_status(
 
 
 def read_each(reader: ResultReader) -> dict[str, Held]:
-    """Return what the status of each vehicle of a result needs, under an empty name that of the only one.
+    """Return the data for the status by vehicle of a result, with an empty name for a single one.
 
     Raises:
-        LogError: The file is missing, or is no complete result.
+        LogError: The file is missing, or is not a complete result.
     """
     names = [one.name for one in reader.vehicles if not one.why_not] or [""]
     return {name: read_held(reader.part(name)) for name in names}
@@ -45,7 +45,7 @@ def read_each(reader: ResultReader) -> dict[str, Held]:
 def write_pages(
     statuses: Mapping[str, Status], outcome: Outcome | None, path: Path, refresh_s: int = 60
 ) -> None:
-    """Write the page of a result: of several vehicles a table, and a page of its own for each.
+    """Write the status page of a result; for several vehicles a table and a page for each.
 
     Raises:
         ConfigError: A page cannot be written.
@@ -61,7 +61,7 @@ def write_pages(
 
 
 def write_page(status: Status, path: Path, refresh_s: int = 60) -> None:
-    """Write a status as a page that loads itself again every so many seconds.
+    """Write a status as a page that reloads itself every ``refresh_s`` seconds.
 
     Raises:
         ConfigError: The page cannot be written.

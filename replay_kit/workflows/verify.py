@@ -1,4 +1,4 @@
-"""Whether a result can be reproduced: its inputs are replayed, or planned on, with its configuration, and the values compared."""
+"""Reproduction of a result: its inputs are replayed or planned on with its configuration, and the values compared."""
 
 import re
 import tempfile
@@ -42,8 +42,8 @@ class Verdict:
     """Comparison of a result with its repetition.
 
     Attributes:
-        difference: Between its values and those made again.
-        notes: What may explain a difference: other versions, a limit of time.
+        difference: Difference between original and repeated values.
+        notes: Possible reasons of a difference: other versions, a time limit.
     """
 
     difference: Difference
@@ -62,17 +62,17 @@ def verify(
     progress: Progress = silent,
     plan_again: PlanAgain | None = None,
 ) -> Verdict:
-    """Return the comparison of a result with a new replay, or a new plan, of its inputs with its configuration.
+    """Return the comparison of a result with a repeated replay or plan of its inputs with its configuration.
 
     Args:
-        result: A result of ``replay`` or ``plan``.
-        folders: Where the inputs are looked for, by name and content; then beside the result, then here.
-        planner_of: Makes the planner of a configuration.
-        progress: Called with how much is done of each stage.
-        plan_again: Makes the result of a plan again; needed for one alone.
+        result: Result of ``replay`` or ``plan``.
+        folders: Folders to search for inputs by name and content, before those of the result and the working directory.
+        planner_of: Factory of the planner.
+        progress: Called with the progress of each stage.
+        plan_again: Repeats a plan; required for results of ``plan`` only.
 
     Raises:
-        LogError: The result cannot be read or does not say what it was made from, or an input is not found.
+        LogError: The result is unreadable or does not state its inputs, or an input is not found.
     """
     recorded = read_recorded(result)
     inputs, options = (
@@ -107,7 +107,7 @@ def verify(
 
 
 def _products(found: Mapping[str, Path], prefix: str) -> tuple[tuple[Path, ...], ...]:
-    """Return the files whose keys begin so, by products: files of one have its number first."""
+    """Return the files with keys of a prefix, grouped by product: keys of one product begin with its number."""
     keys = [key for key in sorted(found, key=_numbers) if key.startswith(prefix)]
     each = groupby(keys, lambda key: key.partition("_")[0])
     return tuple(tuple(found[key] for key in of_one) for _, of_one in each)
@@ -118,7 +118,7 @@ def _place(text: str | None) -> Place | None:
 
 
 def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
-    """Return the job that a replay's result records."""
+    """Return the job recorded in a replay's result."""
     options, region = (
         recorded.metadata.get(name, {}) for name in ("replay_kit.options", REGION_RECORD)
     )
@@ -138,12 +138,12 @@ def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
 
 
 def _numbers(key: str) -> list[int]:
-    """Return the numbers in an input's key, by which inputs are in their order."""
+    """Return the numbers in an input's key, which give the order of inputs."""
     return [int(number) for number in re.findall(r"\d+", key)]
 
 
 def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Path:
-    """Return the input of a recorded name and hash."""
+    """Return the input with a recorded name and hash."""
     name, _, digest = recorded.rpartition(" sha256:")
     others = []
     for folder in folders:
@@ -153,16 +153,16 @@ def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Pat
             others.append(str(path))
     what = f"found only other contents: {', '.join(others)}" if others else "there is none"
     raise LogError(
-        f"{result}: its input {key} is {name} with SHA-256 {digest[:12]}...; {what}; say with --inputs in which folder it is"
+        f"{result}: its input {key} is {name} with SHA-256 {digest[:12]}...; {what}; give its folder with --inputs"
     )
 
 
 def _what_may_differ(recorded: Recorded) -> tuple[str, ...]:
-    """Say what may make another result: packages that are not those it was made with, and a search that the clock stopped."""
+    """Return possible reasons of a different result: other package versions, and a search stopped by the clock."""
     notes = []
     if "time_limit" in recorded.metadata.get("replay_kit.options", {}):
         notes.append(
-            "planned with --time-limit: a search that the clock stops may find another plan"
+            "planned with --time-limit: a search stopped by the clock may find another plan"
         )
     version_then = recorded.metadata.get("contract", {}).get("version")
     if version_then != str(CONTRACT_VERSION):

@@ -108,10 +108,10 @@ def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path):
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("[planner]\nspeed = 0.3\nspeed = 0.4\n", "line 3: the key 'speed' stands twice; keep one"),
+        ("[planner]\nspeed = 0.3\nspeed = 0.4\n", "line 3: the key 'speed' is repeated; keep one"),
         (
             "[planner]\nspeed = 0.3\n[planner]\ndepth = 4\n",
-            "line 3: the table [planner] stands twice; keep one",
+            "line 3: the table [planner] is repeated; keep one",
         ),
         (
             "[planner\n",

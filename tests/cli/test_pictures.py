@@ -63,7 +63,7 @@ def test_a_result_that_is_cut_short_is_drawn_with_a_note(folder):
     (folder / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
     done = run_command(folder, "plot cut.mcap trust -o cut.svg")
     assert done.returncode == 4, done.stderr
-    assert "cut short" in (folder / "cut.svg").read_text()
+    assert "truncated" in (folder / "cut.svg").read_text()
     none = run_command(folder, "plot missing.mcap trust -o none.svg")
     assert none.returncode == 3
 

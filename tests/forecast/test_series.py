@@ -143,7 +143,7 @@ def test_a_spread_that_is_not_fitted_is_said(lags, settings, spread, who):
     found = read_forecasts(lags, load_config(None, tables), None, None)
     notes = [note for note in found.notes if "the spread of members" in note]
     assert notes == (
-        [f"the spread of members made of lags is taken for their error: {who} does not fit it"]
+        [f"the spread of members made of lags is used as their error: {who} does not fit it"]
         if who
         else []
     )

@@ -71,7 +71,7 @@ CASES: list[tuple[Case, str, set[str]]] = [
         {"plans", "section", "track"},
     ),
     (without_estimate, "carries no estimate.npz", {"plans", "section", "track"}),
-    (cut_short, "The result is damaged or cut short: ", {"section", "track"}),
+    (cut_short, "The result is damaged or truncated: ", {"section", "track"}),
     (without_plan, "The result holds no plan", {"section", "track"}),
     (of_one_ping, "1 measurement of the current used", {"section", "track"}),
     (

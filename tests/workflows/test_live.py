@@ -42,7 +42,7 @@ def test_before_a_message_it_knows_the_forecast_alone(ocean):
     grid = now.estimate.grid
     at = grid.longitude[2, 2], grid.latitude[2, 2], grid.levels[0]
     assert now.estimate.velocity_at(*at).u == pytest.approx(mean[0, 0, 2, 2], abs=0.05)
-    with pytest.raises(ConfigError, match="no message has held a position"):
+    with pytest.raises(ConfigError, match="no message had a position"):
         now.plan((152.6, -40.0, 0.0))
 
 

@@ -62,7 +62,7 @@ def test_a_result_that_is_cut_short_shows_what_is_left(result_path, tmp_path):
     made = (tmp_path / "cut.html").read_text()
     words = text_of(made, "answer")
     assert "LOST: cut.mcap.part: " in words
-    assert "The result is damaged or cut short: this shows what could be recovered." in words
+    assert "The result is damaged or truncated: only its recoverable content is shown." in words
     assert "carries no estimate.npz" in words
     assert len(elements(made, "figure")) >= 4
     assert "replay_kit_" not in made.split("<script")[0]

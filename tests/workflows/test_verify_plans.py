@@ -52,7 +52,7 @@ def test_a_changed_or_missing_input_is_named(mission, tmp_path):
         shutil.copy(mission / name, tmp_path)
     with pytest.raises(
         LogError,
-        match=r"its input no_go is areas\.geojson with SHA-256 .*there is none; say with --inputs",
+        match=r"its input no_go is areas\.geojson with SHA-256 .*there is none; give its folder",
     ):
         again(tmp_path / "plan.mcap")
     (tmp_path / "areas.geojson").write_text((mission / "areas.geojson").read_text() + "\n")
@@ -136,5 +136,5 @@ def test_a_plan_that_does_not_say_what_was_asked_for_is_refused(mission, tmp_pat
         {"request": '{"start": 3}'},
         {},
     ):
-        with pytest.raises(LogError, match="expected what a plan was asked for"):
+        with pytest.raises(LogError, match="expected the request of a plan"):
             recorded_request(record, {})

@@ -1,1 +1,1 @@
-"""One file a command: its options, what it calls, what it prints. Each loads what it needs when it is called, so that help is quick."""
+"""One module per command: options, call, output. Each imports its dependencies on call, so that help is quick."""

@@ -1,4 +1,4 @@
-"""``fetch``, ``fit``, ``config``, ``synthesize`` and ``twin``: forecasts received, the prior fitted to one, settings, made data."""
+"""``fetch``, ``fit``, ``config``, ``synthesize`` and ``twin``: fetched forecasts, the fitted prior, settings, synthetic data."""
 
 import sys
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Copied(Answer):
-    """What is written.
+    """Outputs of ``fetch``.
 
     Attributes:
         out: Also copy the part of one address to a file, to be given to --ensemble anywhere.
@@ -57,10 +57,10 @@ def fetch(
     settings: Settings,
     dry_run: Annotated[bool, FLAG] = False,
 ) -> int:
-    """Return 0.
+    """Return exit code 0.
 
     Args:
-        dry_run: Only report what would be received, and its size.
+        dry_run: Only report the data to receive and their size.
     """
     addresses = addresses_in(ensemble)
     if not addresses:
@@ -98,7 +98,7 @@ def fetch(
 
 
 def _price(request: Any, console: "Console") -> dict[str, Any]:
-    """Print what would be received, and return it for JSON."""
+    """Print the data to receive, and return them for JSON."""
     from replay_kit.forecast.remote.fetch import cost_text
     from replay_kit.workflows.fetch import price
 
@@ -109,7 +109,7 @@ def _price(request: Any, console: "Console") -> dict[str, Any]:
 
 
 def print_price(ensemble: tuple[Path, ...], config: "RunConfig", console: "Console") -> Any:
-    """Print what addresses hold in the region that the settings state, and return it for JSON."""
+    """Print the data at addresses in the region of the settings, and return them for JSON."""
     from replay_kit.workflows.fetch import request_of
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
@@ -117,7 +117,7 @@ def print_price(ensemble: tuple[Path, ...], config: "RunConfig", console: "Conso
 
 
 def local_forecasts(jobs: Sequence[tuple["ReplayJob", "RunConfig"]]) -> list["ReplayJob"]:
-    """Return jobs whose forecasts are files: what is at an address is fetched, a box that jobs share once."""
+    """Return jobs whose forecasts are files: addresses are fetched, shared boxes once."""
     if not any(addresses_in(each) for job, _ in jobs for each in (job.ensemble, *job.against)):
         return [job for job, _ in jobs]
     # loads a client of servers
@@ -130,7 +130,7 @@ def local_forecasts(jobs: Sequence[tuple["ReplayJob", "RunConfig"]]) -> list["Re
 def local_ensemble(
     ensemble: tuple[Path, ...], logs: tuple[Path, ...], config: "RunConfig"
 ) -> tuple[Path, ...]:
-    """Return an ensemble as files: what is at an address is fetched."""
+    """Return an ensemble as files; addresses are fetched."""
     if not addresses_in(ensemble):
         return ensemble
     from replay_kit.workflows.replay.inputs.job import ReplayJob
@@ -141,7 +141,7 @@ def local_ensemble(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written.
+    """Outputs of ``fit``.
 
     Attributes:
         out: Fitted settings, for --config.
@@ -158,7 +158,7 @@ def fit(
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     left_out: Annotated[int, option(least=1)] = 12,
 ) -> int:
-    """Return 0.
+    """Return exit code 0.
 
     Args:
         ensemble: Ensemble forecast: NetCDF files, Zarr stores, folders or patterns.
@@ -181,7 +181,7 @@ def fit(
 
 
 def config(*sections: Annotated[str, Parameter(name="SECTION", group=INPUTS)]) -> int:
-    """Return 0.
+    """Return exit code 0.
 
     Args:
         sections: Tables such as planner. Default: all.
@@ -192,7 +192,7 @@ def config(*sections: Annotated[str, Parameter(name="SECTION", group=INPUTS)]) -
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Files(Replacing):
-    """What the log is made of, and where it goes.
+    """Input and output of a synthetic log.
 
     Attributes:
         truth: The current that the vehicle moves in.
@@ -205,7 +205,7 @@ class Files(Replacing):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Survey:
-    """What the vehicle does.
+    """Motion and pings of the vehicle.
 
     Attributes:
         vehicle: A vessel surveys at random positions, a glider dives.
@@ -230,7 +230,7 @@ def twin(
     survey: Annotated[Survey, TO_OPTIONS] = Survey(),
     settings: Settings,
 ) -> int:
-    """Return 0."""
+    """Return exit code 0."""
     check_paths([truth_path(files.truth)], [files.out], files.overwrite)
     part = settings.load().forecast
 
@@ -261,7 +261,7 @@ def synthesize(
     seed: int = 0,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0.
+    """Return exit code 0.
 
     Args:
         ensemble: File of the members.

@@ -1,4 +1,4 @@
-"""``experiment paper``, the paper's study on any ensemble."""
+"""``experiment paper``: the study of the paper for any ensemble."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report(Answer):
-    """What is written, a folder at least.
+    """Output folder of a study.
 
     Attributes:
         out: Folder for a page, report and tables; made if absent.
@@ -39,10 +39,10 @@ class Report(Answer):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OneTruth:
-    """The ensemble, and one truth of its own or members withheld.
+    """Ensemble with a separate truth or with withheld members.
 
     Attributes:
-        leave_out: Members that are withheld as truths.
+        leave_out: Members withheld as truths.
     """
 
     ensemble: Ensemble
@@ -51,16 +51,16 @@ class OneTruth:
 
     @property
     def files(self) -> list[Path | None]:
-        """The files that are read."""
+        """Files read."""
         return [*self.ensemble, truth_path(self.truth)]
 
     def check(self, study: str) -> None:
-        """Raise ConfigError unless one of the two is given."""
+        """Raise ConfigError unless either a truth or withheld members are given."""
         if (self.truth is None) == (self.leave_out is None):
             raise ConfigError(f"{study}: expected one of --truth and --leave-out")
 
     def read(self, config: ForecastConfig) -> "tuple[Members, Members | None]":
-        """Return the ensemble, and the truth where it is one of its own."""
+        """Return the ensemble and the separate truth, if any."""
         from replay_kit.forecast import read_ensemble, read_truth
 
         return read_ensemble(self.ensemble, config), None if self.truth is None else read_truth(
@@ -70,7 +70,7 @@ class OneTruth:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperSizes:
-    """How much is computed.
+    """Sizes of the study.
 
     Attributes:
         modes: Most modes per level anywhere. Default: tables to the full rank, plans on 300; all: plans on it too.
@@ -92,7 +92,7 @@ def paper(
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     sizes: Annotated[PaperSizes, TO_OPTIONS] = PaperSizes(),
 ) -> int:
-    """Return 0."""
+    """Return exit code 0."""
     truths.check("experiment paper")
     config = settings.load(estimator={"modes": sizes.modes})
 

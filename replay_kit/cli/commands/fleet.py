@@ -1,4 +1,4 @@
-"""``fleet``: many missions, each an ordinary replay, on the processes of this machine or of a cluster."""
+"""``fleet``: many missions, each an ordinary replay, in processes of this machine or a cluster."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """What missions have in common that no table states.
+    """Options common to all missions.
 
     Attributes:
         place: Move each mission's ensemble to its log, as in replay.
@@ -57,7 +57,7 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written.
+    """Outputs of ``fleet``.
 
     Attributes:
         out: Folder for a result of each mission, a table and a page; made if absent.
@@ -74,7 +74,7 @@ def fleet(
     resume: Annotated[bool, FLAG] = False,
     dry_run: Annotated[bool, FLAG] = False,
 ) -> int:
-    """Return the gravest exit code of the missions.
+    """Return the most severe exit code of the missions.
 
     Args:
         missions: A table (TOML), or patterns of logs, each of which is a mission of its own.
@@ -126,13 +126,13 @@ def fleet(
 
 
 def _table(missions: tuple[Path, ...], inputs: Inputs) -> "tuple[FleetTable, Path]":
-    """Return the table, and the folder that its paths are relative to."""
+    """Return the table and the folder to which its paths are relative."""
     from replay_kit.workflows.fleet.missions import FleetTable, MissionEntry, load_fleet
 
     if [path.suffix.lower() for path in missions] == [".toml"]:
         if inputs.ensemble:
             raise ConfigError(
-                f"--ensemble: {missions[0]} says which ensemble a mission has; name it there, for all of them in [all]"
+                f"--ensemble: {missions[0]} names the ensembles of missions; name it there, for all in [all]"
             )
         return load_fleet(missions[0]), missions[0].parent
     if not inputs.ensemble:
@@ -142,14 +142,14 @@ def _table(missions: tuple[Path, ...], inputs: Inputs) -> "tuple[FleetTable, Pat
 
 
 def _texts(paths: tuple[Path, ...]) -> tuple[str, ...]:
-    """Return paths as a table states them."""
+    """Return paths as texts of a table."""
     return tuple(path.url if isinstance(path, Address) else str(path) for path in paths)
 
 
 def _dry_run(
     each: "tuple[Mission, ...]", workers: "Workers", outputs: Outputs, console: "Console"
 ) -> int:
-    """Print what the missions will take, and return the exit code of the first that cannot be replayed."""
+    """Print the expected memory and time of the missions; return the exit code of the first that cannot be replayed."""
     from replay_kit.workflows.fleet.page import expected_json, print_expected
     from replay_kit.workflows.fleet.run import expected_of
 
@@ -164,7 +164,7 @@ def _dry_run(
 def _run(
     each: "tuple[Mission, ...]", workers: "Workers", outputs: Outputs
 ) -> "tuple[Outcome, ...]":
-    """Return the outcomes; the table is written after each mission, so that it is there whatever ends the command."""
+    """Return the outcomes; the table is rewritten after each mission, so that an interrupt leaves it."""
     from replay_kit.core.atomic import claimed
     from replay_kit.core.progress import announce
     from replay_kit.workflows.fleet.page import TABLE, fleet_json, write_table

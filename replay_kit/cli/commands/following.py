@@ -1,4 +1,4 @@
-"""The options of ``replay`` with which it follows logs that grow."""
+"""Options of ``replay`` for following growing logs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ _LEAST = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Following:
-    """How logs that grow are followed.
+    """Options for following growing logs.
 
     Attributes:
         follow: Replay new data as logs grow or folders fill, until Ctrl-C; see the README.
@@ -38,13 +38,13 @@ class Following:
     notify: Annotated[str | None, option("COMMAND")] = None
 
     def check(self, others: Mapping[str, object]) -> None:
-        """Raise ConfigError for options that do not go together.
+        """Raise ConfigError for incompatible options.
 
         Args:
-            others: Options that do not go with ``--follow``, by name.
+            others: Options incompatible with ``--follow``, by name.
         """
         if self.follow and (given := [name for name, value in others.items() if value]):
-            raise ConfigError(f"{given[0]}: does not go with --follow; leave one of them out")
+            raise ConfigError(f"{given[0]}: cannot be combined with --follow; omit one")
         alone = {
             "--until-idle": self.until_idle,
             "--goal-file": self.goal_file,
@@ -53,20 +53,20 @@ class Following:
         if not self.follow and (
             given := [name for name, value in alone.items() if value is not None]
         ):
-            raise ConfigError(f"{given[0]}: goes with --follow only; add --follow, or leave it out")
+            raise ConfigError(f"{given[0]}: needs --follow; add it, or omit the option")
 
     def goes_on(self, out: Path) -> bool:
-        """Return whether a mission is followed that was followed before, whose outputs are written again."""
+        """Return whether an earlier ``--follow`` is continued and its outputs are rewritten."""
         return self.follow and (self.states(out) / "mission").is_file()
 
     @staticmethod
     def page(out: Path) -> Path:
-        """Return the page of the status of a mission that is followed."""
+        """Return the status page of a followed mission."""
         return out.with_suffix(".status.html")
 
     @staticmethod
     def states(out: Path) -> Path:
-        """Return the folder of what is kept between the replays of a followed mission."""
+        """Return the folder of the states kept between replays of a followed mission."""
         return out.with_name(f"{out.name}.follow")
 
     def run(
@@ -87,10 +87,10 @@ class Following:
         assert job.out is not None
         if job.vehicles and self.goal_file is not None:
             raise ConfigError(
-                "--goal-file: goes with one vehicle; give each its goal with --goal NAME=LON,LAT,DEPTH"
+                "--goal-file: needs a single vehicle; give each its goal with --goal NAME=LON,LAT,DEPTH"
             )
         if job.goal is not None and self.goal_file is not None:
-            raise ConfigError("--goal-file: --goal is given too; leave one of them out")
+            raise ConfigError("--goal-file: cannot be combined with --goal; omit one")
 
         def tell(text: str) -> None:
             console.print(text)

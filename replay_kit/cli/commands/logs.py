@@ -1,4 +1,4 @@
-"""``info``, ``qc``, ``convert``, ``smooth`` and ``verify``: logs looked at, tested, made one, estimated from anew; a result made again."""
+"""``info``, ``qc``, ``convert``, ``smooth``, ``verify`` and ``compare``: commands on logs, and reproduction of results."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ from replay_kit.core.paths import addresses_in, check_paths
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written.
+    """Outputs of ``info``.
 
     Attributes:
         suggest: Write a draft mapping for topics of unknown type; - is standard output.
@@ -59,7 +59,7 @@ def info(
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
     settings: Settings,
 ) -> int:
-    """Return 0, or 4 when bytes of a log were lost; logs of which a replay on the ensemble would end with an error end with it.
+    """Return exit code 0, or 4 when bytes of a log were lost; raises the error that a replay would end with.
 
     Args:
         full: Read all of a large MCAP, not only its index and first messages: profiles, positions, late messages, gaps, damage.
@@ -153,7 +153,7 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Copy(Answer):
-    """What is written.
+    """Outputs of ``convert``.
 
     Attributes:
         out: One log; its ending chooses the format.
@@ -164,7 +164,7 @@ class Copy(Answer):
 
 @takes_settings("logs.remap", "logs.columns", file=False)
 def convert(*logs: Log, outputs: Annotated[Copy, TO_OUTPUTS], settings: Settings) -> int:
-    """Return 0, or 4 when something was lost."""
+    """Return exit code 0, or 4 when something was lost."""
     check_paths(logs, [outputs.out, outputs.json_file], outputs.overwrite)
     config = settings.load()
 
@@ -185,7 +185,7 @@ def verify(
     inputs: Annotated[list[Path] | None, option("DIR", group=INPUTS)] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0, 4 when part of the result was lost, or 5 when it could not be made again.
+    """Return exit code 0, 4 when part of the result was lost, or 5 when it could not be reproduced.
 
     Args:
         result: A result of replay or plan.
@@ -217,11 +217,11 @@ def compare(
     *,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0 when the values are the same, 5 when they differ, 4 when part of a result was lost.
+    """Return exit code 0 when the values are equal, 5 when they differ, 4 when part of a result was lost.
 
     Args:
         first: A result of replay or plan.
-        second: Another, of the same region and period.
+        second: Another result of the same region and period.
     """
     check_paths([first, second], [answer.json_file], answer.overwrite)
 
@@ -240,7 +240,7 @@ def compare(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Smoothed(Answer):
-    """What is written.
+    """Outputs of ``smooth``.
 
     Attributes:
         out: Result, for any MCAP viewer, plot, export and report.

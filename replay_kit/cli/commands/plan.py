@@ -1,4 +1,4 @@
-"""``plan``: a glider's mission on an estimate."""
+"""``plan``: a glider mission on an estimate."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,7 +31,7 @@ _ANGLES = Numbers("MIN,MAX")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written.
+    """Outputs of ``plan``.
 
     Attributes:
         out: Predicted track and legs (MCAP).
@@ -55,7 +55,7 @@ class Outputs(Answer):
     write_unsafe: Annotated[bool, FLAG] = False
 
     def of(self, name: str) -> "Outputs":
-        """Return the files of one of several gliders: its name stands before their ending."""
+        """Return the files of one of several gliders, its name inserted before the ending."""
 
         def own(path: Path | None) -> Path | None:
             return None if path is None else path.with_stem(f"{path.stem}-{name}")
@@ -80,11 +80,11 @@ def plan(
     settings: Settings,
     outputs: Annotated[Outputs, TO_OUTPUTS] = Outputs(),
 ) -> int:
-    """Return 0, also where no goal is reached; 4 after a damaged result; 7 where a risk cannot be kept or waypoints are not safe.
+    """Return exit code 0, also if no goal is reached; 4 for a damaged result; 7 for an exceeded risk or unsafe waypoints.
 
     Args:
-        flows: Estimate: a file of --save-estimate or a result of replay; several hold for increasing times.
-        angles: Shallowest and steepest glide angle [degrees]. Default: as flown where the speed is, else 15,35.
+        flows: Estimate: a file of --save-estimate or a result of replay; several in order of time.
+        angles: Shallowest and steepest glide angle [degrees]. Default: as flown if the speed is, else 15,35.
     """
     streams = outputs.geojson, outputs.csv, outputs.json_file
     if sum(str(path) == "-" for path in streams) > 1:
@@ -116,7 +116,7 @@ def plan(
 
 
 def _plan(config: "RunConfig", outputs: Outputs) -> int:
-    """Plan a mission or those of several gliders, and write the files of each; return the exit code."""
+    """Plan one mission or one per glider, write the files and return the exit code."""
     from replay_kit.workflows.planning.inputs import planned_on
 
     with progress():

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """What is replayed, and what it is scored against.
+    """Inputs of ``replay``, and data to score against.
 
     Attributes:
         against: Competing forecast (file, folder or pattern); the summary reports which fits the log better. May be repeated.
@@ -58,7 +58,7 @@ class Inputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs(Answer):
-    """What is written.
+    """Outputs of ``replay``.
 
     Attributes:
         out: Result, for any MCAP viewer.
@@ -78,7 +78,7 @@ class Outputs(Answer):
 
     @property
     def page(self) -> Path | None:
-        """The page of the report; None without."""
+        """Page of the report; None without one."""
         return self.out.with_suffix(".html") if self.report else None
 
 
@@ -97,7 +97,7 @@ def replay(
     following: Annotated[Following, TO_OPTIONS] = Following(),
     dry_run: Annotated[bool, FLAG] = False,
 ) -> int:
-    """Return the exit code of a replay: that of its summary, 0 for a dry run.
+    """Return the exit code of the summary; 0 for a dry run.
 
     Args:
         dry_run: Only report which data would be used, and the expected memory and time.
@@ -158,7 +158,7 @@ def replay(
 
 
 def _named(inputs: Inputs) -> dict[str, tuple[Path, ...]]:
-    """Return the logs of ``--as`` by the names of the vehicles."""
+    """Return the logs of ``--as`` by vehicle name."""
     found: dict[str, tuple[Path, ...]] = {}
     for text in inputs.vehicles:
         name, equals, log = text.partition("=")
@@ -169,7 +169,7 @@ def _named(inputs: Inputs) -> dict[str, tuple[Path, ...]]:
 
 
 def _goals(inputs: Inputs, names: Collection[str]) -> "dict[str, Place]":
-    """Return the goals by the vehicles' names; that of all under an empty one."""
+    """Return the goals by vehicle name; that of all vehicles under an empty name."""
     found: dict[str, Place] = {}
     for text in inputs.goal:
         name, _, numbers = text.rpartition("=")
@@ -213,7 +213,7 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob
 
 
 def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "Console") -> int:
-    """Report what would be used; return the exit code."""
+    """Report the data to be used; return the exit code."""
     from replay_kit.workflows.planning.adapters import planner_of
     from replay_kit.workflows.replay.checks import dry_run, dry_run_json, print_dry_run
 

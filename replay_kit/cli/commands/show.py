@@ -1,4 +1,4 @@
-"""``report``, ``status``, ``plot``, ``export`` and ``layout``: a result as a page, on one screen, as figures, tables, in a viewer."""
+"""``report``, ``status``, ``plot``, ``export`` and ``layout``: results as page, screen, figures, tables and viewer layout."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ _Result = Annotated[
 
 
 def _told(contents: "Contents", line: str) -> int:
-    """Print what of a result was lost, then a line; return the exit code."""
+    """Print losses of a result, then a line; return the exit code."""
     from replay_kit.show.text import print_lines
 
     print_lines(console_beside(), [*contents.notes, line])
@@ -52,7 +52,7 @@ def report(
     out: Annotated[Path | None, option("REPORT.html", alias="-o"), HTML] = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0, or 4 when part of the result was lost.
+    """Return exit code 0, or 4 when part of the result was lost.
 
     Args:
         out: Self-contained HTML page. Default: the result's name with .html.
@@ -71,11 +71,11 @@ def status(
     now: Annotated[str | None, option("TIME")] = None,
     answer: Annotated[Answer, TO_OUTPUTS] = Answer(),
 ) -> int:
-    """Return 0, or 4 when part of a result was lost; alarms are shown, and are no failure.
+    """Return exit code 0, also with alarms, or 4 when part of a result was lost.
 
     Args:
-        results: Results of replay, also of a running --follow; one after the other.
-        html: Also write it as a page that reloads itself.
+        results: Results of replay, also of a running --follow.
+        html: Also write a page that reloads itself.
         now: Time relative to which ages are stated, ISO 8601 UTC, or 'clock'. Default: the end of the result.
     """
     if len(results) > 1 and html is not None:
@@ -101,7 +101,7 @@ def status(
 
 
 def _figures(found: "Mapping[str, Status]", sound: "Sound") -> dict[str, Any]:
-    """Return the figures of a result's status; of several vehicles those of each, by its name."""
+    """Return the status of a result as JSON; for several vehicles by name."""
     lost = {"losses": list(sound.lines)}
     if "" in found:
         return {**found[""].figures, **lost}
@@ -109,7 +109,7 @@ def _figures(found: "Mapping[str, Status]", sound: "Sound") -> dict[str, Any]:
 
 
 def _moment(text: str | None) -> int | None:
-    """Return a time of an option [ns, UTC]; None without it."""
+    """Return the time of an option [ns, UTC]; None without it."""
     if text is None:
         return None
     if text == "clock":
@@ -120,7 +120,7 @@ def _moment(text: str | None) -> int | None:
 
 
 def _time_of(text: str, name: str, other: str = "") -> int:
-    """Return a time of an option [ns, UTC], of which an error says the name."""
+    """Return the time of an option [ns, UTC]; errors name the option."""
     try:
         return parse_time(text)
     except ConfigError as error:
@@ -141,7 +141,7 @@ _VEHICLE = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """What a figure shows, and how wide it is.
+    """Selection and width of a figure.
 
     Attributes:
         at: Place of series; depth of map and plan, and a mark on the map [degrees, degrees, m].
@@ -169,7 +169,7 @@ def plot(
     look: Annotated[Look, TO_OPTIONS] = Look(),
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0, or 4 when part of the result was lost.
+    """Return exit code 0, or 4 when part of the result was lost.
 
     Args:
         figure: Kind of figure.
@@ -217,7 +217,7 @@ def export(
     vehicle: _VEHICLE = None,
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0, or 4 when part of the result was lost.
+    """Return exit code 0, or 4 when part of the result was lost.
 
     Args:
         out: File; its ending selects the format.
@@ -244,7 +244,7 @@ def layout(
     out: Annotated[Path, option("LAYOUT.json", alias="-o", group=OUTPUTS), Ending((".json",))],
     replacing: Annotated[Replacing, TO_OUTPUTS] = Replacing(),
 ) -> int:
-    """Return 0.
+    """Return exit code 0.
 
     Args:
         out: Layout file to import into the viewer.

@@ -1,1 +1,1 @@
-"""Many missions: a table in, a result for each and one table and page over all out; on the processes of one machine or of a cluster."""
+"""Fleets: a table of missions in, one result each and a common table and page out, on one machine or a cluster."""

@@ -1,6 +1,6 @@
-"""Workers that make independent calls: processes of this machine, or those of a Dask cluster by its address, behind one interface.
+"""Workers for independent calls: processes of this machine or of a Dask cluster, behind one interface.
 
-A call whose worker dies is made again; one that outlives no worker ends with an error.
+A call whose worker dies is repeated; one whose worker dies each time ends with an error.
 """
 
 import logging
@@ -37,22 +37,22 @@ _Calls = deque[tuple[int, tuple[Any, ...]]]
 
 
 class UnreachableError(ReplayKitError):
-    """A scheduler that does not answer, or has no worker."""
+    """Error: a scheduler does not answer, or has no worker."""
 
 
 class LostCallError(EstimatorError):
-    """A call whose workers died each time."""
+    """Error: the worker of a call died each time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Workers:
-    """Processes that make calls.
+    """Processes that execute calls.
 
     Attributes:
-        name: In words.
-        size: Number of calls that are made at the same time.
-        begun: Begins so many of them.
-        made: Makes a call in one of them.
+        name: Description for messages.
+        size: Number of simultaneous calls.
+        begun: Starts a number of workers.
+        made: Submits a call to a worker.
         killed: Errors of a call whose worker died each time.
     """
 
@@ -65,10 +65,10 @@ class Workers:
     def starmap(
         self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]
     ) -> Iterator[Any]:
-        """Yield the values of calls in their order, as ``itertools.starmap``.
+        """Yield the results of calls in order, as ``itertools.starmap`` does.
 
         Raises:
-            Exception: What the call raised.
+            Exception: The error of the call.
         """
         done: dict[int, Any] = {}
         following = 0
@@ -84,7 +84,7 @@ class Workers:
     def completed(
         self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Any, Exception | None]]:
-        """Yield the number of each call, its value, and the error that it ended with, as soon as it is made.
+        """Yield the number, result and error of each call as soon as it ends.
 
         Raises:
             UnreachableError: The scheduler was lost.
@@ -101,7 +101,7 @@ class Workers:
                     continue
                 if isinstance(error, CancelledError):
                     raise UnreachableError(
-                        f"{self.name}: the scheduler was lost; what is done is kept: begin it, and go on with --resume"
+                        f"{self.name}: the scheduler was lost; finished results are kept: restart it, and continue with --resume"
                     )
                 if isinstance(error, (BrokenProcessPool, *self.killed)):
                     error = LostCallError("the worker died each time; was there enough memory?")
@@ -110,7 +110,7 @@ class Workers:
     def _made(
         self, function: Callable[..., Any], waiting: _Calls, size: int
     ) -> Iterator[tuple[tuple[int, tuple[Any, ...]], Future[Any]]]:
-        """Yield calls as they end, so many at a time, until none waits or a pool breaks: then those that were being made."""
+        """Yield calls as they end, ``size`` at a time, until none is left or the pool breaks: then the unfinished ones."""
         running = dict[Future[Any], Any]()
         with self.begun(size) as pool:
             while waiting or running:
@@ -128,7 +128,7 @@ class Workers:
 
 @contextmanager
 def _processes(count: int) -> Iterator[Executor]:
-    """Yield processes of this machine, which end with the block or with this one."""
+    """Yield processes of this machine, which end with the block or with this process."""
     before = set(active_children())
     pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
     try:
@@ -140,7 +140,7 @@ def _processes(count: int) -> Iterator[Executor]:
 
 
 def _begin() -> None:
-    """Begin a worker: it ends with the process that began it, which alone hears interrupts."""
+    """Initialise a worker: it ends with its parent and ignores interrupts."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
 
@@ -152,7 +152,7 @@ def _end_with_parent() -> None:
 
 
 def _cores() -> int:
-    """Return the number of cores that this process may use; of the machine where the system does not say."""
+    """Return the number of cores available to this process, or of the machine if unknown."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -168,8 +168,8 @@ def open_workers(
     Args:
         scheduler: Address, such as ``tcp://10.0.0.1:8786``; None for processes of this machine.
         workers: Number of these processes; None for one for each core.
-        files: What workers of a cluster will read, as absolute paths.
-        out: Where they will write: a folder that exists; None for none.
+        files: Absolute paths that workers of a cluster will read.
+        out: Existing folder that they will write to; None for none.
 
     Raises:
         ConfigError: distributed is not installed, both are given, or a worker of the cluster cannot do the work.
@@ -179,7 +179,7 @@ def open_workers(
         yield Workers("this machine", workers or _cores(), _processes, _alone)
         return
     if workers is not None:
-        raise ConfigError(f"--scheduler {scheduler} has workers of its own; leave --workers out")
+        raise ConfigError(f"--scheduler {scheduler} has its own workers; omit --workers")
     try:
         import dask
         import distributed
@@ -210,11 +210,11 @@ def open_workers(
 
 @contextmanager
 def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[None]:
-    """Let workers make the calls of ``core.progress.each_call`` in the block; those of this process where neither is given.
+    """Execute the calls of ``core.progress.each_call`` in the block on workers; in this process if neither argument is given.
 
     Args:
-        scheduler: As in ``open_workers``.
-        workers: As in ``open_workers``.
+        scheduler: See ``open_workers``.
+        workers: See ``open_workers``.
     """
     if scheduler is None and workers is None:
         yield
@@ -225,28 +225,28 @@ def calls_made_by(scheduler: str | None, workers: int | None) -> Iterator[None]:
 
 @contextmanager
 def _connected(address: str) -> Iterator[Any]:
-    """Yield the client of a scheduler that has a worker."""
+    """Yield a client of a scheduler with at least one worker."""
     from distributed import Client
 
     try:
         client = Client(address, timeout=TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UnreachableError(
-            f"{address}: the scheduler does not answer in {TIMEOUT_S:g} s; is it running, the address right?"
+            f"{address}: the scheduler does not answer in {TIMEOUT_S:g} s; check that it runs, and its address"
         ) from error
     try:
         client.wait_for_workers(1, timeout=TIMEOUT_S)
         yield client
     except TimeoutError as error:
         raise UnreachableError(
-            f"{address}: the scheduler has no worker in {TIMEOUT_S:g} s; begin: dask worker {address}"
+            f"{address}: the scheduler has no worker in {TIMEOUT_S:g} s; start one: dask worker {address}"
         ) from error
     finally:
         client.close(timeout=5)
 
 
 def _check(client: Any, files: Iterable[Path], out: Path | None) -> None:
-    """Raise ConfigError unless every worker has these versions of the packages, sees the files, and shares the folder."""
+    """Raise ConfigError unless every worker has the same package versions, sees the files and shares the folder."""
     sizes = {str(path): _size(path) for path in files}
     token = None if out is None else out / f".shared-{uuid.uuid4().hex}"
     try:
@@ -266,7 +266,7 @@ def _check(client: Any, files: Iterable[Path], out: Path | None) -> None:
 def _lacking(
     versions: Mapping[str, str], sizes: Mapping[str, int | None], token: Path | None
 ) -> str:
-    """Return why the worker that this runs on cannot do the work; empty where it can."""
+    """Return why the present worker cannot do the work; empty if it can."""
     here = package_versions()
     others = ", ".join(
         f"{name} {here.get(name, 'missing')} (here {version})"
@@ -284,14 +284,14 @@ def _lacking(
 
 
 def _size(path: Path) -> int | None:
-    """Return the size of a file [bytes], 0 of a folder; None where there is neither."""
+    """Return the size of a file [bytes], 0 for a folder; None if neither exists."""
     if not path.exists():
         return None
     return path.stat().st_size if path.is_file() else 0
 
 
 def _outcome(future: Future[Any]) -> tuple[Any, Exception | None]:
-    """Return the value of a call that has ended, and the error that it ended with."""
+    """Return the result and the error of a finished call."""
     try:
         return future.result(), None
     except Exception as error:
@@ -299,13 +299,13 @@ def _outcome(future: Future[Any]) -> tuple[Any, Exception | None]:
 
 
 def _alone(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the value of a function with one BLAS thread."""
+    """Return the result of a function run with one BLAS thread."""
     with threadpool_limits(limits=1):
         return function(*arguments)
 
 
 def _synchronous(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the value of a function on a cluster; xarray, which looks for one that it runs on, writes as anywhere."""
+    """Return the result of a function run on a cluster, with xarray's search for a scheduler disabled."""
     import dask
 
     with dask.config.set(scheduler="synchronous"):

@@ -1,4 +1,4 @@
-"""The missions of a fleet: its table, an entry each, and their jobs with absolute paths, checked before any of them begins."""
+"""Missions of a fleet: the table, its entries, and their jobs with absolute paths, checked before the first begins."""
 
 import glob
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ from replay_kit.workflows.replay.inputs.provenance import with_bathymetry
 
 
 def _several(value: object) -> object:
-    """Return one text as a list of it."""
+    """Return a single text as a list."""
     return [value] if isinstance(value, str) else value
 
 
@@ -29,7 +29,7 @@ _Files = Annotated[tuple[str, ...], BeforeValidator(_several), Field(min_length=
 
 
 class MissionEntry(Section):
-    """``[[mission]]``, or ``[all]`` with what all missions have unless they state it themselves."""
+    """``[[mission]]``, or ``[all]`` with defaults for all missions."""
 
     name: Annotated[str, Field(pattern=r"^[\w][\w. -]*$")] | None = Field(
         default=None,
@@ -59,7 +59,7 @@ class MissionEntry(Section):
 
 
 class FleetTable(Section):
-    """The whole table."""
+    """Complete table of a fleet."""
 
     all: MissionEntry = Field(
         default_factory=MissionEntry, description="What all missions have unless they state it."
@@ -81,7 +81,7 @@ class FleetTable(Section):
 
 
 def load_fleet(path: Path) -> FleetTable:
-    """Return the table of a TOML file.
+    """Return the fleet table of a TOML file.
 
     Raises:
         ConfigError: The file is missing or no TOML, or a key or value is wrong.
@@ -94,10 +94,10 @@ def load_fleet(path: Path) -> FleetTable:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """One replay of a fleet.
+    """Mission of a fleet: one replay.
 
     Attributes:
-        name: Unique; its files begin with it.
+        name: Unique name, and prefix of its files.
         job: Inputs, as absolute paths, and the result.
         config: Settings.
     """
@@ -108,21 +108,21 @@ class Mission:
 
     @property
     def result(self) -> Path:
-        """The result."""
+        """File of the result."""
         assert self.job.out is not None
         return self.job.out
 
     @property
     def record(self) -> Path:
-        """The answer of the replay as JSON, with the hashes of its inputs and its result; it is there once the result is complete."""
+        """JSON answer of the replay, with the hashes of its inputs and its result; written once the result is complete."""
         return self.result.with_suffix(".json")
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files that are read.
+        """All files read.
 
         Raises:
-            ReplayKitError: One is missing.
+            ReplayKitError: A file is missing.
         """
         job, bathymetry = self.job, self.config.planner.bathymetry_path
         logs = [file for path in job.logs for file in logs_in(path)]
@@ -140,13 +140,13 @@ def missions_of(
 
     Args:
         table: The table.
-        folder: What relative paths in it are relative to.
+        folder: Base of relative paths in it.
         config: File of settings for missions that name none.
         out: Folder of the results.
 
     Raises:
-        ConfigError: A setting is wrong; two results have one name; a mission has no ensemble; all that is wrong is said at once.
-        LogError: The first of these is a pattern that stands for no log.
+        ConfigError: A setting is wrong, two results share a name, or a mission has no ensemble; all errors are reported at once.
+        LogError: The first error is a pattern without a log.
     """
     out = out.absolute()
     missions: list[Mission] = []
@@ -174,15 +174,15 @@ def missions_of(
 
 
 def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -> None:
-    """Raise an error unless every input is there and every result may be written; all that is wrong is said at once.
+    """Raise an error unless every input exists and every result may be written; all errors are reported at once.
 
     Args:
-        missions: All.
-        overwrite: Whether results that exist are made anew.
-        resume: Whether results that exist are kept where their inputs are the same.
+        missions: All missions.
+        overwrite: Whether existing results are replaced.
+        resume: Whether existing results of the same inputs are kept.
 
     Raises:
-        ConfigError: As stated.
+        ConfigError: An input is missing, or a result may not be written.
     """
     wrong: dict[str, list[str]] = {}
     for mission in missions:
@@ -205,7 +205,7 @@ def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -
 
 
 def _completed(entry: MissionEntry, common: MissionEntry) -> MissionEntry:
-    """Return an entry with what all have where it states nothing."""
+    """Return an entry completed with the common values."""
     filled = {
         name: getattr(common, name)
         for name in type(entry).model_fields
@@ -231,7 +231,7 @@ def _config(entry: MissionEntry, folder: Path, config: Path | None) -> RunConfig
 
 
 def _vehicles(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Vehicle, ...]]]:
-    """Yield the name and the vehicles with their logs of each mission of an entry; the only vehicle of one has no name."""
+    """Yield the name and the vehicles with their logs of each mission of an entry; a single vehicle has no name."""
     given = entry.vehicles or ({} if entry.logs is None else {"": entry.logs})
     vehicles = tuple(
         Vehicle(name, tuple((folder / log).absolute() for log in logs))
@@ -252,7 +252,7 @@ def _vehicles(entry: MissionEntry, folder: Path) -> Iterator[tuple[str, tuple[Ve
 
 
 def _source(folder: Path, text: str) -> Path:
-    """Return a file of a table, or an address."""
+    """Return a file or an address in a table."""
     path = path_of(text)
     return path if isinstance(path, Address) else (folder / path).absolute()
 

@@ -1,4 +1,4 @@
-"""The outcomes of a fleet as one table, for CSV, JSON, the console and a page; and what its missions are expected to take."""
+"""Outcomes of a fleet as a table for CSV, JSON, console and page; and expected memory and time of its missions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -37,13 +37,13 @@ _CODES = (1, 2, 3, 7, 4, 6)
 
 
 def exit_code(outcomes: Sequence[Outcome]) -> int:
-    """Return the exit code of a fleet: of its missions' codes the gravest, 0 where all are."""
+    """Return the most severe exit code of the missions, or 0."""
     codes = {outcome.exit_code for outcome in outcomes}
     return next((code for code in _CODES if code in codes), 0)
 
 
 def row_of(outcome: Outcome) -> dict[str, Any]:
-    """Return the figures of a mission by their columns; those that it has not are None."""
+    """Return the figures of a mission by column; None where undefined."""
     answer = outcome.answer
     found = outcome_from(answer) if answer else None
     bad_plan = None if found is None else found.plan_alarm
@@ -75,13 +75,13 @@ def row_of(outcome: Outcome) -> dict[str, Any]:
 
 
 def write_table(outcomes: Sequence[Outcome], path: Path) -> None:
-    """Write the table as CSV, whole or not at all; undefined figures are empty."""
+    """Write the table as CSV, completely or not at all; undefined figures are empty."""
     rows = [row_of(outcome) for outcome in outcomes]
     write_whole(path, csv_text(rows, rows[0]))
 
 
 def fleet_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """Return the JSON object of ``--json``."""
+    """Return the table for JSON."""
     failed = [outcome.name for outcome in outcomes if outcome.failed]
     code = exit_code(outcomes)
     return {
@@ -93,7 +93,7 @@ def fleet_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 
 def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
-    """Print the table, and below it why missions failed."""
+    """Print the table, and below it the reasons of failed missions."""
     rows = [row_of(outcome) for outcome in outcomes]
     print_lines(
         console,
@@ -135,12 +135,12 @@ def _number(value: float | None, factor: float = 1.0, digits: int = 1) -> str:
 
 
 def write_page(outcomes: Sequence[Outcome], path: Path) -> None:
-    """Write the page, whole or not at all."""
+    """Write the page, completely or not at all."""
     write_whole(path, fleet_page(outcomes))
 
 
 def fleet_page(outcomes: Sequence[Outcome]) -> str:
-    """Return the table as a page, with alarms above it and below it why missions failed."""
+    """Return the page with alarms, the table, and the reasons of failed missions."""
     rows = [row_of(outcome) for outcome in outcomes]
     cells = [list(map(escape, _cells(row))) for row in rows]
     for row, each in zip(rows, cells, strict=True):
@@ -154,7 +154,7 @@ def fleet_page(outcomes: Sequence[Outcome]) -> str:
 
 
 def expected_json(found: Mapping[str, DryRun | Outcome], workers: int) -> dict[str, Any]:
-    """Return what missions, by their names, are expected to take for ``--json``, and why others cannot be replayed."""
+    """Return the expected memory and time of missions by name for JSON, or why they cannot be replayed."""
     each = {name: one for name, one in found.items() if isinstance(one, DryRun)}
     failed = [one for one in found.values() if isinstance(one, Outcome)]
     seconds = [one.seconds for one in each.values()]
@@ -170,7 +170,7 @@ def expected_json(found: Mapping[str, DryRun | Outcome], workers: int) -> dict[s
 
 
 def print_expected(answer: Mapping[str, Any], console: Console) -> None:
-    """Print what missions are expected to take, by ``expected_json``, and why others cannot be replayed."""
+    """Print the expected memory and time of missions from ``expected_json``, or why they cannot be replayed."""
     columns = ("mission", "profiles", "points", "levels", "updates [s]", "memory [MB]")
     rows = [
         (

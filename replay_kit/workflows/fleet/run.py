@@ -1,4 +1,4 @@
-"""One mission of a fleet, in whatever process: a pure function of its inputs; and all of them."""
+"""Fleet runs: one mission in any process, as a pure function of its inputs; and all missions."""
 
 import hashlib
 import json
@@ -25,15 +25,15 @@ from replay_kit.workflows.replay.replay import replay
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a mission ended.
+    """Outcome of a mission.
 
     Attributes:
-        name: Of the mission.
-        answer: The JSON object of its replay; empty where it failed.
-        sha256: Of the result's bytes; empty where it failed.
-        kept: Whether the result was there already.
-        failed: Why there is no result; empty when there is one.
-        exit_code: That of the replay.
+        name: Name of the mission.
+        answer: JSON answer of its replay; empty after a failure.
+        sha256: SHA-256 of the result; empty after a failure.
+        kept: Whether the result existed before.
+        failed: Reason of a missing result; empty otherwise.
+        exit_code: Exit code of the replay.
     """
 
     name: str
@@ -47,16 +47,16 @@ class Outcome:
 def run_fleet(
     missions: Sequence[Mission], workers: Workers, overwrite: bool, progress: Progress = silent
 ) -> Iterator[tuple[Outcome, ...]]:
-    """Yield the outcomes so far, in the order of the missions, after each mission; a mission that fails does not stop the others.
+    """Yield the outcomes so far, in the order of the missions, after each mission; a failure does not stop the others.
 
     Args:
-        missions: All; those whose results are there, made of the same inputs by the same versions, are not run again.
-        workers: Make them.
-        overwrite: Whether results that are there are made anew nevertheless.
-        progress: Called with missions done, missions in all, and what was done last.
+        missions: All missions; those with results of the same inputs and versions are not repeated.
+        workers: Processes that run them.
+        overwrite: Whether existing results are replaced nevertheless.
+        progress: Called with the number of missions done, their total, and the last one.
 
     Raises:
-        UnreachableError: The scheduler was lost; what is done is kept.
+        UnreachableError: The scheduler was lost; finished results remain.
     """
     for mission in missions if overwrite else ():
         mission.record.unlink(missing_ok=True)
@@ -71,7 +71,7 @@ def run_fleet(
 
 
 def run_mission(mission: Mission) -> Outcome:
-    """Return how a mission ended, with its result and its record on the disk; what is there and complete is not made again."""
+    """Return the outcome of a mission, with its result and record on disk; a complete one is not repeated."""
     try:
         identity = _identity(mission)
         return _kept(mission, identity) or _run(mission, identity)
@@ -100,7 +100,7 @@ def _run(mission: Mission, identity: str) -> Outcome:
 
 
 def _identity(mission: Mission) -> str:
-    """Return the SHA-256 of all that a result depends on: inputs, goal, settings, versions."""
+    """Return the SHA-256 of the inputs, goal, settings and versions that a result depends on."""
     job = mission.job
     text = [
         [(path.name, file_hash(path)) for path in mission.files],
@@ -114,7 +114,7 @@ def _identity(mission: Mission) -> str:
 
 
 def _kept(mission: Mission, identity: str) -> Outcome | None:
-    """Return the outcome of a result that is there, made of the same inputs and as it was written; None without one."""
+    """Return the outcome of an existing intact result of the same inputs; None without one."""
     try:
         record = json.loads(mission.record.read_bytes())
         same = record["inputs_sha256"] == identity
@@ -127,14 +127,14 @@ def _kept(mission: Mission, identity: str) -> Outcome | None:
 
 
 def failure(name: str, error: Exception) -> Outcome:
-    """Return the outcome of a mission that ended with an error."""
+    """Return the outcome of a mission that failed with an error."""
     if isinstance(error, ReplayKitError):
         return Outcome(name, failed=str(error), exit_code=error.exit_code)
     return Outcome(name, failed=f"{type(error).__name__}: {error}", exit_code=1)
 
 
 def expected_of(mission: Mission) -> DryRun | Outcome:
-    """Return what a mission will use; of one that cannot be replayed, why. Its forecast and logs are read to their end."""
+    """Return the expected memory and time of a mission, or why it cannot be replayed. Reads the forecast and all logs."""
     try:
         return dry_run(mission.job, mission.config, planner_of)
     except Exception as error:

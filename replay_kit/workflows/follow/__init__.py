@@ -1,1 +1,1 @@
-"""Logs that grow: replayed as they come."""
+"""Following of growing logs."""

@@ -1,4 +1,4 @@
-"""Growing logs replayed as they come: look, replay what is new, write result, status and report, give alarms, wait."""
+"""Following of growing logs: look, replay new data, write result, status and report, raise alarms, wait."""
 
 import json
 import os
@@ -66,17 +66,16 @@ def follow(
     options: FollowOptions,
     clock: Clock | None = None,
 ) -> Outcome | None:
-    """Follow logs until nothing new has come for a while, and return the last outcome; None when there was nothing to replay.
+    """Follow logs until they have not grown for a while, and return the last outcome; None without a replay.
 
-    The estimate is that of one replay of the files as they are in the end. After an interrupt, or when the process is killed, another
-    call goes on from what is on the disk.
+    The estimate equals that of one replay of the final files. After an interrupt or kill, another call continues from the state on disk.
 
     Args:
-        job: Its logs are files and folders that grow.
+        job: Replay whose logs are growing files and folders.
         config: The run's settings.
-        planner_of: Makes the planner.
-        options: How logs are followed.
-        clock: The present; None for the machine's.
+        planner_of: Factory of the planner.
+        options: Options for following.
+        clock: Clock; None for the system clock.
 
     Raises:
         ForecastError: The forecast cannot be used for the first replay.
@@ -94,7 +93,7 @@ def follow(
 
 
 def _planned_at_surfacings(config: RunConfig) -> RunConfig:
-    """Return the settings with a plan at each surfacing, unless they say when."""
+    """Return the settings with a plan at each surfacing, unless they state the times of plans."""
     if "when" in config.planner.model_fields_set:
         return config
     return config.model_copy(
@@ -103,7 +102,7 @@ def _planned_at_surfacings(config: RunConfig) -> RunConfig:
 
 
 class Follower:
-    """A mission that is followed: mutable, as it goes from look to look."""
+    """State of a followed mission; mutable, changes with each look."""
 
     def __init__(
         self,
@@ -113,12 +112,12 @@ class Follower:
         options: FollowOptions,
         clock: Clock,
     ) -> None:
-        """Begin with what is remembered; arguments as of ``follow``."""
+        """Begin with the stored memory; for the arguments see ``follow``."""
         try:
             options.states.mkdir(exist_ok=True)
         except OSError as error:
             raise ConfigError(
-                f"{options.states}: expected a folder that can be made: {error.strerror}; choose another"
+                f"{options.states}: cannot create the folder: {error.strerror}; choose another"
             ) from error
         assert job.out is not None
         self._job, self._config, self._planner_of, self._options, self._clock = (
@@ -144,11 +143,11 @@ class Follower:
 
     @property
     def out(self) -> Path:
-        """The result."""
+        """File of the result."""
         return self._out
 
     def run(self) -> Outcome | None:
-        """Look and replay until nothing new has come for long enough."""
+        """Look and replay until the logs have not grown for long enough."""
         first, idle_since = True, self._clock.idle_s()
         while True:
             if self.poll(first):
@@ -164,10 +163,10 @@ class Follower:
             )
 
     def poll(self, always: bool = False) -> bool:
-        """Look once, and return whether anything was new.
+        """Look once, and return whether the inputs changed.
 
         Args:
-            always: Replay also when nothing is new.
+            always: Replay even without a change.
         """
         moved, changed = self._look_at_goal(), self._look_at_files()
         if (moved or changed or always or self._due) and self._memory.used:
@@ -179,7 +178,7 @@ class Follower:
         return moved or changed
 
     def _look_at_files(self) -> bool:
-        """Examine what changed, and return whether the files that are used are others than before."""
+        """Examine changed files, and return whether the set of used files changed."""
         own = [
             self._out,
             self._options.states,
@@ -206,20 +205,20 @@ class Follower:
         return changed
 
     def _vehicle_of(self, path: Path) -> str:
-        """Return the vehicle that a file is of: that under whose name the file or its folder is followed; empty where none is named."""
+        """Return the vehicle under whose name a file or its folder is followed; empty without a name."""
         for vehicle in self._job.vehicles:
             if path in vehicle.logs or path.parent in vehicle.logs:
                 return vehicle.name
         return ""
 
     def _look_at_goal(self) -> bool:
-        """Read the goal's file if there is one, and return whether the goal moved."""
+        """Read the goal file, if any, and return whether the goal changed."""
         if self._options.goal_file is None:
             return False
         try:
             return self._set_goal(read_goal(self._options.goal_file))
         except ConfigError as error:
-            self._say(f"{error}; the goal stays", once=True)
+            self._say(f"{error}; the goal is unchanged", once=True)
             return False
 
     def _set_goal(self, goal: Place | None) -> bool:
@@ -237,7 +236,7 @@ class Follower:
         return True
 
     def _replay(self) -> None:
-        """Replay the files that are used; those that are new and make it fail are set aside."""
+        """Replay the used files; new files that make the replay fail are excluded."""
         began, used, self._due = self._clock.idle_s(), self._memory.used, False
         # those that grow may change, up to what is read of them
         whole = [
@@ -257,7 +256,7 @@ class Follower:
                 return
             if not self._held:
                 raise
-            self._say(f"not replayed, the result before stays: {error}", once=True)
+            self._say(f"not replayed, the previous result is kept: {error}", once=True)
             return
         assert self._made is not None
         took, dives = self._clock.idle_s() - began, count_text(len(self._made.by_dive), "dive")
@@ -266,7 +265,7 @@ class Follower:
         )
 
     def _without_new(self, used: tuple[Path, ...], error: ReplayKitError) -> None:
-        """Replay without the new files with which a replay failed, one by one; the first files of a mission are waited for instead."""
+        """Replay without the new files that made a replay fail, found one by one; the first files of a mission are awaited instead."""
         fresh = [path for path in used if path not in self._good]
         if not self._good or not fresh:
             self._say(f"not replayed: {error}", once=True)
@@ -282,7 +281,7 @@ class Follower:
                 self._say(f"{path.name} not used: it {why}", sources=sources)
 
     def _run(self, used: tuple[Path, ...]) -> None:
-        """Replay some files, and read what the result holds."""
+        """Replay files, and read the status of the result."""
         job = replace(
             self._job,
             logs=used,
@@ -309,7 +308,7 @@ class Follower:
             report(self._out, self._options.report, overwrite=True, made=self._made)
 
     def _vehicles(self, used: tuple[Path, ...]) -> tuple[Vehicle, ...]:
-        """Return the vehicles that have files among those that are used, with these."""
+        """Return the vehicles that have used files, with these files."""
         of = {path: self._vehicle_of(path) for path in used}
         return tuple(
             replace(one, logs=tuple(path for path in used if of[path] == one.name))
@@ -318,13 +317,13 @@ class Follower:
         )
 
     def _estimator(self, job: ReplayJob, forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
-        """Return the estimator of a forecast: built once, for all replays until the next one."""
+        """Return the estimator of a forecast, built once for all replays until the forecast changes."""
         if self._built is None or self._built[0] is not forecasts:
             self._built = forecasts, build(forecasts, config, len(job.each_vehicle))
         return self._built[1]
 
     def _without_folders(self, text: str) -> str:
-        """Return a text with files by their names: the folder that the inputs are in changes no byte of a result."""
+        """Return a text with file names without folders, so that a result does not depend on the folder of its inputs."""
         for path in (
             *self._memory.sources,
             *ensemble_files(self._job.ensemble),
@@ -334,7 +333,7 @@ class Follower:
         return text
 
     def _forecasts(self, job: ReplayJob) -> Forecasts:
-        """Return the forecast, read anew when its files or the beginning of the logs changed."""
+        """Return the forecast, read again when its files or the beginning of the logs changed."""
         logs = logs_of(job, self._config)
         stamps, ahead = stamps_of(ensemble_files(job.ensemble)), logs.ahead()
         if (
@@ -351,7 +350,7 @@ class Follower:
             if self._forecast is None or self._forecast[2] != ahead:
                 raise
             self._say(
-                f"the newer forecast cannot be used, and the one before stays: {error}", once=True
+                f"the newer forecast cannot be used, the previous one is kept: {error}", once=True
             )
             return self._forecast[1]
         name = ", ".join(named_hash(path) for path in ensemble_files(job.ensemble))
@@ -362,7 +361,7 @@ class Follower:
         return found
 
     def _region(self, job: ReplayJob, logs: Logs, near_ns: int | None) -> FoundRegion | None:
-        """Return the part of the forecast that the first replay needed; None where it read all, or what the settings state."""
+        """Return the part of the forecast that the first replay needed; None for all of it, or if the settings state it."""
         if not self._memory.region:
             found = find_region(logs, job.ensemble, self._config, near_ns, job.goals)
             self._remember(region=json.dumps(None if found is None else found.to_record()))
@@ -370,7 +369,7 @@ class Follower:
         return None if record is None else from_record(record)
 
     def _archive(self, name: str) -> None:
-        """Keep the result with the forecast that was replaced."""
+        """Keep the result based on the replaced forecast."""
         kept, number = "", self._memory.archives
         if self._out.is_file():
             number += 1
@@ -380,15 +379,15 @@ class Follower:
                 os.link(self._out, target)
             except OSError:
                 shutil.copyfile(self._out, target)
-            kept = f"; the result with the one before is kept as {target.name}"
+            kept = f"; the previous result is kept as {target.name}"
         self._say(
-            f"a newer forecast: {name}, before it {self._memory.forecast}; all measurements so far go into it too{kept}",
+            f"a newer forecast: {name}, before it {self._memory.forecast}; all observations so far are used with it{kept}",
             archives=number,
             forecast=name,
         )
 
     def _answer(self) -> None:
-        """Write the status page, and give the alarms that are new."""
+        """Write the status page, and give new alarms."""
         wall_ns, statuses = self._clock.now_ns(), dict[str, Status]()
         for name, held in self._held.items():
             under_way = 0 <= wall_ns - held.last_ns < _UNDER_WAY_NS
@@ -402,7 +401,7 @@ class Follower:
             self._warn(name, status)
 
     def _warn(self, name: str, status: Status) -> None:
-        """Give the alarms of a vehicle that are new."""
+        """Give the new alarms of a vehicle."""
         for alarm in new_alarms(status, self._memory.given, name):
             self._options.tell(f"ALARM: {of_vehicle(name, alarm.kind)}: {alarm.text}")
             if self._options.command and (
@@ -413,13 +412,13 @@ class Follower:
             self._remember(given=(*self._memory.given, key_of(alarm, name)))
 
     def _say(self, text: str, once: bool = False, **changes: object) -> None:
-        """Tell a person, and keep it for the record with what changed, which a kill cannot part; ``once``: not if it was said lately."""
+        """Report a text and store it with other changes in one write; ``once``: unless reported recently."""
         if not once or text not in self._memory.said[-20:]:
             self._options.tell(text)
             self._remember(said=(*self._memory.said, text), **changes)
 
     def _remember(self, **changes: object) -> None:
-        """Change what is remembered, on the disk too."""
+        """Change the memory, in the process and on disk."""
         changed = replace(self._memory, **changes)  # type: ignore[arg-type]
         if changed != self._memory:
             self._memory = changed

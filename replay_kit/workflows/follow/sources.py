@@ -1,4 +1,4 @@
-"""The files of a followed mission: what each is, which are used, and why others are set aside."""
+"""Files of a followed mission: identity, use, and reasons for exclusion."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -25,15 +25,15 @@ _NO_LOGS = (".part", ".cac", ".ccc")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file as it was when it was looked at.
+    """File at the time of a look.
 
     Attributes:
         path: The file.
-        stamp: What tells it from a changed one.
-        sha256: Of its bytes.
-        mission: That it is of; empty when it does not state it.
-        first_ns: Time of its first message [ns, UTC]; None without one.
-        aside: Why it is not used; empty for one that is.
+        stamp: Identity of this version of the file.
+        sha256: SHA-256 of its bytes.
+        mission: Mission that it states; empty without one.
+        first_ns: Time of its first message [ns, UTC]; None without messages.
+        aside: Reason for its exclusion; empty if used.
     """
 
     path: Path
@@ -45,11 +45,11 @@ class Source:
 
 
 def look(paths: Iterable[Path], own: Iterable[Path]) -> dict[Path, Stamp]:
-    """Return the files that are there now, those in folders too, with what tells each from a changed one.
+    """Return the present files, also those in folders, with a stamp of each.
 
     Args:
-        paths: Files and folders that are followed.
-        own: Files and folders that the run writes.
+        paths: Followed files and folders.
+        own: Outputs of the run.
     """
     written = {path.resolve() for path in own}
     found: list[Path] = []
@@ -68,19 +68,19 @@ def look(paths: Iterable[Path], own: Iterable[Path]) -> dict[Path, Stamp]:
 
 
 def settled(before: Mapping[Path, Stamp], now: Mapping[Path, Stamp]) -> dict[Path, Stamp]:
-    """Return the files of the second of two looks that are whole: unchanged between them, or of a kind that grows."""
+    """Return the complete files at the second of two looks: unchanged between them, or of a growing kind."""
     return {
         path: stamp for path, stamp in now.items() if before.get(path) == stamp or may_grow(path)
     }
 
 
 def examine(path: Path, stamp: Stamp, config: LogConfig) -> Source:
-    """Return what a file is; one that is no log, or cannot be read, is set aside with the reason.
+    """Return the description of a file; a file that is no readable log is excluded with the reason.
 
     Args:
         path: The file.
-        stamp: Of it.
-        config: How logs are read.
+        stamp: Its stamp.
+        config: Settings of log reading.
     """
     digest = ""
     try:
@@ -90,11 +90,11 @@ def examine(path: Path, stamp: Stamp, config: LogConfig) -> Source:
             return Source(path, stamp, digest, log.report().mission, first)
     except (LogError, OSError) as error:
         words = str(error).removeprefix(f"{path}: ")
-        return Source(path, stamp, digest, aside=f"is no log that can be read: {words}")
+        return Source(path, stamp, digest, aside=f"is not a readable log: {words}")
 
 
 def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
-    """Return a file that was looked at, set aside where it does not belong to the mission.
+    """Return a file, excluded if it does not belong to the mission.
 
     Args:
         known: The other files.
@@ -113,7 +113,7 @@ def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
     if found.mission and missions and found.mission not in missions:
         return replace(
             found,
-            aside=f"is of {found.mission}, not of {', '.join(sorted(missions))}; follow it with a command of its own",
+            aside=f"is of {found.mission}, not of {', '.join(sorted(missions))}; follow it separately",
         )
     times = [source.first_ns for source in others if source.first_ns is not None]
     far = bool(times) and not min(times) - _FAR_NS <= found.first_ns <= max(times) + _FAR_NS
@@ -131,12 +131,12 @@ def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
 
 
 def change_words(before: Source | None, now: Source, known: Mapping[Path, Source]) -> str:
-    """Return what happened to a file, as words to follow its name; empty for nothing that matters.
+    """Return the change of a file, as words to follow its name; empty without a relevant change.
 
     Args:
-        before: When it was looked at before; None for a new file.
-        now: As it is.
-        known: The other files, as they were at the look before: those that have been replayed.
+        before: The file at the look before; None for a new file.
+        now: The file now.
+        known: The other files at the look before, already replayed.
     """
     if now.aside:
         return (
@@ -149,9 +149,7 @@ def change_words(before: Source | None, now: Source, known: Mapping[Path, Source
             if source.first_ns is not None and not source.aside
         ]
         late = now.first_ns is not None and bool(times) and now.first_ns < max(times)
-        return (
-            f"new{', older than what was replayed: the replay goes back before it' if late else ''}"
-        )
+        return f"new{', older than replayed data: the replay goes back before it' if late else ''}"
     if now.sha256 == before.sha256:
         return ""
     if (
@@ -166,15 +164,15 @@ def change_words(before: Source | None, now: Source, known: Mapping[Path, Source
         if now.stamp[:2] != before.stamp[:2]
         else "was written anew"
     )
-    return f"{how}: the replay goes back before what changed in it"
+    return f"{how}: the replay goes back before the change"
 
 
 def mission_words(before: Mapping[Path, Source], now: Mapping[Path, Source]) -> list[str]:
-    """Return which mission is followed and which are left out, where files of another one have come; nothing where none has.
+    """Return the followed and the excluded missions after files of another mission arrived; otherwise empty.
 
     Args:
         before: The files at the look before.
-        now: The files.
+        now: The files now.
     """
     followed, left = _missions(now, aside=False), _missions(now, aside=True)
     if not followed or not left.keys() - followed.keys() - _missions(before, aside=True).keys():
@@ -186,12 +184,12 @@ def mission_words(before: Mapping[Path, Source], now: Mapping[Path, Source]) -> 
     )
     held = ", ".join(f"{mission} ({pattern(paths)})" for mission, paths in followed.items())
     return [
-        f"follows {held}, whose files came first, and leaves out {others}: to follow that, give it a folder and a result of its own"
+        f"follows {held}, whose files came first, and leaves out {others}: to follow that, use a separate folder and result"
     ]
 
 
 def _missions(sources: Mapping[Path, Source], aside: bool) -> dict[str, list[Path]]:
-    """Return the files that state their mission, by it, in the order of a replay: those set aside, or those used."""
+    """Return the files that state their mission, by mission and in replay order: the excluded or the used ones."""
     held: dict[str, list[Path]] = {}
     for path in sorted(sources, key=in_folder):
         if sources[path].mission and bool(sources[path].aside) == aside:
@@ -200,7 +198,7 @@ def _missions(sources: Mapping[Path, Source], aside: bool) -> dict[str, list[Pat
 
 
 def _sha256(path: Path, size: int) -> str:
-    """Return the SHA-256 of the first bytes of a file."""
+    """Return the SHA-256 of the first ``size`` bytes of a file."""
     digest, left = hashlib.sha256(), size
     with open_input(path) as file:
         while left and (block := file.read(min(_BLOCK, left))):
@@ -217,10 +215,10 @@ def _sha256_or_none(path: Path, size: int) -> str | None:
 
 
 def read_goal(path: Path) -> Place:
-    """Return the goal in a file: its first line that is neither empty nor begins with #, ``LON,LAT,DEPTH`` [degrees, degrees, m].
+    """Return the goal in a file: the first line that is not empty or a comment (#), ``LON,LAT,DEPTH`` [degrees, degrees, m].
 
     Raises:
-        ConfigError: The file cannot be read, or holds no such line.
+        ConfigError: The file cannot be read, or has no such line.
     """
     try:
         with open_input(path) as file:
@@ -232,7 +230,7 @@ def read_goal(path: Path) -> Place:
     longitude, latitude, depth = numbers(text, str(path), PLACE.form)
     if not (abs(longitude) <= 360.0 and depth >= 0.0):
         raise ConfigError(
-            f"{path}: '{text[:80]}' is no place in the ocean; write LON,LAT,DEPTH [degrees, degrees, m]"
+            f"{path}: '{text[:80]}' is not a place in the ocean; write LON,LAT,DEPTH [degrees, degrees, m]"
         )
     return Place(longitude, latitude, depth)
 
@@ -240,7 +238,7 @@ def read_goal(path: Path) -> Place:
 def with_goal(
     goals: tuple[tuple[int, Place], ...], goal: Place, since_ns: int
 ) -> tuple[tuple[int, Place], ...]:
-    """Return the goals with another one from some time of the log on [ns, UTC]; unchanged where it is the last one."""
+    """Return the goals with another one from a log time on [ns, UTC]; unchanged if it equals the last one."""
     if goals and goals[-1][1] == goal:
         return goals
     return (

@@ -1,4 +1,4 @@
-"""Following: polling files that come, grow and change, alarms on what the status then says, and what outlives the process."""
+"""Polling of growing files, alarms from the status, and memory that outlives the process."""
 
 import json
 import subprocess
@@ -35,17 +35,17 @@ _SAID = 500
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """What a followed mission remembers.
+    """Memory of a followed mission.
 
     Attributes:
-        sources: Files that were looked at, by path.
-        goals: The goals so far, each with the time of the log from which on it holds [ns, UTC]; the first from the beginning.
-        said: What was reported of the inputs, in order.
-        given: Alarms that were given.
-        forecast: The forecast's files with their hashes; empty before the first replay.
-        archives: Number of results that were kept when the forecast was replaced.
-        region: The part of the forecast that the first replay found, as JSON of its record or of null; empty before it. It stays: the
-            states belong to it.
+        sources: Files examined, by path.
+        goals: Goals so far, each with the log time from which it holds [ns, UTC]; the first from the beginning.
+        said: Reports on the inputs, in order.
+        given: Alarms given.
+        forecast: Files of the forecast with their hashes; empty before the first replay.
+        archives: Number of results archived at replacements of the forecast.
+        region: Part of the forecast that the first replay found, as JSON record or null; empty before it. It does not change, as the states
+            depend on it.
     """
 
     sources: Mapping[Path, Source] = field(default_factory=dict)
@@ -58,7 +58,7 @@ class Memory:
 
     @property
     def used(self) -> tuple[Path, ...]:
-        """The files that are used, in the order in which they were looked at."""
+        """Used files, in the order of examination."""
         return tuple(path for path, source in self.sources.items() if not source.aside)
 
 
@@ -66,10 +66,10 @@ _FORM = TypeAdapter(Memory)
 
 
 def read_memory(folder: Path) -> Memory:
-    """Return what is remembered in a folder; nothing where nothing is there.
+    """Return the memory in a folder; empty if there is none.
 
     Raises:
-        LogError: It cannot be used: without the goals and the forecast so far the result would be another.
+        LogError: It is unusable: without the goals and the forecast so far the result would differ.
     """
     if not (path := folder / _NAME).exists():
         return Memory()
@@ -84,23 +84,23 @@ def read_memory(folder: Path) -> Memory:
 
 
 def write_memory(folder: Path, memory: Memory) -> None:
-    """Write what is to be remembered, whole or not at all."""
+    """Write the memory, completely or not at all."""
     write_whole(folder / _NAME, _FORM.dump_json(replace(memory, said=memory.said[-_SAID:])))
 
 
 @dataclass(frozen=True, slots=True)
 class FollowOptions:
-    """How logs are followed.
+    """Options for following logs.
 
     Attributes:
-        states: Folder of what is kept between replays; it must outlive them.
-        status: Page of the status.
-        interval_s: Between two looks [s].
-        until_idle_s: Ends after so many seconds without anything new; None never ends.
-        goal_file: File that holds the goal, and may be changed; None without.
-        command: Run with each alarm; empty for none.
-        report: Page of the report; None without.
-        tell: Called with what a person should read.
+        states: Folder of the data kept between replays; it must outlive them.
+        status: Status page.
+        interval_s: Time between two looks [s].
+        until_idle_s: Time without new data after which following ends [s]; None never ends.
+        goal_file: Editable file with the goal; None without one.
+        command: Shell command run with each alarm; empty for none.
+        report: Page of the report; None without one.
+        tell: Called with messages for the user.
     """
 
     states: Path
@@ -119,12 +119,12 @@ _SETTLING = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """The present: replaced in tests.
+    """Clock, replaced in tests.
 
     Attributes:
-        now_ns: Returns the time [ns, UTC].
-        idle_s: Returns a time that only grows [s].
-        wait: Waits some seconds.
+        now_ns: Function of the present time [ns, UTC].
+        idle_s: Function of a monotonic time [s].
+        wait: Function that waits [s].
     """
 
     now_ns: Callable[[], int] = time.time_ns
@@ -134,15 +134,15 @@ class Clock:
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """Where files come.
+    """Followed files and folders.
 
     Attributes:
         paths: Files and folders.
-        own: Files and folders that the run itself reads or writes, which are none of the logs.
-        logs: How logs are read.
-        clock: The present.
-        interval_s: Between two looks [s].
-        vehicle_of: Returns the name of the vehicle that a file is of: those of one are of one mission.
+        own: Other inputs and outputs of the run, which are not logs.
+        logs: Settings of log reading.
+        clock: Clock.
+        interval_s: Time between two looks [s].
+        vehicle_of: Function of the name of a file's vehicle; files of one vehicle are of one mission.
     """
 
     paths: tuple[Path, ...]
@@ -156,12 +156,12 @@ class Watched:
 def look_again(
     watched: Watched, known: Mapping[Path, Source]
 ) -> tuple[dict[Path, Source], list[str], bool]:
-    """Return the files as they are now, what is to be said of them, and whether the messages of a replay may be others than before.
+    """Return the present files, reports on them, and whether the messages of a replay may have changed.
 
-    A file that comes whole is taken when it is the same at two looks; until then it is what it was.
+    A file that arrives complete is accepted when unchanged between two looks; until then its former version holds.
 
     Args:
-        watched: Where files come.
+        watched: Followed files and folders.
         known: The files at the look before.
     """
     now = look(watched.paths, watched.own)
@@ -177,9 +177,7 @@ def look_again(
     sources = dict(replayed)
     lost = [source.path.name for source in gone if not source.aside]
     said = (
-        [
-            f"{some_text(lost)}: no longer there, and left out: the replay goes back before what they held"
-        ]
+        [f"{some_text(lost)}: missing, so excluded: the replay goes back before their data"]
         if lost
         else []
     )
@@ -210,29 +208,29 @@ _PATIENCE = 60.0
 
 
 def of_vehicle(name: str, text: str) -> str:
-    """Return a text with the vehicle's name before it; that of the only one as it is."""
+    """Return a text preceded by the vehicle's name; unchanged for a single vehicle."""
     return f"{name}: {text}" if name else text
 
 
 def key_of(alarm: Alarm, name: str = "") -> str:
-    """Return what tells an alarm from others: one is given once for each plan, surfacing, finding or forecast that it is about."""
+    """Return the key of an alarm, which is given once per plan, surfacing, finding or forecast concerned."""
     return of_vehicle(name, f"{alarm.kind}: {alarm.about}")
 
 
 def new_alarms(status: Status, given: Sequence[str], name: str = "") -> tuple[Alarm, ...]:
-    """Return the alarms of a status, by the name of one of several vehicles, that were not given yet."""
+    """Return the alarms of a vehicle's status that were not given yet."""
     return tuple(alarm for alarm in status.alarms if key_of(alarm, name) not in given)
 
 
 def standing(statuses: Mapping[str, Status], given: Sequence[str]) -> tuple[str, ...]:
-    """Return the alarms given that still stand, so that one that comes back is given again; those of surfacings once."""
+    """Return the given alarms that persist, so that a recurring one is given again; alarms of surfacings only once."""
     now = {key_of(alarm, name) for name, status in statuses.items() for alarm in status.alarms}
     once = tuple(of_vehicle(name, kind) for name in statuses for kind in ("surfacing", "outside"))
     return tuple(key for key in given if key in now or key.startswith(once))
 
 
 def alarm_line(alarm: Alarm, status: Status, name: str = "") -> str:
-    """Return an alarm as a JSON line, with the position and what to steer, and the name of one of several vehicles."""
+    """Return an alarm as a JSON line, with the position, the heading to steer, and the name of one of several vehicles."""
     figures: dict[str, Any] = {
         key: status.figures[key]
         for key in ("result", "now", "position", "command")
@@ -243,7 +241,7 @@ def alarm_line(alarm: Alarm, status: Status, name: str = "") -> str:
 
 
 def notify(command: str, line: str) -> str:
-    """Run a command of the shell with a line on its standard input, and return what went wrong; empty when nothing did."""
+    """Run a shell command with a line on its standard input, and return its error; empty on success."""
     try:
         done = subprocess.run(
             command,
@@ -255,7 +253,7 @@ def notify(command: str, line: str) -> str:
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired) as error:
-        return f"--notify: the command did not end well: {error}"
+        return f"--notify: the command failed: {error}"
     words = done.stderr.strip().splitlines()
     return (
         f"--notify: the command ended with {done.returncode}{': ' + words[-1] if words else ''}"

@@ -1,1 +1,1 @@
-"""What a script holds in memory as the files that a replay reads, so that its result can be verified."""
+"""In-memory inputs of a script as the files that a replay reads, so that its result can be verified."""

@@ -1,4 +1,4 @@
-"""Observations and tables of them as a log: messages of one kind for profiles, of others for mean currents and single components."""
+"""Observations and tables of observations as a log: one message type for profiles, others for DACs and single components."""
 
 import math
 import warnings
@@ -25,22 +25,22 @@ _AVERAGED = 11_178.0
 
 
 def is_observed(value: object) -> bool:
-    """Return whether a value is a measurement, a table, or a sequence of measurements."""
+    """Return whether a value is an observation, a table, or a sequence of observations."""
     first = value[0] if isinstance(value, list | tuple) and value else value
     return isinstance(first, Stated) or is_table(first)
 
 
 def write_observed(path: Path, value: Any, name: str, columns: Asked) -> None:
-    """Write measurements as an MCAP log, in order of time.
+    """Write observations as an MCAP log, in order of time.
 
     Args:
         path: The log.
-        value: As of ``is_observed``; a table has a row for each depth, and rows of one time and place are a profile.
-        name: What the value is called in errors.
-        columns: ``logs.columns``.
+        value: Value accepted by ``is_observed``; a table has one row per depth, and rows of one time and place form a profile.
+        name: Name of the value in errors.
+        columns: Column names as in ``logs.columns``.
 
     Raises:
-        ConfigError: A measurement is relative to its platform, or a table lacks a column.
+        ConfigError: An observation is relative to its platform, or a table lacks a column.
     """
     held: list[Stated] = []
     for each in value if isinstance(value, list | tuple) else [value]:
@@ -59,7 +59,7 @@ def write_observed(path: Path, value: Any, name: str, columns: Asked) -> None:
 
 
 def _of_table(value: Any, name: str, columns: Asked) -> list[Observation]:
-    """Return the profiles of a table; what is assumed of it is a warning."""
+    """Return the profiles of a table; assumptions about it are warnings."""
     notes: list[str] = []
     held = dataset_of(value, name).variables
     stored = {
@@ -67,7 +67,7 @@ def _of_table(value: Any, name: str, columns: Asked) -> list[Observation]:
     }
     found, left_out = profiles_in_memory(name, stored, columns, notes)
     if left_out:
-        notes.append(f"{left_out} rows without a time or a place left out")
+        notes.append(f"{left_out} rows without a time or a place excluded")
     for note in notes:
         # a unit that is stated is no assumption
         if ": converted from " not in note and not note.startswith("read as "):

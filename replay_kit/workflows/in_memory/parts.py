@@ -1,4 +1,4 @@
-"""What a script gives: a forecast in memory, as a file; an estimator, a prior or a planner in place of the settings' own."""
+"""Inputs given by a script: an in-memory forecast as a file; an estimator, prior or planner that replaces those of the settings."""
 
 import warnings
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def is_table(value: object) -> bool:
-    """Return whether a value is a pandas table, an xarray ``Dataset``, or a mapping of which one could be made."""
+    """Return whether a value is a pandas table, an xarray ``Dataset``, or a mapping convertible to one."""
     # neither library is loaded for the question: whoever has a table has loaded it
     return (
         (hasattr(value, "columns") and hasattr(value, "groupby"))
@@ -42,14 +42,14 @@ def _has_numbers(value: object) -> bool:
 
 
 def dataset_of(value: Any, name: str) -> "xr.Dataset":
-    """Return a value of ``is_table`` as a dataset; of a pandas table, and of arrays without dimensions, along ``row``.
+    """Return a table as a dataset; pandas tables and arrays without dimensions have the dimension ``row``.
 
     Args:
-        value: As of ``is_table``; times may be the index of a pandas table.
-        name: What it is called in errors.
+        value: Value accepted by ``is_table``; times may be the index of a pandas table.
+        name: Its name in errors.
 
     Raises:
-        ConfigError: No dataset can be made of it.
+        ConfigError: It cannot be converted.
     """
     # takes half a second to load
     import xarray as xr
@@ -79,7 +79,7 @@ def dataset_of(value: Any, name: str) -> "xr.Dataset":
 
 
 def is_forecast(value: object) -> bool:
-    """Return whether a value is an ``Ensemble``, an xarray ``Dataset``, or a mapping of which one could be made."""
+    """Return whether a value is an ``Ensemble``, an xarray ``Dataset``, or a mapping convertible to one."""
     return isinstance(value, Ensemble) or is_table(value)
 
 
@@ -88,8 +88,8 @@ def write_forecast(path: Path, value: Any, name: str) -> None:
 
     Args:
         path: The file.
-        value: As of ``is_forecast``.
-        name: What it is called in errors.
+        value: Value accepted by ``is_forecast``.
+        name: Its name in errors.
 
     Raises:
         ForecastError: Its values cannot be read or written.
@@ -112,7 +112,7 @@ def write_forecast(path: Path, value: Any, name: str) -> None:
 
 
 def _dataset_of(ensemble: Ensemble) -> "xr.Dataset":
-    """Return an ensemble along true east and north."""
+    """Return an ensemble as a dataset along true east and north."""
     # takes half a second to load
     import xarray as xr
 
@@ -160,11 +160,11 @@ PriorBuilder = Callable[[Basis, Process], Process]
 def given(
     estimator: EstimatorBuilder | Estimator[Any] | None, prior: PriorBuilder | None
 ) -> Callable[[Forecasts, RunConfig], Estimator[Any]]:
-    """Return what makes the estimator of a run.
+    """Return the factory of a run's estimator.
 
     Args:
-        estimator: The estimator, or what makes it; None for that of the settings.
-        prior: What makes its prior; None for its own.
+        estimator: Estimator or its factory; None for that of the settings.
+        prior: Factory of the prior; None for its own.
     """
 
     def make(forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
@@ -200,10 +200,10 @@ def _with_prior(estimator: Estimator[Any], prior: PriorBuilder) -> Estimator[Any
 
 
 def planner_factory(planner: PlannerFactory | Planner | None) -> PlannerFactory:
-    """Return what makes the planner of a run.
+    """Return the factory of a run's planner.
 
     Raises:
-        ConfigError: What is given is no planner.
+        ConfigError: The value is not a planner.
     """
     if planner is None:
         return planner_of

@@ -1,1 +1,1 @@
-"""What a log holds, and whether it was probably made with a fault."""
+"""Contents of logs, and checks for faults of their making."""

@@ -1,8 +1,8 @@
-"""Whether a log was made with a usual fault: the checks of a replay, and the profiles' likelihood under the ensemble.
+"""Checks of a log for usual faults: those of a replay, and the likelihood of its profiles under the ensemble.
 
-The checks of a replay name what contradicts itself. The ensemble states how currents are distributed and correlated before any
-measurement: under that Gaussian, and the errors that the profiles state, the profiles as logged have a likelihood; so have the profiles
-with each fault undone. A fault that makes the log very much less likely is reported, as a warning: the ensemble may be what is wrong.
+The checks of a replay find contradictions within the log. The ensemble states the distribution of currents before any observation.
+Under that Gaussian and the stated errors the profiles have a likelihood, as logged and with each fault undone. A fault that makes the
+log far less likely is reported as a warning, since the ensemble may be wrong instead.
 """
 
 import math
@@ -68,14 +68,14 @@ _GROSS = {UNIT, SURFACE, DEAD}
 
 @dataclass(frozen=True, slots=True)
 class ImportCheck:
-    """What the check of a mission's logs found.
+    """Result of the check of a mission's logs.
 
     Attributes:
-        profiles: Number of profiles compared with the ensemble; 0 when that could not be done.
-        findings: What contradicts itself, then warnings of what contradicts the ensemble, the likeliest fault first.
-        undetermined: Of a log that looks sound, the faults that the profiles cannot exclude.
-        note: Why no comparison could be made, or what it cannot see in this log; empty otherwise.
-        refusal: What would end a replay of the logs on the ensemble; None for a replay that can be made.
+        profiles: Number of profiles compared with the ensemble; 0 without a comparison.
+        findings: Contradictions within the log, then warnings of contradictions with the ensemble, the likeliest fault first.
+        undetermined: Faults that the profiles of a log without findings cannot exclude.
+        note: Reason for a missing comparison, or its limits for this log; empty otherwise.
+        refusal: Error that would end a replay of the logs; None if a replay is possible.
     """
 
     profiles: int
@@ -86,11 +86,11 @@ class ImportCheck:
 
 
 def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig) -> ImportCheck:
-    """Return the check of a mission's logs, which may place each other's profiles, against an ensemble: first those of a replay.
+    """Return the check of a mission's logs: the checks of a replay, then those against an ensemble.
 
     Raises:
         LogError: A log cannot be opened.
-        ConfigError: The settings are none that a replay could be made with.
+        ConfigError: The settings do not permit a replay.
     """
     with threadpool_limits(limits=config.output.threads):
         try:
@@ -115,7 +115,7 @@ def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConf
 
 
 def _checked(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig) -> Ensemble:
-    """Return the part of an ensemble around logs, after the checks that a replay of them makes; arguments and errors as of these."""
+    """Return the part of an ensemble around logs, after the checks of a replay; for arguments and errors see there."""
     forecasts = check_inputs(ReplayJob(tuple(logs), ensemble), config).forecasts
     if forecasts.read is None:
         return forecasts.ensemble
@@ -134,12 +134,12 @@ def _checked(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig
 def soundings(
     messages: Iterable[Message], config: MeasurementConfig, speeds: EnsembleSpeeds | None = None
 ) -> tuple[list[Sounding], Checked]:
-    """Return the profiles among messages, each with the declination as stated, and the checks of a replay.
+    """Return the profiles among messages, each with its stated declination, and the checks of a replay.
 
     Args:
-        messages: In order of time.
-        config: How they become observations.
-        speeds: Of the ensemble's currents; None compares none.
+        messages: Messages in order of time.
+        config: Settings of observations.
+        speeds: Speeds of the ensemble; None for no comparison.
 
     Raises:
         LogError: A log cannot be read.
@@ -149,7 +149,7 @@ def soundings(
     state = Checked()
 
     def noted() -> Iterator[Message]:
-        """Yield the messages, each after its declination is known."""
+        """Yield the messages, each after its declination is noted."""
         for message in messages:
             declination = declination_of(message)
             if math.isfinite(declination):
@@ -166,11 +166,11 @@ def soundings(
 
 
 def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) -> ImportCheck:
-    """Return which usual fault makes the log likelier under an ensemble when it is undone, if any.
+    """Return the faults whose correction makes the log likelier under an ensemble, if any.
 
     Args:
-        found: The log's profiles.
-        estimator: Of the ensemble.
+        found: Profiles of the log.
+        estimator: Estimator of the ensemble.
     """
     inside = [sounding for sounding in found if _usable(sounding.observation, estimator).size]
     if len(inside) < _LEAST_PROFILES:
@@ -210,7 +210,7 @@ def _blind_spot(chosen: Sequence[Sounding]) -> str:
 
 
 def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
-    """Return a profile whose errors are as large as the estimator takes them, where its bins repeat each other."""
+    """Return a profile with the estimator's inflated errors where its bins repeat each other."""
     observation = sounding.observation
     offered = _offered(observation, _usable(observation, estimator))
     _, (stepped,) = estimator.assimilate(estimator.initial(), [offered])
@@ -223,7 +223,7 @@ def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
 def _likelihood(
     estimator: ReducedBasisEstimator, profiles: Sequence[Observation]
 ) -> tuple[float, float]:
-    """Return the logarithm of the density of all profiles under the prior, and the normalised innovation squared per value."""
+    """Return the log density of all profiles under the prior, and the normalised innovation squared per value."""
     trusting = replace(estimator, evidence=None, probability=None)
     offered = [_offered(profile, _usable(profile, estimator)) for profile in profiles]
     _, steps = trusting.assimilate(trusting.initial(), offered)
@@ -234,14 +234,14 @@ def _likelihood(
 
 
 def _offered(observation: Observation, bins: NDArray[Any]) -> Observation:
-    """Return a profile of which some bins are good and all others failed."""
+    """Return a profile with the given bins good and all others failed."""
     flags = np.full(observation.depth.size, Flag.FAIL, np.int8)
     flags[bins] = Flag.GOOD
     return replace(observation, flags=flags)
 
 
 def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArray[np.intp]:
-    """Return the bins in the ensemble's water that are good, or bad only in a way that a fault could have made them."""
+    """Return the bins in the ensemble's water that are good, or bad only as a fault could have made them."""
     possible = (
         (usable(observation.flags) | ((observation.reasons & ~np.int32(REPAIRABLE)) == 0))
         & np.isfinite(observation.velocity).all(axis=1)
@@ -253,7 +253,7 @@ def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArr
 
 
 def import_check_json(found: ImportCheck) -> dict[str, Any]:
-    """Return a check for JSON."""
+    """Return the result of a check for JSON."""
     return {
         "profiles": found.profiles,
         "consistency": [finding_json(finding) for finding in found.findings],
@@ -264,7 +264,7 @@ def import_check_json(found: ImportCheck) -> dict[str, Any]:
 
 
 def print_import_check(found: ImportCheck, console: Console) -> None:
-    """Print what a check found."""
+    """Print the result of a check."""
     for finding in found.findings:
         console.print(finding_line(finding_json(finding)))
     if found.profiles and not found.findings:

@@ -1,4 +1,4 @@
-"""Contents of a log, and its uses."""
+"""Contents of a log and its possible uses."""
 
 import time
 from collections import Counter
@@ -30,20 +30,20 @@ from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, rea
 
 @dataclass(frozen=True, slots=True)
 class LogContent:
-    """What the messages of a log measure, reduced as they come: a log may hold more positions than fit in memory.
+    """Measured content of a log, reduced block by block: a log may hold more positions than fit in memory.
 
     Attributes:
         profiles: Number of profiles of the current.
         bins: Number of usable bins in them.
-        mean_currents: Number of mean currents between fixes.
-        surface: Number of measurements of the current by radar, drifters and other sensors.
+        mean_currents: Number of DACs between fixes.
+        surface: Number of currents measured by radar, drifters and other sensors.
         positions: Number of positions.
-        box: West, south, east, north [degrees] of the fixes, of the dead-reckoned positions where there is no fix; east above 180 when they
-            cross the antimeridian; None without positions.
+        box: West, south, east, north [degrees] of the fixes, or of dead-reckoned positions without fixes; east above 180 across the
+            antimeridian; None without positions.
         depths: Shallowest and deepest usable bin [m]; None without bins.
-        first_longitude: Of the first position [degrees]; the others are counted from it, so that a track across the antimeridian has a
-            narrow box.
-        has_fix: Whether one of the positions is a fix.
+        first_longitude: Longitude of the first position [degrees], the origin of the others, so that the box stays narrow across the
+            antimeridian.
+        has_fix: Whether any position is a fix.
     """
 
     profiles: int = 0
@@ -57,7 +57,7 @@ class LogContent:
     has_fix: bool = False
 
     def extended(self, block: Block) -> "LogContent":
-        """Return the content with what one more block measured."""
+        """Return the content extended by another block."""
         position, ping, mean, linear = (
             block.events[block.events[:, 1] == kind, 2] for kind in range(4)
         )
@@ -98,18 +98,18 @@ class LogContent:
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
-    """One log.
+    """Description of one log.
 
     Attributes:
-        report: What the reader found.
-        topics: By name.
-        content: What the messages measure.
+        report: Report of the reader.
+        topics: Topics by name.
+        content: Measured content.
         dives: Number of dives begun.
-        not_used: Topic to reason to count.
-        unknown: Topic to the schema's name and one payload, for topics that no known kind and no mapping covers.
-        sampled: How many messages were read, the first of each topic, where the log's index says the rest; None when all were.
+        not_used: Number of messages by topic and reason.
+        unknown: Schema name and one payload by topic, for topics of unknown type without a mapping.
+        sampled: Number of messages read, the first of each topic, when the index gives the rest; None if all were read.
         files: The files of the log.
-        together: What the logs that were given with it measure, merged as in a replay; None of one that is judged alone.
+        together: Content of all logs of the command, merged as in a replay; None for a separate log.
     """
 
     report: LogReport
@@ -124,12 +124,12 @@ class LogInfo:
 
     @property
     def judged(self) -> LogContent:
-        """What a replay of it, with the logs given with it, would have."""
+        """Content of a replay of this log and those given with it."""
         return self.together or self.content
 
     @property
     def is_result(self) -> bool:
-        """Whether it is what a replay wrote."""
+        """Whether the log is a result of a replay."""
         return any(
             topic.schema in ("replay_kit.Innovations", "replay_kit.FlowEstimate")
             for topic in self.topics.values()
@@ -137,7 +137,7 @@ class LogInfo:
 
     @property
     def missing(self) -> str:
-        """What a replay still needs; empty for a log that has it all, and for a result."""
+        """Data missing for a replay; empty if complete, and for a result."""
         content, lacks = self.judged, []
         if self.is_result or content.surface:
             return ""
@@ -154,7 +154,7 @@ class LogInfo:
 
     @property
     def mappable(self) -> Mapping[str, str]:
-        """Topics of unknown types in which something looks usable, and as what."""
+        """Type of usable content by topic of unknown type."""
         found = {}
         for key, entry in suggested_entries({} if self.is_result else self.unknown).items():
             kinds = [
@@ -167,14 +167,14 @@ class LogInfo:
 
     @property
     def use(self) -> str:
-        """What the log can be used for, in words."""
+        """Possible use of the log, as text."""
         if self.is_result and not (self.content.bins or self.content.mean_currents):
             return "a result of a replay, to be opened with status, report, plot, export or plan"
         return use_of(self.content)
 
 
 def use_of(content: LogContent) -> str:
-    """Return what measurements can be used for, in words."""
+    """Return the possible use of a log's content, as text."""
     if content.bins:
         return "ready for replay: positions and current profiles found"
     if content.mean_currents:
@@ -189,13 +189,13 @@ def use_of(content: LogContent) -> str:
 def inspect_logs(
     paths: Sequence[Path], config: RunConfig, progress: Progress = silent, full: bool = False
 ) -> list[LogInfo]:
-    """Return what each log holds; of a large log with an index the index and the first messages are read.
+    """Return the contents of each log; large logs with an index are sampled.
 
     Args:
-        paths: Files, and folders that stand for the logs in them.
-        config: How logs are read and interpreted.
-        progress: Is called with how much of the logs is read, their number, and the log that is being read.
-        full: Whether every log is read whole.
+        paths: Log files and folders of logs.
+        config: Settings of reading and interpretation.
+        progress: Called with the amount read, the number of logs, and the current log.
+        full: Whether every log is read completely.
 
     Raises:
         LogError: A log cannot be opened.
@@ -213,7 +213,7 @@ def inspect_logs(
 
 
 def _together(logs: Sequence[LogFile], config: RunConfig) -> LogContent:
-    """Return what logs measure that place each other's profiles, merged as a replay merges them."""
+    """Return the content of logs that supply each other's positions, merged as in a replay."""
     content, settings = LogContent(), config.logs
     merged = merge(logs, settings.reorder_window, settings.start_ns, settings.end_ns)
     stream = begun(settings.system, settings.component)
@@ -285,7 +285,7 @@ def _inspect(
 
 
 def by_topic(counts: Mapping[tuple[str, str], int]) -> dict[str, dict[str, int]]:
-    """Return counts by (topic, reason) as topic to reason to count."""
+    """Return counts by (topic, reason) as nested counts by topic and reason."""
     found: dict[str, dict[str, int]] = {}
     for (topic, reason), count in counts.items():
         found.setdefault(topic, {})[reason] = count

@@ -1,4 +1,4 @@
-"""What is in logs, for a person and as JSON, and what to type next."""
+"""Listing of logs for people and as JSON, and the next command."""
 
 import math
 import shlex
@@ -35,7 +35,7 @@ from replay_kit.workflows.info.reading import TopicInfo
 
 
 def info_json(info: LogInfo) -> dict[str, Any]:
-    """Return a log's description for JSON."""
+    """Return the description of a log for JSON."""
     content, whole = info.content, info.sampled is None
     return {
         "file": info.report.path,
@@ -66,7 +66,7 @@ def info_json(info: LogInfo) -> dict[str, Any]:
 
 
 def _ends(topics: Iterable[TopicInfo]) -> tuple[int, int] | None:
-    """Return the first and the last time of topics [ns, UTC]; None when no message has a time."""
+    """Return the first and last time of topics [ns, UTC]; None without times."""
     spans = [
         (topic.first_ns, topic.last_ns)
         for topic in topics
@@ -76,13 +76,13 @@ def _ends(topics: Iterable[TopicInfo]) -> tuple[int, int] | None:
 
 
 def _span(topics: Iterable[TopicInfo]) -> str:
-    """Return the time span of topics in words; empty when no message has a time."""
+    """Return the time span of topics as text; empty without times."""
     ends = _ends(topics)
     return "" if ends is None else ", {} to {}".format(*map(iso, ends))
 
 
 def _content_lines(log: LogInfo) -> Iterator[str]:
-    """Yield what the messages that were read measure."""
+    """Yield lines on the content of the messages read."""
     content = log.content
     if log.sampled is not None:
         yield (
@@ -103,7 +103,7 @@ def _content_lines(log: LogInfo) -> Iterator[str]:
 
 
 def print_infos(logs: Sequence[LogInfo], console: Console, verbose: bool = False) -> None:
-    """Print what logs hold: of one its topics, of several a row for each and what they have together, unless whole lists are asked for."""
+    """Print the contents of logs: topics of a single log, of several one row each and their joint content, unless verbose."""
     if verbose or len(logs) == 1:
         for log in logs:
             print_info(log, console, verbose)
@@ -119,7 +119,7 @@ _MOST_LINES = 2
 
 
 def _heading(logs: Sequence[LogInfo]) -> str:
-    """Return missions, formats, time span and region of logs."""
+    """Return the missions, formats, time span and region of logs."""
     missions, formats = (
         ", ".join(dict.fromkeys(filter(None, values)))
         for values in ([log.report.mission for log in logs], [log.report.format for log in logs])
@@ -129,7 +129,7 @@ def _heading(logs: Sequence[LogInfo]) -> str:
 
 
 def _rows(logs: Sequence[LogInfo]) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each log; numbers of one of which only the index was read are empty."""
+    """Yield one row per log; figures unknown from an index alone are empty."""
     spans = [_ends(log.topics.values()) or (None, None) for log in logs]
     times = short_times([end for span in spans for end in span])
     for log, first, last in zip(logs, times[::2], times[1::2], strict=True):
@@ -140,7 +140,7 @@ def _rows(logs: Sequence[LogInfo]) -> Iterator[tuple[str, ...]]:
 
 
 def _summary_lines(logs: Sequence[LogInfo]) -> Iterator[str]:
-    """Yield what several logs can be used for, what of them is not used or lost, and how many notes -v prints."""
+    """Yield the uses of several logs, data not used or lost, and the number of notes that ``-v`` prints."""
     uses = Counter(log.use for log in logs)
     yield from (
         f"Use: {use}" if count == len(logs) else f"Use of {count} of {len(logs)}: {use}"
@@ -181,14 +181,14 @@ def _summary_lines(logs: Sequence[LogInfo]) -> Iterator[str]:
 
 
 def few(lines: Sequence[str]) -> Iterator[str]:
-    """Yield the first lines, and how many more there are."""
+    """Yield the first lines, and the number of the others."""
     yield from lines[:_MOST_LINES]
     if len(lines) > _MOST_LINES:
         yield f"{lines[0].partition(':')[0]}: {len(lines) - _MOST_LINES} more; -v prints all"
 
 
 def together_lines(logs: Sequence[LogInfo]) -> Iterator[str]:
-    """Yield what logs can be used for that are judged together."""
+    """Yield the uses of logs that are judged together."""
     content = next((log.together for log in logs if log.together is not None), None)
     if content is not None:
         yield (
@@ -200,7 +200,7 @@ def together_lines(logs: Sequence[LogInfo]) -> Iterator[str]:
 
 
 def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
-    """Print what a log holds; topics that differ in a number alone share a row unless whole tables are asked for."""
+    """Print the contents of a log; topics that differ only in a number share a row unless verbose."""
     report, topics = log.report, log.topics
     times = short_times(
         [topic.first_ns for topic in topics.values()] + [topic.last_ns for topic in topics.values()]
@@ -254,7 +254,7 @@ def print_info(log: LogInfo, console: Console, verbose: bool = False) -> None:
 
 
 def asks_for_replay(logs: Sequence[LogInfo]) -> bool:
-    """Return whether logs are of one mission and measure a current, so that a replay comes next."""
+    """Return whether logs are of one mission and measure a current, so that a replay can follow."""
     missions = {log.report.mission for log in logs if log.report.mission}
     held = (log.judged for log in logs)
     return len(missions) <= 1 and any(c.bins or c.mean_currents or c.surface for c in held)
@@ -266,13 +266,13 @@ def next_command(
     ensemble: Sequence[Path] = (),
     options: Sequence[str] = (),
 ) -> list[str]:
-    """Return what to type next: a line with the command, and for some a line of what to do then; names in them may hold ends of lines.
+    """Return the next command, and for some an instruction for afterwards; names in these lines may contain line breaks.
 
     Args:
         logs: The logs of a mission.
-        paths: As they were given.
-        ensemble: The files of its forecast; empty without.
-        options: Words of the command line that give the settings that were used.
+        paths: Paths as given.
+        ensemble: Files of the forecast; empty without one.
+        options: Words of the command line for the settings used.
     """
     missions: dict[str, list[Path]] = {}
     for log in logs:
@@ -300,7 +300,7 @@ def next_command(
         ]
     return [
         f"Next: replay-kit info {given} ANOTHER_LOG",
-        "ANOTHER_LOG is the log of this mission that has what is missing",
+        "ANOTHER_LOG is a log of this mission with the missing data",
     ]
 
 
@@ -309,7 +309,7 @@ _MOST_GAPS = 5
 
 
 def topic_json(name: str, topic: TopicInfo) -> dict[str, Any]:
-    """Return a topic for JSON; what is not known is null."""
+    """Return a topic for JSON; unknown values are null."""
     return {
         "topic": name,
         "schema": topic.schema,
@@ -322,19 +322,19 @@ def topic_json(name: str, topic: TopicInfo) -> dict[str, Any]:
 
 
 def late_lines(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
-    """Yield what is late, and the setting that keeps it."""
+    """Yield lines on late messages, with the setting that keeps them."""
     late = {name: topic.late for name, topic in topics.items() if topic.late}
     if late:
         which = ", ".join(f"{count} x {name}" for name, count in late.items())
         seconds = math.ceil(1e-9 * max(topic.late_by_ns for topic in topics.values()))
         yield (
-            f"Late, by more than the reorder window, so that a replay leaves them out: {which}; "
+            f"Late, by more than the reorder window, so excluded from a replay: {which}; "
             f"logs.reorder_window = {seconds} keeps them"
         )
 
 
 def gap_lines(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
-    """Yield the longest of the gaps that stand out."""
+    """Yield lines on the longest of the conspicuous gaps."""
     gaps = sorted(
         (
             (topic.gap_ns or 0, name, topic.gap_from_ns or 0)
@@ -346,4 +346,4 @@ def gap_lines(topics: Mapping[str, TopicInfo]) -> Iterator[str]:
     for gap_ns, name, since_ns in gaps[:_MOST_GAPS]:
         yield f"Gap: {name} has no message for {gap_ns * 1e-9:.0f} s from {iso_time(since_ns, 's')}"
     if len(gaps) > _MOST_GAPS:
-        yield f"Gaps on {len(gaps) - _MOST_GAPS} more topics; --json has them"
+        yield f"Gaps on {len(gaps) - _MOST_GAPS} more topics; --json lists them"

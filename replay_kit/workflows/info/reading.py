@@ -1,4 +1,4 @@
-"""How much of a log is read to say what is in it, its index and first messages or all; and the order of its messages in time."""
+"""Extent of reading a log for its contents, index and first messages or all; and the time order of its messages."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -24,18 +24,18 @@ _NEVER = -(2**63)
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """One topic of a log.
+    """Topic of a log.
 
     Attributes:
         schema: Schema or message name.
         messages: Number of messages in the log, decoded or not.
-        first_ns: Earliest time of a message [ns, UTC]; None when it is not known. Where all were read, messages that a replay sets aside
-            for stamps far from their neighbours' do not count, and after a jump of the clock times are corrected as there.
-        last_ns: Latest time of one.
-        late: Messages that a replay leaves out because they come later than the reorder window allows; None when not all were read.
-        late_by_ns: By how much the latest of these is older than the newest before it [ns].
-        gap_ns: Longest time from one message to the next that is newer than all before it [ns]; None when not all were read.
-        gap_from_ns: When that begins [ns, UTC].
+        first_ns: Earliest time of a message [ns, UTC]; None if unknown. If all were read, messages with distant stamps are excluded and
+            clock jumps corrected, as in a replay.
+        last_ns: Latest time of a message [ns, UTC].
+        late: Number of messages later than the reorder window, excluded from a replay; None if not all were read.
+        late_by_ns: Largest delay of these behind the newest message before [ns].
+        gap_ns: Longest time between a message and the next newer one [ns]; None if not all were read.
+        gap_from_ns: Start of this gap [ns, UTC].
     """
 
     schema: str = ""
@@ -49,7 +49,7 @@ class TopicInfo:
 
     @property
     def has_gap(self) -> bool:
-        """Whether the longest gap stands out."""
+        """Whether the longest gap is conspicuous."""
         if (
             self.gap_ns is None
             or self.first_ns is None
@@ -63,12 +63,12 @@ class TopicInfo:
     def extended(
         self, schema: str, time_ns: NDArray[np.int64], late_ns: NDArray[np.int64]
     ) -> "TopicInfo":
-        """Return the topic with further messages, in the order of the log.
+        """Return the topic extended by messages in log order.
 
         Args:
-            schema: Name of their schema.
-            time_ns: Their times, shape (n,), n at least 1 [ns, UTC].
-            late_ns: Of late ones, by how much each is older than the newest before it; else 0, shape (n,) [ns].
+            schema: Schema name.
+            time_ns: shape (n,), n at least 1 [ns, UTC], times.
+            late_ns: shape (n,) [ns], delay of late messages behind the newest before, else 0.
         """
         before = int(time_ns[0]) if self.last_ns is None else self.last_ns
         newest = np.maximum.accumulate(np.append(before, time_ns))
@@ -91,13 +91,13 @@ class TopicInfo:
 
 
 class Order:
-    """The topics of a log, block by block."""
+    """Topics of a log, accumulated block by block."""
 
     def __init__(self, window_s: float) -> None:
-        """Begin without a message.
+        """Begin without messages.
 
         Args:
-            window_s: How long a replay holds a message back to let older ones pass [s].
+            window_s: Reorder window of a replay [s].
         """
         self._window_ns = round(window_s * 1e9)
         self._topics: dict[str, TopicInfo] = {}
@@ -107,11 +107,11 @@ class Order:
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
-        """By name, without the number of messages, some of which cannot be decoded."""
+        """Topics by name, without the number of messages, as some cannot be decoded."""
         return dict(self._topics)
 
     def add(self, block: Block) -> None:
-        """Take the next messages of the log."""
+        """Add the next block of the log."""
         if not block.kind.size:
             return
         since = self._settling.steady_since()
@@ -126,7 +126,7 @@ class Order:
             self._add_settled(self._settling.take((topic, schema), time_ns, topic))
 
     def finish(self) -> None:
-        """Take what still waited for its neighbours when the log ended."""
+        """Add the messages still held back at the end of the log."""
         self._add_settled(self._settling.finish())
 
     def _add_settled(self, judged: Iterable[Settled[tuple[str, str]]]) -> None:
@@ -137,7 +137,7 @@ class Order:
     def _add(
         self, kinds: tuple[tuple[str, str], ...], kind: NDArray[np.intp], time_ns: NDArray[np.int64]
     ) -> None:
-        """Take messages by their kinds and times."""
+        """Add messages by kind and time."""
         late = self._late(time_ns)
         by_kind = np.argsort(kind, kind="stable")
         ends = np.cumsum(np.bincount(kind, minlength=len(kinds)))
@@ -147,9 +147,9 @@ class Order:
                 self._topics[topic] = known.extended(schema, time_ns[rows], late[rows])
 
     def _late(self, time_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return by how much messages are late that ``merge`` would leave out [ns], 0 for others.
+        """Return the delay of messages that ``merge`` would exclude [ns], 0 for others.
 
-        These are older than one that it has let go, as all have that are a window old.
+        These are older than a message already released, that is, one at least a window old.
         """
         times, late = np.append(self._held, time_ns), np.zeros(time_ns.size, np.int64)
         newest = np.maximum.accumulate(times)
@@ -167,12 +167,12 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A log as it is read.
+    """Reading of a log.
 
     Attributes:
-        blocks: Its messages; of topics that cannot state anything one is decoded.
-        overview: What its index says; None when all is read.
-        note: Why all is read although it takes long; empty otherwise.
+        blocks: Blocks of messages; of topics without usable content only one is decoded.
+        overview: Overview from its index; None if all is read.
+        note: Reason for a slow complete reading; empty otherwise.
     """
 
     blocks: Iterable[Block]
@@ -181,17 +181,17 @@ class Reading:
 
     @property
     def sampled(self) -> int | None:
-        """Number of messages read; None when all are."""
+        """Number of messages read; None for all."""
         return None if self.overview is None else len(self.overview.first)
 
     def completed(
         self, report: LogReport, topics: Mapping[str, TopicInfo]
     ) -> tuple[LogReport, dict[str, TopicInfo]]:
-        """Return the reader's report, and the topics with their number of messages, all by the index where that was read.
+        """Return the report and the topics with complete message counts, from the index if used.
 
         Args:
-            report: Of the messages read.
-            topics: Of the messages read.
+            report: Report on the messages read.
+            topics: Topics of the messages read.
         """
         if self.overview is None:
             counted = {
@@ -218,12 +218,12 @@ class Reading:
 
 
 def read_log(log: LogFile, full: bool, config: MeasurementConfig) -> Reading:
-    """Return how a log is read.
+    """Return the reading of a log.
 
     Args:
         log: The log.
-        full: Whether all of it is read, also where its index says much.
-        config: How messages become observations.
+        full: Whether all messages are read despite an index.
+        config: Settings of observations.
 
     Raises:
         LogError: It cannot be read.
@@ -238,7 +238,7 @@ def read_log(log: LogFile, full: bool, config: MeasurementConfig) -> Reading:
 
 
 def _may_state(config: MeasurementConfig, topic: str, schema: str) -> bool:
-    """Return whether messages of a topic and schema can state something, or differ in what they are of."""
+    """Return whether messages of a topic and schema can hold usable content, or differ from each other in kind."""
     mapped = any(entry.topic == topic for entry in config.map)
     return mapped or topic.rpartition("/")[2] in NAMED or may_state(schema, topic)
 
@@ -246,11 +246,11 @@ def _may_state(config: MeasurementConfig, topic: str, schema: str) -> bool:
 def count_alike(
     not_used: Counter[tuple[str, str]], report: LogReport, decoded: Mapping[str, int]
 ) -> None:
-    """Add to each reason the messages that were not decoded because those of their topic and schema are all alike.
+    """Add to the reasons the messages not decoded because those of their topic and schema are all alike.
 
     Args:
         not_used: Number of messages by (topic, reason).
-        report: Of the whole log.
+        report: Report on the whole log.
         decoded: Number of messages decoded, by topic.
     """
     reasons: dict[str, str] = {}

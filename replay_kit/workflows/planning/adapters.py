@@ -1,4 +1,4 @@
-"""The planners bound to a configuration, behind the protocol that ``replay`` and the studies call."""
+"""Planners bound to a configuration, behind the protocol of ``replay`` and the studies."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,15 +33,15 @@ _AHEAD = 2.0
 
 
 def planner_of(config: PlannerConfig, region: Grid) -> Planner:
-    """Return the planner of a configuration: of kind ``auto``, which a replay resolves, that of a glide.
+    """Return the planner of a configuration; unresolved kind ``auto`` gives a glide planner.
 
     Args:
         config: ``[planner]``.
-        region: Of the forecast; the bathymetry is read around it.
+        region: Grid of the forecast, around which the bathymetry is read.
 
     Raises:
         ForecastError: The bathymetry is unusable.
-        PlanError: The vehicle's numbers are such that nothing glides.
+        PlanError: The vehicle cannot glide with these settings.
     """
     made = MissionPlanner(config, glides=config.kind != "mission")
     made.flies(region, ())
@@ -52,14 +52,14 @@ def planner_of(config: PlannerConfig, region: Grid) -> Planner:
 
 
 def over_bottom(plan: Plan, bathymetry: planners.Bathymetry | None, projection: Projection) -> Plan:
-    """Return a plan with the depth of the bottom under its track; unchanged without a bathymetry."""
+    """Return a plan with the bottom depth under its track; unchanged without a bathymetry."""
     if bathymetry is None:
         return plan
     return replace(plan, bottom=depth_at(bathymetry, projection, *plan.track[:, :2].T))
 
 
 def with_origin(plan: planners.MissionPlan, origin: str) -> planners.MissionPlan:
-    """Return a plan whose message and statistics say what of its dives no setting states; unchanged where all is stated."""
+    """Return a plan whose message and statistics name the dive settings not stated; unchanged if all are stated."""
     if not origin:
         return plan
     return replace(
@@ -69,16 +69,16 @@ def with_origin(plan: planners.MissionPlan, origin: str) -> planners.MissionPlan
 
 @dataclass(frozen=True, slots=True)
 class MissionPlanner:
-    """The mission planner bound to a configuration.
+    """Mission planner bound to a configuration.
 
     Attributes:
         config: ``[planner]``.
-        glides: Whether it plans glides: one leg from depth to depth, in the current as it is when it begins, without odds.
-        flown: How the vehicle flew its dives so far; None where that is not known.
-        judges: Whether missions have odds where no number of samples is stated.
-        bathymetry: Bottom depth; None for the lowest level that is wet in the estimate.
-        seabed: It, as results hold it.
-        more: Settings of a mission that ``[planner]`` does not have.
+        glides: Whether it plans glides: one leg from depth to depth, in the current at its start, without odds.
+        flown: Flight parameters of the dives so far; None if unknown.
+        judges: Whether missions have odds by default.
+        bathymetry: Bottom depth; None for the estimate's lowest wet level.
+        seabed: Bottom depth, as in results.
+        more: Mission settings absent from ``[planner]``.
     """
 
     config: PlannerConfig
@@ -90,20 +90,20 @@ class MissionPlanner:
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def as_flown(self, flown: AsFlown) -> "MissionPlanner":
-        """Return the planner of a vehicle that flies as its dives so far, where the settings state nothing else."""
+        """Return the planner with flight parameters as flown where the settings state none."""
         return replace(self, flown=flown)
 
     def with_odds(self) -> "MissionPlanner":
-        """Return the planner of missions that are judged as those of the command ``plan`` are."""
+        """Return the planner of missions with odds, as those of ``plan``."""
         return self if self.glides else replace(self, judges=True)
 
     def flies(
         self, grid: Grid, goals: Sequence[Place]
     ) -> tuple[planners.Glider, planners.MissionSettings, str]:
-        """Return the vehicle and the settings of a mission to some goals, and in words what of them no setting states.
+        """Return the vehicle and the settings of a mission to goals, and the values that no setting states, as text.
 
         Raises:
-            PlanError: The vehicle's numbers are such that nothing glides.
+            PlanError: The vehicle cannot glide with these settings.
         """
         kind = "glide" if self.glides else "mission"
         config = self.config.model_copy(update={"kind": kind})
@@ -139,7 +139,7 @@ class MissionPlanner:
         start_time_ns: int,
         no_go: tuple[planners.NoGo, ...] = (),
     ) -> tuple[planners.MissionRequest, str]:
-        """Return what the planners are asked for, a mission from a place to some goals; and what of its dives no setting states."""
+        """Return the request of a mission from a place to goals, and the dive settings not stated."""
         glider, settings, origin = self.flies(grid, goals)
         request = planners.MissionRequest(
             start, goals, glider, settings, no_go, self.bathymetry, start_time_ns
@@ -147,7 +147,7 @@ class MissionPlanner:
         return request, origin
 
     def plan(self, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
-        """Return the best mission found from start to goal, begun at once; its memory is the mission."""
+        """Return the best mission found from start to goal, begun at once, with the mission as memory."""
         begin_ns, projection = query.start_time_ns, flow.grid.projection
         before: planners.MissionPlan | None = None if query.warm is None else query.warm.memory
         request, origin = self.request(flow.grid, query.start, (query.goal,), begin_ns)
@@ -178,7 +178,7 @@ class MissionPlanner:
         return PlanResult(made, _next_surfacing(projection, mission, following), mission)
 
     def check(self, flow: HasGrid, goal: Place) -> None:
-        """Raise PlanError when the goal is outside the region or on land, or a mission's dives do not fit."""
+        """Raise PlanError if the goal is outside the region or on land, or a mission's dives do not fit."""
         region = Region(flow.grid, self.config.depth_limit)
         locate(region, goal, "goal")
         if self.glides:
@@ -191,7 +191,7 @@ class MissionPlanner:
             )
 
     def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
-        """Return how far from its goal [m] a mission ends when it is flown in a flow, as it changes where it does."""
+        """Return the distance from its goal [m] at which a mission ends in a flow, which may change in time."""
         mission: planners.MissionPlan = planned.memory
         if len(mission.headings_deg) == 0:
             return float(mission.closest_approach[-1])
@@ -204,7 +204,7 @@ class MissionPlanner:
 
 
 def span_of(request: planners.MissionRequest) -> float:
-    """Return for how long a mission may need the current [s]: some times the way through still water, at most its longest duration."""
+    """Return the period for which a mission may need the current [s]: a multiple of the still-water duration, up to its maximum."""
     vehicle, places = request.vehicle, [request.start, *request.goals]
     along = float(vehicle.speeds(np, vehicle.angles[0])[0])
     way = sum(
@@ -215,26 +215,26 @@ def span_of(request: planners.MissionRequest) -> float:
 
 
 def sample_count(estimate: FlowEstimate, stated: int | None) -> int:
-    """Return the number of samples in which a mission is judged: where none is stated 100, and none of an estimate without uncertainty."""
+    """Return the number of simulated flights of a mission: by default 100, and none without an uncertainty of the estimate."""
     if stated is not None:
         return stated
     return 0 if estimate.n_modes == 0 else JUDGING
 
 
 def without_odds(mission: planners.MissionPlan, estimate: FlowEstimate) -> planners.MissionPlan:
-    """Return a mission that is not flown in samples; where the estimate has none, its message says so."""
+    """Return a mission without simulated flights; its message says if the estimate has no samples."""
     if estimate.n_modes > 0:
         return mission
     return replace(
         mission,
-        message=f"{mission.message}; the estimate states no uncertainty: how likely that is is not known",
+        message=f"{mission.message}; the estimate states no uncertainty, so its odds are unknown",
     )
 
 
 def _next_surfacing(
     projection: Projection, mission: planners.MissionPlan, ellipse: Array | None
 ) -> Surfacing | None:
-    """Return where the first leg ends at the surface, with an ellipse where there are samples; None when no leg does."""
+    """Return the surfacing at the end of the first leg, with an ellipse if there are samples; None without such a leg."""
     glides = mission.settings.yos == 0
     if glides or len(mission.headings_deg) == 0 or mission.yo_depths[0][-1] > 0.0:
         return None

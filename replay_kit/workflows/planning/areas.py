@@ -1,6 +1,6 @@
-"""No-go areas and fences from GeoJSON and KML, and what about them a user should know.
+"""No-go areas and fences from GeoJSON and KML, with notes for the user.
 
-KML is made features of GeoJSON. References: RFC 7946; OGC 12-007r2, KML 2.3.
+KML is converted to GeoJSON features. References: RFC 7946; OGC 12-007r2, KML 2.3.
 """
 
 import json
@@ -35,38 +35,37 @@ _OTHERS = {
 
 
 class _NoAreaError(ValueError):
-    """What was found instead of areas."""
+    """Error: other content in place of areas."""
 
 
 def read_areas(path: Path) -> tuple[NoGo, ...]:
-    """Return the polygons of a file, and what its lines enclose, as no-go areas; with the property ``fence`` true as fences.
+    """Return the polygons and closed lines of a file as no-go areas; with the property ``fence`` true as fences.
 
-    What holds in an area does not hold in its holes; a fence's holes may not be entered. ``begin`` and ``end`` are the times between which
-    an area holds. Heights are left out.
+    An area excludes its holes; a fence's holes may not be entered. ``begin`` and ``end`` limit the time of an area. Heights are ignored.
 
     Raises:
-        PlanError: It is no GeoJSON or KML, or holds a geometry that encloses nothing.
+        PlanError: The file is not GeoJSON or KML, or a geometry encloses no area.
     """
     return tuple(area for _, area in _drawn(path))
 
 
 def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
-    """Return what about the areas of a file a user of them in a region should know: lines, open or crossing outlines, times, far away.
+    """Return notes on the areas of a file in a region: lines, open or crossing outlines, times, distant areas.
 
     Raises:
-        PlanError: An area lies in the region only if its corners are latitude and longitude.
+        PlanError: An area lies in the region only with latitude and longitude exchanged.
     """
     notes = []
     for of_line, area in _drawn(path):
         name, corners = area.name, np.array(area.polygon)
         if of_line:
-            notes.append(f"{name}: it is drawn as a line; what the line encloses is forbidden")
+            notes.append(f"{name}: drawn as a line; the enclosed area is forbidden")
         if area.polygon[0] != area.polygon[-1]:
             notes.append(
                 f"{name}: its outline is open; it is closed from the last corner to the first"
             )
         if area.is_timed:
-            notes.append(f"{name}: a mission that lasts into its time keeps out of it throughout")
+            notes.append(f"{name}: a mission that overlaps its time avoids it throughout")
         if len(corners) > 3 and not shapely.is_valid(shapely.Polygon(corners)):
             notes.append(f"{name}: its outline crosses itself; filled by the even-odd rule")
         if not _overlaps(corners, grid):
@@ -75,12 +74,12 @@ def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
                     f"{path}: {name} has corners such as {corners[0, 0]:g}, {corners[0, 1]:g}, which lie in the region as latitude and "
                     "longitude; GeoJSON has longitude first: swap them"
                 )
-            notes.append(f"{name}: it lies outside of the region")
+            notes.append(f"{name}: lies outside the region")
     return tuple(notes)
 
 
 def _overlaps(corners: Array, grid: Grid) -> bool:
-    """Return whether the bounds of an area's corners, shape (n, 2) [degrees], overlap those of a region."""
+    """Return whether the bounds of corners, shape (n, 2) [degrees], overlap those of a region."""
     if np.any(np.abs(corners[:, 1]) > 90.0):
         return False
     longitude = unwrap_longitude(corners[:, 0], float(grid.longitude.mean()))
@@ -89,10 +88,10 @@ def _overlaps(corners: Array, grid: Grid) -> bool:
 
 
 def _drawn(path: Path) -> list[_Drawn]:
-    """Return what a file draws as areas: of GeoJSON a FeatureCollection, a Feature or a geometry alone.
+    """Return the areas of a file; GeoJSON may be a FeatureCollection, a Feature or a single geometry.
 
     Raises:
-        PlanError: As for ``read_areas``.
+        PlanError: See ``read_areas``.
     """
     try:
         with open_input(path) as file:
@@ -113,11 +112,11 @@ def _drawn(path: Path) -> list[_Drawn]:
 
 
 def _features_of(content: bytes) -> list[Any]:
-    """Return the features of a file by its first bytes; a geometry alone is one without properties."""
+    """Return the features of a file, recognised by its first bytes; a single geometry is a feature without properties."""
     head = content.removeprefix(b"\xef\xbb\xbf").lstrip()[:2000]
     claimed = sum(size * content.count(mark) for mark, size in _OF_MARKS.items())
     if 2 * len(content) + claimed > _MOST_BYTES:
-        raise _NoAreaError("more than some 400,000 corners, which are to be simplified")
+        raise _NoAreaError("more than about 400,000 corners")
     if head.startswith(b"<") and b"<kml" in head.lower():
         if not (found := list(_of_kml(content))):
             raise _NoAreaError("KML without polygons or lines")
@@ -125,7 +124,7 @@ def _features_of(content: bytes) -> list[Any]:
     try:
         document = json.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        what = f"what is no JSON ({str(error)[:100]})" if head else "nothing"
+        what = f"invalid JSON ({str(error)[:100]})" if head else "nothing"
         others = (name for begin, name in _OTHERS.items() if head.startswith(begin))
         raise _NoAreaError(next(others, what)) from error
     kind = _kind(document)
@@ -147,7 +146,7 @@ def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
     try:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError) as error:
-        raise _NoAreaError(f"KML that is no XML ({error})") from error
+        raise _NoAreaError(f"invalid XML in KML ({error})") from error
 
     def ring(line: ElementTree.Element) -> list[list[str]]:
         text = line.findtext("{*}coordinates") or ""
@@ -176,7 +175,7 @@ def _of_kml(content: bytes) -> Iterator[Mapping[str, Any]]:
 
 
 def _kind(value: Any) -> str:
-    """Return the GeoJSON type of a value; in words where it states none."""
+    """Return the GeoJSON type of a value; a description if it has none."""
     if not isinstance(value, Mapping):
         return f"{type(value).__name__} in JSON" if value is not None else "null"
     kind = value.get("type")
@@ -187,7 +186,7 @@ def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Drawn]:
     """Yield the areas of a feature."""
     properties = feature.get("properties") or {}
     if not isinstance(properties, Mapping):
-        raise _NoAreaError(f"feature {number} with properties that are no object")
+        raise _NoAreaError(f"feature {number} whose properties are not an object")
     name = str(properties.get("name") or f"no-go area {number}")
     surface_only, fence = (properties.get(key) or False for key in ("surface_only", "fence"))
     for key, value in (("surface_only", surface_only), ("fence", fence)):
@@ -205,7 +204,7 @@ def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Drawn]:
 
 
 def _time(value: Any, name: str) -> int | None:
-    """Return a time [ns, UTC]; None for none."""
+    """Return a time [ns, UTC]; None if absent."""
     if value in (None, ""):
         return None
     try:
@@ -215,7 +214,7 @@ def _time(value: Any, name: str) -> int | None:
 
 
 def _rings(geometry: Any, name: str) -> Iterator[tuple[bool, list[Any]]]:
-    """Yield whether it is a line, and the rings, of each polygon and each line of a geometry."""
+    """Yield whether it is a line, and the rings, for each polygon and line of a geometry."""
     kind = _kind(geometry)
     if kind == "GeometryCollection" and isinstance(geometry.get("geometries"), list):
         for part in geometry["geometries"]:
@@ -234,7 +233,7 @@ def _rings(geometry: Any, name: str) -> Iterator[tuple[bool, list[Any]]]:
 
 
 def _corners(ring: Any, name: str) -> tuple[tuple[float, float], ...]:
-    """Return the corners of a ring [degrees], heights left out."""
+    """Return the corners of a ring [degrees], without heights."""
     try:
         corners = tuple((float(corner[0]), float(corner[1])) for corner in ring)
     except (ValueError, KeyError, TypeError, IndexError, OverflowError):

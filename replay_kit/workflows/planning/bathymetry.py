@@ -1,4 +1,4 @@
-"""Depth of the bottom from NetCDF, under the names and signs of GEBCO, ETOPO, NEMO and ROMS files; on a grid and under tracks."""
+"""Bathymetry from NetCDF with the names and signs of GEBCO, ETOPO, NEMO and ROMS; on a grid and under tracks."""
 
 # xarray, which is slow to load, is needed for a file alone
 from __future__ import annotations
@@ -66,18 +66,18 @@ _BEYOND = 2.0
 
 
 def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
-    """Return the depth of the bottom in a NetCDF file, around a region: no more of a grid of the world is read.
+    """Return the bottom depth in a NetCDF file; only the surroundings of a region are read.
 
-    It is found by its standard name, or else by its name. The attribute ``positive`` decides the sign; without it names of heights are
-    positive up and names of depths positive down. Depths are metres where no unit is stated. Where the file has the level of the water at
-    some times, the lowest counts. Land by ``mask_rho`` of ROMS is unknown depth.
+    The variable is found by standard name, or else by name. The attribute ``positive`` decides the sign; without it heights are positive up
+    and depths positive down. The default unit is metres. Of water levels at several times the lowest is used. Land in ``mask_rho`` of ROMS
+    is unknown depth.
 
     Args:
         path: The file.
-        region: Where the depth is wanted.
+        region: Region in which the depth is needed.
 
     Raises:
-        ForecastError: There is no such variable on longitude and latitude, its unit is not one of length, or it holds no water.
+        ForecastError: No such variable on longitude and latitude exists, its unit is not a length, or it has no water.
     """
     import h5py
     import xarray as xr
@@ -138,7 +138,7 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     if not np.any(values > 0.0):
         raise ForecastError(
             f"{path}: {variable.name} as a {'height, positive up' if up else 'depth, positive down'}, has no water; give it the attribute "
-            f'positive = "{"down" if up else "up"}" if its sign is the other one'
+            f'positive = "{"down" if up else "up"}" if its sign is opposite'
         )
     # continuous where the region lies across the seam of the file
     longitude = unwrap_longitude(longitude, float(region.longitude.mean()))
@@ -155,7 +155,7 @@ def _values(array: xr.DataArray) -> Array:
 
 
 def _check_claim(path: Path, *arrays: xr.DataArray) -> None:
-    """Raise ForecastError where arrays are larger than the file can be meant to hold."""
+    """Raise ForecastError for arrays too large to be plausible for the file."""
     if why := exceeds_claim(path, sum(8 * array.size for array in arrays)):
         raise ForecastError(f"{path}: cannot read {arrays[0].name}: {why}; mend the file")
 
@@ -163,7 +163,7 @@ def _check_claim(path: Path, *arrays: xr.DataArray) -> None:
 def _named(
     dataset: xr.Dataset, names: Sequence[str], fits: Callable[[xr.DataArray], bool]
 ) -> Iterator[tuple[str, xr.DataArray]]:
-    """Yield each name with a variable that fits and has it as its standard name or its own, in the order of the names."""
+    """Yield each name with a fitting variable of that standard name or name, in the order of the names."""
     for wanted in names:
         for name in dataset.variables:
             variable = dataset[name]
@@ -173,7 +173,7 @@ def _named(
 
 
 def _is_up(path: Path, variable: xr.DataArray, wanted: str) -> bool:
-    """Return whether a variable that was found by a name is positive up."""
+    """Return whether a variable found by a name is positive up."""
     usual = "up" if wanted in _HEIGHTS else "down"
     positive = str(variable.attrs.get("positive", usual)).lower()
     if positive not in ("up", "down"):
@@ -184,14 +184,14 @@ def _is_up(path: Path, variable: xr.DataArray, wanted: str) -> bool:
 
 
 def _is_axis(found: tuple[str, xr.DataArray] | None, axis: xr.DataArray) -> bool:
-    """Return whether a variable may be an axis of the one found; one named x or y only where it is in degrees."""
+    """Return whether a variable may be an axis of the found one; x or y only in degrees."""
     degrees = str(axis.attrs.get("units", "")).lower().startswith("degree")
     named = degrees or str(axis.name).lower() not in ("x", "y")
     return found is not None and named and axis.ndim > 0 and {*axis.dims} <= {*found[1].dims}
 
 
 def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array | None:
-    """Return the lowest level of the water at any time, of the shape of the depths [m]; None where the file has none on their points."""
+    """Return the lowest water level at any time, shape of the depths [m]; None if absent at their points."""
     for _, level in _named(dataset, _LEVELS, lambda one: set(depth.dims) <= set(one.dims)):
         _check_claim(path, level)
         times = _values(level.transpose(..., *depth.dims)).reshape(-1, *depth.shape)
@@ -201,7 +201,7 @@ def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array
 
 
 def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
-    """Return the rows and columns in a region and some beyond, in the order of a region across the file's seam; all where none is."""
+    """Return the rows and columns in and around a region, ordered across the file's seam; all if none lies in it."""
     from replay_kit.forecast.grid import region_block
 
     ends = []
@@ -223,7 +223,7 @@ def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
-    """Return what about a bathymetry a user of it in a region should know: gaps, cells wider than the forecast's, water not covered."""
+    """Return notes on a bathymetry in a region: gaps, cells wider than the forecast's, uncovered water."""
     notes = list[str]()
     inside = within(bounds_of(grid), bathymetry.longitude, bathymetry.latitude)
     if bathymetry.lowest_water is not None:
@@ -240,8 +240,8 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
     spacing, cells = (_spacing(*each) for each in (places, (grid.east, grid.north)))
     if spacing > 1.05 * cells:
         notes.append(
-            f"the bathymetry's points are {spacing / 1e3:.1f} km apart, wider than the forecast's, {cells / 1e3:.1f} km; between four of "
-            "them the shallowest counts"
+            f"the bathymetry's points are {spacing / 1e3:.1f} km apart, wider than the forecast's, {cells / 1e3:.1f} "
+            "km; between four of them the shallowest is used"
         )
     west = unwrap_longitude(grid.longitude, float(bathymetry.longitude.mean()))
     covered = (bathymetry.longitude, west), (bathymetry.latitude, grid.latitude)
@@ -249,12 +249,12 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
         theirs.min() < ours.min() - 1e-9 or theirs.max() > ours.max() + 1e-9
         for ours, theirs in covered
     ):
-        notes.append("the bathymetry does not cover all of the region; missions keep inside of it")
+        notes.append("the bathymetry does not cover the whole region; missions stay inside it")
     return tuple(notes)
 
 
 def _scale(path: Path, variable: xr.DataArray) -> float:
-    """Return the metres of a variable's unit."""
+    """Return the metres per unit of a variable."""
     unit = str(variable.attrs.get("units", "m")).strip().lower()
     if (found := metres(unit)) is None:
         raise ForecastError(
@@ -268,11 +268,11 @@ _CELLS = 160
 
 
 def seabed_of(bathymetry: Bathymetry, region: Grid) -> Seabed:
-    """Return a bathymetry on a regular grid around a region, no finer than its own points, bilinear between them.
+    """Return a bathymetry interpolated bilinearly to a regular grid around a region, no finer than its own points.
 
     Args:
-        bathymetry: Of the region.
-        region: What the grid covers.
+        bathymetry: Bathymetry of the region.
+        region: Region to cover.
     """
     spacing = _spacing(*to_local(region.projection, bathymetry.longitude, bathymetry.latitude))
     axes = []
@@ -283,13 +283,13 @@ def seabed_of(bathymetry: Bathymetry, region: Grid) -> Seabed:
 
 
 def depth_at(bathymetry: Bathymetry, projection: Projection, east: Array, north: Array) -> Array:
-    """Return the depth of the bottom, bilinear between the points of a bathymetry, of any shape [m]; NaN where unknown.
+    """Return the bottom depth at places of any shape [m], by bilinear interpolation; NaN where unknown.
 
     Args:
-        bathymetry: The bottom.
-        projection: The local frame.
-        east: Of the places [m].
-        north: Of the places [m].
+        bathymetry: Bathymetry.
+        projection: Local frame.
+        east: Local east of the places [m].
+        north: Local north of the places [m].
     """
     # loads slowly, and a plan without a bathymetry needs none
     from replay_kit.forecast.grid import bilinear, find_cells

@@ -1,4 +1,4 @@
-"""The current that a mission meets: an estimate that changes at its own rate, files of several times, or one time that is held."""
+"""Current during a mission: an estimate that evolves, files of several times, or one time held constant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,12 +31,12 @@ _STENCIL = 0.05
 
 @dataclass(frozen=True, eq=False)
 class KnownCurrent:
-    """What is known of the current at the times of a mission.
+    """Knowledge of the current during a mission.
 
     Attributes:
-        estimates: One, or several that hold for increasing times.
-        flow_step: Between the flows that an estimate which changes is planned on [s].
-        last_fix_ns: When the vehicle was fixed last [ns, UTC]; None where that is not known, as of an estimate alone.
+        estimates: One estimate, or several in order of time.
+        flow_step: Time between the flows of a changing estimate [s].
+        last_fix_ns: Time of the last fix [ns, UTC]; None if unknown, as for a pure estimate.
     """
 
     estimates: tuple[FlowEstimate, ...]
@@ -45,12 +45,12 @@ class KnownCurrent:
 
     @property
     def first(self) -> FlowEstimate:
-        """The only estimate, or the earliest."""
+        """The only or earliest estimate."""
         return self.estimates[0]
 
     @property
     def process(self) -> Process | None:
-        """How the only estimate changes; None where it does not, or there are several."""
+        """Process of the only estimate; None if it is static or there are several."""
         known, last = self.first.process, self.first.last_observation_ns
         if len(self.estimates) > 1 or known is None or self.first.time_ns is None:
             return None
@@ -58,12 +58,12 @@ class KnownCurrent:
 
     @cached_property
     def changes(self) -> bool:
-        """Whether the current changes."""
+        """Whether the current changes in time."""
         return len(self.estimates) > 1 or is_noticed(self.local) or self.process is not None
 
     @property
     def ends_ns(self) -> int | None:
-        """Time of the last thing that a forecast says [ns, UTC]; None where one time alone is known."""
+        """Last time of the forecast [ns, UTC]; None if only one time is known."""
         if len(self.estimates) > 1:
             return self.estimates[-1].time_ns
         return (
@@ -74,7 +74,7 @@ class KnownCurrent:
 
     @property
     def local(self) -> LocalCurrent | None:
-        """The current beside the only estimate, as the dives so far show it."""
+        """Local correction to the only estimate from the dives so far."""
         return (
             self.first.local
             if len(self.estimates) == 1 and self.first.time_ns is not None
@@ -82,35 +82,35 @@ class KnownCurrent:
         )
 
     def begin(self, asked_ns: int | None) -> tuple[int, tuple[str, ...]]:
-        """Return when a mission begins [ns, UTC], 0 where no time is known, and what should be known of that, as sentences.
+        """Return the start of a mission [ns, UTC], 0 without times, and notes on it.
 
         Args:
-            asked_ns: When it is to begin; None for the time of the last fix, or else of the estimate.
+            asked_ns: Requested start [ns, UTC]; None for the time of the last fix, or else of the estimate.
 
         Raises:
-            PlanError: The forecast says nothing of the time asked for.
+            PlanError: The forecast does not cover the requested time.
         """
         if asked_ns is not None:
             self.check_time("--start-time", asked_ns)
             return asked_ns, ()
         if self.last_fix_ns is not None:
             return self.last_fix_ns, (
-                f"it begins at {time_text(self.last_fix_ns)}, the time of the last fix; --start-time says another",
+                f"it begins at {time_text(self.last_fix_ns)}, the time of the last fix; --start-time sets another",
             )
         known = self.first.time_ns
         words = (
             ""
             if known is None
-            else f"it begins at {time_text(known)}, the time of the estimate; --start-time says another"
+            else f"it begins at {time_text(known)}, the time of the estimate; --start-time sets another"
         )
         return known or 0, (words,) * bool(words)
 
     def flow(self, begin_ns: int, seconds: float) -> Flow:
-        """Return the current as planners take it: one flow that does not change, or flows for increasing times.
+        """Return the current for planners: one constant flow, or flows at increasing times.
 
         Args:
-            begin_ns: From when on it is needed [ns, UTC].
-            seconds: For how long; afterwards the last flow holds.
+            begin_ns: Start of the period [ns, UTC].
+            seconds: Length of the period [s]; afterwards the last flow holds.
         """
         if len(self.estimates) > 1:
             return self.estimates
@@ -130,15 +130,15 @@ class KnownCurrent:
         ]
 
     def samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Sample]:
-        """Return samples of the current: of an estimate that changes drawn through time, of others drawn once.
+        """Return samples of the current: time-dependent for a changing estimate, otherwise constant.
 
-        Each has a course of the current beside the estimate where that is known: what it differs by from the one that ``flow`` has.
+        If the local correction is known, each includes a time course of its deviation from that in ``flow``.
 
         Args:
-            begin_ns: As in ``flow``.
-            seconds: As in ``flow``.
-            count: Their number; 0 for none.
-            seed: Of the draws.
+            begin_ns: See ``flow``.
+            seconds: See ``flow``.
+            count: Number of samples.
+            seed: Seed of the draws.
         """
         if count == 0:
             return ()
@@ -148,7 +148,7 @@ class KnownCurrent:
         )
 
     def _samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Flow]:
-        """Return samples of the estimate and what ``flow`` adds to it."""
+        """Return samples of the estimate with the additions of ``flow``."""
         times = _times(self.process, self._step, begin_ns, seconds)
         if self.process is None:
             added = self._beside(times[0])
@@ -171,12 +171,12 @@ class KnownCurrent:
 
     @property
     def oscillation(self) -> Oscillation | None:
-        """What oscillates beside the slow current of the only estimate."""
+        """Oscillation in addition to the slow current of the only estimate."""
         return self.first.oscillation if len(self.estimates) == 1 else None
 
     @property
     def _step(self) -> float:
-        """Longest time between flows [s]: between an oscillation's, linear, its amplitude errs by 8 % at most."""
+        """Longest time between flows [s]; linear interpolation of an oscillation errs by at most 8 % of its amplitude."""
         return (
             self.flow_step
             if self.oscillation is None
@@ -188,7 +188,7 @@ class KnownCurrent:
         return uniform_currents(self.first)
 
     def _beside(self, time_ns: int) -> Array | float:
-        """Return the latent values of what flows beside the slow current at a time [ns, UTC], shape (M, Z) or (M, 1); 0 without."""
+        """Return the latent values of currents added to the slow current at a time [ns, UTC], shape (M, Z) or (M, 1); 0 without."""
         added = (
             0.0 if self.oscillation is None else self._uniform @ self.oscillation.velocity(time_ns)
         )
@@ -197,9 +197,9 @@ class KnownCurrent:
         return added + self._uniform @ self.local.velocity(time_ns)[:, None]
 
     def check_time(self, name: str, time_ns: int) -> None:
-        """Raise PlanError for a time [ns, UTC] of which the forecast says nothing; ``name`` is that of the option.
+        """Raise PlanError for a time [ns, UTC] outside the forecast; ``name`` is that of the option.
 
-        Where one time alone is known, its current is held for so many days at most; without a time any will do.
+        A single known time is held constant for a limited number of days; without times any time is accepted.
         """
         known, last = self.first.time_ns, self.ends_ns
         if known is None:
@@ -221,7 +221,7 @@ class KnownCurrent:
         )
 
     def notes(self, begin_ns: int, end_ns: int) -> tuple[str, ...]:
-        """Return what is not known of the current during a mission [ns, UTC], as sentences; none where a forecast covers it."""
+        """Return notes on the parts of a mission [ns, UTC] outside the known times; empty if a forecast covers it."""
         last = self.ends_ns
         if last is None:
             return (self._of_one_time() + self._beyond(begin_ns, end_ns),)
@@ -229,17 +229,17 @@ class KnownCurrent:
         if over <= 0.0:
             return ()
         return (
-            f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held",
+            f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held constant",
         )
 
     def _beyond(self, begin_ns: int, end_ns: int) -> str:
-        """Return how far a mission [ns, UTC] lies from the one time that is known, where that is a guess."""
+        """Return a note on a mission [ns, UTC] too far from the only known time."""
         known, limit = self.first.time_ns, self.hours_known
         if known is None:
             return ""
         earlier, later = (known - begin_ns) / 3.6e12, (end_ns - known) / 3.6e12
         if earlier > limit:
-            return f". The mission begins {_long(earlier)} before that time: it is planned in a current of which little is known"
+            return f". The mission begins {_long(earlier)} before that time: the current there is little known"
         return f". The mission ends {_long(later)} after that time" if later > limit else ""
 
     def _of_one_time(self) -> str:
@@ -252,21 +252,23 @@ class KnownCurrent:
         if self.process is not None:
             return (
                 f"the forecast has one time, {when}: the estimate returns to it at the ensemble's rate of change, at which the samples "
-                f"part; beyond {hours:.0f} h this is a guess, as less than half of what was measured counts there"
+                f"part; beyond {hours:.0f} h this is a guess, with less than half the weight of the observations"
             )
         if not np.isfinite(hours):
-            return f"the current is frozen at {when}; for how long that holds is not known, as it does not turn anywhere"
+            return (
+                f"the current is frozen at {when}; for how long is unknown, as it has no vorticity"
+            )
         return (
-            f"the current is frozen at {when}; beyond {hours:.0f} h this is a guess: the ensemble's rate of change is not known, and in "
-            "that time its eddies turn by one radian"
+            f"the current is frozen at {when}; beyond {hours:.0f} h this is a guess: the ensemble's rate of change "
+            "is unknown, and its eddies turn by one radian in that time"
         )
 
     @property
     def hours_known(self) -> float:
-        """Hours beyond which a current of one time is a guess.
+        """Time after which a current of a single time is a guess [h].
 
-        Where the ensemble's rate of change is known, until the correlation with what was measured has fallen to a half: from there on the
-        frozen current errs more than the ensemble mean does. Elsewhere the turnover time of the eddies, 1 over the root mean square of
+        With a known rate of change, the time at which the correlation with the observations is a half: later the frozen current errs more
+        than the ensemble mean. Otherwise the turnover time of the eddies, 1 over the root mean square of
         the vorticity (Vallis 2017, Atmospheric and Oceanic Fluid Dynamics, chapter 11).
         """
         if self.process is not None:
@@ -280,14 +282,14 @@ def _long(hours: float) -> str:
 
 
 def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) -> KnownCurrent:
-    """Return the current of the estimates in some files, of which several must hold for increasing times.
+    """Return the current of the estimates in files, several in order of time.
 
     Args:
-        files: Each with its estimate.
-        flow_step: Between the flows that an estimate which changes is planned on [s].
+        files: Files with their estimates.
+        flow_step: Time between the flows of a changing estimate [s].
 
     Raises:
-        PlanError: A file's time is missing or not after the one before, or its region, levels or functions are others than the first's.
+        PlanError: A file's time is missing or not after the one before, or its region, levels or functions differ from the first.
     """
     for (earlier, before), (path, flow) in pairwise(files):
         if before.time_ns is None or flow.time_ns is None or flow.time_ns <= before.time_ns:
@@ -304,7 +306,7 @@ def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) 
 
 
 def uniform_currents(flow: FlowEstimate) -> Array:
-    """Return the latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2), of a flow's functions."""
+    """Return the latent values of uniform currents of 1 m/s towards local east and north, shape (M, 2)."""
     # loads slowly, and a current without others beside it needs none
     from replay_kit.estimator.basis.embedding import embed
 
@@ -317,13 +319,13 @@ def uniform_currents(flow: FlowEstimate) -> Array:
 
 
 def _times(process: Process | None, flow_step: float, begin_ns: int, seconds: float) -> list[int]:
-    """Return times [ns, UTC] that cover a mission, evenly spaced, among them those of the forecast where these are: there it bends.
+    """Return times [ns, UTC] that cover a mission: evenly spaced, and those of the forecast, where it bends.
 
     Args:
-        process: With the times of the forecast; None where these are not known.
-        flow_step: Longest distance between them [s]; where the forecast's times are nearer to each other, theirs.
-        begin_ns: When the mission begins [ns, UTC].
-        seconds: For how long it may last.
+        process: Process with the times of the forecast; None if unknown.
+        flow_step: Longest spacing [s], reduced to that of the forecast.
+        begin_ns: Start of the mission [ns, UTC].
+        seconds: Its longest duration [s].
     """
     step, anchor = round(flow_step * _NS), begin_ns
     if process is not None:
@@ -334,7 +336,7 @@ def _times(process: Process | None, flow_step: float, begin_ns: int, seconds: fl
 
 
 def _vorticity(flow: FlowEstimate) -> Array:
-    """Return dv/dx - du/dy at the nodes at each level, shape (N, Z) [1/s]."""
+    """Return the vorticity dv/dx - du/dy at the nodes of each level, shape (N, Z) [1/s]."""
     kernel, (east, north) = flow.horizontal.kernel, (values[:, None] for values in flow.nodes.T)
     dx, dy = _STENCIL * kernel.length_east, _STENCIL * kernel.length_north
     along = (

@@ -1,4 +1,4 @@
-"""What a plan is made on: the estimates, the areas to keep out of, the bottom to stay above."""
+"""Inputs of a plan: estimates, no-go areas, bathymetry."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedOn:
-    """What a plan is made on.
+    """Inputs of a plan.
 
     Attributes:
-        known: The current.
-        flown: How the vehicle flew; None where that is not known.
-        no_go: Areas that it keeps out of.
-        bathymetry: Bottom that it stays above; None without.
-        notes: What about the files should be known.
-        exit_code: 4 where part of a file was lost, else 0.
+        known: Current.
+        flown: Flight parameters of the vehicle; None if unknown.
+        no_go: No-go areas.
+        bathymetry: Bottom depth; None without one.
+        notes: Notes on the files.
+        exit_code: 4 if part of a file was lost, else 0.
     """
 
     known: "KnownCurrent"
@@ -51,19 +51,19 @@ class PlannedOn:
 
     @property
     def region(self) -> Grid:
-        """Where the estimate holds."""
+        """Region of the estimate."""
         return self.known.first.grid
 
 
 def planned_on(request: PlanRequest, config: PlannerConfig) -> PlannedOn:
-    """Return what a plan is made on, read from the files of its request.
+    """Return the inputs of a plan, read from the files of its request.
 
     Args:
-        request: What is asked for.
+        request: Request of the plan.
         config: ``[planner]``.
 
     Raises:
-        ReplayKitError: A file cannot be read, the files of the current do not follow each other, or a place is not in their water.
+        ReplayKitError: A file cannot be read, the estimates are not in order of time, or a place is outside their water.
     """
     announce("reading the estimate")
     named = bool(request.glider or request.start is None)
@@ -90,13 +90,13 @@ def planned_on(request: PlanRequest, config: PlannerConfig) -> PlannedOn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlowFile:
-    """A file with an estimate, read.
+    """Content of a file with an estimate.
 
     Attributes:
         flow: The estimate.
-        held: What else a result holds; None for an estimate alone.
-        notes: What was lost of the file, or that it has no checksum.
-        exit_code: Of a command that uses it: 4 where something was lost, else 0.
+        held: Other content of a result; None for a pure estimate.
+        notes: Losses of the file, or a missing checksum.
+        exit_code: Exit code of a command that uses it: 4 if something was lost, else 0.
     """
 
     flow: FlowEstimate
@@ -106,7 +106,7 @@ class FlowFile:
 
     @property
     def flown(self) -> AsFlown | None:
-        """How the vehicle flew; None where the file does not say it."""
+        """Flight parameters of the vehicle; None if absent from the file."""
         if self.held is not None:
             return AsFlown.in_metadata(self.held.metadata)
         saved = self.flow.about.get(AS_FLOWN)
@@ -116,16 +116,16 @@ class FlowFile:
 def read_known(
     files: Sequence[tuple[Path, FlowFile]], flow_step: float
 ) -> "tuple[KnownCurrent, AsFlown | None]":
-    """Return what some files, one at least, know of the current, and how the vehicle flew by the last of them that says it, None without.
+    """Return the current in one or more files, and the latest flight parameters in them, None without.
 
-    The time of the vehicle's last fix is known where there is one file, a result.
+    The time of the last fix is known for a single result.
 
     Args:
-        files: Each with what was read of it; several hold for increasing times.
-        flow_step: Between the flows that an estimate which changes is planned on [s].
+        files: Files with their content, several in order of time.
+        flow_step: Time between the flows of a changing estimate [s].
 
     Raises:
-        ReplayKitError: The files do not follow each other.
+        ReplayKitError: The files are not in order of time.
     """
     from replay_kit.workflows.planning.currents import known_current
 
@@ -137,14 +137,14 @@ def read_known(
 
 
 def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
-    """Return the estimate in a file: NetCDF of ``--save-estimate``, or a result MCAP, which its first bytes tell.
+    """Return the estimate in a NetCDF file of ``--save-estimate`` or a result MCAP, recognised by its first bytes.
 
     Args:
         path: The file.
-        places: Of a result of several windows, the estimate of the one that holds these; the last where it does, or where none does.
+        places: Positions that select the window of a result; the last window if it holds them, or if none does.
 
     Raises:
-        ReplayKitError: The reader's error, when there is no such file or it holds no estimate.
+        ReplayKitError: The file is missing or has no estimate.
     """
     if _is_result(path):
         from replay_kit.show.status.held import read_held
@@ -159,7 +159,7 @@ def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
 
 
 def held_of(path: Path) -> "Held | None":
-    """Return what a result holds of its end, its last fix and its goal among it; None for an estimate alone, or of several vehicles."""
+    """Return the end of a result, with last fix and goal; None for a pure estimate, or for several vehicles."""
     if not _is_result(path):
         return None
     from replay_kit.show.status.held import read_held
@@ -170,7 +170,7 @@ def held_of(path: Path) -> "Held | None":
 
 @contextmanager
 def _opened(path: Path) -> "Iterator[tuple[Sound, ResultReader]]":
-    """Yield a result whose checksums fit, and its reader."""
+    """Yield a result with valid checksums, and its reader."""
     from replay_kit.results.reader import ResultReader
     from replay_kit.workflows.sound import sound_result
 

@@ -1,4 +1,4 @@
-"""Planned missions for people and other programs: tables, JSON, and what keeps one from being handed to a vehicle."""
+"""Planned missions as tables and JSON, and reasons not to hand one to a vehicle."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,7 +19,7 @@ from replay_kit.workflows.planning.run import PlannedMission, Together
 def texts_of(
     planned: PlannedMission, geojson: Path | None, csv: Path | None, waypoints: Path | None
 ) -> Iterator[tuple[Path, str]]:
-    """Yield each file that is asked for, with its text: the mission on a map, its legs as a table, and its short list of waypoints."""
+    """Yield each requested file with its text: mission map, table of legs, and waypoint list."""
     made, odds, projection = planned.plan, planned.odds, planned.on.region.projection
     if geojson is not None:
         # loads the messages of results
@@ -40,7 +40,7 @@ def texts_of(
 
 
 def plans_json(made: Together) -> dict[str, Any]:
-    """Return plans for ``--json``: of one the planners' figures, ``samples`` and ``waypoints``, null where there are none."""
+    """Return plans for JSON: a single one with the planners' figures, ``samples`` and ``waypoints``, null if absent."""
     each = {name: _mission_json(one) for name, one in made.planned.items()}
     if not made.goals:
         return each[""]
@@ -65,13 +65,13 @@ def _mission_json(planned: PlannedMission) -> dict[str, Any]:
 def print_plans(
     made: Together, console: Console, battery: float | None, withheld: Mapping[str, str]
 ) -> None:
-    """Print plans: their odds and outcome, what waypoints lose, and the commands to a glider at each surfacing.
+    """Print plans: odds, outcome, loss by waypoints, and the commands to a glider at each surfacing.
 
     Args:
         made: The plans.
-        console: Where to.
-        battery: Energy that a vehicle has [MJ]; None when it is not stated.
-        withheld: Why the files of a plan are not written, by its vehicle.
+        console: Console.
+        battery: Energy of a vehicle [MJ]; None if not stated.
+        withheld: Reason not to write the files of a plan, by vehicle.
     """
     if made.goals:
         _print_together(made, console)
@@ -117,7 +117,7 @@ def _print_mission(planned: PlannedMission, console: Console, battery: float | N
 
 
 def _print_departures(planned: PlannedMission, console: Console) -> None:
-    """Print the departures that were compared, the one that is planned marked."""
+    """Print the compared departures, the planned one marked."""
     rows = departures_table(planned)
     columns = (
         "departure",
@@ -148,10 +148,10 @@ def _departure_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
-    """Return the departures that were compared, one row each, for ``--json`` and for results.
+    """Return the compared departures, one row each, for JSON and for results.
 
-    ``best`` names what a departure is best at: ``planned``, the one of the mission, and ``arrives first``. ``arrival`` is null where the
-    goal is not reached.
+    ``best`` marks the departure ``planned`` for the mission and the one that ``arrives first``. ``arrival`` is null if the goal is not
+    reached.
     """
     ends = {
         k: plan.start_time_ns + round(plan.duration * 1e9)
@@ -194,13 +194,13 @@ def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
 
 
 def _headings_text(row: Mapping[str, Any]) -> str:
-    """Return the headings with which a leg still arrives."""
+    """Return the range of headings with which a leg still arrives, as text."""
     low, high = row.get("heading_from_deg"), row.get("heading_to_deg")
     return "-" if low is None or high is None else f"{low:.0f} to {high:.0f}"
 
 
 def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
-    """Return why a mission must not be handed to a vehicle unasked; None when it may be."""
+    """Return the reason not to hand a mission to a vehicle without confirmation; None if it is safe."""
     made, few, figures = planned.plan, planned.waypoints, planned.samples
     violating = 0.0 if figures is None else 1.0 - figures["safe"]
     if few is not None and (
@@ -210,7 +210,7 @@ def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
         other = "" if planned.helps is None else f"; --waypoint-tolerance {planned.helps:g} is safe"
         return f"the waypoints are not safe{share}{other}"
     if few is not None and made.status == "unsafe":
-        return "waypoints of a plan that is not safe"
+        return "waypoints of an unsafe plan"
     if job.risk is None or figures is None:
         return None
     if made.status != "unsafe" and violating <= job.risk + 1e-9:
@@ -225,7 +225,7 @@ def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
 
 
 def _print_together(made: Together, console: Console) -> None:
-    """Print who goes where, what each two missions keep apart, and what is left out."""
+    """Print the assignment of goals, the separation of each two missions, and unassigned goals."""
     columns = ("glider", "goal", "status", "hours", "arrives")
     print_table(console, "Gliders", columns, [_cells(made, *one) for one in made.planned.items()])
     for name, goal in made.goals.items():
@@ -244,7 +244,7 @@ def _cells(made: Together, name: str, one: PlannedMission) -> tuple[str, ...]:
 
 
 def _apart(row: Mapping[str, Any]) -> str:
-    """Return how near two missions come, in words."""
+    """Return the separation of two missions, as text."""
     first, second = row["vehicles"]
     text = f"{first} and {second}: at least {row['least_distance_m'] / 1e3:.1f} km apart, at {row['time']}"
     if row["separation_m"] is None:
@@ -253,6 +253,6 @@ def _apart(row: Mapping[str, Any]) -> str:
         text += f"; nearer than {row['separation_m'] / 1e3:g} km in {100.0 * row['nearer_in_samples']:.0f} % of the samples"
     if not row["kept"]:
         text += (
-            f"; {row['separation_m'] / 1e3:g} km are not kept: no way round was found for either"
+            f"; {row['separation_m'] / 1e3:g} km are not kept: no route around was found for either"
         )
     return text

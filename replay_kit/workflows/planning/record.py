@@ -1,4 +1,4 @@
-"""The result of ``plan``: written with what it was made of, and made again from what it says was asked for."""
+"""Result of ``plan``: written with its inputs, and reproduced from its recorded request."""
 
 import json
 from collections.abc import Mapping
@@ -43,12 +43,11 @@ def write_mission(path: Path, overwrite: bool, planned: PlannedMission, config: 
         path: The result.
         overwrite: Replace an existing one.
         planned: The mission.
-        config: All settings; those that the mission was planned with are attached as ``config.toml``, and what was asked for is recorded,
-            its files with their hashes.
+        config: All settings; those of the mission are attached as ``config.toml``. The request is recorded, with hashes of its files.
 
     Raises:
         ConfigError: The result exists and may not be replaced, or cannot be written.
-        ReplayKitError: It could not be written whole.
+        ReplayKitError: It could not be written completely.
     """
     on, battery, legs = planned.on, config.plan.battery, legs_table(planned.plan, planned.odds)
     projection = on.region.projection
@@ -86,7 +85,7 @@ def write_mission(path: Path, overwrite: bool, planned: PlannedMission, config: 
 
 
 def _metadata(request: PlanRequest) -> dict[str, Mapping[str, str]]:
-    """Return the metadata records of a plan made on its own: its inputs' names and hashes, what was asked for, the versions."""
+    """Return the metadata records of a plan: names and hashes of its inputs, request, versions."""
     read = {f"flow{k}": path for k, path in enumerate(request.flows)}
     read |= {name: getattr(request, name) for name in _FILES if getattr(request, name) is not None}
     files = {*_FILES, "flows"}
@@ -102,7 +101,7 @@ def _metadata(request: PlanRequest) -> dict[str, Mapping[str, str]]:
 
 
 def _settings_of(config: RunConfig, planned: PlannedMission) -> RunConfig:
-    """Return the configuration that a mission was planned with; weights of an objective have no place in a configuration."""
+    """Return the configuration of a mission; weights of an objective have no place in a configuration."""
     settings = mission_settings(config.plan, config.planner)
     used = {"kind": "mission", "samples": planned.drawn, "max_duration": settings["max_duration"]}
     if isinstance(settings["objective"], str):
@@ -111,15 +110,15 @@ def _settings_of(config: RunConfig, planned: PlannedMission) -> RunConfig:
 
 
 def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> PlanRequest:
-    """Return what was asked for.
+    """Return the request of a recorded plan.
 
     Args:
-        record: Of a plan's result.
-        found: Its inputs, by the keys of their record.
+        record: Record of a plan's result.
+        found: Its inputs, by record key.
 
     Raises:
         LogError: The record is damaged, or of an earlier version.
-        ConfigError: This version has no such plans.
+        ConfigError: This version does not support such plans.
     """
     try:
         asked = TypeAdapter(dict[str, Any]).validate_json(record["request"])
@@ -133,21 +132,21 @@ def recorded_request(record: Mapping[str, str], found: Mapping[str, Path]) -> Pl
         return PlanRequest.model_validate(kept)
     except (KeyError, TypeError, ValueError) as error:
         raise LogError(
-            f"{PLAN_RECORD}: expected what a plan was asked for, got {dict(record)}; plan again"
+            f"{PLAN_RECORD}: expected the request of a plan, got {dict(record)}; plan again"
         ) from error
 
 
 def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path], out: Path) -> None:
-    """Plan what a result was planned for, and write it as ``plan`` does.
+    """Repeat the plan of a result, and write it as ``plan`` does.
 
     Args:
-        recorded: What the result says of how it was made.
+        recorded: Record of the result.
         config: Its configuration.
-        found: Its inputs, by the keys of their record.
+        found: Its inputs, by record key.
         out: The new result.
 
     Raises:
-        ReplayKitError: The record is damaged, or there is no such plan any more.
+        ReplayKitError: The record is damaged, or the kind of plan is no longer supported.
     """
     request = checked(recorded_request(recorded.metadata[PLAN_RECORD], found))
     each = make_plans(request, config.planner, planned_on(request, config.planner)).planned

@@ -1,6 +1,6 @@
-"""What ``plan`` is asked for, with options that exclude each other refused, and made the planners' own values.
+"""Request of ``plan``: incompatible options are refused, values converted to those of the planners.
 
-The planners take longer to load than what is wrong takes to be refused.
+Planners are imported on use only, so that errors in options appear quickly.
 """
 
 from math import inf
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def completed(request: PlanRequest) -> PlanRequest:
-    """Return a request with the start and the goal that are not given taken from its result: the last fix, and the goal of the run.
+    """Return a request with a missing start and goal from its result: the last fix, and the goal of the run.
 
     Raises:
         ReplayKitError: The result cannot be read.
@@ -39,10 +39,10 @@ def completed(request: PlanRequest) -> PlanRequest:
 
 
 def checked(request: PlanRequest) -> PlanRequest:
-    """Return a request, checked before any file is read, with the weight and the width of the line that it follows.
+    """Return a request checked before any file is read, with default weight and width of its line.
 
     Raises:
-        ConfigError: Options do not go together, or a value is none.
+        ConfigError: Options are incompatible, or a value is invalid.
     """
     _check(request)
     if request.objective is not None:
@@ -58,13 +58,13 @@ def checked(request: PlanRequest) -> PlanRequest:
 
 
 def _check(request: PlanRequest) -> None:
-    """Refuse values out of range, and options that do not go together.
+    """Raise ConfigError for values out of range and incompatible options.
 
     Raises:
-        ConfigError: Two options exclude each other, or one needs another that is not given, or a value is none.
+        ConfigError: Two options exclude each other, one needs another, or a value is invalid.
     """
     if not request.goal:
-        raise ConfigError("--goal: expected LON,LAT,DEPTH, where to go")
+        raise ConfigError("--goal: expected LON,LAT,DEPTH")
     # read once, so that what is wrong with them is said before anything is loaded
     _ = (
         *(
@@ -78,9 +78,9 @@ def _check(request: PlanRequest) -> None:
     )
     _check_together(request)
     if request.risk is not None and not 0.0 <= request.risk < 1.0:
-        raise ConfigError(f"--risk: expected a share from 0 to below 1, got {request.risk:g}")
+        raise ConfigError(f"--risk: expected a fraction from 0 to below 1, got {request.risk:g}")
     if not 0.0 <= request.arrive <= 1.0:
-        raise ConfigError(f"--arrive: expected a share from 0 to 1, got {request.arrive:g}")
+        raise ConfigError(f"--arrive: expected a fraction from 0 to 1, got {request.arrive:g}")
     for name in (
         "time_limit",
         "battery",
@@ -112,10 +112,10 @@ _EXCLUDES = {
 
 
 def _check_together(request: PlanRequest) -> None:
-    """Refuse options that need another or exclude each other.
+    """Raise ConfigError for options that need another or exclude each other.
 
     Raises:
-        ConfigError: Some do.
+        ConfigError: Options are incompatible.
     """
 
     def given(name: str) -> bool:
@@ -149,16 +149,16 @@ def _check_together(request: PlanRequest) -> None:
 
 
 def check_samples(request: PlanRequest, count: int, knows_errors: bool) -> None:
-    """Raise an error when odds are asked for that the samples, of which there are ``count``, do not show.
+    """Raise an error for requested odds that the samples cannot give.
 
     Args:
-        request: What is asked for.
+        request: Request of the plan.
         count: Number of samples.
-        knows_errors: Whether the estimate states its uncertainty.
+        knows_errors: Whether the estimate has an uncertainty.
 
     Raises:
-        ConfigError: There are none.
-        PlanError: They are all the same.
+        ConfigError: There are no samples.
+        PlanError: The samples are all equal.
     """
     asked = "--risk" if request.risk is not None else "--objective odds"
     if request.risk is None and request.objective != "odds":
@@ -172,10 +172,10 @@ def check_samples(request: PlanRequest, count: int, knows_errors: bool) -> None:
 
 
 def objective_of(text: str) -> "str | Weights":
-    """Return an objective by its name, or weights such as ``time=1,energy=0.02,closest=5``.
+    """Return an objective's name, or its weights such as ``time=1,energy=0.02,closest=5``.
 
     Raises:
-        ConfigError: It is neither.
+        ConfigError: The text is neither.
     """
     if is_objective(text):
         return text
@@ -195,7 +195,7 @@ def objective_of(text: str) -> "str | Weights":
 
 
 def shape_of(request: PlanRequest) -> "Line | Mooring | None":
-    """Return the line that a checked request follows, or its mooring; None for another mission."""
+    """Return the line or mooring of a checked request; None for other missions."""
     from planners.request import Line, Mooring
 
     if request.mooring_numbers is not None:

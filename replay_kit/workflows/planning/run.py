@@ -1,4 +1,4 @@
-"""``plan``: a mission on an estimate, or one for each of several gliders, and its figures in samples of the estimate."""
+"""``plan``: a mission on an estimate, or one per glider, with figures from simulated flights."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -45,18 +45,18 @@ _WIDER = (2.0, 4.0, 8.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedMission:
-    """A mission, and what samples of the estimate make of it.
+    """Planned mission with its odds.
 
     Attributes:
         plan: The mission.
-        on: What it is made on.
-        odds: Of the glider that is steered along it, or along its waypoints; None without samples or legs.
-        samples: They as in the JSON; None without samples or legs.
-        waypoints: Short list of places to head for; None when none is asked for, or there are no legs.
-        notes: What should be known of it.
+        on: Inputs of the plan.
+        odds: Odds of a glider steered along it or its waypoints; None without samples or legs.
+        samples: The odds for JSON; None without samples or legs.
+        waypoints: Short list of waypoints; None if not requested, or without legs.
+        notes: Notes for the user.
         drawn: Number of samples drawn.
-        helps: Tolerance of another list of waypoints, which may be handed to a vehicle [m]; None where this may be, or none was found.
-        departures: That were compared, in order, each with the share of the samples that arrive, None without samples.
+        helps: Tolerance of another, safe list of waypoints [m]; None if this one is safe, or none was found.
+        departures: Compared departures, in order, each with the fraction of samples that arrive, None without samples.
     """
 
     plan: MissionPlan
@@ -72,13 +72,13 @@ class PlannedMission:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Together:
-    """Plans of several vehicles, or of one without a name.
+    """Plans of several vehicles, or of a single one without a name.
 
     Attributes:
-        planned: Of each vehicle that has one, by its name.
-        goals: Number of each vehicle's goal, by its name, counted from 1; None for a vehicle without one.
-        left: Numbers of the goals to which no vehicle goes.
-        separation: How near each two missions come, a row each.
+        planned: Planned mission by vehicle name.
+        goals: Number of the goal by vehicle name, counted from 1; None without one.
+        left: Numbers of unassigned goals.
+        separation: Separation of each two missions, one row each.
     """
 
     planned: Mapping[str, PlannedMission]
@@ -89,7 +89,7 @@ class Together:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """What missions are asked for, and what they are judged in: the current, samples of it, and what of their dives no setting states."""
+    """Request of missions, with current, samples and unstated dive settings."""
 
     job: PlanRequest
     on: PlannedOn
@@ -99,16 +99,16 @@ class _Asked:
 
 
 def make_plans(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
-    """Return the mission of a job, without a name, or those of its gliders, by their names; with their odds in samples of the estimate.
+    """Return the mission of a job, without a name, or those of its gliders by name, with their odds.
 
     Args:
-        job: What is asked for, checked.
-        config: ``[planner]`` with the command's options laid over it.
-        on: What its files hold.
+        job: Checked request.
+        config: ``[planner]``, overridden by the options of the command.
+        on: Content of its files.
 
     Raises:
-        ConfigError: Options do not go together.
-        PlanError: A goal cannot be planned for, or a time is outside of the forecast.
+        ConfigError: Options are incompatible.
+        PlanError: A goal cannot be planned for, or a time is outside the forecast.
     """
     if job.glider:
         return _of_gliders(job, config, on)
@@ -147,7 +147,7 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
     if left := len(job.departures_ns) - len(compared):
-        notes += (f"--time-limit left out the last {left} departures",)
+        notes += (f"--time-limit excluded the last {left} departures",)
     if job.waypoints and len(made.headings_deg) == 0:
         notes += ("no waypoints are written: the plan has no legs",)
     begin_ns = made.start_time_ns
@@ -157,7 +157,7 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     planned = _judged(asked, request, made, notes)
     shaped = request.shape is not None or compared or job.risk is not None
     if planned.plan.status == "uncertain" and job.objective in (None, "time") and not shaped:
-        hint = "--objective odds looks for a mission that more samples arrive with"
+        hint = "--objective odds searches for better odds"
         planned = replace(planned, notes=(*planned.notes, hint))
     each = replace(asked, job=job.model_copy(update={"waypoints": False, "held": False}))
     departures = [_judged(each, request, plan, ()) for plan in compared]
@@ -166,7 +166,7 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
 
 
 def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
-    """Return the missions of several vehicles, which keep apart."""
+    """Return the missions of several vehicles, which keep their separation."""
     known, starts, named = on.known, job.glider_places, job.goals_of_gliders
     goals, names = tuple(place for _, place in named), tuple(starts)
     begin_ns, notes = known.begin(job.start_time_ns)
@@ -206,13 +206,13 @@ def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Toget
 
 
 def mission_planner(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> MissionPlanner:
-    """Return the planner of missions that are planned by themselves."""
+    """Return the planner of independent missions."""
     more = mission_settings(job, config)
     return MissionPlanner(config, flown=on.flown, bathymetry=on.bathymetry, more=more)
 
 
 def mission_settings(job: PlanRequest, config: PlannerConfig) -> dict[str, Any]:
-    """Return the settings of missions that are planned by themselves which ``[planner]`` does not state.
+    """Return the settings of independent missions that are absent from ``[planner]``.
 
     Raises:
         ConfigError: The objective is neither a name nor weights.
@@ -230,7 +230,7 @@ def mission_settings(job: PlanRequest, config: PlannerConfig) -> dict[str, Any]:
 
 
 def _begin(job: PlanRequest, known: KnownCurrent) -> tuple[int, tuple[str, ...]]:
-    """Return when a mission begins [ns, UTC], its times checked against the forecast, and what should be known of that."""
+    """Return the start of a mission [ns, UTC], its times checked against the forecast, and notes on it."""
     for time_ns in job.departures_ns:
         known.check_time("--depart", time_ns)
     begin_ns, notes = (
@@ -238,8 +238,8 @@ def _begin(job: PlanRequest, known: KnownCurrent) -> tuple[int, tuple[str, ...]]
     )
     if job.departures_ns and not known.changes:
         raise PlanError(
-            f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}, in which all "
-            "departures are the same; give the result of a replay through a forecast's times, or several files"
+            f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}, "
+            "in which all departures are equal; give the result of a replay through a forecast's times, or several files"
         )
     last, horizon = known.ends_ns, job.horizon_s
     if horizon is not None and last is not None and begin_ns + horizon * 1e9 > last:
@@ -251,7 +251,7 @@ def _begin(job: PlanRequest, known: KnownCurrent) -> tuple[int, tuple[str, ...]]
 
 
 def _seconds(job: PlanRequest, request: MissionRequest) -> float:
-    """Return for how long the current is needed [s]: that of the mission, from the first departure to the last arrival."""
+    """Return the period for which the current is needed [s], from the first departure to the last arrival."""
     if isinstance(request.shape, Mooring):
         return request.shape.duration
     between = (job.departures_ns[-1] - job.departures_ns[0]) / 1e9 if job.departures_ns else 0.0
@@ -261,7 +261,7 @@ def _seconds(job: PlanRequest, request: MissionRequest) -> float:
 def _within_times(
     job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
 ) -> tuple[MissionRequest, MissionPlan, tuple[MissionPlan, ...]]:
-    """Return the mission that keeps out of areas whose time it lasts into, throughout; its request, and the plans of all departures."""
+    """Return the request, the mission and the plans of all departures, with areas that take effect during it avoided throughout."""
     areas, counted = request.no_go, tuple(area for area in request.no_go if not area.is_timed)
     while True:
         request = replace(request, no_go=counted)
@@ -283,7 +283,7 @@ def _within_times(
 def _planned(
     job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
 ) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
-    """Return the mission, and the plans of all departures where several are compared."""
+    """Return the mission, and the plans of all departures if several are compared."""
     ranges = request.settings.depths, request.settings.speeds
     by_odds = job.risk is not None or job.objective == "odds"
     if any(ranges) and (job.departures_ns or by_odds):
@@ -304,7 +304,7 @@ def _planned(
 def _judged(
     asked: _Asked, request: MissionRequest, made: MissionPlan, notes: tuple[str, ...]
 ) -> PlannedMission:
-    """Return a mission with its short list of waypoints where one is asked for, flown in the samples, along the list if there is one."""
+    """Return a mission with its requested waypoints, and with simulated flights, along the waypoints if any."""
     job, currents, few, of_list, helps = asked.job, (asked.flow, asked.drawn), None, None, None
     if job.waypoints and len(made.headings_deg):
         few, of_list = waypoints_of(asked.flow, made, request, job.waypoint_tolerance, asked.drawn)
@@ -331,13 +331,13 @@ def _judged(
 
 
 def _is_safe(few: Waypoints, odds: MissionOdds | None, job: PlanRequest) -> bool:
-    """Return whether a list of waypoints keeps clear, also in the samples where there are some."""
+    """Return whether a list of waypoints violates no constraint, also in the samples, if any."""
     violating = 0.0 if odds is None else 1.0 - odds.safe
     return few.violation is None and violating <= job.accepted_risk + 1e-9
 
 
 def _other_tolerance(asked: _Asked, request: MissionRequest, made: MissionPlan) -> float | None:
-    """Return the first of some wider tolerances with which the list is safe [m]: a glider that may stray more heads more steadily."""
+    """Return the first of some wider tolerances with a safe list [m]; a glider that may deviate further keeps steadier headings."""
     usual = asked.job.waypoint_tolerance or made.settings.tolerance
     for tolerance in (times * usual for times in _WIDER):
         if request.settings.is_late:
@@ -348,7 +348,7 @@ def _other_tolerance(asked: _Asked, request: MissionRequest, made: MissionPlan) 
 
 
 def samples_json(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
-    """Return the odds for ``--json``."""
+    """Return the odds for JSON."""
     figures = {
         "count": odds.count,
         "radius_m": odds.radius,
@@ -370,7 +370,7 @@ def samples_json(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
 
 
 def _apart(asked: _Asked, joint: JointMissions, names: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """Yield how near each two missions come, a row each, for people and ``--json``."""
+    """Yield the separation of each two missions, one row each, for console and JSON."""
     least = asked.job.separation or 0.0
     for one in joint.nearness:
         share = None
@@ -389,7 +389,7 @@ def _apart(asked: _Asked, joint: JointMissions, names: Sequence[str]) -> Iterato
 
 
 def _of_its_own(times: Array, vehicles: Sequence[str], goals_of: Sequence[str]) -> Array:
-    """Return times in which a goal that is a vehicle's own is out of reach of all others, and all others out of reach of that vehicle."""
+    """Return times in which a vehicle's own goal is out of reach of all others, and other goals of that vehicle."""
     allowed = np.ones(times.shape, dtype=bool)
     for k, vehicle in enumerate(vehicles):
         own = np.array([name == vehicle for name in goals_of])

@@ -1,1 +1,1 @@
-"""One log end to end."""
+"""Replay of logs from end to end."""

@@ -1,4 +1,4 @@
-"""The account of what became of a vehicle's messages and measurements: for the outcome, for notes, and for why a log cannot be used."""
+"""Account of a vehicle's messages and observations: for the outcome, for notes, and for errors on unusable logs."""
 
 import math
 from collections import Counter, defaultdict
@@ -38,13 +38,13 @@ _TOPICS_SHOWN = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Account:
-    """What became of the messages and measurements of a vehicle.
+    """Account of a vehicle's messages and observations.
 
     Attributes:
-        counts: Of both.
-        reports: Of its logs.
-        merged: The messages of these.
-        first_input: Number of the first of its logs.
+        counts: Counts of both.
+        reports: Reports on its logs.
+        merged: Merged messages of its logs.
+        first_input: Number of its first log.
     """
 
     counts: Counts
@@ -53,7 +53,7 @@ class Account:
     first_input: int = 0
 
     def topics(self) -> list[dict[str, Any]]:
-        """Return a row for each topic of the logs: number of messages read, used and skipped, and these by reason."""
+        """Return a row per topic of the logs: number of messages read, used and skipped, and skipped by reason."""
         read: Counter[str] = Counter()
         reasons: dict[str, Counter[str]] = defaultdict(Counter)
         for report in self.reports:
@@ -81,7 +81,7 @@ class Account:
         return rows
 
     def require_left_out(self, rules: Sequence[str]) -> None:
-        """Raise MeasurementError when a rule of ``measurements.without`` has left nothing out: the answer would be the whole log's."""
+        """Raise MeasurementError if a rule of ``measurements.without`` withheld nothing: the result would be that of the whole log."""
         applied = {rule for _, reason in self.counts.skipped for rule in left_out_rules(reason)}
         for rule in rules:
             if rule not in applied:
@@ -97,7 +97,7 @@ class Account:
                 )
 
     def require_usable(self, grid: Grid) -> None:
-        """Raise MeasurementError when no profile was used; the message lists what was found instead."""
+        """Raise MeasurementError if no profile was used; the message lists the data found."""
         counts, vehicle = self.counts, self.counts.last_position
         if counts.total.profiles:
             return
@@ -140,7 +140,7 @@ class Account:
         )
 
     def notes(self) -> list[str]:
-        """Return notes on the clocks of the logs, on measurements that were not used, and on messages that could not be decoded."""
+        """Return notes on log clocks, unused observations and undecodable messages."""
         return [
             *filter(None, [self.merged.doubtful_times]),
             *(
@@ -154,7 +154,7 @@ class Account:
                 for jump in self.merged.jumps
             ),
             *(
-                f"{count} messages on {topic} were set aside: their stamps are more than a day from those before and after"
+                f"{count} messages on {topic} were excluded: their stamps are more than a day from those before and after"
                 for topic, count in sorted(self.merged.astray.items())
             ),
             *self.counts.notes(),
@@ -170,7 +170,7 @@ class Account:
         ]
 
     def lost_pings(self) -> str:
-        """Return which pings were lost for want of a setting, where they are more than a fifth of a topic's; else empty."""
+        """Return the pings lost for lack of a setting, if more than a fifth of a topic's; otherwise empty."""
         words, rows, late = [], self.topics(), self.merged.late
         if any(late.get(row["topic"], 0) > _MANY_LOST * row["read"] for row in rows):
             seconds = math.ceil(self.merged.late_by_s)
@@ -192,7 +192,7 @@ class Account:
         return ". ".join(words)
 
     def part(self) -> dict[str, Any]:
-        """Return what an outcome says of messages and measurements."""
+        """Return the part of an outcome on messages and observations."""
         rows = [row | {"reasons": coded(row["reasons"])} for row in self.topics()]
         losses = [(report.path, loss) for report in self.reports for loss in report.losses]
         return _measured(self.counts) | {
@@ -205,7 +205,7 @@ class Account:
 
 
 def together(each: Mapping[str, Account]) -> dict[str, Any]:
-    """Return what an outcome says of the messages and measurements of several vehicles, by name; dives are each one's own."""
+    """Return the part of an outcome on messages and observations of several vehicles by name; dives are counted per vehicle."""
     parts = {name: of.part() for name, of in each.items()}
     whole = summed([of.counts for of in each.values()])
     return _measured(whole) | {
@@ -220,7 +220,7 @@ def together(each: Mapping[str, Account]) -> dict[str, Any]:
 
 
 def _measured(counts: Counts) -> dict[str, Any]:
-    """Return what an outcome says of measurements."""
+    """Return the part of an outcome on observations."""
     total = counts.total
     sources = {kind: _source(kind, found) for kind, found in sorted(counts.sources.items())}
     return {
@@ -267,7 +267,7 @@ def _named(begin: str, figures: Mapping[str, float]) -> dict[str, float]:
 
 
 def _notes_of(reports: Sequence[LogReport]) -> list[str]:
-    """Return the readers' notes with their logs; one that several logs have is given once, with their number."""
+    """Return the readers' notes with their logs; a note of several logs is given once, with their number."""
     paths = {note: report.path for report in reports for note in report.notes}
     gathered = gather(note for report in reports for note in report.notes)
     notes = [
@@ -278,13 +278,13 @@ def _notes_of(reports: Sequence[LogReport]) -> list[str]:
     if len(missions) > 1:
         notes.insert(
             0,
-            f"the logs are of {len(missions)} missions, merged as if one vehicle had made them: {', '.join(missions)}",
+            f"the logs are of {len(missions)} missions, merged as those of one vehicle: {', '.join(missions)}",
         )
     return notes
 
 
 def _describe(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the topics met: first those of currents or positions, with the reasons; of the rest their number."""
+    """Return the topics found: currents and positions first, with reasons; the number of the others."""
     words = []
     for row in sorted(rows, key=lambda row: (not _is_relevant(row), -row["read"]))[:_TOPICS_SHOWN]:
         why = (
@@ -298,7 +298,7 @@ def _describe(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _is_relevant(row: Mapping[str, Any]) -> bool:
-    """Return whether a message of a topic was used, or skipped for a reason that concerns its contents."""
+    """Return whether a message of a topic was used, or skipped because of its contents."""
     return row["used"] > 0 or any(
         not reason.startswith(("not needed", "not a kind")) for reason in row["reasons"]
     )

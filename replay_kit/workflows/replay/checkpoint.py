@@ -1,8 +1,8 @@
-"""The state from which a run goes on to the bytes of one that was not interrupted: of a replay, or of a mission that is followed.
+"""State from which a replay or a followed mission resumes, to the same bytes as without an interruption.
 
-A state is of all stages after a block of messages, where every run ends a chunk of its result. What had been written before is taken from
-the unfinished result, or from the last one of a mission. A followed log may grow within its reordering window, so that its state is older,
-and has a digest of all messages before it: whatever happened to the files shows in the messages and in nothing else.
+A state covers all stages after a block of messages, where a run ends a chunk of its result. The output before it is taken from the
+unfinished result, or from the last one of a mission. A followed log may grow within its reordering window: its state is older, and has a
+digest of all messages before it, which reveals any change of the files.
 """
 
 import hashlib
@@ -29,13 +29,13 @@ _FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, Arithmetic
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """Where a run goes on.
+    """Point at which a run resumes.
 
     Attributes:
-        state: Of all stages.
+        state: State of all stages.
         begun_ns: Time of the first message [ns, UTC].
-        digest: Of the messages before, where the logs may grow.
-        writer: Of the result's writer.
+        digest: Digest of the messages before, for growing logs.
+        writer: State of the result's writer.
     """
 
     state: RunState
@@ -45,13 +45,13 @@ class Checkpoint:
 
 
 def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) -> str:
-    """Return what a run must have in common with a state: inputs, options, region, versions, configuration."""
+    """Return the identity of a run, which its state must match: inputs, options, region, versions, configuration."""
     text = json.dumps([metadata, settings_toml], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 class States:
-    """The state of one run on the disk: mutable, as the run goes on."""
+    """State file of one run; mutable, updated during the run."""
 
     def __init__(
         self, path: Path, identity: str, interval_s: float, window_s: float | None
@@ -60,9 +60,9 @@ class States:
 
         Args:
             path: The file.
-            identity: Of the run; the state of another is refused.
-            interval_s: Between states, where the logs are finished [s, in the log's time].
-            window_s: Within which logs that may grow are reordered [s]; None for finished ones.
+            identity: Identity of the run; the state of another is refused.
+            interval_s: Log time between states of finished logs [s].
+            window_s: Reordering window of growing logs [s]; None for finished ones.
         """
         self.path, self._identity = path, identity
         self._before = path.with_name(path.name + ".before")
@@ -76,11 +76,11 @@ class States:
     def resume(
         self, messages: Callable[[], Iterator[Message]]
     ) -> tuple[Checkpoint | None, Iterator[Message]]:
-        """Return the state from which the run goes on, None when it begins, and the messages after it.
+        """Return the state from which the run resumes, None at its beginning, and the messages after it.
 
         Raises:
-            LogError: The file is none of this program's.
-            StateError: None can be used: damaged, of another run, or the logs have changed before it.
+            LogError: The file was not written by this program.
+            StateError: No state is usable: damaged, of another run, or the logs before it have changed.
         """
         errors = list[StateError]()
         for path in filter(Path.exists, (self.path, self._before)):
@@ -95,11 +95,11 @@ class States:
     def _from(
         self, path: Path, messages: Iterator[Message]
     ) -> tuple[Checkpoint, Iterator[Message]]:
-        """Return the state in a file, and the messages after it; errors are those of ``resume``."""
+        """Return the state in a file, and the messages after it; for errors see ``resume``."""
         stream, self._digest = self._counted(messages), hashlib.sha256()
         checkpoint = read_state(path, self._identity)
         if not (isinstance(checkpoint, Checkpoint) and isinstance(checkpoint.state, RunState)):
-            raise unusable(path, "it is no checkpoint")
+            raise unusable(path, "it is not a checkpoint")
         deque(islice(stream, checkpoint.state.messages), 0)
         if self._grows and self._digest.hexdigest() != checkpoint.digest:
             raise unusable(path, "the logs have changed before it")
@@ -108,15 +108,15 @@ class States:
         return checkpoint, stream
 
     def restore(self, run: Run, checkpoint: Checkpoint, begin: Callable[[int], None]) -> None:
-        """Let stages and result go on.
+        """Restore stages and result from a state.
 
         Args:
-            run: The stages, with the result's writer.
-            checkpoint: Where they go on.
-            begin: Writes what precedes the messages of a result, whose first is of a time [ns, UTC].
+            run: Stages, with the result's writer.
+            checkpoint: State to resume from.
+            begin: Writes the head of a result, given the time of its first message [ns, UTC].
 
         Raises:
-            StateError: What had been written is no longer there, or the state is no run's.
+            StateError: Earlier output is missing, or the state is invalid.
         """
         try:
             run.state = checkpoint.state
@@ -127,7 +127,7 @@ class States:
             raise unusable(self.path, str(error)) from error
 
     def _counted(self, messages: Iterator[Message]) -> Iterator[Message]:
-        """Yield messages after they went into the digest."""
+        """Yield messages after adding them to the digest."""
         for number, message in enumerate(messages):
             if not number:
                 self._begun_ns = self._written_ns = message.time_ns
@@ -136,11 +136,11 @@ class States:
             yield message
 
     def keep(self, run: Run, block: Sequence[Message]) -> None:
-        """Write a state when it is time, or remember that of a log which may grow.
+        """Write a state when due, or keep it in memory for growing logs.
 
         Args:
             run: The replay.
-            block: The last messages read.
+            block: Last messages read.
         """
         due = self._grows or run.last_ns >= self._written_ns + self._interval_ns
         if run.writer is None or self._ended or not due:
@@ -161,9 +161,9 @@ class States:
             self._written_ns = run.last_ns
 
     def end(self) -> None:
-        """Write the state of logs that may grow; delete that of finished ones, whose result is complete.
+        """Write the state of growing logs; delete that of finished ones, whose result is complete.
 
-        Of growing ones the state before is kept too: another file of a dive may come after an answer to the first.
+        The previous state of growing logs is kept too: another file of a dive may arrive after the first was processed.
         """
         if not self._grows:
             self.path.unlink(missing_ok=True)
@@ -173,7 +173,7 @@ class States:
             self._write(self._ready)
 
     def forget(self) -> None:
-        """Delete what cannot be gone on from."""
+        """Delete unusable states."""
         self.path.unlink(missing_ok=True)
         self._before.unlink(missing_ok=True)
 
@@ -182,11 +182,11 @@ class States:
 
 
 def _bytes_of(message: Message) -> bytes:
-    """Return what tells a message from any other: its time, topic, place in the logs and content."""
+    """Return the bytes that identify a message: time, topic, position in the logs, and content."""
     options = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS
     return orjson.dumps(tuple(message), default=_plain, option=options)
 
 
 def _plain(value: Any) -> Any:
-    """Return what JSON has no form for: bytes as text, whatever else as its representation."""
+    """Return a form for JSON: bytes as text, other values as their representation."""
     return value.hex() if isinstance(value, bytes | bytearray | memoryview) else repr(value)

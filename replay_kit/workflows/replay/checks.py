@@ -1,7 +1,7 @@
-"""The checks of a replay's inputs, made without an estimate: what would end the replay ends this.
+"""Checks of a replay's inputs without an estimate; they raise the errors of the replay.
 
-They are the replay itself with an estimator that screens its measurements and estimates nothing; ``info``, ``replay --dry-run`` and ``fleet
---dry-run`` make them here. A dry run says too about how much memory and time a replay would take.
+They are the replay itself with an estimator that only screens observations; used by ``info``, ``replay --dry-run`` and ``fleet --dry-run``.
+A dry run also estimates memory and time of a replay.
 """
 
 import time
@@ -33,13 +33,13 @@ from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckedInputs:
-    """Inputs that a replay can use.
+    """Usable inputs of a replay.
 
     Attributes:
-        forecasts: The part of the forecast that it would read.
-        profiles: Number of profiles that the logs give.
-        used: Number of those with a usable bin in the region.
-        first: The first of these, as many as an estimate takes up together.
+        forecasts: Part of the forecast to read.
+        profiles: Number of profiles in the logs.
+        used: Number of profiles with a usable bin in the region.
+        first: First of these, as many as are assimilated together.
     """
 
     forecasts: Forecasts
@@ -51,15 +51,15 @@ class CheckedInputs:
 def check_inputs(
     job: ReplayJob, config: RunConfig, planner_of: PlannerFactory | None = None
 ) -> CheckedInputs:
-    """Return what a replay would use; the logs are read to their end.
+    """Return the usable inputs of a replay; reads the logs completely.
 
     Args:
         job: The replay.
-        config: Its settings.
-        planner_of: Makes the planner, when the job has a goal; None leaves the goal unchecked.
+        config: Settings of the replay.
+        planner_of: Factory of the planner for a job with a goal; None leaves the goal unchecked.
 
     Raises:
-        ReplayKitError: As the replay itself would, for inputs that it would refuse.
+        ReplayKitError: The replay would refuse the inputs.
     """
     logs = logs_of(job, config)
     forecasts = forecasts_of(job, config, logs)
@@ -72,7 +72,7 @@ def check_inputs(
 
 
 class _Screen(Estimator[None]):
-    """Says what of the measurements would be used, and keeps the first profiles: mutable, as measurements come."""
+    """Estimator that only screens observations and keeps the first profiles; mutable."""
 
     supports_path_means = True
     block_size = ReducedBasisEstimator.block_size
@@ -82,12 +82,12 @@ class _Screen(Estimator[None]):
         self.profiles, self.used, self.first = 0, 0, list[Profiles]()
 
     def initial(self) -> None:
-        """Return the only state."""
+        """Return the only state, None."""
 
     def assimilate(
         self, state: None, block: Sequence[Measurement]
     ) -> tuple[None, list[Stepped[None]]]:
-        """Return what would be used."""
+        """Return the screened observations."""
         grid, found = self._forecasts.ensemble.grid, list[Stepped[None]]()
         for event in block:
             ((one,), _) = screened([event], grid, relative=self.supports_path_means)
@@ -100,21 +100,21 @@ class _Screen(Estimator[None]):
         return None, found
 
     def innovation(self, state: None, event: Measurement) -> Array:
-        """Return nothing that is known, shape (n, 2)."""
+        """Return an unknown innovation, shape (n, 2)."""
         return np.full((len(columns_of(event)["flags"][0]), 2), np.nan)
 
     def flow(self, state: None) -> Any:
-        """Return nothing: no estimate is made."""
+        """Return None in place of an estimate."""
 
 
 class _OfProfiles(_Screen):
-    """Of an estimator that takes profiles alone."""
+    """Protocol of an estimator that accepts profiles only."""
 
     supports_path_means = False
 
 
 def _in_later_window(one: Screened, forecasts: Forecasts) -> bool:
-    """Return whether a measurement lies in a window that is read when the vehicle comes to it."""
+    """Return whether an observation lies in a window that is read once the vehicle reaches it."""
     region, place = forecasts.region, tuple(one.columns[n][-1] for n in ("longitude", "latitude"))
     if one.linear is not None:
         place = one.linear.longitude[-1], one.linear.latitude[-1]
@@ -137,18 +137,18 @@ _COVARIANCES = 4
 
 @dataclass(frozen=True, slots=True)
 class DryRun:
-    """What a replay would use.
+    """Expected inputs, memory and time of a replay.
 
     Attributes:
-        profiles: Profiles the logs give.
-        profiles_used: Those with a usable bin in the region.
-        members: Ensemble members.
-        grid: Points along the grid's two directions.
+        profiles: Number of profiles in the logs.
+        profiles_used: Number of profiles with a usable bin in the region.
+        members: Number of ensemble members.
+        grid: Number of points along the grid's two axes.
         levels: Levels used [m].
-        modes: Basis flows a level.
-        state_size: Weights in the filter's state.
-        memory_mb: Memory expected at the peak.
-        seconds: Time expected for all updates, from the profiles stepped through here.
+        modes: Number of modes per level.
+        state_size: Number of weights in the filter's state.
+        memory_mb: Expected peak memory [MB].
+        seconds: Expected time of all updates [s], extrapolated from a few.
     """
 
     profiles: int
@@ -167,15 +167,15 @@ def dry_run(
     config: RunConfig,
     planner_of: PlannerFactory | None = None,
 ) -> DryRun:
-    """Return what a replay would use; the logs are read to their end, but only a few updates are made.
+    """Return the expected inputs, memory and time of a replay; reads the logs completely, with only a few updates.
 
     Args:
         job: The replay.
-        config: Its settings.
-        planner_of: Makes the planner, when the job has a goal.
+        config: Settings of the replay.
+        planner_of: Factory of the planner for a job with a goal.
 
     Raises:
-        ReplayKitError: As the replay itself would, for logs and ensembles that cannot be used.
+        ReplayKitError: The replay would refuse the logs or the ensemble.
     """
     if config.estimator.name != "reduced_basis":
         raise ConfigError(
@@ -206,12 +206,12 @@ def dry_run(
 
 
 def dry_run_json(result: DryRun) -> dict[str, Any]:
-    """Return the JSON object of ``--json``."""
+    """Return the dry run for JSON."""
     return {"status": "dry run", "exit_code": 0, **asdict(result)}
 
 
 def print_dry_run(result: DryRun, console: Console) -> None:
-    """Print what a replay would use, as a sentence."""
+    """Print the dry run as a sentence."""
     rows, columns = result.grid
     levels = result.levels
     console.print(

@@ -1,4 +1,4 @@
-"""The end of a replay: its outcome, its estimate, and the score against a truth."""
+"""End of a replay: outcome, estimate, and score against a truth."""
 
 import json
 import re
@@ -52,19 +52,19 @@ _MOST_DENIED = 20_000
 # In a note on a forecast that is not of the log's place or time.
 _OUTSIDE = re.compile("outside|is no forecast")
 _NOT_DENIED = (
-    "the estimate without each vehicle was not made: there are too many vehicles and measurements"
+    "the estimate without each vehicle was not computed: too many vehicles and observations"
 )
 
 
 def conclude(
     run: Run, inputs: Prepared, others: Sequence[tuple[str, Evidence]] = ()
 ) -> tuple[Outcome, FlowEstimate]:
-    """Publish the result, then compare it with the truth: a truth that does not fit must not cost the result.
+    """Publish the result, then score it against the truth, so that an unsuitable truth does not lose the result.
 
     Args:
-        run: After the last message.
-        inputs: What was read.
-        others: The names of other forecasts, and the log evidence under each.
+        run: Run after the last message.
+        inputs: Inputs of the run.
+        others: Names of competing forecasts, and the log evidence under each.
     """
     job, useless = inputs.job, useless_of(run, inputs)
     logs = [file for path in job.logs for file in logs_in(path)]
@@ -100,7 +100,7 @@ def _write(
     flow: FlowEstimate,
     windows: Mapping[str, int],
 ) -> None:
-    """Write the end of the result, and the files that hold the estimate."""
+    """Write the end of the result, and the files of the estimate."""
     if (writer := run.writer) is not None:
         for setup, of, own in zip(run.setups, run.of, findings, strict=True):
             with writer.of(setup.name):
@@ -123,11 +123,11 @@ def _write(
 
 
 def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate], dict[str, int]]:
-    """Finish surfacings, plan for each vehicle, publish the last slices and others' windows.
+    """Finish surfacings, plan for each vehicle, publish the last slices and the other windows.
 
     Returns:
-        The last estimate of each vehicle, with its citation, those of one window the same; and the numbers of the windows of vehicles that
-        are in another one than the first.
+        Last estimate of each vehicle, with its citation, shared within a window; and the window numbers of vehicles in other windows than
+        the first.
     """
     held, flows = dict[Hashable, FlowEstimate](), list[FlowEstimate]()
     begun = [of.first_ns for of in run.of if of.first_ns is not None]
@@ -152,7 +152,7 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
 def value_of_each(
     run: Run, flows: Sequence[FlowEstimate]
 ) -> dict[str, Mapping[str, float | int | None]]:
-    """Return what each vehicle gives to the estimate, after all: what it would be without the vehicle's measurements (data denial)."""
+    """Return the change of the final estimate without each vehicle's observations (data denial)."""
     found: dict[str, Mapping[str, float | int | None]] = {}
     if len(run.setups) * len(run.kept) > _MOST_DENIED:
         return found
@@ -176,7 +176,7 @@ def value_of_each(
 
 
 def _on_slices(flows: Sequence[FlowEstimate], settings: OutputConfig) -> tuple[Array, Array]:
-    """Return the velocity at the published depths, shape (n, 2), and the length of its standard error, shape (n,) [m/s]."""
+    """Return the velocity at the published depths, shape (n, 2), and the magnitude of its standard error, shape (n,) [m/s]."""
     depths = published_depths(flows[0], settings)
     each = [one for flow in flows for one in depth_slices(flow, depths)]
     velocity = np.concatenate([one.velocity.reshape(-1, 2) for one in each])
@@ -190,13 +190,13 @@ def _on_slices(flows: Sequence[FlowEstimate], settings: OutputConfig) -> tuple[A
 
 
 def _rms(values: Array) -> float | None:
-    """Return the RMS of the values that are known; None without any."""
+    """Return the RMS of the finite values; None without any."""
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else None
 
 
 def so_far(run: Run, inputs: Prepared) -> Outcome:
-    """Return the outcome of what was counted so far, of all vehicles together."""
+    """Return the outcome so far, of all vehicles together."""
     return made(_counted(run, inputs))
 
 
@@ -208,10 +208,10 @@ def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
 
 
 def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
-    """Return why vehicles gave nothing to the estimate, by their names.
+    """Return the reason that a vehicle contributed nothing to the estimate, by name.
 
     Raises:
-        MeasurementError: The only vehicle gave nothing, or none of several.
+        MeasurementError: No vehicle contributed anything.
     """
     useless, last = dict[str, str](), None
     for setup, of, account in zip(run.setups, run.of, inputs.accounts(run), strict=True):
@@ -231,7 +231,7 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
 
 
 def _found(run: Run, number: int, inputs: Prepared, flow: FlowEstimate) -> dict[str, Any]:
-    """Return what was found with one vehicle, as the values of an outcome."""
+    """Return the values of an outcome for one vehicle."""
     setup, of, account = run.setups[number], run.of[number], inputs.accounts(run)[number]
     of_file = check_file(setup.estimator, of.monitoring.means)
     findings, blind = conclusions(of.monitoring, of.counts, setup.config, of_file)
@@ -259,7 +259,7 @@ def _of_several(
     useless: dict[str, str],
     windowed: bool,
 ) -> dict[str, Any]:
-    """Return what was found with several vehicles together, as the values of an outcome."""
+    """Return the values of an outcome for several vehicles together."""
     names, named = [one.name for one in run.setups], inputs.job.vehicles
     value = value_of_each(run, flows)
     unused = {one.name: one.why_not for one in named if one.why_not} | useless
@@ -287,7 +287,7 @@ def _of_several(
 
 
 def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
-    """Return what the user should know of the forecast, the logs, the basis, the prior and the instrument, as sentences."""
+    """Return notes on the forecast, the logs, the basis, the prior and the instrument, as sentences."""
     kernel, estimator = flow.horizontal.kernel, run.setups[0].estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
@@ -304,7 +304,7 @@ def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str
 def _score(
     run: Run, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
 ) -> tuple[dict[str, float | None] | None, list[str]]:
-    """Return the score, or as much of it as there is, and why the rest is missing."""
+    """Return the score as far as available, and the reasons for missing parts."""
     job, forecasts, prior_flow, config = (
         inputs.job,
         inputs.forecasts,

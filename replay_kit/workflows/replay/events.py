@@ -1,11 +1,10 @@
-"""The events of a vehicle in columns, and what of them the estimate takes as one: in an order that events alone decide.
+"""Events of a vehicle in columns, and their groups for assimilation, in an order that depends on events only.
 
-Profiles that repeat each other wait until one comes that does not, or a position that is too late; positions that come in between wait with
-them and follow the group. So it makes no difference how a log is cut into blocks.
+Profiles that repeat each other wait until another profile or a late position arrives; positions in between wait too and follow the group.
+The division of a log into blocks therefore has no effect.
 
-Each vehicle's events come in the order of its log, but not when they happened: those of a dive come when it has surfaced. Where several
-vehicles share an estimate, an event is due no earlier than those before it, and theirs follow each other by that; of one time that of the
-first vehicle comes first.
+Events of a vehicle arrive in log order, those of a dive after its surfacing. If several vehicles share an estimate, an event is due no
+earlier than its predecessors, and events are merged by due time, then vehicle.
 """
 
 from collections.abc import Iterator, Sequence
@@ -43,10 +42,10 @@ _NS = 1e9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Positions in a row.
+    """Consecutive positions.
 
     Attributes:
-        columns: As of ``Block.position``.
+        columns: Columns as in ``Block.position``.
         topics: Names of topics, by their numbers in ``columns``.
     """
 
@@ -54,17 +53,17 @@ class Track:
     topics: Sequence[str]
 
     def __len__(self) -> int:
-        """Return their number."""
+        """Return the number of positions."""
         return len(self.columns["time"])
 
     def __getitem__(self, i: int) -> VehicleState:
-        """Return one of them."""
+        """Return one position."""
         return next(
             iter(Track({name: self.columns[name][[i]] for name in _OF_POSITION}, self.topics))
         )
 
     def __iter__(self) -> Iterator[VehicleState]:
-        """Yield them one by one."""
+        """Yield the positions."""
         for row in zip(*(self.columns[name].tolist() for name in _OF_POSITION), strict=True):
             time, longitude, latitude, depth, reckoned, number, topic, ordinal = row
             source = Source(number, self.topics[topic], ordinal, time)
@@ -72,23 +71,23 @@ class Track:
 
     @property
     def time_ns(self) -> int:
-        """Of the first [ns, UTC]."""
+        """Time of the first position [ns, UTC]."""
         return int(self.columns["time"][0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aside:
-    """A mean current that the estimate is not given.
+    """DAC that is not assimilated.
 
     Attributes:
-        mean: The mean current.
+        mean: The DAC.
     """
 
     mean: PathMean
 
     @property
     def time_ns(self) -> int:
-        """Of the mean current [ns, UTC]."""
+        """Time of the DAC [ns, UTC]."""
         return self.mean.time_ns
 
 
@@ -99,15 +98,15 @@ _Other = Aside | PathMean | LinearMeasurement
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Events:
-    """Events of a vehicle that wait, in order.
+    """Waiting events of a vehicle, in order.
 
     Attributes:
-        time: shape (N,) [ns, UTC].
+        time: shape (N,) [ns, UTC], times.
         due: shape (N,) [ns, UTC], the latest time up to each.
-        kind: shape (N,), ``POSITION``, ``PING``, or ``LINEAR`` of all others.
+        kind: shape (N,), ``POSITION``, ``PING``, or ``LINEAR`` for all others.
         position: Positions, as in ``Block``.
         ping: Profiles, as in ``Block``.
-        others: Other measurements.
+        others: Other observations.
         topics: Names of topics, by number.
     """
 
@@ -121,13 +120,13 @@ class Events:
 
     @staticmethod
     def none() -> "Events":
-        """Return none."""
+        """Return an empty instance."""
         empty = np.empty(0, np.int64)
         return Events(empty, empty, empty, {}, {})
 
     @staticmethod
     def of(block: Block, others: Sequence[_Other]) -> "Events":
-        """Return the events of a block; ``others`` are those that are neither positions nor profiles, in order."""
+        """Return the events of a block; ``others`` are neither positions nor profiles, in order."""
         _, kind, row = block.events.T
         kind = np.where((kind == POSITION) | (kind == PING), kind, LINEAR)
         time = np.empty(len(kind), np.int64)
@@ -142,18 +141,18 @@ class Events:
         )
 
     def __len__(self) -> int:
-        """Return their number."""
+        """Return the number of events."""
         return len(self.time)
 
     def part(self, begin: int, end: int) -> "Events":
-        """Return those from one to before another."""
+        """Return the events from ``begin`` to before ``end``."""
         if begin == 0 and end >= len(self):
             return self
         at = np.arange(len(self))
         return self.without((at < begin) | (at >= end))
 
     def followed_by(self, more: "Events", due_ns: int | None) -> "Events":
-        """Return these and those that follow, the last of which before them was due at some time [ns, UTC]."""
+        """Return these events followed by others, of which the event before them was due at a given time [ns, UTC]."""
         if due_ns is not None:
             more = replace(more, due=np.maximum(more.due, due_ns))
         if not len(self):
@@ -169,7 +168,7 @@ class Events:
         return Events(time, due, kind, position, ping, others, more.topics)
 
     def without(self, unused: NDArray[np.bool_]) -> "Events":
-        """Return these but some, shape (N,)."""
+        """Return the events without some, shape (N,)."""
         kept = ~unused
         position, ping, others = (kept[self.kind == number] for number in (POSITION, PING, LINEAR))
         return Events(
@@ -183,7 +182,7 @@ class Events:
         )
 
     def profiles(self, begin: int, end: int) -> Profiles:
-        """Return rows of profiles with as many bins each."""
+        """Return rows of profiles with equal numbers of bins."""
         bins = int(self.ping["bins"][begin])
         columns = {name: self.ping[name][begin:end] for name in PROFILE}
         columns |= {name: self.ping[name][begin:end, :bins] for name in OF_BINS}
@@ -200,20 +199,20 @@ def _chosen(columns: Columns, names: Sequence[str], at: Indices) -> Columns:
 
 
 def _joined(first: Columns, more: Columns) -> Columns:
-    """Return rows and those that follow; bins that only some have are missing in the others."""
+    """Return concatenated rows; bins absent from some are missing there."""
     if not first or not more:
         return more or first
     return {name: padded([first[name], more[name]], MISSING.get(name, 0)) for name in more}
 
 
 class Item(NamedTuple):
-    """What is assimilated as one, or positions in a row.
+    """Unit of assimilation, or consecutive positions.
 
     Attributes:
-        due_ns: When the event was due with which it is complete [ns, UTC].
-        of: Number of the vehicle of that event.
-        vehicle: Number of its own vehicle.
-        event: What it is.
+        due_ns: Due time of the event that completes it [ns, UTC].
+        of: Vehicle number of that event.
+        vehicle: Number of its vehicle.
+        event: The observation, group or positions.
     """
 
     due_ns: float
@@ -229,14 +228,14 @@ def items(
     beside: Sequence[tuple[int, int]] = (),
     last: bool = False,
 ) -> tuple[list[Item], int]:
-    """Return what of some events waits no longer, and the number of these; the others are those of a group that may still grow.
+    """Return the items ready for assimilation, and the number of their events; the others belong to a group that may grow.
 
     Args:
-        events: Of one vehicle.
-        grouping: Which profiles are combined; None combines none.
-        vehicle: Its number.
-        beside: When events of other vehicles are due [ns, UTC], with their vehicles, in order: none overtakes a group for long.
-        last: Whether nothing follows.
+        events: Events of one vehicle.
+        grouping: Rule for combining profiles; None combines none.
+        vehicle: Number of the vehicle.
+        beside: Due times of other vehicles' events [ns, UTC] and their vehicles, in order; they limit the wait of a group.
+        last: Whether no events follow.
     """
     found, i, n = list[Item](), 0, len(events)
     rows = {number: np.cumsum(events.kind == number) for number in (POSITION, PING, LINEAR)}
@@ -245,7 +244,7 @@ def items(
     breaks = np.append(np.flatnonzero(np.diff(events.kind)) + 1, n)
 
     def tracks(begin: int, end: int, at: tuple[float, int] | None = None) -> None:
-        """Take the positions among some events; of several vehicles one by one, as they may come between those of others."""
+        """Add the positions among some events; one by one for several vehicles, as those may alternate."""
         first, number = rows[POSITION][begin] - (kind[begin] == POSITION), rows[POSITION][end - 1]
         if at is None and beside:
             at_each = zip(range(begin, end), range(first, number), strict=True)
@@ -286,7 +285,7 @@ def items(
 
 
 def _alone(events: Events, grouping: Grouping | None) -> list[bool]:
-    """Return of each event whether the one after it ends the group that it begins."""
+    """Return for each event whether the next one ends the group that it begins."""
     if grouping is None or len(events) < 2:
         return [False] * len(events)
     found = np.zeros(len(events), np.bool_)
@@ -301,7 +300,7 @@ def _alone(events: Events, grouping: Grouping | None) -> list[bool]:
 
 
 def _group_end(events: Events, grouping: Grouping, begin: int, row: Indices) -> int:
-    """Return the event that ends the group that a profile begins, or the number of events."""
+    """Return the event that ends the group of a profile, or the number of events."""
     looked, n, first = _LOOKED, len(events), row[begin] - 1
     while True:
         at = np.arange(begin + 1, min(begin + 1 + looked, n))

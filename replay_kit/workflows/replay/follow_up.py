@@ -1,4 +1,4 @@
-"""What follows from a step of the estimate: it is published, a plan is made where one is due, and the dives that it ends are compared."""
+"""Consequences of a step of the estimate: publication, due plans, and comparison of finished dives."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -28,7 +28,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
 
 
 def follow_up(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
-    """Publish a block of steps with their vehicles, and what follows from them; then the last estimates of windows that were left."""
+    """Publish a block of steps by vehicle with their consequences, then the last estimates of finished windows."""
     for number, step in steps:
         _follow_up(run, number, step)
     if run.writer is not None:
@@ -36,7 +36,7 @@ def follow_up(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
 
 
 def _follow_up(run: Run, number: int, step: Step) -> None:
-    """Publish a step, and what follows from it."""
+    """Publish a step with its consequences."""
     if not isinstance(step.event, Track):
         _follow_one(run, number, step, step.event)
     elif not _passed(run, number, step, step.event):
@@ -45,7 +45,7 @@ def _follow_up(run: Run, number: int, step: Step) -> None:
 
 
 def _passed(run: Run, number: int, step: Step, track: Track) -> bool:
-    """Publish positions in a row from which nothing else follows, and return whether they were that."""
+    """Publish consecutive positions without further consequences, and return whether the step was that."""
     of, setup = run.of[number], run.setups[number]
     if setup.problem or run.is_pooled:
         return False
@@ -62,7 +62,7 @@ def _passed(run: Run, number: int, step: Step, track: Track) -> bool:
 
 
 def _follow_one(run: Run, number: int, step: Step, event: Any) -> None:
-    """Publish a position or measurement, and what follows from it."""
+    """Publish a position or observation with its consequences."""
     before, after = (partial(run.flow, number, state) for state in (step.before, step.after))
     setup = run.setups[number]
     if isinstance(event, Aside):
@@ -96,7 +96,7 @@ def left_windows(run: Run, flows: Iterator[FlowEstimate]) -> list[int]:
 
 
 def end(run: Run, number: int) -> FlowEstimate:
-    """Finish a surfacing of a vehicle and plan from its last position; return the estimate that was planned on."""
+    """Finish a surfacing of a vehicle and plan from its last position; return the estimate used."""
     at = partial(run.flow, number, run.current)
     _expect(run, number, forecast_end(run.of[number].forecasts))
     flow = at(run.last_ns)
@@ -115,7 +115,7 @@ def _plan(
     stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]],
     *arguments: Any,
 ) -> None:
-    """Make one step of the planning stage, if there is something to plan."""
+    """Run one step of the planning stage, if there is a goal."""
     if (problem := run.problem(number)) is not None:
         with run.clock.stage("plan"):
             planning, outputs = stage(problem, run.of[number].planning, *arguments)
@@ -124,7 +124,7 @@ def _plan(
 
 
 def _expect(run: Run, number: int, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]) -> None:
-    """Take up the state of the forecasts of surfacings, and write the outcomes of those that came."""
+    """Store the state of the surfacing forecasts, and write the outcomes of finished ones."""
     forecasts, outcomes = expected
     if forecasts is not run.of[number].forecasts:
         run.put(number, forecasts=forecasts)

@@ -1,4 +1,4 @@
-"""What a replay reads before its first message: the forecast, the estimator, and of each vehicle how it is followed."""
+"""State of a replay before its first message: forecast, estimator, and setup of each vehicle."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -54,14 +54,14 @@ from replay_kit.workflows.replay.state import Setup
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """What a replay has read before its first message.
+    """Inputs of a replay read before its first message.
 
     Attributes:
         job: Inputs and outputs.
         logs: The logs, opened.
-        forecasts: The forecast that the estimator is built from.
-        prior_flow: The estimate before any observation.
-        truth: What the estimate is scored against; None without.
+        forecasts: Forecast of the estimator.
+        prior_flow: Prior current.
+        truth: Truth for the score; None without one.
         metadata: Records of the result: inputs, options, versions, region.
     """
 
@@ -73,7 +73,7 @@ class Prepared:
     metadata: Mapping[str, Mapping[str, str]]
 
     def messages(self) -> Iterator[Message]:
-        """Begin the messages of all vehicles in order of time, those of one time in the order of the inputs, and where each one's end."""
+        """Yield the messages of all vehicles by time, then by input, and a mark where those of each vehicle end."""
         each = [
             _to_end(iter(merged), logs[0].input)
             for merged, logs in zip(self.logs.merged, self.logs.by_vehicle, strict=True)
@@ -83,7 +83,7 @@ class Prepared:
         return merged_by(*each, key=lambda message: (message.time_ns, message.input))
 
     def accounts(self, run: Run) -> list[Account]:
-        """Return what became of the messages and measurements of each vehicle so far."""
+        """Return the account of each vehicle's messages and observations so far."""
         return [
             Account(of.counts, [log.report() for log in logs], merged, logs[0].input)
             for of, logs, merged in zip(run.of, self.logs.by_vehicle, self.logs.merged, strict=True)
@@ -95,7 +95,7 @@ class Prepared:
         messages: Iterator[Message] | None = None,
         begin: Callable[[int], None] | None = None,
     ) -> Iterator[list[Message]]:
-        """Pass messages, None for all, through a run, and yield each block once it is done; then end the run.
+        """Pass messages, None for all, through a run, yield each finished block, then end the run.
 
         ``begin`` is called with the time of the run's first message [ns, UTC] before it.
 
@@ -134,16 +134,16 @@ def prepare(
     estimator: Estimator[Any] | None = None,
     logs: Logs | None = None,
 ) -> tuple[Run, Prepared]:
-    """Return a replay before its first message, and what was read for it.
+    """Return a replay before its first message, and its inputs.
 
     Args:
         job: Inputs and outputs.
         config: The run's settings.
-        planner_of: Makes the planner, when the job has a goal.
-        progress: Called with how much is done of each stage.
-        forecasts: What ``forecasts_of`` reads for this job; None reads it.
-        estimator: In place of that of the settings.
-        logs: Its logs, where they are open.
+        planner_of: Factory of the planner for a job with a goal.
+        progress: Called with the progress of each stage.
+        forecasts: Result of ``forecasts_of`` for this job; None reads it.
+        estimator: Estimator in place of that of the settings.
+        logs: Its logs, if open.
     """
     progress(0, 0, "reading the forecast")
     clock = Stopwatch()
@@ -192,13 +192,13 @@ def _speeds_of(
     config: RunConfig,
     speeds: EnsembleSpeeds | None,
 ) -> dict[str, EnsembleSpeeds | None]:
-    """Return the speeds that the checks expect where each vehicle begins, by its name; those of one window serve all that begin in it.
+    """Return the expected speeds for the checks in the first window of each vehicle by name; computed once per window.
 
     Args:
-        firsts: The windows in which vehicles begin, by their names.
-        forecasts: With the first window of the run.
+        firsts: First windows by vehicle name.
+        forecasts: Forecast with the first window of the run.
         config: The run's settings.
-        speeds: Of that window.
+        speeds: Speeds in that window.
     """
     found = dict[str, EnsembleSpeeds | None]()
     if forecasts.read is None:
@@ -219,7 +219,7 @@ def _metadata(
     prior_flow: FlowEstimate,
     bathymetry: Path | None,
 ) -> dict[str, Mapping[str, str]]:
-    """Return the records that a result has of its run, by their names; none where no result is written."""
+    """Return the metadata records of a result; empty if no result is written."""
     if job.out is None:
         return {}
     metadata = run_metadata(
@@ -249,10 +249,10 @@ def _metadata(
 def with_planner_kind(
     job: ReplayJob | Vehicle, readers: Sequence[LogReader], config: RunConfig
 ) -> RunConfig:
-    """Return the settings with what a replay with a goal plans: for a glider's logs a mission, where no kind is chosen.
+    """Return the settings with the kind of plan resolved for a job with a goal: a mission for a glider's logs.
 
     Args:
-        job: Without a goal, nothing changes.
+        job: Job; without a goal nothing changes.
         readers: Its opened logs.
         config: The settings.
     """
@@ -263,7 +263,7 @@ def with_planner_kind(
 
 
 def check_goal(planner: Planner, flow: HasGrid, goal: Place, logs: Logs) -> None:
-    """Raise PlanError when the goal is outside the region or on land, and say so when the logs are outside the region too."""
+    """Raise PlanError if the goal is outside the region or on land; the message adds if the logs are outside too."""
     try:
         planner.check(flow, goal)
     except PlanError as error:

@@ -1,7 +1,7 @@
-"""One log end to end: messages in, observations, estimates and plans out.
+"""Replay of logs from end to end: messages in, observations, estimates and plans out.
 
-The messages' own times drive the loop; nothing depends on the wall clock, and the same inputs and options give the same bytes. Wall times
-go to the outcome returned only.
+Message times drive the loop, not the wall clock: the same inputs and options give the same bytes. Wall times enter the returned outcome
+only.
 """
 
 import gc
@@ -61,14 +61,14 @@ def replay(
     Args:
         job: Inputs and outputs.
         config: The run's settings.
-        planner_of: Makes the planner, when the job has a goal.
-        progress: Called with how much is done of each stage.
-        forecasts: What ``forecasts_of`` reads for this job; None reads it.
+        planner_of: Factory of the planner for a job with a goal.
+        progress: Called with the progress of each stage.
+        forecasts: Result of ``forecasts_of`` for this job; None reads it.
 
     Raises:
-        LogError: A log cannot be opened; or an input changed while it was read.
+        LogError: A log cannot be opened, or an input changed while it was read.
         ForecastError: The ensemble or truth cannot be used.
-        MeasurementError: The logs hold no usable ping of this region.
+        MeasurementError: The logs have no usable ping in this region.
         PlanError: The goal is outside the region or on land.
         ConfigError: An output exists and may not be replaced, or an option is wrong.
     """
@@ -125,7 +125,7 @@ def _replay(
         if run.writer is not None:
             run.writer.abandon()
         assert states is not None, "a run without a state reads none"
-        job.tell(f"{error}; the replay begins anew")
+        job.tell(f"{error}; the replay restarts")
         states.forget()
         return _replay(job, config, planner_of, progress, inputs.forecasts)
     except BaseException as error:
@@ -144,7 +144,7 @@ def _replay(
 
 
 def _states(run: Run, inputs: Prepared) -> States | None:
-    """Return where the state of a replay is kept; None where it is not."""
+    """Return the state file of a replay; None without one."""
     job, config = inputs.job, run.config
     settings, interval = run_settings_toml(config), config.output.checkpoint_interval
     if job.following is not None:
@@ -163,7 +163,7 @@ def _loop(
     states: States | None,
     on_messages: Callable[[int], None],
 ) -> None:
-    """Pass the logs' messages, those after a state, through the run."""
+    """Pass the logs' messages, or those after a state, through the run."""
     job, begin = inputs.job, partial(_begin_result, run, inputs)
     checkpoint, messages = (None, None) if states is None else states.resume(inputs.messages)
     if job.out is not None:
@@ -180,7 +180,7 @@ def _loop(
 
 
 def _begin_result(run: Run, inputs: Prepared, time_ns: int) -> None:
-    """Write what precedes the messages of a result: metadata, notes on the forecast, and the inputs' messages if asked for."""
+    """Write the head of a result: metadata, notes on the forecast, and the inputs' messages if requested."""
     if (writer := run.writer) is None:
         return
     with run.clock.stage("write"):

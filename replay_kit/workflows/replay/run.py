@@ -1,7 +1,7 @@
-"""A replay as it runs: messages in, events in order of time into the estimate, steps out.
+"""Running replay: messages in, events in order of time into the estimate, steps out.
 
-The stages are functions of frozen states and know neither the writer nor the clock; what they publish goes to the writer. Several vehicles
-share one estimate: each has its own messages, checks, counts and plans, and gives what it measured to the estimate in order of time.
+The stages are functions of frozen states, independent of writer and clock; their outputs go to the writer. Several vehicles share one
+estimate: each has its own messages, checks, counts and plans, and its observations are assimilated in order of time.
 """
 
 from bisect import bisect_right
@@ -59,14 +59,14 @@ _ONLY = nullcontext()
 
 
 class Run:
-    """A replay as it runs: mutable, as messages go through it. Without a ``writer`` nothing is published.
+    """Running replay, mutable. Without a ``writer`` nothing is published.
 
     Attributes:
-        setups: Of each vehicle, in the order of their names.
+        setups: Setup of each vehicle, in order of name.
         clock: Wall time of each stage so far.
-        writer: Of the result; None where nothing is written.
-        follow_up: Called with each block of steps and their vehicles: what follows from them.
-        of: The states of each vehicle.
+        writer: Writer of the result; None writes nothing.
+        follow_up: Called with each block of steps and their vehicles.
+        of: States of each vehicle.
     """
 
     def __init__(
@@ -79,10 +79,10 @@ class Run:
         """Begin with the prior.
 
         Args:
-            setups: Of each vehicle.
-            measured_by: How messages become measurements.
-            clock: Counts the time of stages.
-            owners: Of each log the number of its vehicle; none where there is one.
+            setups: Setup of each vehicle.
+            measured_by: Settings of observations.
+            clock: Measures the time of stages.
+            owners: Number of the vehicle of each log; empty for a single vehicle.
         """
         self.setups, self.clock = tuple(setups), clock
         self.writer: ResultWriter | None = None
@@ -95,7 +95,7 @@ class Run:
 
     @property
     def state(self) -> RunState:
-        """What a checkpoint keeps."""
+        """State kept in a checkpoint."""
         return RunState(
             self.current,
             tuple(self.of),
@@ -116,7 +116,7 @@ class Run:
 
     @property
     def config(self) -> RunConfig:
-        """The run's settings."""
+        """Settings of the run."""
         return self.setups[0].config
 
     @property
@@ -126,12 +126,12 @@ class Run:
 
     @property
     def log_evidence(self) -> Evidence | None:
-        """Of the measurements of all vehicles; None where the estimator states no density."""
+        """Log evidence of the observations of all vehicles; None if the estimator states no density."""
         each = [of.counts for of in self.of]
         return (summed(each) if self.is_pooled else each[0]).log_evidence
 
     def estimator(self, number: int) -> Estimator[Any]:
-        """Return the estimator of a vehicle, whose gate rejects neither of two sources that contradict each other."""
+        """Return the estimator of a vehicle; its gate rejects neither of two contradicting sources."""
         found: Estimator[Any] = consistency.trusting(
             self.setups[number].estimator, self.of[number].monitoring
         )
@@ -142,7 +142,7 @@ class Run:
         return [self.estimator(number) for number in range(len(self.of))]
 
     def problem(self, number: int) -> PlanningProblem | None:
-        """Return what is planned for a vehicle that flies as its dives so far; None where nothing is."""
+        """Return the planning problem of a vehicle with flight parameters as flown so far; None without a goal."""
         problem, forecasts = self.setups[number].problem, self.of[number].forecasts
         dives = forecasts.dives
         if problem is None or not dives or not isinstance(problem.planner, VehiclePlanner):
@@ -155,16 +155,16 @@ class Run:
         return self._flown[number][1]
 
     def put(self, number: int, **changes: Any) -> None:
-        """Change states of a vehicle, by the names of ``OfVehicle``."""
+        """Change states of a vehicle, by field of ``OfVehicle``."""
         self.of[number] = replace(self.of[number], **changes)
 
     # ---- messages in
 
     def take(self, messages: Sequence[Message]) -> None:
-        """Take messages of all vehicles in order of time, and of schema ``END`` where the logs of one end.
+        """Process messages of all vehicles in order of time, with schema ``END`` at the end of a vehicle's logs.
 
         Raises:
-            MeasurementError: They cannot be used, or contradict each other and ``consistency.on_failure`` is ``stop``.
+            MeasurementError: Messages are unusable, or contradict each other and ``consistency.on_failure`` is ``stop``.
         """
         at = dict[int, list[int]]()
         for place, message in enumerate(messages):
@@ -193,7 +193,7 @@ class Run:
         self._release()
 
     def _reach(self, number: int, messages: Sequence[Message]) -> None:
-        """Take note that a vehicle has begun with the first of some messages, before which others need not wait for it; or has ended."""
+        """Mark a vehicle as begun with the first of some messages, until when others need not wait for it, or as ended."""
         if messages:
             of, ended = self.of[number], messages[-1].schema == END
             due_ns = messages[0].time_ns if of.due_ns is None else of.due_ns
@@ -202,7 +202,7 @@ class Run:
     def _measured(
         self, number: int, own: Sequence[Message], places: Sequence[int]
     ) -> tuple[Block, Mapping[int, FoundWith], Sequence[int]]:
-        """Return what messages of a vehicle measured, what the checks found with which event, and the place of each event's message."""
+        """Return the block measured by messages of a vehicle, the findings by event, and the position of each event's message."""
         of, setup, read = self.of[number], self.setups[number], [m for m in own if m.schema != END]
         first = of.stream.order
         with self.clock.stage("measure"):
@@ -218,16 +218,16 @@ class Run:
         return block, found, [places[k] for k in due.tolist()]
 
     def give(self, number: int, block: Block, begin: int, end: int) -> None:
-        """Take events of a vehicle, from one to before another of a block that was checked."""
+        """Process events of a vehicle, from ``begin`` to before ``end`` of a checked block."""
         if end > begin:
             rows = block.events[begin:end]
             self.of[number] = admitted(self.of[number], self.setups[number], block, rows)
 
     def _act_on(self, number: int, found: FoundWith, time_ns: int) -> None:
-        """Take up what was found: rebuild the estimate without an instrument that is not believed, open the gate between two sources.
+        """Apply findings: rebuild the estimate without a faulty instrument, or open the gate between two sources.
 
         Raises:
-            MeasurementError: The log cannot be used, or a contradiction is to stop the run.
+            MeasurementError: The log is unusable, or a contradiction is set to stop the run.
         """
         of, setup = self.of[number], self.setups[number]
         others = [one for other, one in enumerate(self.of) if other != number]
@@ -253,9 +253,9 @@ class Run:
         self.write(number, (lambda writer: writer.consistency(time_ns, every),))
 
     def _rebuild(self, number: int) -> None:
-        """Make the estimate again without the profiles of a vehicle, or without all that it measured if it is left out.
+        """Rebuild the estimate without the profiles of a vehicle, or without all its observations if excluded.
 
-        With one vehicle its mean currents are all there is.
+        With a single vehicle only its DACs remain.
         """
         of, estimator = self.of[number], self.estimator(number)
         given: list[Given] = [(number, mean) for mean in of.monitoring.means]
@@ -292,7 +292,7 @@ class Run:
     # ---- events into the estimate
 
     def _weight(self, number: int, event: Event) -> int:
-        """Return for how many measurements an event counts among those that are assimilated together."""
+        """Return the number of observations that an event counts for in a block."""
         if isinstance(event, Track | Aside):
             return 0
         size = self.setups[number].estimator.block_size
@@ -305,7 +305,7 @@ class Run:
         """Pass on the events that no other can precede any more.
 
         Args:
-            close: Whether groups of profiles that others might join wait no longer.
+            close: Whether to close groups of profiles that others might join.
         """
         for item in self._released(close):
             self._waiting.append((item.vehicle, item.event))
@@ -315,7 +315,7 @@ class Run:
                 self._assimilate()
 
     def _released(self, close: bool) -> list[Item]:
-        """Return what no event of another vehicle can precede any more, in order, and forget it."""
+        """Return and remove, in order, the items that no event of another vehicle can precede any more."""
         running = [
             (of.due_ns, number)
             for number, of in enumerate(self.of)
@@ -350,7 +350,7 @@ class Run:
         return found
 
     def _assimilate(self) -> None:
-        """Assimilate what waits, then let the vehicles publish everything in the order of the events."""
+        """Assimilate the waiting items, then publish all in the order of the events."""
         given, self._waiting, self._n_waiting = self._waiting, [], 0
         with self.clock.stage("estimate"):
             self.current, dives, steps = assimilate(
@@ -377,19 +377,19 @@ class Run:
             self.put(number, dive=kept(self.estimator(number), of.dive))
 
     def without(self, number: int) -> Any:
-        """Return the state of the estimator that all measurements but those of a vehicle lead to, in the same windows."""
+        """Return the estimator's state from all observations except a vehicle's, in the same windows."""
         prior = self.setups[0].estimator.initial()
         windowed = self.setups[0].estimator.window(prior) is not None
         given = [one for one in self.kept if windowed or one[0] != number]
         return state_after(self._estimators, given, self.setups[0].estimator.block_size, number)
 
     def finish(self) -> None:
-        """Pass on all that waits."""
+        """Pass on all waiting events."""
         self._release(close=True)
         self._assimilate()
 
     def flow(self, number: int, state: Any, time_ns: int) -> FlowEstimate:
-        """Return the estimate of a state for a time [ns, UTC], with the current beside it as the dives so far show it."""
+        """Return the estimate of a state for a time [ns, UTC], with the local correction from the dives so far."""
         flow, local = (
             flow_at(self.estimator(number), state, time_ns),
             self.of[number].forecasts.local,
@@ -397,7 +397,7 @@ class Run:
         return flow if local is None else replace(flow, local=local)
 
     def flow_now(self) -> FlowEstimate:
-        """Return the estimate at the time of the last message, with what waits; that goes on waiting."""
+        """Return the estimate at the time of the last message including waiting events, which keep waiting."""
         of, estimator = self.of[0], self.estimator(0)
         if not self.messages:
             return estimator.flow(self.current)
@@ -408,7 +408,7 @@ class Run:
 
     @property
     def position(self) -> VehicleState | None:
-        """The last position of the first vehicle; None before one."""
+        """Last position of the first vehicle; None before one."""
         held = [self.of[0].counts.last_position]
         held += [event[-1] for _, event in self._waiting if isinstance(event, Track)]
         waiting = self.of[0].waiting
@@ -417,7 +417,7 @@ class Run:
         return max(filter(None, held), key=lambda one: one.time_ns, default=None)
 
     def dated(self, flow: FlowEstimate) -> FlowEstimate:
-        """Return an estimate with radars' current at the surface and with the span of its data, which ends at its time."""
+        """Return an estimate with the surface current of radars and the span of its data, which ends at its time."""
         first_ns, flow = self.of[0].first_ns, self.of[0].publishing.surface.added(flow)
         if first_ns is None or flow.time_ns is None:
             return flow
@@ -434,11 +434,11 @@ class Run:
 
 
 def _no_more(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
-    """Nothing follows from steps."""
+    """Do nothing after steps."""
 
 
 def _light(event: Event) -> Event:
-    """Return a measurement without what only its checks, or a result, needed, and apart from the block that it came in."""
+    """Return an observation without data needed only by its checks or a result, detached from its block."""
     if isinstance(event, LinearMeasurement):
         return replace(event, label=replace(event.label, vectors=None))
     if isinstance(event, Profiles):

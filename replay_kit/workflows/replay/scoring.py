@@ -1,4 +1,4 @@
-"""Scores: of an estimate against a known truth at its wet points, and of other forecasts by how likely the same log is under each."""
+"""Scores of an estimate against a truth at its wet points, and of competing forecasts by log evidence."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,13 +23,13 @@ from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredPoints:
-    """The truth's wet grid points inside a region and its levels.
+    """Wet grid points of the truth inside a region and its levels.
 
     Attributes:
         points: shape (P, 2) [m], local east and north of the region's frame.
         depth: shape (P,) [m].
-        velocity: shape (P, 2) [m/s], the truth there, along the region's axes.
-        index: Three of shape (P,), the points' positions in the truth's grid: level, row, column.
+        velocity: shape (P, 2) [m/s], truth along the region's axes.
+        index: Level, row and column in the truth's grid, each shape (P,).
     """
 
     points: Array
@@ -39,7 +39,7 @@ class ScoredPoints:
 
     @property
     def place(self) -> tuple[Array, Array, Array]:
-        """East, north and depth [m], as a flow asks for them."""
+        """East, north and depth [m], the arguments of a flow."""
         return self.points[:, 0], self.points[:, 1], self.depth
 
 
@@ -51,21 +51,21 @@ def score_against_truth(
     radius_km: float | None,
     config: EstimatorConfig,
 ) -> tuple[dict[str, float | None], FlowEstimate]:
-    """Return the scores as an outcome has them, without closest approaches, and the truth as a flow.
+    """Return the scores of an outcome, without closest approaches, and the truth as a flow.
 
     The truth is compared at its own grid points that lie inside the ensemble's region and levels: RMSE is the root mean square
     length of the error vector, unweighted, and the relative error is over the truth's RMS speed there.
 
     Args:
-        flow: The estimate.
-        ensemble: Whose mean is scored beside it.
+        flow: Estimate.
+        ensemble: Ensemble, whose mean is scored too.
         truth: An ensemble of one.
         positions: (longitude, latitude) of the profiles used.
-        radius_km: Only points this near to a profile count; None counts all.
-        config: For the truth's embedding.
+        radius_km: Largest distance of scored points from a profile; None scores all.
+        config: Settings of the truth's embedding.
 
     Raises:
-        MeasurementError: No grid point of the truth is left to score.
+        MeasurementError: No grid point of the truth can be scored.
     """
     near = None if radius_km is None else (np.array(positions), 1e3 * radius_km)
     at = scored_points(flow.grid, truth, near)
@@ -85,15 +85,15 @@ def score_against_truth(
 def scored_points(
     grid: Grid, truth: Ensemble, near: tuple[Array, float] | None = None
 ) -> ScoredPoints:
-    """Return where a truth is compared with an estimate on a grid, and the truth there along the grid's axes.
+    """Return the points at which a truth is compared with an estimate, and the truth along the grid's axes.
 
     Args:
-        grid: The estimate's.
+        grid: Grid of the estimate.
         truth: An ensemble of one; its frame may have another centre, and its vectors are turned.
         near: Longitudes and latitudes, shape (n, 2), and a radius [m]: only points this near to one of them; None for all.
 
     Raises:
-        MeasurementError: No wet point of the truth is left.
+        MeasurementError: No wet point of the truth can be scored.
     """
     east, north = to_local(grid.projection, truth.grid.longitude, truth.grid.latitude)
     levels = truth.grid.levels
@@ -108,7 +108,7 @@ def scored_points(
     z, j, i = np.nonzero(scored)
     if z.size == 0:
         raise MeasurementError(
-            f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; of another place?"
+            f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; is it of another place?"
         )
     u, v = truth.velocity[0][:, z, j, i]
     at = truth.grid.longitude[j, i], truth.grid.latitude[j, i]
@@ -128,7 +128,7 @@ def rms_length(vectors: Array) -> float:
 def _ensemble_mean_at(
     ensemble: Ensemble, truth: Ensemble, config: EstimatorConfig, at: ScoredPoints
 ) -> Array:
-    """Return the ensemble's mean at scored points: as it is where the grids agree, else through its embedding."""
+    """Return the ensemble mean at scored points: directly if the grids agree, else through its embedding."""
     same = ensemble.grid.wet.shape == truth.grid.wet.shape and np.allclose(
         ensemble.grid.levels, truth.grid.levels
     )
@@ -152,7 +152,7 @@ RIVAL = "against"
 
 
 def check_against(job: ReplayJob) -> None:
-    """Check that other forecasts can be compared.
+    """Check that competing forecasts can be compared.
 
     Raises:
         ConfigError: The logs are followed, or two forecasts are the same files.
@@ -177,14 +177,14 @@ def check_against(job: ReplayJob) -> None:
 def rivals(
     job: ReplayJob, run: Callable[[ReplayJob], Evidence | None]
 ) -> Iterator[tuple[str, Evidence]]:
-    """Yield the name of each of the other forecasts, and the evidence of a job's log under it.
+    """Yield the name of each competing forecast, and the log evidence under it.
 
     Args:
-        job: The run that they are compared with.
+        job: Run to compare with.
         run: Replays a job, and returns the log evidence.
 
     Raises:
-        ForecastError: The estimate from one states no density of the measurements.
+        ForecastError: The estimate from one states no density of the observations.
     """
     alone = replace(
         job,
@@ -207,13 +207,13 @@ def rivals(
 
 
 def name_of(ensemble: Paths) -> str:
-    """Return the name of an ensemble's file, without its folder; of several the first one's and their number."""
+    """Return the name of an ensemble's file without its folder; for several the first name and their number."""
     files = ensemble_files(ensemble)
     return files[0].name if len(files) == 1 else f"{files[0].name} and {len(files) - 1} more"
 
 
 def rival_inputs(against: Sequence[Against]) -> dict[str, Path]:
-    """Return the files of other forecasts by the keys of a result's inputs: ``against0``, or ``against0_1`` of several."""
+    """Return the files of competing forecasts by input key: ``against0``, or ``against0_1`` for several."""
     out: dict[str, Path] = {}
     for number, each in enumerate(against):
         files = ensemble_files(each)

@@ -1,4 +1,4 @@
-"""What a replay knows of its vehicles: what stays the same, and the states of all stages, which a checkpoint keeps."""
+"""State of a replay: constant setups of vehicles, and the states of all stages, kept in checkpoints."""
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
@@ -20,14 +20,14 @@ from replay_kit.workflows.replay.surfacings.forecasts import ForecastState
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setup:
-    """What of a vehicle stays the same.
+    """Constant setup of a vehicle.
 
     Attributes:
-        estimator: Assimilates what it measures.
-        config: The run's settings.
-        problem: What to plan; None plans nothing.
-        speeds: Of the ensemble, with which those of the log are compared; None compares none.
-        name: Where it is one of several; empty for the only one.
+        estimator: Estimator of its observations.
+        config: Settings of the run.
+        problem: Planning problem; None plans nothing.
+        speeds: Speeds of the ensemble to compare the log with; None for no comparison.
+        name: Name of one of several; empty for the only one.
     """
 
     estimator: Estimator[Any]
@@ -39,21 +39,21 @@ class Setup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OfVehicle:
-    """The states of all stages of a vehicle.
+    """States of all stages of a vehicle.
 
     Attributes:
-        stream: Of the measurements.
-        dive: Of the estimate.
-        waiting: Its events that wait for those of others, or for the next of their group.
-        due_ns: When its last event was due [ns, UTC]; None before its first message.
+        stream: State of the measurements.
+        dive: Present dive of the estimate.
+        waiting: Events that wait for other vehicles, or for their group.
+        due_ns: Due time of its last event [ns, UTC]; None before its first message.
         ended: Whether its logs have ended.
-        publishing: Of what is published.
-        planning: Of the plans.
-        counts: Of messages and measurements.
-        monitoring: Of the consistency checks.
-        forecasts: Of the surfacings expected.
-        flight: Of the flight model's error.
-        first_ns: Time of the first position or measurement [ns, UTC]; None before it.
+        publishing: State of publishing.
+        planning: State of planning.
+        counts: Counts of messages and observations.
+        monitoring: State of the consistency checks.
+        forecasts: State of the predicted surfacings.
+        flight: State of the flight-model error.
+        first_ns: Time of the first position or observation [ns, UTC]; None before it.
     """
 
     stream: Stream
@@ -72,15 +72,15 @@ class OfVehicle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunState:
-    """What a checkpoint keeps.
+    """State of a run, kept in a checkpoint.
 
     Attributes:
-        current: The estimator's state.
-        vehicles: Of each vehicle.
-        waiting: Events that wait until there are enough to be assimilated together.
-        kept: Measurements of several vehicles so far, in order; none of one.
-        next_slices_ns: Of each window, when its next depth slices are due [ns, UTC].
-        messages: Number of messages taken.
+        current: Estimator's state.
+        vehicles: States of each vehicle.
+        waiting: Events waiting for a full block.
+        kept: Observations of several vehicles so far, in order; empty for a single one.
+        next_slices_ns: Due time of the next depth slices of each window [ns, UTC].
+        messages: Number of processed messages.
         last_ns: Time of the last one [ns, UTC].
     """
 

@@ -1,9 +1,8 @@
-"""The file of a run's state: one npz, whole or not at all, from which nothing but values of this program is made.
+"""State file of a run: one npz, written completely or not at all; reading it creates only values of this program.
 
-Frozen values, tuples, mappings and numbers are one tree of JSON. Their arrays lie one behind the other in a member for each type, each
-once however often it occurs; the zeros among real numbers, as above the diagonal of a covariance, are left out by a mask. Classes are
-those of this program that do no more than hold values; they are filled without a call. No member takes more memory than it has bytes, but
-the mask, which gives a number for each of its bits.
+Frozen values, tuples, mappings and numbers form a JSON tree. Their arrays are concatenated in one member per type, each stored once; zeros
+of real arrays, as above the diagonal of a covariance, are omitted by a mask. Only plain data classes of this program are stored; they are
+restored without a call. No member takes more memory than its bytes, except the mask, with one number per bit.
 """
 
 import importlib
@@ -31,20 +30,20 @@ _PLAIN = (type(None), bool, int, float, str)
 
 
 class StateError(LogError):
-    """A state that cannot be used: the run begins anew."""
+    """Error: a state is unusable, and the run restarts."""
 
 
 def write_state(path: Path, run: str, value: Any) -> None:
-    """Write the state of a run, whole or not at all.
+    """Write the state of a run, completely or not at all.
 
     Args:
-        path: The file; one that exists is replaced.
-        run: What tells the run from others.
-        value: The state.
+        path: The file; an existing one is replaced.
+        run: Identity of the run.
+        value: State.
 
     Raises:
-        TypeError: It holds what is no value.
-        ConfigError, ReplayKitError: As of ``atomic_file``.
+        TypeError: The state has an unsupported type.
+        ConfigError, ReplayKitError: See ``atomic_file``.
     """
     packed = _Packed()
     tree = json.dumps([run, packed.tree(value)]).encode()
@@ -54,11 +53,11 @@ def write_state(path: Path, run: str, value: Any) -> None:
 
 
 def read_state(path: Path, run: str) -> Any:
-    """Return the value that ``write_state`` wrote for a run.
+    """Return the state of a run written by ``write_state``.
 
     Raises:
-        LogError: The file is none of this program's.
-        StateError: It is of another run or version, cut or damaged.
+        LogError: The file was not written by this program.
+        StateError: It is of another run or version, truncated or damaged.
     """
     try:
         file = open_input(path)
@@ -67,7 +66,7 @@ def read_state(path: Path, run: str) -> Any:
     try:
         with file:
             if _TREE[:16].encode() not in file.read(_ENTRY + 16)[_ENTRY:]:
-                raise LogError(f"{path}: exists and is no state of a run; choose another name")
+                raise LogError(f"{path}: exists and is not the state of a run; choose another name")
             members = _members(file, path.stat().st_size)
         of, tree = json.loads(members.pop(_TREE).tobytes())
         if of == run:
@@ -81,12 +80,12 @@ def read_state(path: Path, run: str) -> Any:
 
 
 def unusable(path: Path, why: str) -> StateError:
-    """Return the error that names a state and why it cannot be used."""
-    return StateError(f"{path}: the run cannot go on from it: {' '.join(why.split())[:200]}")
+    """Return the error for an unusable state, with the reason."""
+    return StateError(f"{path}: the run cannot resume from it: {' '.join(why.split())[:200]}")
 
 
 def _members(file: Any, size: int) -> dict[str, Any]:
-    """Return the arrays of an npz of some size, flat, and the real numbers with their zeros."""
+    """Return the flat arrays of an npz of given size, with the zeros of real numbers restored."""
     found: dict[str, Any] = {}
     with zipfile.ZipFile(file) as archive:
         entries = archive.infolist()
@@ -109,7 +108,7 @@ def _members(file: Any, size: int) -> dict[str, Any]:
 
 
 class _Packed:
-    """The arrays of a value: mutable, as they are gathered."""
+    """Arrays of a value, collected for storage; mutable."""
 
     def __init__(self) -> None:
         self._parts: dict[str, list[Any]] = {_REAL: [np.zeros(0)]}
@@ -124,7 +123,7 @@ class _Packed:
         return found | {_REAL: found[_REAL][held], _MASK: np.packbits(held)}
 
     def tree(self, value: Any) -> Any:
-        """Return a value as JSON has it, with the places of its arrays."""
+        """Return a value as JSON, with references to its arrays."""
         kind = type(value)
         if kind in _PLAIN:
             return value
@@ -149,7 +148,7 @@ class _Packed:
         return {f"{kind.__module__}:{kind.__name__}": held}
 
     def _placed(self, array: Any) -> list[Any]:
-        """Return type, beginning, shape and order of an array among those of its type."""
+        """Return type, start, shape and order of an array among those of its type."""
         order, kind = "F" if array.flags.fnc else "C", array.dtype.str
         flat = array.ravel(order)
         key = order, kind, array.shape, flat.tobytes()
@@ -162,7 +161,7 @@ class _Packed:
 
 
 def _value(tree: Any, members: Mapping[str, Any]) -> Any:
-    """Return the value of a tree and of the arrays beside it; neither a constructor nor another method of a class is called."""
+    """Return the value of a tree and its arrays, without calling constructors or methods of classes."""
     if isinstance(tree, list):
         return tuple(_value(each, members) for each in tree)
     if not isinstance(tree, dict):
@@ -194,23 +193,23 @@ def _value(tree: Any, members: Mapping[str, Any]) -> Any:
 
 
 def _names(kind: Any) -> tuple[str, ...]:
-    """Return the names of what a class of this program holds; TypeError for one that is no value."""
+    """Return the field names of a class of this program; TypeError for unsupported classes."""
     own = kind.__module__.startswith(("replay_kit.", "planners."))
     if own and is_dataclass(kind):
         return tuple(each.name for each in fields(kind))
     if own and issubclass(kind, tuple):
         return tuple(kind._fields)
     raise TypeError(
-        f"it holds {kind.__module__}.{kind.__name__}, which is no value of this program"
+        f"it holds {kind.__module__}.{kind.__name__}, which is not a value of this program"
     )
 
 
 def _class(name: str) -> Any:
-    """Return the class of a name."""
+    """Return the class with a name."""
     module, _, own = name.partition(":")
     if not module.startswith(("replay_kit.", "planners.")) or "__" in name:
-        raise TypeError(f"it holds {name}, which is no value of this program")
+        raise TypeError(f"it holds {name}, which is not a value of this program")
     found = getattr(importlib.import_module(module), own)
     if not isinstance(found, type) or found.__module__ != module:
-        raise TypeError(f"it holds {name}, which is no value of this program")
+        raise TypeError(f"it holds {name}, which is not a value of this program")
     return found

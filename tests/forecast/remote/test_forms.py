@@ -148,7 +148,7 @@ def test_a_second_run_asks_only_whether_the_data_changed_and_offline_nothing(ask
         changed = asker(files.url, logs=SPAN)
         assert asker.state.fetched.asked
         np.testing.assert_allclose(changed.uo, 1.5 * first.uo, rtol=1e-6)
-    with pytest.raises(Exception, match="nothing fetched before holds what is needed"):
+    with pytest.raises(Exception, match="no earlier download covers the request"):
         asker("http://127.0.0.1:9/other", offline=True)
 
 

@@ -81,11 +81,11 @@ def test_missions_of_which_some_cannot_begin_are_all_named(table, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("fleet.toml --ensemble ensemble.nc", "fleet.toml says which ensemble a mission has"),
+        ("fleet.toml --ensemble ensemble.nc", "fleet.toml names the ensembles"),
         ("twin00.mcap", "expected a table (TOML), or logs with --ensemble FILE"),
         (
             "fleet.toml --scheduler tcp://127.0.0.1:1 --workers 2",
-            "has workers of its own; leave --workers out",
+            "has its own workers; omit --workers",
         ),
         ("fleet.toml --scheduler nowhere", "the scheduler does not answer in 0.5 s"),
     ],
@@ -120,7 +120,7 @@ def test_a_scheduler_without_workers_is_given_up(monkeypatch):
     empty = LocalCluster(n_workers=0, processes=False, dashboard_address=":0", protocol="tcp")
     try:
         with pytest.raises(
-            UnreachableError, match=r"has no worker in 0.3 s; begin: dask worker tcp"
+            UnreachableError, match=r"has no worker in 0.3 s; start one: dask worker tcp"
         ):
             opening(empty.scheduler_address)
     finally:

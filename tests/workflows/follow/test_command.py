@@ -10,13 +10,13 @@ ENSEMBLE = "--ensemble sample_logs/ensemble.nc"
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("--until-idle 1", "--until-idle: goes with --follow only"),
-        ("--goal-file goal.txt", "--goal-file: goes with --follow only"),
-        ("--notify true", "--notify: goes with --follow only"),
-        ("--follow --dry-run", "--dry-run: does not go with --follow"),
-        ("--follow --checkpoint c", "--checkpoint: does not go with --follow"),
+        ("--until-idle 1", "--until-idle: needs --follow"),
+        ("--goal-file goal.txt", "--goal-file: needs --follow"),
+        ("--notify true", "--notify: needs --follow"),
+        ("--follow --dry-run", "--dry-run: cannot be combined"),
+        ("--follow --checkpoint c", "--checkpoint: cannot be combined"),
         ("--follow --interval 0", "--interval"),
-        ("--follow --goal=152.8,-40.1,300 --goal-file goal.txt", "--goal is given too"),
+        ("--follow --goal=152.8,-40.1,300 --goal-file goal.txt", "cannot be combined with --goal"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(options, words, tmp_path):

@@ -157,9 +157,9 @@ def test_what_does_not_belong_is_told_and_left_out(ocean, dives, tmp_path):
     ]
     sea.follow(arrive)
     words = "\n".join(sea.told)
-    assert "notes.txt not used: it is no log that can be read" in words
+    assert "notes.txt not used: it is not a readable log" in words
     assert "copy.mcap not used: it is identical to dive001.mcap" in words
-    assert "empty.mcap not used: it is no log that can be read" in words
+    assert "empty.mcap not used: it is not a readable log" in words
     for path in sea.inbox.iterdir():
         if not path.name.startswith("dive"):
             path.unlink()
@@ -171,7 +171,7 @@ def test_a_file_that_goes_is_told_and_the_replay_goes_back(ocean, dives, tmp_pat
     sea = Sea(ocean, tmp_path, goal=None)
     arrive = [sea.put(one.name, one.data) for one in dives[:2]]
     sea.follow([*arrive, *[lambda: None] * 2, (sea.inbox / dives[1].name).unlink])
-    assert any("dive002.mcap: no longer there" in text for text in sea.told)
+    assert any("dive002.mcap: missing" in text for text in sea.told)
     assert same(sea, tmp_path)
 
 
@@ -194,7 +194,9 @@ def test_a_goal_that_moves_is_taken_at_once_and_earlier_plans_keep_theirs(ocean,
         (152.2, 100.0),
     ]
     assert any("the goal moved to 152.2000 E" in text for text in sea.told)
-    assert any("expected LON,LAT,DEPTH" in text and "the goal stays" in text for text in sea.told)
+    assert any(
+        "expected LON,LAT,DEPTH" in text and "the goal is unchanged" in text for text in sea.told
+    )
     planned = open_result(sea.out).plans
     assert planned["goal_longitude"].iloc[[0, -1]].tolist() == [152.3, 152.2]
 
@@ -232,7 +234,7 @@ def test_a_newer_forecast_that_cannot_be_used_is_told_and_the_one_before_stays(
     sea, forecast = forecast_of_its_own
     sea.follow([lambda: forecast.write_bytes(b"cut off"), sea.put(dives[1].name, dives[1].data)])
     assert any(
-        "the newer forecast cannot be used, and the one before stays" in text for text in sea.told
+        "the newer forecast cannot be used, the previous one is kept" in text for text in sea.told
     )
     shutil.copy(ocean / "ensemble.nc", forecast)
     assert same(sea, tmp_path)

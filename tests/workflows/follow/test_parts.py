@@ -66,7 +66,12 @@ def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_or_given_twice_is_s
     assert judge(source("b.nc", NOW_NS - 300 * DAY_NS), own) == ""
     assert judge(source("b.nc", None), own) == "has no message yet"
     # a file that is not used itself judges no other
-    assert judge(source("b.nc", mission="sg999 mission 2"), replace(own, aside="is no log")) == ""
+    assert (
+        judge(
+            source("b.nc", mission="sg999 mission 2"), replace(own, aside="is not a readable log")
+        )
+        == ""
+    )
 
 
 def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(tmp_path):
@@ -130,8 +135,8 @@ def test_what_happened_to_a_file_is_told_in_words(tmp_path, content, changes, wo
     assert change_words(before, replace(before, **changes), {}).partition(":")[0] == words
     assert change_words(None, before, {}) == "new"
     assert "goes back before it" in change_words(None, before, {Path("b"): source("b", NOW_NS + 1)})
-    aside = replace(before, aside="is no log")
-    assert change_words(None, aside, {}) == "not used: it is no log"
+    aside = replace(before, aside="is not a readable log")
+    assert change_words(None, aside, {}) == "not used: it is not a readable log"
     assert change_words(aside, aside, {}) == ""
 
 

@@ -91,7 +91,7 @@ def test_a_log_that_was_cut_is_read_whole_and_that_is_said(log):
     assert "Note: all of it was read: it has no index, or its end is missing" in done.stdout
     assert "400 positions" in done.stdout
     assert (
-        "Late, by more than the reorder window, so that a replay leaves them out: 400 x /vendor/text"
+        "Late, by more than the reorder window, so excluded from a replay: 400 x /vendor/text"
         in done.stdout
     )
     assert "--full" not in done.stdout

@@ -128,7 +128,7 @@ def test_the_longest_gaps_are_said():
     assert lines[0] == "Gap: /t6 has no message for 66 s from 1970-01-01T00:00:05Z"
     assert lines[4:] == [
         "Gap: /t2 has no message for 62 s from 1970-01-01T00:00:05Z",
-        "Gaps on 2 more topics; --json has them",
+        "Gaps on 2 more topics; --json lists them",
     ]
 
 

@@ -156,6 +156,6 @@ def test_a_log_without_currents_says_what_to_add(tmp_path):
     folder = tmp_path / "raw"
     made.seaexplorer(folder)
     said = invoke(f"info {folder}").stdout
-    step = f"Next: replay-kit info {folder} ANOTHER_LOG\nANOTHER_LOG is the log of this mission that has what is missing"
+    step = f"Next: replay-kit info {folder} ANOTHER_LOG\nANOTHER_LOG is a log of this mission with the missing data"
     assert said.rstrip().endswith(step)
     assert "SeaExplorer raw: 2 files are one log" in said

@@ -182,7 +182,7 @@ def test_gaps_wide_cells_and_water_that_is_not_covered_are_noted():
     assert "are 25.6 km apart, wider than the forecast's, 8.5 km" in coarse
     part = np.s_[:, :20]
     (short,) = bathymetry_notes(Bathymetry(longitude[part], latitude[part], DEPTH[part]), grid)
-    assert "does not cover all of the region" in short
+    assert "does not cover the whole region" in short
 
 
 def above_flat_bottom(folder, **settings):

@@ -97,7 +97,7 @@ def answer(flow, more="--samples 0", **places):
 
 def test_a_saved_estimate_is_planned_through_its_evolution_and_not_frozen(saved):
     said = answer(saved)
-    begins = f"it begins at {time_text(NOON)}, the time of the estimate; --start-time says another"
+    begins = f"it begins at {time_text(NOON)}, the time of the estimate; --start-time sets another"
     assert (said["status"], said["notes"]) == ("reached", [begins])
     known = KnownCurrent((CHANGING,), 43200.0)
     plan = plan_mission(
@@ -151,7 +151,7 @@ def test_a_time_limit_is_that_of_all_departures(saved):
     departures = f"--depart {clock(NOON)},{clock(NOON + 12 * HOUR)},6h"
     said = answer(saved, f"--samples 0 {departures} --time-limit 1e-9")
     assert [row["departure"] for row in said["departures"]] == [time_text(NOON)]
-    assert "--time-limit left out the last 2 departures" in said["notes"]
+    assert "--time-limit excluded the last 2 departures" in said["notes"]
 
 
 @pytest.mark.parametrize(("objective", "planned"), [("", 0), ("--objective time=1", 1)])
@@ -310,13 +310,13 @@ def test_a_current_of_one_time_says_for_how_long_it_holds(tmp_path):
     assert "The mission" not in note
     (note,) = frozen.notes(NOON - 300 * 24 * HOUR, NOON)
     assert note.endswith(
-        "The mission begins 300 days before that time: it is planned in a current of which little is known"
+        "The mission begins 300 days before that time: the current there is little known"
     )
     assert frozen.notes(NOON, NOON + 100 * HOUR)[0].endswith(
         "The mission ends 100 h after that time"
     )
     (still,) = KnownCurrent((still_flow(),), 43200.0).notes(0, HOUR)
-    assert "for how long that holds is not known" in still
+    assert "for how long is unknown" in still
     known = KnownCurrent((evolving(hours=(0.0,), scale=1e5),), 43200.0)
     assert known.hours_known == pytest.approx(1e5 * np.log(2.0) / 3600.0)
     assert "returns to it at the ensemble's rate of change" in known.notes(NOON, NOON + HOUR)[0]
@@ -356,7 +356,7 @@ def test_a_mission_on_a_result_begins_when_the_vehicle_was_fixed_last(tmp_path):
     said = answer(result, f"--samples 0 -o {tmp_path}/plan.mcap")
     begins = time_text(NOON + 5 * HOUR)
     assert said["notes"] == [
-        f"it begins at {begins}, the time of the last fix; --start-time says another"
+        f"it begins at {begins}, the time of the last fix; --start-time sets another"
     ]
     mission = metadata_of(tmp_path / "plan.mcap")["mission"]
     assert int(mission["start_time_ns"]) == NOON + 5 * HOUR

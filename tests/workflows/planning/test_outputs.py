@@ -16,7 +16,7 @@ SAFE, CROSSING = (SimpleNamespace(violation=violation) for violation in (None, "
         (None, "reached", None, None, None),
         (None, "unsafe", None, None, None),
         (SAFE, "reached", None, None, None),
-        (SAFE, "unsafe", None, None, "waypoints of a plan that is not safe"),
+        (SAFE, "unsafe", None, None, "waypoints of an unsafe plan"),
         (CROSSING, "reached", 0.1, 1.0, "the waypoints are not safe"),
         (SAFE, "reached", 0.1, 0.9, None),
         (SAFE, "reached", None, 0.8, "the waypoints are not safe in 20 % of the samples"),

@@ -145,8 +145,8 @@ def test_a_state_of_another_run_or_damaged_is_told_and_the_run_begins_anew(
     job = job_in(ocean, out, GOAL, checkpoint, tell=said.append)
     run_until(job, config, None)
     (text,) = said
-    assert "run.ck: the run cannot go on from it: " in text
-    assert text.endswith("; the replay begins anew")
+    assert "run.ck: the run cannot resume from it: " in text
+    assert text.endswith("; the replay restarts")
     if what != "settings":
         assert out.read_bytes() == whole
     assert not checkpoint.exists()
@@ -158,6 +158,6 @@ def test_a_checkpoint_harms_no_other_file(ocean, tmp_path, name):
         shutil.copy(ocean / source, tmp_path / source)
     (tmp_path / "other").write_text("precious")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises((ConfigError, LogError), match=r"out\.mcap|input|no state of a run"):
+    with pytest.raises((ConfigError, LogError), match=r"out\.mcap|input|not the state of a run"):
         run(tmp_path, tmp_path / "out.mcap", tmp_path / name)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

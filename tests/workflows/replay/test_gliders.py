@@ -42,7 +42,7 @@ def test_mean_currents_alone_estimate_a_field_and_say_so(ocean, tmp_path):
     answer, said = replay(ocean, made.bodc(tmp_path / "a.nc"))
     assert answer["observations"]["used"] == 2
     assert "Data       2 of 2 observations used" in said
-    rests = "the estimate rests on 2 mean currents of dives alone; how"
+    rests = "the estimate is based on 2 mean currents of dives only;"
     assert any(rests in note for note in answer["notes"])
     assert answer["rms_innovation"]["after"] < answer["rms_innovation"]["prior"]
 
@@ -67,7 +67,7 @@ def test_absolute_profiles_are_used_directly_by_every_command(ocean, tmp_path):
 def test_qc_of_mean_currents_alone_says_what_they_are(tmp_path):
     done = invoke(f"qc {made.bodc(tmp_path / 'b.nc')}")
     assert done.exit_code == 3
-    assert "got mean currents alone, which a replay uses as they are" in done.output
+    assert "got mean currents only, which a replay uses unchanged" in done.output
 
 
 def _log(path: Path, reference: str | None, *, last_fix: float = 4000.0) -> Path:
@@ -175,6 +175,6 @@ def test_notes_that_several_logs_have_are_given_once_and_their_missions():
         "b.nc: 2 variables were read by their names, which replay-kit info lists",
     ]
     assert notes(("sg1",), ("sg2",), ("sg2",), mission="stated") == [
-        "the logs are of 2 missions, merged as if one vehicle had made them: sg1, sg2"
+        "the logs are of 2 missions, merged as those of one vehicle: sg1, sg2"
     ]
     assert notes(("sg2",), ("sg2",), mission="stated") == []

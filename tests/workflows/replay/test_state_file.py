@@ -63,7 +63,7 @@ def test_what_is_written_is_read_to_the_bit_and_what_occurs_twice_is_one(tmp_pat
 
 @pytest.mark.parametrize("value", [os.getcwd, Foreign(), {1, 2}, object()])
 def test_what_is_no_value_of_the_program_is_not_written(tmp_path, value):
-    with pytest.raises(TypeError, match="no value of this program"):
+    with pytest.raises(TypeError, match="not a value of this program"):
         write_state(tmp_path / "state", "a run", (value,))
 
 
@@ -85,7 +85,7 @@ def test_what_is_no_value_of_the_program_is_not_written(tmp_path, value):
 )
 def test_a_hostile_tree_is_refused(tmp_path, monkeypatch, tree):
     monkeypatch.setattr(state_file._Packed, "tree", lambda *_: tree)
-    with pytest.raises(StateError, match="state: the run cannot go on from it"):
+    with pytest.raises(StateError, match="state: the run cannot resume from it"):
         back(tmp_path, None)
 
 

@@ -1,1 +1,1 @@
-"""What a replay reads: the job, its logs scanned, the part of the forecast, the estimator, and what a result says of them."""
+"""Inputs of a replay: job, scanned logs, part of the forecast, estimator, and their record in the result."""

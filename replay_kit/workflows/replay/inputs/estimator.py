@@ -1,4 +1,4 @@
-"""The estimator of a run, built from its forecast and settings: static, through time, or a baseline."""
+"""Estimator of a run, built from forecast and settings: static, time-dependent, or a baseline."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,9 +21,9 @@ def build(forecasts: Forecasts, config: RunConfig, vehicles: int = 1) -> Estimat
     """Return the estimator of a run.
 
     Args:
-        forecasts: What it is built from.
+        forecasts: Forecast to build from.
         config: The run's settings.
-        vehicles: Number of vehicles that windows may follow.
+        vehicles: Largest number of vehicles that windows follow.
 
     Raises:
         ConfigError: The estimator's name is unknown.
@@ -45,7 +45,7 @@ def build(forecasts: Forecasts, config: RunConfig, vehicles: int = 1) -> Estimat
 
 
 def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> Estimator[Any]:
-    """Return an estimator that combines profiles within a time [s]; auto leaves it to the estimator, 0 combines none."""
+    """Return an estimator that combines profiles within a time [s]; auto keeps its own value, 0 combines none."""
     grouping = estimator.grouping
     if grouping is None or window == "auto":
         return estimator
@@ -64,7 +64,7 @@ def _windowed(
     config: RunConfig,
     vehicles: int,
 ) -> WindowedEstimator:
-    """Return the estimator of windows that follow vehicles; as many of the latest are kept, and one more."""
+    """Return the estimator of windows that follow vehicles; keeps one window more than vehicles."""
 
     @lru_cache(maxsize=vehicles + 1)
     def estimator_of(region: Region) -> ReducedBasisEstimator:
@@ -76,5 +76,5 @@ def _windowed(
 
 
 def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:
-    """Return the current estimate of a state for a time at or after its last observation [ns, UTC]; a static one is as it was."""
+    """Return the current estimate of a state at or after its last observation [ns, UTC]; a static one is unchanged."""
     return estimator.flow(estimator.predict(state, time_ns))

@@ -1,4 +1,4 @@
-"""From a forecast file and settings to the estimator of a run: static, through time, or a baseline."""
+"""Forecast of a run, read from files as the settings state."""
 
 import logging
 from collections.abc import Callable
@@ -29,15 +29,15 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Forecasts:
-    """The part of a forecast that a run estimates with.
+    """Part of a forecast used by a run.
 
     Attributes:
-        series: The forecast at the times that are used, in order.
-        ensemble: The one of them nearest to the log's beginning.
-        evolves: Whether the estimate goes through time.
+        series: Forecast at the used times, in order.
+        ensemble: Forecast of the series nearest to the log's beginning.
+        evolves: Whether the estimate changes in time.
         near_ns: Time of the logs' first message [ns, UTC]; None without one.
-        region: The part of the forecast, where it was found from the logs; None where all of it or what the settings state was read.
-        read: Reads another window of the forecast, in the local frame of the first; None where one window holds all.
+        region: Part of the forecast found from the logs; None if all of it, or the part in the settings, was read.
+        read: Reads another window of the forecast, in the local frame of the first; None for a single window.
     """
 
     series: tuple[Ensemble, ...]
@@ -49,22 +49,22 @@ class Forecasts:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know of how the file was read."""
+        """Notes on how the file was read."""
         return self.series[0].notes
 
     @property
     def box(self) -> Region | None:
-        """West, south, east, north [degrees] of the part that was found from the logs; None where none was."""
+        """West, south, east, north [degrees] of the part found from the logs; None without one."""
         return None if self.region is None else self.region.region
 
     def in_last_window(self, grid: Grid) -> tuple["Forecasts", Region]:
-        """Return the forecast in the window of a grid, where windows follow the vehicle, and the window's box [degrees]."""
+        """Return the forecast in the window of a grid, if windows follow the vehicle, and the window's box [degrees]."""
         box = bounds_of(grid)
         assert self.read is not None
         return replace(self, series=(self.read(box),)), box
 
     def nearest(self, time_ns: int | None) -> Ensemble:
-        """Return the forecast nearest to a time [ns, UTC]; the first without one."""
+        """Return the forecast nearest to a time [ns, UTC]; the first if None."""
         if time_ns is None:
             return self.series[0]
         return min(self.series, key=lambda forecast: abs((forecast.time_ns or 0) - time_ns))
@@ -78,22 +78,22 @@ def read_forecasts(
     region: FoundRegion | None = None,
     found: Collection | None = None,
 ) -> Forecasts:
-    """Return the forecast at the time, or the times, that the settings ask for.
+    """Return the forecast at the times of the settings.
 
-    The estimate goes through time where the forecast has several dated times (unless one is chosen, or ``time.scale`` is static), and
-    where a time scale, oscillations or biases are asked for. Else it is static.
+    The estimate changes in time with a forecast of several dated times, unless one is chosen or ``time.scale`` is static; also with a time
+    scale, oscillations or biases. Otherwise it is static.
 
     Args:
         path: Files of the ensemble.
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
-        place_at: (longitude, latitude) to move the ensemble's centre to.
-        region: The part of the forecast, where it was found from the logs.
-        found: The files, where they are open.
+        place_at: (longitude, latitude) of the moved ensemble's centre.
+        region: Part of the forecast, if found from the logs.
+        found: The files, if open.
 
     Raises:
         ForecastError: The ensemble cannot be used, or the region is narrower than a correlation length.
-        ConfigError: An estimator that knows no time is asked for what needs it, or one that fits no spread for that.
+        ConfigError: A setting needs an estimator that changes in time, or that fits the spread.
     """
     own = config.estimator.name == OWN and config.estimator.preset == "default"
     asked = config.time.scale not in ("auto", "static") or bool(
@@ -152,7 +152,7 @@ def _read_window(
 
 
 def _check_width(ensemble: Ensemble) -> None:
-    """Raise ForecastError when a region is narrower than a correlation length: nothing could be learnt there beyond a mean."""
+    """Raise ForecastError for a region narrower than a correlation length, in which only a mean can be estimated."""
     length, grid = correlation_length(ensemble), ensemble.grid
     widths = [float(np.ptp(axis)) for axis in (grid.east, grid.north)]
     if min(widths) < length:
@@ -163,10 +163,10 @@ def _check_width(ensemble: Ensemble) -> None:
 
 
 def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[str, ...]:
-    """Return a note where made members' spread is not fitted, because the estimator does not; none where it does, or is asked for a spread.
+    """Return a note if the estimator cannot fit the spread of made members; empty if it does, or if a spread is set.
 
     Raises:
-        ConfigError: The estimator is asked for what it does not do.
+        ConfigError: The estimator does not support the setting.
     """
     name, preset, spread = config.estimator.name, config.estimator.preset, config.estimator.spread
     takes_numbers = name == OWN
@@ -188,12 +188,12 @@ def _unfitted_spread(config: RunConfig, evolves: bool, made_from: str) -> tuple[
     if not made_from or spread is not None:
         return ()
     return (
-        f"the spread of members made of {made_from} is taken for their error: {what} does not fit it",
+        f"the spread of members made of {made_from} is used as their error: {what} does not fit it",
     )
 
 
 def _too_few(config: RunConfig, n_members: int) -> tuple[str, ...]:
-    """Return a warning of members that are too few for their spread to state errors; none where the settings state an error."""
+    """Return a warning on too few members to state errors from their spread; empty if the settings state an error."""
     own = config.estimator
     stated = own.preset == "default" and own.representation_error_std is not None
     if own.name != OWN or n_members >= _LEAST_MEMBERS or stated:
@@ -206,7 +206,7 @@ def _too_few(config: RunConfig, n_members: int) -> tuple[str, ...]:
 
 
 def _warned(series: tuple[Ensemble, ...]) -> tuple[Ensemble, ...]:
-    """Return a forecast after its warnings were said: those on its axes matter before a long run, not after it."""
+    """Return a forecast after emitting its warnings, which matter before a long run."""
     for note in series[0].notes:
         if note.startswith(WARNING):
             _LOG.warning(note.removeprefix(WARNING))

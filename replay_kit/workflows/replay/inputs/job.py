@@ -1,4 +1,4 @@
-"""What a replay reads and writes: checked, opened, and scanned for where and when it begins."""
+"""Inputs and outputs of a replay: checked, opened, and scanned for their place and start."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -26,12 +26,12 @@ from replay_kit.workflows.replay.inputs.scan import Logs
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """What a replay of logs that may grow adds to one of finished logs.
+    """Additions for a replay of growing logs.
 
     Attributes:
-        states: Folder of its state, from which the next one goes on.
-        record: What is to be said of the inputs in the result, by key.
-        goals: From when on [ns, UTC] the goal is another one than the job's, in order.
+        states: Folder of its state, from which the next replay resumes.
+        record: Record of the inputs in the result, by key.
+        goals: Later goals, in order, with the time from which each holds [ns, UTC].
     """
 
     states: Path
@@ -48,15 +48,15 @@ Against = Path | tuple[Path, ...]
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """One of the vehicles that share an estimate, or the only one.
+    """Vehicle of a replay, one of several that share an estimate or the only one.
 
     Attributes:
-        name: Of its own in the result; empty for the only vehicle.
+        name: Name in the result; empty for the only vehicle.
         logs: Its log files.
-        goal: Where it should go; None plans nothing for it.
-        why_not: Why it gives nothing to the estimate; empty for one that does.
-        places: Some of the longitudes and latitudes where it was [degrees].
-        notes: What is odd about its times beside those of the others.
+        goal: Goal; None plans nothing for it.
+        why_not: Reason that it contributes nothing to the estimate; empty otherwise.
+        places: Longitude and latitude of some positions [degrees].
+        notes: Notes on its times compared with other vehicles.
     """
 
     name: str
@@ -69,13 +69,13 @@ class Vehicle:
 
 @dataclass(frozen=True, slots=True)
 class ReplayJob:
-    """The files that a replay reads and writes, and the goal that it plans for.
+    """Files and goal of a replay.
 
     Attributes:
         logs: Log files.
-        ensemble: Ensemble file or store, or several, folders and patterns; those in a tuple of their own belong together.
+        ensemble: Ensemble files, stores, folders and patterns; those in one inner tuple belong together.
         out: Result MCAP; None computes without writing.
-        goal: Where the vehicle should go; None plans nothing.
+        goal: Goal of the vehicle; None plans nothing.
         netcdf: Gridded estimate, CF NetCDF.
         save_estimate: Lossless estimate, NetCDF.
         truth: ``PATH`` or ``PATH#MEMBER`` to score against.
@@ -83,13 +83,13 @@ class ReplayJob:
         checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
         overwrite: Whether existing outputs are replaced.
         include_inputs: Whether the logs' messages are copied into the result.
-        following: For logs that may grow, without a checkpoint; None for finished ones.
-        region: The part of the forecast that an earlier run of the job found; None finds it, where the settings do not state it.
-        against: Other ensembles under which the log's evidence is computed too.
-        estimator: Makes the estimator of the forecasts and settings; None for that of the settings.
-        provided: Names of the parts that a script gives in place of the settings' own.
-        vehicles: Those that the logs are of, in the order of their names, and the logs in theirs; none where the logs are of one vehicle.
-        tell: Called with what a person should read during the run.
+        following: For growing logs, without a checkpoint; None for finished ones.
+        region: Part of the forecast found by an earlier run of the job; None finds it, unless the settings state it.
+        against: Competing ensembles, for the log evidence.
+        estimator: Factory of the estimator; None for that of the settings.
+        provided: Names of the parts that a script replaces.
+        vehicles: Vehicles in order of name, each with its logs in order; empty for a single vehicle.
+        tell: Called with messages for the user during the run.
     """
 
     logs: tuple[Path, ...]
@@ -113,13 +113,13 @@ class ReplayJob:
 
     @property
     def each_vehicle(self) -> tuple[Vehicle, ...]:
-        """The vehicles that are replayed: those of several that give something to the estimate, or the only one."""
+        """Replayed vehicles: those of several that contribute to the estimate, or the only one."""
         used = tuple(vehicle for vehicle in self.vehicles if not vehicle.why_not)
         return used if self.vehicles else (Vehicle("", self.logs, self.goal),)
 
     @property
     def goals(self) -> tuple[Place, ...]:
-        """Where the vehicles should go."""
+        """Goals of the vehicles."""
         goals = (vehicle.goal for vehicle in self.each_vehicle)
         return tuple(goal for goal in goals if goal is not None)
 
@@ -127,12 +127,12 @@ class ReplayJob:
 def check_outputs(
     job: ReplayJob, also_read: Iterable[Path | None] = (), also_written: Iterable[Path | None] = ()
 ) -> None:
-    """Raise ConfigError when an output of a replay is an input, or exists and may not be replaced, or has no folder.
+    """Raise ConfigError if an output is an input, exists and may not be replaced, or has no folder.
 
     Args:
         job: The replay.
-        also_read: Inputs that are not in the job, such as the configuration file.
-        also_written: Outputs that are not in the job, such as the JSON summary.
+        also_read: Further inputs, such as the configuration file.
+        also_written: Further outputs, such as the JSON summary.
     """
     rivals = [path for each in job.against for path in ensemble_files(each)]
     inputs = (*job.logs, *ensemble_files(job.ensemble), *rivals, truth_path(job.truth), *also_read)
@@ -145,7 +145,7 @@ def check_outputs(
 
 
 def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
-    """Return what tells each file that a replay reads, those in folders of logs too, from a changed one.
+    """Return a stamp of each input file of a replay, also of those in folders of logs.
 
     Raises:
         LogError: A folder holds no log.
@@ -158,16 +158,16 @@ def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
 
 
 def logs_of(job: ReplayJob, config: RunConfig) -> Logs:
-    """Return the logs of a job, opened.
+    """Return the opened logs of a job.
 
     Raises:
-        LogError: A log is missing or is none.
+        LogError: A file is missing or is not a log.
     """
     return Logs([vehicle.logs for vehicle in job.each_vehicle], config)
 
 
 def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
-    """Copy the logs' messages unchanged into the result, if the job asks for it: of a telemetry log its frames."""
+    """Copy the logs' messages unchanged into the result, if the job asks for it; frames of a telemetry log."""
     if job.include_inputs:
         logs = open_logs(job.logs, config)
         writer.copy(
@@ -178,12 +178,12 @@ def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None
 
 
 def forecasts_of(job: ReplayJob, config: RunConfig, logs: Logs | None = None) -> Forecasts:
-    """Return the part of a forecast that a job needs, at the time of its logs, and where it is asked for at their place.
+    """Return the part of a forecast that a job needs at the time of its logs, moved to their place if set.
 
     Raises:
-        MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
+        MeasurementError: The ensemble is to be moved to the log, which has no position in the time span.
         ForecastError: The ensemble cannot be used.
-        ConfigError: An estimator that knows no time is asked for what needs it.
+        ConfigError: A setting needs an estimator that changes in time.
     """
     logs = logs or logs_of(job, config)
     place_at, near_ns = logs.ahead()
@@ -199,14 +199,14 @@ def open_truth(
     ensemble: Ensemble,
     region: Region | None = None,
 ) -> Ensemble | None:
-    """Return the truth of a job; None without one.
+    """Return the opened truth of a job; None without one.
 
     Args:
         job: The replay.
-        config: Its settings; a truth need not have the forecast's leads or times.
+        config: Settings; a truth need not have the forecast's leads or times.
         near_ns: Time of the logs' first message [ns, UTC].
         ensemble: The forecast; if it was moved, the truth is moved to the same place.
-        region: The part of it that is read; None for what the settings state.
+        region: Part to read; None for that of the settings.
 
     Raises:
         ForecastError: It cannot be read.

@@ -1,4 +1,4 @@
-"""What a result says of how it was made: input hashes, versions, the region, the configuration."""
+"""Provenance of a result: input hashes, versions, region, configuration."""
 
 import hashlib
 import json
@@ -57,15 +57,15 @@ def run_metadata(
     bathymetry: Path | None = None,
     found: FoundRegion | None = None,
 ) -> dict[str, Mapping[str, str]]:
-    """Return the metadata records of a result; names without their folders, so that the bytes do not depend on where it is made.
+    """Return the metadata records of a result; names without folders, so that the bytes do not depend on the place.
 
     Args:
-        logs: The inputs.
-        arguments: The ensemble's files and stores, argument by argument; those of one belong together where members are models.
-        ensemble: What was read of it.
-        options: What the run was asked for beyond its configuration.
-        bathymetry: The file that is read; None without.
-        found: The part of the forecast that was found from the logs.
+        logs: Input logs.
+        arguments: Files and stores of the ensemble by argument; those of one argument belong together if members are models.
+        ensemble: Ensemble read.
+        options: Options of the run apart from its configuration.
+        bathymetry: Bathymetry file; None without one.
+        found: Part of the forecast found from the logs.
 
     Raises:
         ConfigError: Two logs hold the same bytes.
@@ -120,7 +120,7 @@ def run_metadata(
 
 
 def vehicles_record(job: ReplayJob) -> dict[str, str]:
-    """Return the vehicles of a job by their names: the keys of their logs, and their goals."""
+    """Return the record of a job's vehicles by name: keys of their logs, and goals."""
     found, number = {}, 0
     for vehicle in job.vehicles:
         logs = () if vehicle.why_not else vehicle.logs
@@ -135,7 +135,7 @@ def _goal_text(goal: Place | None) -> str:
 
 
 def forecast_times(forecasts: Forecasts) -> dict[str, str]:
-    """Return the first and the last time of the forecast that is used, and whether the estimate goes through time; empty without times."""
+    """Return the first and last time of the used forecast, and whether the estimate changes in time; empty without times."""
     times = [ensemble.time_ns for ensemble in forecasts.series if ensemble.time_ns is not None]
     if not times:
         return {}
@@ -148,11 +148,11 @@ def forecast_times(forecasts: Forecasts) -> dict[str, str]:
 
 
 def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
-    """Return what a run was asked for beyond its configuration, and the basis it chose.
+    """Return the options of a run apart from its configuration, and its basis.
 
     Args:
         job: The run.
-        flow: Its estimate.
+        flow: Estimate of the run.
     """
     return {
         "goal": _goal_text(job.goal),
@@ -169,11 +169,11 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
 
 
 def cited(files: Iterable[Path], config: RunConfig) -> dict[str, str]:
-    """Return global attributes for what is made of files: the DOI of each that states one, and what the settings state.
+    """Return the global attributes of outputs: DOIs of the inputs, and those in the settings.
 
     Args:
-        files: The inputs; NetCDF-4 files among them are asked.
-        config: ``output.metadata`` counts.
+        files: Inputs; DOIs are read from NetCDF-4 files.
+        config: Settings with ``output.metadata``.
     """
     found: dict[str, list[str]] = {}
     for path in files:
@@ -190,7 +190,7 @@ def cited(files: Iterable[Path], config: RunConfig) -> dict[str, str]:
 
 
 def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str, str]]:
-    """Return the records of a result without what may change while its logs grow: the logs, the goal, what was said of them."""
+    """Return the records of a result without those that change while logs grow: logs, goal, and reports on them."""
     held = {
         name: {key: value for key, value in record.items() if not key.startswith(("log", "goal"))}
         if name in ("replay_kit.inputs", "replay_kit.options")
@@ -204,12 +204,12 @@ def lasting(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, Mapping[str,
 
 
 def package_versions() -> dict[str, str]:
-    """Return the versions of this package and of those on which the last bits of results depend."""
+    """Return the versions of this package and of those that affect the last bits of results."""
     return {"replay-kit": __version__, **{name: version(name) for name in _PACKAGES}}
 
 
 def run_settings_toml(config: RunConfig) -> str:
-    """Return the configuration as TOML, every value given, files by name; what is unset is left out, as TOML has no null."""
+    """Return the configuration as TOML with every value set and files by name; None is omitted, as TOML has no null."""
     lines: list[str] = []
     if (bathymetry := config.planner.bathymetry_path) is not None:
         config = with_bathymetry(config, Path(bathymetry.name))
@@ -223,7 +223,7 @@ def run_settings_toml(config: RunConfig) -> str:
 
 
 def with_bathymetry(config: RunConfig, path: Path) -> RunConfig:
-    """Return a configuration with another file of the bathymetry."""
+    """Return a configuration with another bathymetry file."""
     return config.model_copy(
         update={"planner": config.planner.model_copy(update={"bathymetry": str(path)})}
     )

@@ -1,4 +1,4 @@
-"""The part of a forecast that a log needs: found before its currents are read."""
+"""Part of a forecast that a log needs, found before its currents are read."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -41,14 +41,14 @@ _PATCH = 12
 
 @dataclass(frozen=True, slots=True)
 class FoundRegion:
-    """The part of a forecast that a run reads, found from its log.
+    """Part of a forecast read by a run, found from its log.
 
     Attributes:
-        region: West, south, east, north [degrees]; of windows that follow vehicles the first.
-        margin: Between the vehicle and the region's sides [m].
-        follows: Whether windows of this size follow the vehicle, or each of several.
-        bounds: The box of the whole forecast [degrees].
-        note: What was taken of what, for the user.
+        region: West, south, east, north [degrees]; the first of windows that follow vehicles.
+        margin: Distance between the vehicle and the region's sides [m].
+        follows: Whether windows of this size follow each vehicle.
+        bounds: Box of the whole forecast [degrees].
+        note: Description of the part, for the user.
     """
 
     region: Region
@@ -58,12 +58,12 @@ class FoundRegion:
     note: str
 
     def about(self, place: tuple[float, float]) -> Region:
-        """Return a window of this size about a place [degrees]."""
+        """Return a window of this size around a place [degrees]."""
         size = np.array([width(self.region), self.region[3] - self.region[1]])
         return moved_into(self.bounds, place, 0.5 * size)
 
     def to_record(self) -> dict[str, str]:
-        """Return it as a result keeps it."""
+        """Return the record of the region in a result."""
         return {
             "region": ",".join(map(repr, self.region)),
             "margin": repr(self.margin),
@@ -74,10 +74,10 @@ class FoundRegion:
 
 
 def from_record(record: Mapping[str, str]) -> FoundRegion:
-    """Return what ``to_record`` made a record of.
+    """Return the region of a record by ``to_record``.
 
     Raises:
-        ValueError: It is no such record, as are LookupError and TypeError.
+        ValueError: The record is invalid; also LookupError and TypeError.
     """
     region, bounds = (_numbers(record[key]) for key in ("region", "bounds"))
     return FoundRegion(
@@ -91,11 +91,11 @@ def _numbers(text: str) -> Region:
 
 
 class HasPlaces(Protocol):
-    """Logs, or their reach."""
+    """Protocol of logs or their reach."""
 
     @property
     def places(self) -> Array:
-        """As of ``Reach``."""
+        """Places as in ``Reach``."""
         ...
 
 
@@ -107,22 +107,22 @@ def find_region(
     goals: Sequence[Place],
     may_follow: bool = True,
 ) -> FoundRegion | None:
-    """Return the part of a forecast that logs need; None where all of it is to be read, or the settings state the part.
+    """Return the part of a forecast that logs need; None for all of it, or if the settings state the part.
 
-    The grid is read first; the log only where the grid is large. The margin around the log's positions and the goal is a number of
-    correlation lengths of the members' anomalies, measured in a patch of the first level at the middle of the positions.
+    The grid is read first; the log only where the grid is large. The margin around positions and goals is a number of correlation lengths
+    of the members' anomalies. These are measured in a patch of the first level amid the positions.
 
     Args:
-        where: The logs are.
-        ensemble: Files of the ensemble, opened or not.
+        where: Places of the logs.
+        ensemble: Ensemble files, opened or not.
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
-        goals: Where the vehicles should go.
-        may_follow: Whether windows may follow the vehicle where one is not enough.
+        goals: Goals of the vehicles.
+        may_follow: Whether windows may follow the vehicle if one is not enough.
 
     Raises:
-        ForecastError: The ensemble cannot be used; no position of the log lies in it; or a window of the size allowed would be smaller
-            than the margins around the vehicle.
+        ForecastError: The ensemble cannot be used; no position of the log lies in it; or the largest window is smaller than the margins
+            around the vehicle.
     """
     settings = config.forecast
     if settings.region is not None or settings.place:
@@ -147,7 +147,7 @@ def find_region(
 
 
 def _is_static(extent: Extent, config: RunConfig) -> bool:
-    """Return whether an estimate is the project's own and does not change in time: only that is handed from window to window."""
+    """Return whether an estimate is the project's own and static; only that can be passed from window to window."""
     time, own = (
         config.time,
         config.estimator.name == "reduced_basis" and config.estimator.preset == "default",
@@ -160,7 +160,7 @@ def inside_extent(extent: Extent, places: Array) -> Array:
     """Return the places, shape (n, 2), that lie in the box of a forecast's grid.
 
     Raises:
-        ForecastError: There are places, and none lies in it.
+        ForecastError: No place lies in it.
     """
     found = places[inside(extent.box, *places.T)]
     if len(places) and not len(found):
@@ -172,7 +172,7 @@ def inside_extent(extent: Extent, places: Array) -> Array:
 
 
 def _length_near(extent: Extent, places: Array) -> float:
-    """Return the correlation length [m] near the middle of positions, shape (n, 2); where that is on land, near one of the positions."""
+    """Return the correlation length [m] near the middle of positions, shape (n, 2), or near one of them if that is on land."""
     reach = _PATCH * np.array(extent.step)
     tried = [np.array(centre(around(places, 0.0))), *places[:: max(1, len(places) // 4)]]
     for last, place in enumerate(tried, 1 - len(tried)):
@@ -185,7 +185,7 @@ def _length_near(extent: Extent, places: Array) -> float:
 
 
 def window_points(extent: Extent, length: float, latitude: float) -> int:
-    """Return how many points a level a window has: larger ones have too few modes for their size, smaller ones more handovers."""
+    """Return the points per level of a window; larger ones have too few modes for their size, smaller ones more handovers."""
     cells = np.array(extent.step) * (degree_of_longitude(latitude), DEGREE)
     return max(_LEAST_WINDOW, math.ceil(np.prod(_SIDE_LENGTHS * length / cells)))
 
@@ -193,10 +193,10 @@ def window_points(extent: Extent, length: float, latitude: float) -> int:
 def _first_window(
     extent: Extent, place: Array, margin: float, length: float, most: int
 ) -> FoundRegion:
-    """Return the window about the first position, as large as is allowed.
+    """Return the largest window around the first position.
 
     Raises:
-        ForecastError: It does not reach a margin and a half to all sides.
+        ForecastError: It does not extend 1.5 margins to all sides.
     """
     # where the forecast is narrower than a square, the window is longer
     (rows, columns), side = extent.shape, np.sqrt(most)

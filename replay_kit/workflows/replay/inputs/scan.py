@@ -1,4 +1,4 @@
-"""Logs opened once, and scanned before a replay for where and when they begin."""
+"""Logs opened once, and scanned before a replay for their place and start."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ _BLOCK, _LARGE = 2048, "replay_kit.RadarCurrents"
 
 
 def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
-    """Return the opened logs; of MAVLink and DataFlash only the messages that the estimator uses, and mapped topics, are decoded.
+    """Return the opened logs; from MAVLink and DataFlash only mapped topics and messages used by the estimator are decoded.
 
     Raises:
         LogError: A file is missing or is not a log.
@@ -46,12 +46,12 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reach:
-    """Where, how deep and when logs are.
+    """Places, depth and period of logs.
 
     Attributes:
         places: shape (n, 2), longitude and latitude [degrees] to a hundredth, each place once.
-        middle: Mean longitude and latitude of the vehicle, or of what has places of its own where it has none [degrees]; None without.
-        deepest: Greatest depth of the vehicle or of a measurement [m]; None without one.
+        middle: Mean longitude and latitude of the vehicle, or else of independent observations [degrees]; None without positions.
+        deepest: Greatest depth of the vehicle or of an observation [m]; None without one.
         first_ns: First time [ns, UTC]; None without a message.
         last_ns: Last time [ns, UTC].
     """
@@ -64,16 +64,16 @@ class Reach:
 
 
 class Logs:
-    """The logs of a run's vehicles, each opened once: where they begin and lead, and their messages.
+    """Logs of a run's vehicles, each opened once: their reach and messages.
 
     Attributes:
         config: The run's settings.
-        by_vehicle: The opened logs of each vehicle, numbered through.
+        by_vehicle: Opened logs of each vehicle, numbered consecutively.
         merged: Their messages in order.
     """
 
     def __init__(self, each: Sequence[Sequence[Path]], config: RunConfig) -> None:
-        """Open the logs of each vehicle; errors are those of ``open_readers``."""
+        """Open the logs of each vehicle; for errors see ``open_readers``."""
         self.config, settings = config, config.logs
         self.by_vehicle = [open_readers(paths, config) for paths in each]
         for number, log in enumerate(self.all):
@@ -91,16 +91,16 @@ class Logs:
 
     @property
     def all(self) -> list[LogReader]:
-        """The logs of all vehicles."""
+        """Logs of all vehicles."""
         return [log for logs in self.by_vehicle for log in logs]
 
     def ahead(self) -> tuple[tuple[float, float] | None, int | None]:
-        """Return the mean position, when the ensemble is to be placed there, and the first time used [ns, UTC], of the chosen time span.
+        """Return the mean position, if the ensemble is to be moved there, and the first used time [ns, UTC] in the time span.
 
-        Messages of topics that come once are read although they are older than the span, as in a replay, but their positions do not count.
+        As in a replay, messages of one-time topics before the span are read, but not their positions.
 
         Raises:
-            MeasurementError: The ensemble is to be placed at the log, and the log holds no position in the span.
+            MeasurementError: The ensemble is to be moved to the log, which has no position in the span.
         """
         settings = self.config.logs
         if self.config.forecast.place:
@@ -115,12 +115,12 @@ class Logs:
 
     @property
     def places(self) -> Array:
-        """Those of ``reach``."""
+        """Places of ``reach``."""
         return self.reach.places
 
     @cached_property
     def reach(self) -> Reach:
-        """Where, how deep and when a replay places the vehicles and their measurements: of a pass over all messages, made once."""
+        """Places, depth and period of the vehicles and observations of a replay, from one pass over all messages."""
         found, deepest, spans = dict[tuple[int, int], None](), [0.0], list[int]()
         # of positions and of profiles their number, and the sums of directions and latitudes
         sums = np.zeros((2, 3), np.complex128)
@@ -148,7 +148,7 @@ class Logs:
 
     @property
     def positions(self) -> Columns:
-        """The positions that a replay would use, in order, as ``LogTracks`` takes them."""
+        """Positions that a replay would use, in order, as input of ``LogTracks``."""
         return joined(
             no_rows(),
             *(
@@ -159,7 +159,7 @@ class Logs:
         )
 
     def measured(self) -> Iterator[tuple[Times, Block]]:
-        """Yield the times of the messages of each block [ns, UTC], and what they measured, with the events of the time span alone."""
+        """Yield the message times of each block [ns, UTC], and its measured events within the time span."""
         settings = self.config.logs
         stream, start_ns = begun(settings.system, settings.component), settings.start_ns
         for one in self._begun:
@@ -175,10 +175,10 @@ class Logs:
             yield times, replace(block, events=block.events[counts])
 
     def check_span(self, last_ns: int | None) -> None:
-        """Raise ConfigError when the logs have messages, and none of them lies in the time span that is asked for.
+        """Raise ConfigError if no message of the logs lies in the requested time span.
 
         Args:
-            last_ns: Time of the last message read [ns, UTC]; those of topics that come once may be older than the span. None without one.
+            last_ns: Time of the last message read [ns, UTC]; one-time topics may precede the span. None without messages.
         """
         settings = self.config.logs
         asked = [
@@ -195,14 +195,14 @@ class Logs:
 
 
 class _Begun:
-    """A log, of which a pass that looks at its beginning costs the next one no message."""
+    """Log whose messages read in a first look are kept for the next pass."""
 
     def __init__(self, log: LogReader) -> None:
         self._log, self.looked_at = log, False
         self.rest: Iterator[Message] | None = None
 
     def messages(self) -> Iterator[Message]:
-        """Yield all messages; those of a look are kept for the next pass, which goes on from there."""
+        """Yield all messages; those of a look are kept for the next pass, which continues from there."""
         if self.looked_at:
             self.looked_at = False
             looked, self.rest = tee(self._log.messages())
@@ -212,7 +212,7 @@ class _Begun:
 
 
 def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[Message]:
-    """Return the messages of the next block, which ends with the first so long after its beginning [s]; none at the end."""
+    """Return the messages of the next block, up to the first one a given time after its beginning [s]; empty at the end."""
     found: list[Message] = []
     for message in islice(messages, _BLOCK):
         found.append(message)
@@ -222,7 +222,7 @@ def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[M
 
 
 def _nowhere(logs: Sequence[str], config: RunConfig) -> MeasurementError:
-    """Return that the logs hold no position at which an ensemble could be placed."""
+    """Return the error of logs without a position for the ensemble."""
     start, end = config.logs.start, config.logs.end
     between, more = "", ""
     if start or end:
@@ -230,5 +230,5 @@ def _nowhere(logs: Sequence[str], config: RunConfig) -> MeasurementError:
         more = "widen --start and --end, or "
     return MeasurementError(
         f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; {more}leave the option out; "
-        f"replay-kit info {logs[0]} says what is in a log, and --suggest map.toml beside it maps topics of unknown types"
+        f"replay-kit info {logs[0]} lists the contents of a log, and --suggest map.toml maps topics of unknown types"
     )

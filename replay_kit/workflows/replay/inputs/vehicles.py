@@ -1,4 +1,4 @@
-"""Which vehicle each log is of: as the user names them, as the logs state their missions, or as their tracks show."""
+"""Assignment of logs to vehicles: by the user's names, by the missions stated in the logs, or by their tracks."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -34,15 +34,15 @@ _SHOWN = 50
 
 
 def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
-    """Return a job with its vehicles in the order of their names, and those set aside that have no position; else as it is.
+    """Return a job with its vehicles in order of name, those without a position excluded; unchanged for a single vehicle.
 
     Args:
-        job: With vehicles that are named, or with logs that may state theirs.
+        job: Job with named vehicles, or with logs that may state theirs.
         config: The run's settings.
 
     Raises:
-        ConfigError: A name cannot be one, or is of no log; a log is given twice; or what is asked for is of one vehicle alone.
-        MeasurementError: No vehicle has a position, or one is of another year than the others.
+        ConfigError: A name is invalid or has no log, a log is given twice, or an option needs a single vehicle.
+        MeasurementError: No vehicle has a position, or the vehicles are more than a year apart.
         LogError: A log cannot be opened.
     """
     vehicles = job.vehicles or _by_missions(job.logs, config)
@@ -53,7 +53,7 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
     if config.time.biases or job.against:
         what = "--against" if job.against else "time.biases"
         raise ConfigError(
-            f"{what}: expected the logs of one vehicle, got those of {len(vehicles)}; leave it out, or replay each alone"
+            f"{what}: expected the logs of one vehicle, got those of {len(vehicles)}; omit it, or replay each separately"
         )
     placed = _placed([_in_order(one) for one in sorted(vehicles, key=lambda one: one.name)], config)
     given = tuple(replace(one, goal=one.goal or job.goal) for one in placed)
@@ -62,7 +62,7 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
 
 
 def _in_order(vehicle: Vehicle) -> Vehicle:
-    """Return a vehicle whose logs are in the order of their names and contents, however they were given."""
+    """Return a vehicle with its logs in order of name and content, however given."""
     if len(vehicle.logs) < 2:
         return vehicle
     logs = sorted(vehicle.logs, key=lambda path: (path.name, file_hash(path)))
@@ -78,7 +78,7 @@ def _check_names(vehicles: Sequence[Vehicle]) -> None:
 
 
 def _check_contents(vehicles: Sequence[Vehicle]) -> None:
-    """Raise ConfigError when a log is given under two names."""
+    """Raise ConfigError if a log is given under two names."""
     held: dict[str, tuple[str, Path]] = {}
     for one in vehicles:
         for path in (file for log in one.logs for file in logs_in(log)):
@@ -90,10 +90,10 @@ def _check_contents(vehicles: Sequence[Vehicle]) -> None:
 
 
 def _by_missions(logs: Sequence[Path], config: RunConfig) -> tuple[Vehicle, ...]:
-    """Return the vehicles that logs state; none where they state fewer than two.
+    """Return the vehicles stated by logs; empty for fewer than two.
 
     Raises:
-        ConfigError: Some logs do not say which of several vehicles they are of.
+        ConfigError: Some logs do not state their vehicle, although others state several.
     """
     if len(logs) < 2:
         return ()
@@ -103,8 +103,8 @@ def _by_missions(logs: Sequence[Path], config: RunConfig) -> tuple[Vehicle, ...]
         return ()
     if unknown := [path.name for path, name in stated.items() if not name]:
         raise ConfigError(
-            f"{some_text(unknown)}: the logs are of {some_text(names)}, and this one does not say of which; "
-            f"say so with --as {names[0]}={unknown[0]}, and name the logs of the others too"
+            f"{some_text(unknown)}: the logs are of {some_text(names)}, and this one does not state its vehicle; name "
+            f"it with --as {names[0]}={unknown[0]}, and name the logs of the others too"
         )
     return tuple(
         Vehicle(name, tuple(path for path in logs if stated[path] == name)) for name in names
@@ -112,17 +112,17 @@ def _by_missions(logs: Sequence[Path], config: RunConfig) -> tuple[Vehicle, ...]
 
 
 def _stated(path: Path, config: RunConfig) -> str:
-    """Return the vehicle that a log or a folder of logs states, as a name; empty where it states none, or several."""
+    """Return the vehicle name stated by a log or a folder of logs; empty for none or several."""
     missions = [log.mission for log in open_readers([path], config) if isinstance(log, LogFile)]
     names = {_OF_MISSION.sub("", mission) for mission in missions if mission}
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", names.pop()) if len(names) == 1 else ""
 
 
 def _placed(vehicles: Sequence[Vehicle], config: RunConfig) -> list[Vehicle]:
-    """Return vehicles with some of their places and what is odd about their times; those without a place are set aside.
+    """Return vehicles with some of their places and notes on their times; those without a place are excluded.
 
     Raises:
-        MeasurementError: None has a place, or one is of another year.
+        MeasurementError: No vehicle has a place, or the vehicles are more than a year apart.
     """
     found, spans = list[Vehicle](), dict[str, tuple[int, int]]()
     for one in vehicles:
@@ -131,7 +131,7 @@ def _placed(vehicles: Sequence[Vehicle], config: RunConfig) -> list[Vehicle]:
             continue
         reach = Logs([one.logs], config).reach
         if not len(reach.places) or reach.first_ns is None or reach.last_ns is None:
-            why = "no position in its logs, so that nothing of it is used; the others are replayed"
+            why = "no position in its logs, so it is not used; the others are replayed"
             found.append(replace(one, why_not=why))
             continue
         spans[one.name] = reach.first_ns, reach.last_ns
@@ -146,7 +146,7 @@ def _placed(vehicles: Sequence[Vehicle], config: RunConfig) -> list[Vehicle]:
 
 
 def _of_times(name: str, spans: Mapping[str, tuple[int, int]]) -> tuple[str, ...]:
-    """Return what is odd about a vehicle's times beside those of the others.
+    """Return notes on a vehicle's times compared with those of the others.
 
     Raises:
         MeasurementError: They are more than a year apart.
@@ -160,7 +160,7 @@ def _of_times(name: str, spans: Mapping[str, tuple[int, int]]) -> tuple[str, ...
     if abs(first_ns - begin_ns) > _YEAR_NS:
         raise MeasurementError(
             f"{name}: begins at {time_text(first_ns)}, the nearest of the others at {time_text(begin_ns)}: measurements of different "
-            "years do not share an estimate; replay it apart, or correct its clock"
+            "years do not share an estimate; replay it separately, or correct its clock"
         )
     later, ends_later = first_ns - begin_ns, last_ns - end_ns
     if abs(later) >= _HOUR_NS and abs(later - ends_later) <= _SAME_NS:
@@ -174,10 +174,10 @@ def _of_times(name: str, spans: Mapping[str, tuple[int, int]]) -> tuple[str, ...
 
 
 def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
-    """Return the window in which each of several vehicles begins, by its name; none where one holds all.
+    """Return the first window of each of several vehicles by name; empty if one window holds all.
 
     Raises:
-        MeasurementError: A vehicle was nowhere there: it shares no estimate with the others.
+        MeasurementError: A vehicle was never in the region of the others.
     """
     region, found = forecasts.region, dict[str, Region]()
     follows = region if region is not None and region.follows else None
@@ -190,19 +190,19 @@ def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
             longitude, latitude = one.places[-1]
             anew = ", or delete the folder of states: the first logs chose the region"
             raise MeasurementError(
-                f"{one.name}: was at {latitude:.2f} N, {longitude:.2f} E, outside the region of the forecast, so that it shares no "
-                f"estimate with the others; replay it apart, with a forecast of its place{anew if job.following else ''}"
+                f"{one.name}: was at {latitude:.2f} N, {longitude:.2f} E, outside the region of the forecast, so it "
+                f"cannot share the estimate; replay it separately, with a forecast of its place{anew if job.following else ''}"
             )
     return found
 
 
 def by_tracks(job: ReplayJob, config: RunConfig, error: MeasurementError) -> tuple[Vehicle, ...]:
-    """Return the vehicles of logs whose tracks no one vehicle joins; none where the error is another, or tracks do not tell.
+    """Return the vehicles of logs with tracks that one vehicle cannot have flown; empty after other errors or if undecided.
 
     Args:
-        job: Its logs were taken for one vehicle's.
+        job: Job with logs assumed to be of one vehicle.
         config: The run's settings.
-        error: What ended its replay.
+        error: Error of its replay.
     """
     if (
         job.vehicles

@@ -1,1 +1,1 @@
-"""The stages of a replay: functions of frozen states, which know neither the writer nor the clock."""
+"""Stages of a replay: functions of frozen states, independent of writer and clock."""

@@ -1,4 +1,4 @@
-"""The admission stage: what of a block that was checked the estimate is given, what it is not, and what is remembered of both."""
+"""Admission stage: selection of the checked events to assimilate, and memory of all."""
 
 from typing import Any
 
@@ -18,15 +18,15 @@ from replay_kit.workflows.replay.surfacings.flight_bias import corrected, with_b
 
 
 def admitted(of: OfVehicle, setup: Setup, block: Block, rows: Integers) -> OfVehicle:
-    """Return a vehicle's states after some events of a block, which wait as the estimate is to be given them.
+    """Return a vehicle's states with events of a block waiting for assimilation.
 
-    A mean current that it is not given goes past it: surfacings are still expected from it.
+    DACs that are not assimilated still serve to predict surfacings.
 
     Args:
-        of: Before them.
-        setup: The vehicle's.
-        block: What messages measured, after its checks.
-        rows: shape (n, 3), of ``block.events``.
+        of: States before.
+        setup: Setup of the vehicle.
+        block: Checked block.
+        rows: shape (n, 3), rows of ``block.events``.
     """
     config, kinds = setup.config, inputs_of(setup.estimator)
     monitoring, flight, unsupported, rejected = of.monitoring, of.flight, list[tuple[str, int]](), 0

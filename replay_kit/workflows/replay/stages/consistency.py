@@ -1,4 +1,4 @@
-"""The consistency stage: each event is checked before it is used, and what is found changes what the estimate is made of."""
+"""Consistency stage: events are checked before use, and findings change the input of the estimate."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -38,22 +38,22 @@ _LEAST_REJECTED = 5
 _LEAST_VALUES, _MOST_NIS = 20, 3.0
 # Measurements beyond the gate that are remembered.
 _MOST_GATED = 256
-_SHEAR_ALONE = "all profiles are relative to the platform, so that they give the shear alone"
+_SHEAR_ALONE = "all profiles are relative to the platform, and give the shear only"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MonitoringState:
-    """What the consistency stage remembers.
+    """State of the consistency stage.
 
     Attributes:
-        checks: Of the checks, after the last block.
-        findings: What was found up to the last event.
-        contradict: Whether two sources of the current contradict each other, and none of them is known to be wrong.
-        means: Mean currents so far, from which an estimate without profiles is rebuilt.
-        gated: Latest measurements that the gate rejected, before two sources were known to contradict each other.
-        tracks: Positions, by the log that they are of.
-        decisions: By kind of measurement, how many the gate was asked for, and how many it rejected.
-        left_out: Whether nothing that this vehicle of several measures is used.
+        checks: State of the checks after the last block.
+        findings: Findings up to the last event.
+        contradict: Whether two sources of the current contradict each other, with neither known to be wrong.
+        means: DACs so far, to rebuild an estimate without profiles.
+        gated: Latest observations rejected by the gate, before a contradiction of two sources.
+        tracks: Positions by log.
+        decisions: Number of observations gated and rejected, by kind.
+        left_out: Whether this vehicle of several is excluded.
     """
 
     checks: Checked = field(default_factory=Checked)
@@ -67,7 +67,7 @@ class MonitoringState:
 
     @property
     def explains_no_profile(self) -> bool:
-        """Whether a finding is the reason that no profile may be used: such a run still has a result, the estimate without them."""
+        """Whether a finding can explain that no profile is used: such a run has a result, the estimate without profiles."""
         return any(
             finding.distrusts or (finding.name in (FROZEN, REPEATED) and self.checks.pings[0] > 0)
             for finding in self.findings
@@ -81,13 +81,13 @@ FoundWith = Sequence[tuple[Finding, bool]]
 def checked(
     state: MonitoringState, block: Block, config: RunConfig, speeds: EnsembleSpeeds | None
 ) -> tuple[MonitoringState, Block, dict[int, FoundWith]]:
-    """Return the state after the checks of a block, the block as it may be used, and what was found with which of its events.
+    """Return the state after the checks of a block, its usable form, and the findings by event.
 
     Args:
-        state: Before the block.
-        block: What messages measured.
+        state: State before the block.
+        block: Measured block.
         config: The run's settings.
-        speeds: Of the ensemble's currents.
+        speeds: Speeds of the ensemble.
     """
     if config.consistency.on_failure == "ignore":
         return state, block, {}
@@ -100,7 +100,7 @@ def checked(
 
 
 def tracked(state: MonitoringState, block: Block, events: Integers) -> MonitoringState:
-    """Return the state after the positions among some events of a block, as of ``Block.events``."""
+    """Return the state with the positions among some events of a block, rows as in ``Block.events``."""
     rows = events[events[:, 1] == POSITION, 2]
     if not rows.size:
         return state
@@ -109,10 +109,10 @@ def tracked(state: MonitoringState, block: Block, events: Integers) -> Monitorin
 
 
 def noted(state: MonitoringState, found: FoundWith, config: RunConfig) -> MonitoringState:
-    """Return the state after what was found with an event.
+    """Return the state with the findings of an event.
 
     Raises:
-        MeasurementError: The log cannot be used, or a contradiction is to stop the run.
+        MeasurementError: The log is unusable, or a contradiction is set to stop the run.
     """
     named = state.findings + tuple(finding for finding, _ in found)
     for finding, _ in found:
@@ -123,14 +123,14 @@ def noted(state: MonitoringState, found: FoundWith, config: RunConfig) -> Monito
 
 
 def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
-    """Raise MeasurementError when the logs of a run, by their names, hold the tracks of two vehicles."""
+    """Raise MeasurementError if the logs of a run, by name, have the tracks of two vehicles."""
     if (found := state.tracks.two_vehicles) is not None:
         finding = findings.two_tracks(found, names)
         raise MeasurementError(str(finding), (*state.findings, finding))
 
 
 def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
-    """Return the state that remembers what the gate did in some steps."""
+    """Return the state with the gate's decisions in some steps."""
     # Any: what has an innovation is a measurement
     done: list[Any] = [
         (step.event, step.assimilation.innovation)
@@ -157,13 +157,13 @@ def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState
 def readmitted(
     estimator: Any, current: Any, state: MonitoringState, counts: Counts
 ) -> tuple[Any, MonitoringState, Counts]:
-    """Return estimate, state and counts with the measurements that the gate had rejected, once two sources contradict each other.
+    """Return estimate, state and counts with formerly rejected observations, once two sources contradict each other.
 
     Args:
-        estimator: Its gate rejects neither.
-        current: Its state before.
-        state: With the measurements.
-        counts: Of the run.
+        estimator: Estimator whose gate rejects neither source.
+        current: Estimator's state before.
+        state: Stage state with the observations.
+        counts: Counts of the run.
     """
     if not (state.contradict and state.gated):
         return current, state, counts
@@ -176,16 +176,16 @@ def readmitted(
 
 
 def _as_stated(finding: Finding, config: RunConfig) -> Finding:
-    """Return a finding on the unit of a log whose unit is stated as a contradiction that the run survives."""
+    """Return a finding on units as a contradiction that the run survives, if the log states its unit."""
     stated = finding.name == UNIT and config.measurements.velocity_unit is not None
     return replace(finding, severity="inconsistent") if stated else finding
 
 
 def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | None:
-    """Return the speeds of an ensemble; None where nothing is to be checked.
+    """Return the speeds of an ensemble; None if checks are off.
 
     Raises:
-        ForecastError: They are no ocean's.
+        ForecastError: The speeds are implausible for an ocean.
     """
     if config.consistency.on_failure == "ignore":
         return None
@@ -196,13 +196,13 @@ def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | No
 
 
 def is_distrusted(found: Iterable[Finding]) -> bool:
-    """Return whether findings leave an instrument unused, so that the estimate is rebuilt without it."""
+    """Return whether findings exclude an instrument, so that the estimate is rebuilt without it."""
     return any(finding.distrusts for finding in found)
 
 
 def left_out(state: MonitoringState, found: FoundWith) -> tuple[MonitoringState, FoundWith]:
-    """Return state and findings of a vehicle, one of several, whose sources contradict each other: nothing that it measures is used."""
-    advice = "nothing that this vehicle measured is used, the estimate is rebuilt from the others; check both of its sources"
+    """Return state and findings of one of several vehicles, excluded because its sources contradict each other."""
+    advice = "this vehicle is excluded, the estimate is rebuilt from the others; check both of its sources"
     return replace(state, left_out=True), [
         (replace(finding, distrusts=True, advice=advice), contradict)
         for finding, contradict in found
@@ -210,7 +210,7 @@ def left_out(state: MonitoringState, found: FoundWith) -> tuple[MonitoringState,
 
 
 def trusting(estimator: Any, state: MonitoringState) -> Any:
-    """Return the estimator as it is, or, while two sources contradict each other, one whose gate rejects neither."""
+    """Return the estimator, with a gate that rejects neither source while two contradict each other."""
     if not state.contradict or getattr(estimator, "probability", None) is None:
         return estimator
     return replace(estimator, probability=None)
@@ -222,13 +222,13 @@ def conclusions(
     config: RunConfig,
     of_file: FileCheck = FileCheck(),  # noqa: B008 - a frozen value
 ) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
-    """Return all findings of a run, and what its measurements cannot tell.
+    """Return all findings of a run, and questions that its observations cannot decide.
 
     Args:
-        state: At the end of the run.
-        counts: Of its messages and measurements.
-        config: Its settings.
-        of_file: What the mean currents say of the forecast's file.
+        state: State at the end of the run.
+        counts: Counts of its messages and observations.
+        config: Settings of the run.
+        of_file: Check of the forecast's file by DACs.
     """
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
@@ -260,7 +260,7 @@ def conclusions(
 
 
 def _preferred(state: MonitoringState) -> Finding | None:
-    """Return that the gate rejected most measurements of one source in favour of another, if it did."""
+    """Return a finding if the gate rejected most observations of one source in favour of another; None otherwise."""
     shares = {kind: rejected / asked for kind, (asked, rejected) in state.decisions.items()}
     for kind, (asked, rejected) in state.decisions.items():
         others = [other for other in shares if other != kind and shares[other] < 0.5]
@@ -271,7 +271,7 @@ def _preferred(state: MonitoringState) -> Finding | None:
 
 
 def _undetermined(state: MonitoringState) -> str:
-    """Return why nothing in a log tells whether directions are right, and what would."""
+    """Return why nothing in a log confirms directions, and what would; empty otherwise."""
     if not state.checks.pings[0]:
         return f"{_UNDETERMINED}; profiles of the current beside the mean currents would"
     if not state.means:
@@ -282,7 +282,7 @@ def _undetermined(state: MonitoringState) -> str:
 
 
 def _of_forecast(counts: Counts, moved: bool) -> tuple[Finding, ...]:
-    """Return how the measurements contradict the forecast, if they do: it does not fit where two thirds of them exceed the gate."""
+    """Return a finding if two thirds of the observations exceed the gate: the forecast does not fit."""
     beyond, total = counts.gated, counts.total.profiles + counts.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:

@@ -1,4 +1,4 @@
-"""Running counts of a replay: messages, measurements, bins, dives."""
+"""Running counts of a replay: messages, observations, bins, dives."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -49,7 +49,7 @@ class Sums(NamedTuple):
     predicted: float = 0.0
 
     def with_profile(self, innovation: Innovation, dive_innovation: Array) -> "Sums":
-        """Return the sums with one more measurement, or with the profiles of a group."""
+        """Return the sums with another observation, or with the profiles of a group."""
         totals = innovation.totals
         bins = innovation.dof // 2 if totals is None else totals.bins
         before, after, prior = (
@@ -81,12 +81,12 @@ def _squares(values: Array) -> float:
 
 @dataclass(frozen=True, slots=True)
 class SourceCounts:
-    """Measurements of one source beside the vehicle's own.
+    """Counts of one source other than the vehicle.
 
     Attributes:
-        sums: Over those used.
+        sums: Sums over used observations.
         rejected: Number without a usable value, or rejected by the gate.
-        doubts: What may be wrong with them, and with how many.
+        doubts: Number of observations by possible fault.
     """
 
     sums: Sums = field(default_factory=Sums)
@@ -94,7 +94,7 @@ class SourceCounts:
     doubts: Mapping[str, int] = field(default_factory=dict)
 
     def after(self, measurement: LinearMeasurement, found: Assimilation) -> "SourceCounts":
-        """Return the counts with one more."""
+        """Return the counts with another observation."""
         innovation, doubt = found.innovation, measurement.label.doubt
         doubts = added(self.doubts, [(doubt, 1)] if doubt else [])
         if not innovation.accepted:
@@ -105,26 +105,26 @@ class SourceCounts:
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """What became of the messages of a vehicle, of its measurements and of their bins.
+    """Counts of a vehicle's messages, observations and bins.
 
     Attributes:
-        used: Number of messages that were used, by topic.
-        skipped: Of those that were not, by topic and reason.
-        unsupported: Mean currents that the estimator cannot use, by kind.
-        rejected: Profiles without a usable bin, or rejected by the gate.
-        bins_rejected: Bins not used, by reason.
-        gated: Profiles rejected by the gate.
-        total: Over all profiles used.
-        dives: Over the profiles of each dive.
-        positions: Longitude and latitude of each measurement used; of a path, where it ended.
+        used: Number of used messages, by topic.
+        skipped: Number of unused messages, by topic and reason.
+        unsupported: Number of DACs that the estimator cannot use, by kind.
+        rejected: Number of profiles without a usable bin, or rejected by the gate.
+        bins_rejected: Number of unused bins, by reason.
+        gated: Number of profiles rejected by the gate.
+        total: Sums over all used profiles.
+        dives: Sums over the profiles of each dive.
+        positions: Longitude and latitude of each used observation; of the end of a path.
         last_position: Last position; None before the first.
-        interpolated: Profiles used whose place was interpolated between positions far apart in time.
+        interpolated: Number of used profiles with a place interpolated between positions far apart in time.
         position_std: Largest standard error of such a place [m].
-        path_means: Mean currents used, by kind.
-        corrections: Length of what was taken from each mean current for the flight model's error [m/s].
-        sources: Of measurements that are not the vehicle's own, by kind.
-        evidence: Log evidence of the measurements, rejected ones too: a forecast must not gain by what it rejects.
-        repeated: Number not used because they repeat another, or are older than those before them.
+        path_means: Number of used DACs, by kind.
+        corrections: Magnitude of the flight-model correction of each DAC [m/s].
+        sources: Counts of other sources, by kind.
+        evidence: Log evidence of all observations, also rejected ones: a forecast must not gain by rejection.
+        repeated: Number of unused observations that repeat another, or are older than their predecessors.
     """
 
     used: Mapping[str, int] = field(default_factory=dict)
@@ -147,17 +147,17 @@ class Counts:
 
     @property
     def log_evidence(self) -> Evidence | None:
-        """Of the measurements; None where the estimator states no density."""
+        """Log evidence of the observations; None if the estimator states no density."""
         return Evidence(self.evidence) if self.evidence else None
 
     def after_messages(self, found: Mapping[tuple[str, str], int]) -> "Counts":
-        """Return the counts with more messages by topic and the reason for which they are not used, empty for those that are."""
+        """Return the counts with more messages by topic and reason, empty for used ones."""
         used = [(topic, number) for (topic, reason), number in found.items() if not reason]
         skipped = [(key, number) for key, number in found.items() if key[1]]
         return replace(self, used=added(self.used, used), skipped=added(self.skipped, skipped))
 
     def after(self, steps: Sequence[Step]) -> "Counts":
-        """Return the counts after some steps."""
+        """Return the counts after steps."""
         done = [(step.event, step.assimilation) for step in steps if step.assimilation is not None]
         innovations = [assimilation.innovation for _, assimilation in done]
         used = [(event, found) for event, found in done if found.innovation.accepted]
@@ -198,7 +198,7 @@ class Counts:
         )
 
     def rebuilt(self, steps: Sequence[Step]) -> "Counts":
-        """Return the counts of an estimate that was rebuilt: what was used before counts as rejected, but for the steps of the new one."""
+        """Return the counts after a rebuild of the estimate: only its own steps count as used."""
         messages = Counts(self.used, self.skipped, self.unsupported)
         rejected = self.rejected + self.total.profiles - len(steps)
         start = replace(messages, rejected=rejected, last_position=self.last_position)
@@ -207,13 +207,13 @@ class Counts:
         return replace(after, bins_rejected=added(self.bins_rejected, unused))
 
     def notes(self) -> list[str]:
-        """Return what the gate and the consistency monitor did, as sentences."""
+        """Return notes on the gate and the consistency checks, as sentences."""
         notes = []
         means = sum(self.path_means.values())
         if means and means == self.total.profiles:
             notes.append(
-                f"no profile of the current was used: the estimate rests on {means} mean currents of dives alone; "
-                "how the current changes with depth is known from the ensemble only"
+                f"no profile of the current was used: the estimate is based on {means} mean currents of dives only; "
+                "the shear is that of the ensemble"
             )
         if self.interpolated:
             notes.append(
@@ -222,7 +222,7 @@ class Counts:
             )
         if self.repeated:
             notes.append(
-                f"{self.repeated} profiles are duplicates, or older than those before them, as where recordings overlap: not used"
+                f"{self.repeated} profiles not used: duplicates, or older than their predecessors, as in overlapping recordings"
             )
         if self.gated:
             notes.append(
@@ -232,7 +232,7 @@ class Counts:
 
 
 def summed(each: Sequence[Counts]) -> Counts:
-    """Return the counts of the measurements of several vehicles together, without dives, which are each one's own."""
+    """Return the counts of several vehicles together, without dives, which are counted per vehicle."""
     rejected, means = Counter[str](), Counter[str]()
     for one in each:
         rejected.update(one.bins_rejected)
@@ -250,7 +250,7 @@ def _with_sources(
     sources: Mapping[str, SourceCounts],
     done: Sequence[tuple[Event, Assimilation]],
 ) -> Mapping[str, SourceCounts]:
-    """Return the counts of other sources with more measurements."""
+    """Return the counts of other sources with more observations."""
     out = sources
     for event, found in done:
         if isinstance(event, LinearMeasurement):
@@ -262,7 +262,7 @@ def _with_sources(
 def _with_evidence(
     evidence: Mapping[int, BlockEvidence], innovations: Sequence[Innovation]
 ) -> dict[int, BlockEvidence]:
-    """Return the log evidence by block with that of more measurements; those without a density, as of an estimate without variance, not."""
+    """Return the log evidence by block with more observations, except those without a density or variance."""
     out = dict(evidence)
     for one in innovations:
         if np.isfinite(one.log_likelihood):
@@ -282,20 +282,20 @@ def added(counts: Mapping[Key, int], more: Iterable[tuple[Key, int]]) -> dict[Ke
 
 
 def _is_repeat(innovation: Innovation) -> bool:
-    """Return whether a measurement was not used because it repeats another, or is too old: it contradicts nothing."""
+    """Return whether an observation is unused because it repeats another or is too old; it contradicts nothing."""
     repeats = np.int32(Reason.DUPLICATE | Reason.OUT_OF_ORDER)
     return innovation.decision == "rejected" and bool((innovation.reasons & repeats).any())
 
 
 def _reasons(innovation: Innovation) -> list[tuple[str, int]]:
-    """Return the reasons for which bins were not used, and how many bins."""
+    """Return the reasons of unused bins, and the number of bins."""
     if innovation.totals is not None:
         return list(innovation.totals.not_used)
     return reasons_of(innovation.reasons, innovation.flags)
 
 
 def _correction(mean: PathMean) -> float:
-    """Return the length of what was taken from a mean current for the flight model's error [m/s]."""
+    """Return the magnitude of a DAC's flight-model correction [m/s]."""
     return abs(complex(*mean.used) - complex(*mean.velocity))
 
 

@@ -1,4 +1,4 @@
-"""The estimation stage: positions and measurements in, the estimate before and after each of them out."""
+"""Estimation stage: positions and observations in, the estimate before and after each out."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -25,11 +25,11 @@ _ENDED = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dive:
-    """The dive of a vehicle.
+    """Present dive of a vehicle.
 
     Attributes:
-        start: The estimator's state before its first measurement.
-        number: Of the dive.
+        start: Estimator's state before its first observation.
+        number: Number of the dive.
     """
 
     # Any: each kind of estimator has a state of its own, which only it reads
@@ -39,13 +39,13 @@ class Dive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assimilation:
-    """The assimilation of one measurement, or of a group of profiles.
+    """Assimilation of one observation, or of a group of profiles.
 
     Attributes:
-        innovation: Measured minus predicted, and the decision.
-        dive_innovation: shape (n, 2) [m/s], measured minus predicted from all dives before the measurement's own; of a group all bins of
-            all profiles.
-        dive_std: shape (1, 2) [m/s], predicted, of ``dive_innovation`` of a dive's mean current; None for others.
+        innovation: Innovation and decision of the gate.
+        dive_innovation: shape (n, 2) [m/s], innovation against the estimate before the observation's dive; for a group all bins of all
+            profiles.
+        dive_std: shape (1, 2) [m/s], predicted standard deviation of ``dive_innovation`` for a DAC; None for others.
     """
 
     innovation: Innovation
@@ -55,13 +55,13 @@ class Assimilation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """An event with the estimate before and after it.
+    """Event with the estimate before and after it.
 
     Attributes:
-        event: Positions in a row, a measurement, or one that the estimate is not given.
-        before: The estimator's state before it.
-        after: The estimator's state after it.
-        assimilation: Of a measurement that it is given; None for others.
+        event: Consecutive positions, an observation, or a DAC that is not assimilated.
+        before: Estimator's state before it.
+        after: Estimator's state after it.
+        assimilation: Assimilation of the observation; None for others.
     """
 
     event: Event
@@ -77,7 +77,7 @@ Given = tuple[int, Event]
 def inputs_of(
     estimator: Estimator[Any] | type[Estimator[Any]],
 ) -> tuple[type[Measurement], ...]:
-    """Return the measurements that an estimator is given."""
+    """Return the types of observations that an estimator accepts."""
     sums = (PathMean, LinearMeasurement) if estimator.supports_path_means else ()
     return (Profiles, *sums)
 
@@ -88,13 +88,13 @@ def assimilate(
     dives: Sequence[Dive],
     given: Sequence[Given],
 ) -> tuple[Any, list[Dive], list[tuple[int, Step]]]:
-    """Return the estimator's state and the dives of all vehicles after events, and the step of each.
+    """Return the estimator's state, the dives of all vehicles and the steps after events.
 
     Args:
-        estimators: Of each vehicle, all with states of one kind.
-        current: The estimator's state before them.
-        dives: Of each vehicle, before them.
-        given: In order.
+        estimators: Estimator of each vehicle, all with one type of state.
+        current: Estimator's state before.
+        dives: Dive of each vehicle before.
+        given: Events in order.
     """
     dives, steps = list(dives), list[tuple[int, Step]]()
     # measurements of vehicles with one estimator are assimilated together
@@ -138,13 +138,13 @@ def assimilate(
 def state_after(
     estimators: Sequence[Estimator[Any]], given: Sequence[Given], size: int, unused: int
 ) -> Any:
-    """Return the estimator's state after all measurements but those of a vehicle, whose window goes with it.
+    """Return the estimator's state after all observations except those of a vehicle, without its window.
 
     Args:
-        estimators: As of ``assimilate``.
-        given: All measurements.
-        size: Of the blocks in which they are given.
-        unused: Number of the vehicle.
+        estimators: See ``assimilate``.
+        given: All observations.
+        size: Size of their blocks.
+        unused: Number of the excluded vehicle.
     """
     current = estimators[0].initial()
     for begin in range(0, len(given), size):
@@ -163,5 +163,5 @@ def state_after(
 
 
 def kept(estimator: Estimator[Any], dive: Dive) -> Dive:
-    """Return the dive without windows that vehicles have left: of its start the vehicle's window alone."""
+    """Return the dive without the start of windows that vehicles have left; keeps the vehicle's window."""
     return replace(dive, start=estimator.of_own(estimator.without_left(dive.start)))

@@ -1,8 +1,8 @@
-"""Is a forecast's file wrong? The mean currents of dives under the prior, all together, as it is and with each fault of a file undone.
+"""Check of a forecast's file by the joint density of DACs under the prior, as it is and with each fault undone.
 
-The prior states the means p of the currents along the paths of dives and their joint covariance C, the dives their errors R. A file whose
-currents are M f in place of f gives a prior of means M p and covariance M C M', so that the densities N(M p, M C M' + R) of what was
-measured compare the faults. Dives in one eddy count once, as C says; a forecast without skill is explained by no fault, nor excluded.
+The prior gives the means p of the currents along dive paths and their covariance C; R is the observation-error covariance. A file with
+currents M f in place of f gives means M p and covariance M C M'. The densities N(M p, M C M' + R) of the DACs compare the faults. C
+accounts for dives in one eddy; for a forecast without skill no fault is found or excluded.
 """
 
 import math
@@ -28,18 +28,18 @@ _EXCLUDED, _ALIKE = -3.0, 3.0
 
 
 class FileCheck(NamedTuple):
-    """What the mean currents say of a forecast's file: a warning, or which faults they neither show nor exclude, as a sentence."""
+    """Result of the check of a forecast's file by DACs: a warning, or a sentence on faults neither found nor excluded."""
 
     finding: Finding | None = None
     note: str = ""
 
 
 def check_file(estimator: Any, means: Iterable[PathMean]) -> FileCheck:
-    """Return what mean currents say of the file of a forecast.
+    """Return the check of a forecast's file by DACs.
 
     Args:
-        estimator: Has the prior; nothing is said with one whose prior is not one Gaussian of weights.
-        means: Of dives, and others, which say nothing.
+        estimator: Estimator with the prior; the check is empty if that is not a single Gaussian of weights.
+        means: DACs of dives; others are ignored.
     """
     if not isinstance(estimator, ReducedBasisEstimator):
         return FileCheck()
@@ -72,7 +72,7 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> FileCheck:
 def _under_prior(
     estimator: ReducedBasisEstimator, dives: Sequence[PathMean]
 ) -> tuple[Array, Array, Array, Array]:
-    """Return measured and predicted currents, shape (2 k,) [m/s], the covariance of the latter, and the variances of the former."""
+    """Return measured and predicted DACs, shape (2 k,) [m/s], the covariance of the prediction, and the observation-error variances."""
     columns = estimator.observer.columns(screened(dives, estimator.grid)[0])
     design = np.concatenate([column.design for column in columns])
     parts = [column.parts[0] for column in columns]
@@ -85,7 +85,7 @@ def _under_prior(
 def _density(
     measured: Array, predicted: Array, covariance: Array, variance: Array
 ) -> tuple[float, float]:
-    """Return the logarithm of a density, without the constant of 2 pi, and the normalised innovation squared per value."""
+    """Return the log density without the constant of 2 pi, and the normalised innovation squared per value."""
     lower = np.linalg.cholesky(covariance + np.diag(variance))
     nis = float(np.sum(solve_triangular(lower, measured - predicted, lower=True) ** 2))
     return -0.5 * nis - float(np.log(np.diag(lower)).sum()), nis / len(measured)

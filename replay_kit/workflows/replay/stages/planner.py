@@ -1,4 +1,4 @@
-"""What a replay needs of a planner, and what a planner returns."""
+"""Protocols of planners in a replay, and their plans."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ from replay_kit.core.surfacing import Surfacing
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanResult:
-    """A plan, and what it predicts.
+    """Plan with its prediction.
 
     Attributes:
-        plan: The plan, as results hold it.
-        surfacing: Predicted next surfacing; None when the planner does not predict it.
-        memory: The planner's own form of the plan, a frozen value: the planner starts from it when it plans anew, and flies it.
+        plan: Plan, as in results.
+        surfacing: Predicted next surfacing; None if not predicted.
+        memory: Planner's own form of the plan, a frozen value: initial guess of the next plan, and input of flights.
     """
 
     plan: Plan
@@ -29,13 +29,13 @@ class PlanResult:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanQuery:
-    """What a planner is asked at one time.
+    """Request to a planner.
 
     Attributes:
-        start: Where the plan begins.
-        goal: Where it leads.
-        start_time_ns: When it begins [ns, UTC].
-        warm: The last plan, to begin from; None without.
+        start: Start of the plan.
+        goal: Goal of the plan.
+        start_time_ns: Start time [ns, UTC].
+        warm: Last plan, as initial guess; None without one.
     """
 
     start: Place
@@ -45,45 +45,45 @@ class PlanQuery:
 
 
 class HasGrid(Protocol):
-    """An estimate, or the forecast that it is made of."""
+    """Protocol of an estimate or its forecast."""
 
     @property
     def grid(self) -> Grid:
-        """Where it holds."""
+        """Grid of the estimate."""
         ...
 
 
 class Planner(Protocol):
-    """A planner bound to its settings."""
+    """Protocol of a planner bound to its settings."""
 
     @property
     def seabed(self) -> Seabed | None:
-        """The bottom that its plans stay above; None without a bathymetry."""
+        """Bottom depth under its plans; None without a bathymetry."""
         ...
 
     def plan(self, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
-        """Return the best plan found from a start towards a goal."""
+        """Return the best plan found from start to goal."""
         ...
 
     def with_odds(self) -> "Planner":
-        """Return the planner of a replay's last plan, which says how likely it arrives where a vehicle may follow it."""
+        """Return the planner of a replay's last plan, which also gives odds for a vehicle that may follow it."""
         ...
 
     def check(self, flow: HasGrid, goal: Place) -> None:
-        """Raise PlanError when the goal is outside the region or on land."""
+        """Raise PlanError if the goal is outside the region or on land."""
         ...
 
     def closest_approach(self, flow: FlowEstimate, result: PlanResult) -> float:
-        """Return how close [m] a plan comes to its goal when it is flown in a flow."""
+        """Return the closest approach [m] of a plan to its goal when flown in a flow."""
         ...
 
 
 @runtime_checkable
 class VehiclePlanner(Planner, Protocol):
-    """A planner whose settings need not state how the vehicle flies."""
+    """Protocol of a planner whose settings may omit the flight parameters."""
 
     def as_flown(self, flown: AsFlown) -> Planner:
-        """Return the planner of a vehicle that flies as its dives so far, where the settings state nothing else."""
+        """Return the planner with flight parameters as flown where the settings state none."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""The planning stage: when the vehicle's way is planned, from where, and how each prediction of a surfacing turned out."""
+"""Planning stage: times and starts of plans, and outcomes of predicted surfacings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -23,14 +23,14 @@ FlowAt = Callable[[int], FlowEstimate]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningProblem:
-    """What stays the same while a replay plans.
+    """Constant part of a replay's planning.
 
     Attributes:
-        planner: Makes the plans.
-        goal: Where the vehicle should go.
-        settings: When to plan.
-        surface_depth: Shallower than this the vehicle is at the surface [m].
-        later_goals: From when on [ns, UTC] it should go elsewhere, in order.
+        planner: Planner.
+        goal: Goal of the vehicle.
+        settings: Settings of the times of plans.
+        surface_depth: Depth above which the vehicle is at the surface [m].
+        later_goals: Later goals, in order, with the time from which each holds [ns, UTC].
     """
 
     planner: Planner
@@ -40,7 +40,7 @@ class PlanningProblem:
     later_goals: tuple[tuple[int, Place], ...] = ()
 
     def goal_at(self, time_ns: int) -> Place:
-        """Return the goal of a plan that begins at a time [ns, UTC]."""
+        """Return the goal of a plan that begins at a given time [ns, UTC]."""
         return next(
             (goal for since_ns, goal in reversed(self.later_goals) if time_ns >= since_ns),
             self.goal,
@@ -53,7 +53,7 @@ class PlanningProblem:
 
     @property
     def waits_ns(self) -> int:
-        """How long a plan that is due waits for a surfacing, at which a glider can be told a mission [ns]; 0 where it does not."""
+        """Longest wait of a due plan for a surfacing, at which a glider can receive a mission [ns]; 0 for no wait."""
         return (
             self.interval_ns
             if (self.settings.kind, self.settings.when) == ("mission", "interval")
@@ -61,7 +61,7 @@ class PlanningProblem:
         )
 
     def plans_at(self, surfaced_ns: int, due_ns: int | None) -> bool:
-        """Return whether a plan is made at a surfacing, given when the next plan is due [ns, UTC]."""
+        """Return whether a plan is made at a surfacing, given the due time of the next plan [ns, UTC]."""
         return self.settings.when == "surfacing" or (
             self.waits_ns > 0 and due_ns is not None and surfaced_ns >= due_ns
         )
@@ -69,17 +69,17 @@ class PlanningProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningState:
-    """What the planning stage remembers.
+    """State of the planning stage.
 
     Attributes:
         position: Last position; None before the first.
-        result: Last plan; None before the first, and when it failed.
-        failure: Why the last plan failed; empty otherwise.
-        expected: Start of the last plan [ns, UTC] and the surfacing that it predicts, until the vehicle has surfaced; None without.
-        outcomes: Predicted surfacings beside the vehicle's.
-        detection: Of surfacings.
-        surfaced: Fix at which the vehicle surfaced, until all measurements of that time are assimilated; None at other times.
-        next_plan_ns: When the next plan is due [ns, UTC]; None before the first measurement.
+        result: Last plan; None before the first, and if it failed.
+        failure: Reason of a failed last plan; empty otherwise.
+        expected: Start of the last plan [ns, UTC] and its predicted surfacing, until the vehicle has surfaced; None without.
+        outcomes: Predicted and actual surfacings.
+        detection: Detection of surfacings.
+        surfaced: Fix of a surfacing, until all observations of that time are assimilated; None otherwise.
+        next_plan_ns: Due time of the next plan [ns, UTC]; None before the first observation.
     """
 
     position: VehicleState | None = None
@@ -95,13 +95,13 @@ class PlanningState:
 def before_event(
     problem: PlanningProblem, state: PlanningState, event: Any, flow_at: FlowAt
 ) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return the state before an event: a surfacing is finished once everything that came with it is assimilated.
+    """Return the state before an event; finishes a surfacing once all its observations are assimilated.
 
     Args:
-        problem: What stays the same.
-        state: After the event before.
-        event: The next one.
-        flow_at: The estimate before it.
+        problem: Planning problem.
+        state: State after the previous event.
+        event: Next event.
+        flow_at: Estimate before the event.
     """
     if state.surfaced is None or event.time_ns <= state.surfaced.time_ns:
         return state, ()
@@ -111,13 +111,13 @@ def before_event(
 def after_event(
     problem: PlanningProblem, state: PlanningState, event: Any, flow_at: FlowAt
 ) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return the state after an event: planned at a measurement when a plan is due; a surfacing is detected.
+    """Return the state after an event; makes a due plan at an observation, and detects surfacings.
 
     Args:
-        problem: What stays the same.
-        state: Before the event.
-        event: A position or a measurement.
-        flow_at: The estimate after it.
+        problem: Planning problem.
+        state: State before the event.
+        event: Position or observation.
+        flow_at: Estimate after the event.
     """
     outputs: tuple[Output, ...] = ()
     if isinstance(event, VehicleState):
@@ -135,12 +135,12 @@ def after_event(
 def finish_surfacing(
     problem: PlanningProblem, state: PlanningState, flow_at: FlowAt
 ) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return the state after a surfacing, if there was one: its prediction is compared, and the next plan begins there if one is.
+    """Return the state after a surfacing, if any; compares its prediction, and makes a plan from there if due.
 
     Args:
-        problem: What stays the same.
-        state: With the fix at which the vehicle surfaced.
-        flow_at: The estimate with all measurements of that time.
+        problem: Planning problem.
+        state: State with the fix of the surfacing.
+        flow_at: Estimate with all observations of that time.
     """
     fix = state.surfaced
     outputs: tuple[Output, ...] = ()
@@ -168,14 +168,14 @@ def make_plan(
     start_time_ns: int,
     start: Place | None = None,
 ) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return the state with a new plan, and the plan; a vehicle outside the region gives a warning and does not end the replay.
+    """Return the state with a new plan, and the plan; outside the region a warning instead.
 
     Args:
-        problem: What stays the same.
-        state: With the last plan, from which the planner starts.
-        flow: The estimate.
-        start_time_ns: [ns, UTC].
-        start: Where the plan begins; None for the last position. Before the first position nothing is planned.
+        problem: Planning problem.
+        state: State with the last plan, the initial guess.
+        flow: Estimate.
+        start_time_ns: Start time [ns, UTC].
+        start: Start of the plan; None for the last position. Nothing is planned before the first position.
     """
     if state.position is None:
         return state, ()
@@ -201,15 +201,15 @@ def plan_at_end(
     flow: FlowEstimate,
     last_ns: int,
 ) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return the state at the end of a log: a surfacing is finished, and the last plan, the one to act on, has its odds.
+    """Return the state at the end of a log, with a finished surfacing and the odds of the last plan, the one to fly.
 
-    Those of all plans would take as long as the plans. Where the log ends with a surfacing, and its plan has odds, that is the last one.
+    Odds of all plans would take as long as the plans. A plan with odds at a final surfacing is the last plan.
 
     Args:
-        problem: What stays the same.
-        state: After the last step.
-        flow_at: The estimate after it.
-        flow: That for ``last_ns``.
+        problem: Planning problem.
+        state: State after the last step.
+        flow_at: Estimate after it.
+        flow: Estimate at ``last_ns``.
         last_ns: Time of the last message [ns, UTC].
     """
     before = state.result
@@ -229,7 +229,7 @@ def plan_at_end(
 
 
 def _place_of(position: VehicleState) -> Place:
-    """Return a position as a place; at the surface when its depth is unknown."""
+    """Return the place of a position; at the surface if its depth is unknown."""
     return Place(
         position.longitude,
         position.latitude,
@@ -238,7 +238,7 @@ def _place_of(position: VehicleState) -> Place:
 
 
 def _after_drift(flow: FlowEstimate, fix: VehicleState, seconds: float) -> Place:
-    """Return where a vehicle leaves the surface that drifts with the current for some time after a fix."""
+    """Return the place at which a vehicle leaves the surface after drifting for a given time from a fix."""
     if seconds == 0.0:
         return Place(fix.longitude, fix.latitude, 0.0)
     projection = flow.grid.projection

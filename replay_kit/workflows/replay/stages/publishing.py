@@ -1,7 +1,7 @@
-"""The publishing stage: what is published of each step, and when the depth slices are due.
+"""Publishing stage: outputs of each step, and due times of depth slices.
 
-At each time of radars' total vectors the surface current is published: the estimate, with what the vectors show beside it as a field. The
-field's covariance is the likeliest for the first two times, and that of the first alone until then.
+At each time of radar total vectors the surface current is published: the estimate plus a field of the residuals of the vectors. The
+maximum-likelihood covariance of the field is fitted to the first two times, until then to the first.
 """
 
 import math
@@ -40,12 +40,12 @@ Output = Callable[[ResultWriter], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceState:
-    """What the vectors so far say of the field.
+    """State of the field of surface residuals.
 
     Attributes:
-        seen: The vectors of the first times, and what they are beside the estimate, shape (n, 2) [m/s]; none once all have come.
-        field: Of the residuals; None before any.
-        last: The field of the last time and the frame that it is in; None before any.
+        seen: Vectors of the first times and their residuals, shape (n, 2) [m/s]; empty once all have arrived.
+        field: Field model of the residuals; None before any.
+        last: Field of the last time and its frame; None before any.
     """
 
     seen: tuple[tuple[LinearMeasurement, Array], ...] = ()
@@ -53,7 +53,7 @@ class SurfaceState:
     last: tuple[Projection, SurfaceCurrent] | None = None
 
     def added(self, flow: FlowEstimate) -> FlowEstimate:
-        """Return an estimate with the field of the last time, where it is in its frame."""
+        """Return an estimate with the field of the last time, if in the same frame."""
         projection, last = self.last or (None, None)
         if last is None or projection != flow.grid.projection:
             return flow
@@ -61,7 +61,7 @@ class SurfaceState:
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know of the field."""
+        """Notes on the field for the user."""
         if self.field is None:
             return []
         size = f"{100.0 * self.field.std:.1f} cm/s over {self.field.length / 1e3:.0f} km"
@@ -72,15 +72,15 @@ class SurfaceState:
 
 @dataclass(frozen=True, slots=True)
 class PublishingState:
-    """What the publishing stage remembers.
+    """State of the publishing stage.
 
     Attributes:
-        projection: The local frame; None before the first position.
-        turned: Local east and north [m] where the heading was found last, and the heading, clockwise from local north [rad].
+        projection: Local frame; None before the first position.
+        turned: Local east and north [m] of the last heading, and the heading, clockwise from local north [rad].
         placed: Local east, north and depth [m] of the frame last published.
-        windows: Number of windows left by the vehicle whose last estimates were published.
-        withdrawn: How many of these, the first ones, belong to an estimate that was rebuilt.
-        surface: What radars show beside the estimate.
+        windows: Number of windows left and published.
+        withdrawn: Number of these, the first ones, from before a rebuild of the estimate.
+        surface: State of the radar residuals.
     """
 
     projection: Projection | None = None
@@ -97,13 +97,13 @@ def publish_step(
     assimilation: Assimilation | None,
     flow_at: Callable[[int], FlowEstimate],
 ) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after an event, and what is published of it.
+    """Return the state after an event, and its outputs.
 
     Args:
-        state: Before it.
-        event: A position or a measurement.
-        assimilation: Of the measurement.
-        flow_at: Returns the estimate after it for a time [ns, UTC].
+        state: State before it.
+        event: Position or observation.
+        assimilation: Assimilation of the observation.
+        flow_at: Function of the estimate after it at a time [ns, UTC].
     """
     if isinstance(event, VehicleState):
         return publish_track(state, [event], flow_at)
@@ -117,7 +117,7 @@ def publish_step(
 
 
 def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:
-    """Return the innovations of a block of steps, which a result holds together."""
+    """Return the innovations of a block of steps as one output."""
     found = [one.innovation for step in steps if (one := step.assimilation) is not None]
     return ((lambda writer: writer.innovations(found)),) if found else ()
 
@@ -125,7 +125,7 @@ def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:
 def publish_track(
     state: PublishingState, track: Iterable[VehicleState], flow_at: Callable[[int], FlowEstimate]
 ) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after positions in a row, and these, with the vehicle's frame, which looks along its way, where it has moved."""
+    """Return the state after consecutive positions, with these and the vehicle's frame, oriented along its track, as outputs."""
     track = list(track)
     projection = state.projection or flow_at(track[0].time_ns).grid.projection
     degrees = np.array([(each.longitude, each.latitude) for each in track])
@@ -155,7 +155,7 @@ def publish_track(
 def publish_windows(
     state: PublishingState, flows: Iterator[FlowEstimate]
 ) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after the last estimates of windows that the vehicle has left since, and these with their numbers."""
+    """Return the state after publication of windows left since, with their last estimates and numbers as outputs."""
     left = tuple(starmap(_window, enumerate(flows, state.windows + 1)))
     return replace(state, windows=state.windows + len(left)), left
 
@@ -165,12 +165,12 @@ def _window(number: int, flow: FlowEstimate) -> Output:
 
 
 def withdraw_windows(state: PublishingState) -> PublishingState:
-    """Return the state after the estimate was rebuilt: the windows published before it do not count."""
+    """Return the state after a rebuild of the estimate; windows published before are withdrawn."""
     return replace(state, withdrawn=state.windows)
 
 
 def published_depths(flow: FlowEstimate, settings: OutputConfig) -> tuple[float, ...]:
-    """Return the depths at which a flow is published [m]: those of the settings, or the first, middle and last level."""
+    """Return the published depths of a flow [m]: those of the settings, or the first, middle and last level."""
     levels = flow.levels
     return settings.depths or tuple(
         float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1})
@@ -178,7 +178,7 @@ def published_depths(flow: FlowEstimate, settings: OutputConfig) -> tuple[float,
 
 
 def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> Output:
-    """Return a flow at some depths, followed by a digest of the messages so far."""
+    """Return a flow at some depths as output, followed by a digest of the messages so far."""
 
     def write(writer: ResultWriter) -> None:
         writer.grids(time_ns, flow, published_depths(flow, settings))
@@ -194,12 +194,12 @@ def _depth(position: VehicleState) -> float:
 def surface_step(
     state: SurfaceState, vectors: LinearMeasurement, flow: FlowEstimate
 ) -> tuple[SurfaceState, Slice | None]:
-    """Return the state after the vectors of a time, and the surface current on a grid over them; None where too few are in the water.
+    """Return the state after vectors of one time, and the surface current on a grid around them; None for too few in water.
 
     Args:
-        state: Before them.
+        state: State before.
         vectors: Total vectors at one depth.
-        flow: The estimate after them.
+        flow: Estimate after.
     """
     projection, depth = flow.grid.projection, float(vectors.depth[0])
     places = vectors.value_places
@@ -233,7 +233,7 @@ def surface_step(
 
 
 def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, depth: float) -> Array:
-    """Return the estimate with its oscillations at local places [m], shape (n, 2) [m/s], local axes; NaN where it has none."""
+    """Return the estimate with its oscillations at local places [m], shape (n, 2) [m/s], local axes; NaN outside it."""
     known = known_at(flow.grid, east, north, depth)
     velocity = np.where(known[:, None], flow.velocity(east, north, depth), np.nan)
     beside = flow.oscillation
@@ -243,7 +243,7 @@ def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, dept
 
 
 def _grid(places: Array) -> tuple[Array, Array]:
-    """Return cell centres along both axes over places, shape (n, 2) [m]."""
+    """Return the cell centres along both axes around places, shape (n, 2) [m]."""
     low, size = places.min(axis=0), np.ptp(places, axis=0)
     apart = np.hypot(*(places[:, None] - places).T)
     np.fill_diagonal(apart, np.inf)

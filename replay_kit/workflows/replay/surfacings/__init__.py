@@ -1,1 +1,1 @@
-"""Predicted surfacings, their scores, and the error of the flight model that they rest on."""
+"""Predicted surfacings, their scores, and the flight-model error behind them."""

@@ -1,11 +1,11 @@
-"""The forecasts of surfacings of a log without mean currents: from the displacements between the fixes of the dives before.
+"""Predicted surfacings for a log without DACs, from the displacements between fixes of earlier dives.
 
-A dive's mean velocity over ground is its way through the water and the current, of which no flight model tells the parts. The estimate
-says what the current will be: before the dive, halfway along a dive like the last one. What the dives before went beside that is their
-way through the water, and the coming dive's, as long as the pilot does not steer elsewhere. Where the estimate says nothing, outside its
-region, the velocities over ground themselves are what stays.
+A dive's mean velocity over ground is the sum of its velocity through the water and the current, which no flight model separates here. The
+estimate predicts the current before the dive, halfway along a dive like the last one. The remainder of earlier dives is their velocity
+through the water, assumed to persist unless the pilot steers elsewhere. Outside the estimate's region the velocity over ground persists
+instead.
 
-A dive is concluded when the next one begins: until then a log may still state its mean current.
+A dive is concluded when the next one begins, as its DAC may be logged until then.
 """
 
 from collections.abc import Callable, Iterator
@@ -41,10 +41,10 @@ FlowAt = Callable[[int], FlowEstimate]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ahead:
-    """What the estimate says of the current of a coming dive.
+    """Predicted current of the next dive.
 
     Attributes:
-        depth: shape (Z,) [m], increasing.
+        depth: shape (Z,) [m], increasing levels.
         velocity: shape (Z, 2) [m/s], true east and north.
     """
 
@@ -52,7 +52,12 @@ class Ahead:
     velocity: Array
 
     def mean(self, depth: Array, weight: Array) -> Array:
-        """Return the mean over depths, shape (m,), with weights that sum to one, shape (2,) [m/s]; beyond the levels the nearest."""
+        """Return the mean current over depths, shape (2,) [m/s]; constant beyond the levels.
+
+        Args:
+            depth: shape (m,) [m].
+            weight: shape (m,), sums to one.
+        """
         return np.array(
             [weight @ np.interp(depth, self.depth, component) for component in self.velocity.T]
         )
@@ -60,15 +65,15 @@ class Ahead:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LastDive:
-    """The last dive.
+    """Last dive of a vehicle.
 
     Attributes:
-        mean: As the model has it.
+        mean: The dive in the form of the model.
         depth: shape (m,) [m], along its path.
-        weight: shape (m,), share of the time spent about each depth; sums to one.
-        number: Of the dive.
-        basis: What it was expected from.
-        flown: How the vehicle flew it through the water; None where the estimate says nothing of the current.
+        weight: shape (m,), fraction of time around each depth; sums to one.
+        number: Number of the dive.
+        basis: Basis of its prediction.
+        flown: Flight through the water; None if the estimate does not cover it.
     """
 
     mean: DiveMean
@@ -81,17 +86,16 @@ class LastDive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundState:
-    """What the forecasts from displacements remember.
+    """State of the predictions from displacements.
 
     Attributes:
-        before: What is known before the next dive.
-        detection: Of surfacings.
+        before: Knowledge before the next dive.
+        detection: Detection of surfacings.
         latest: Last fix at the surface; None before the first.
-        path: Since the fix before the dive; None at the surface.
-        ahead: What the estimate said of the dive before it began; None where nothing.
-        surfaced: Path of a dive, the fix that ended it and its number, 0 where none is known, until all measurements of that time have
-            come.
-        last: The last dive; None before the first.
+        path: Path since the fix before the dive; None at the surface.
+        ahead: Current predicted before the dive; None outside the estimate.
+        surfaced: Path of a dive, its last fix and its number, 0 if unknown, until all observations of that time have arrived.
+        last: Last dive; None before the first.
         concluded: Outcome of the last dive, until the next one begins.
     """
 
@@ -114,10 +118,10 @@ def ground_step(
     """Return the state after an event, and the outcome of the last dive when the next one begins.
 
     Args:
-        state: Before it.
-        event: A position or a measurement, in the order of the log.
-        flow_at: The estimate before the event.
-        surface_depth: [m], shallower than this the vehicle is at the surface.
+        state: State before it.
+        event: Position or observation, in log order.
+        flow_at: Estimate before the event.
+        surface_depth: Depth above which the vehicle is at the surface [m].
     """
     if not isinstance(event, VehicleState | Profiles):
         return state, ()
@@ -145,7 +149,7 @@ def ground_step(
 
 
 def adrift(state: GroundState, track: Track, surface_depth: float) -> GroundState | None:
-    """Return the state after fixes at the surface between dives, as of ``ground_step``; None where these are anything else."""
+    """Return the state after fixes at the surface between dives, see ``ground_step``; None for other events."""
     below = track.columns["dead_reckoned"].any() or (track.columns["depth"] > surface_depth).any()
     if below or state.surfaced is not None or _in_dive(state.detection):
         return None
@@ -153,7 +157,7 @@ def adrift(state: GroundState, track: Track, surface_depth: float) -> GroundStat
 
 
 def concluded(state: GroundState) -> GroundState:
-    """Return the state after the last dive, if it has ended: with its outcome, and what it teaches of the next one."""
+    """Return the state after the last dive, if ended, with its outcome and the updated model."""
     if state.surfaced is None:
         return state
     path, end, number = state.surfaced
@@ -198,12 +202,12 @@ def over_ground(start: Fix, end: Fix) -> tuple[float, Array]:
 def next_ground_surfacing(
     state: GroundState, flow: FlowEstimate, longer: float = 1.0
 ) -> DiveForecast | None:
-    """Return where the vehicle surfaces next if its dive goes on as the last one did; None before the first dive.
+    """Return the predicted next surfacing after a dive like the last one; None before the first dive.
 
     Args:
-        state: After all dives.
-        flow: The estimate.
-        longer: How many times as long as the last one it lasts, and as deep it goes.
+        state: State after all dives.
+        flow: Estimate.
+        longer: Duration and depth relative to the last dive.
     """
     if state.last is None or state.latest is None:
         return None
@@ -235,7 +239,7 @@ def _in_dive(detection: SurfacingState) -> bool:
 
 
 def _begun(state: GroundState, flow_at: FlowAt) -> GroundState:
-    """Return the state after a dive began at the last fix, before which nothing is known of it."""
+    """Return the state at the beginning of a dive from the last fix."""
     state = replace(state, concluded=None, path=None)
     if (fix := state.latest) is None:
         return state
@@ -245,7 +249,7 @@ def _begun(state: GroundState, flow_at: FlowAt) -> GroundState:
 def _moved(
     state: GroundState, event: VehicleState | Profiles, surface_depth: float
 ) -> tuple[VehicleState | None, Path | None]:
-    """Return fix and path after a position, or after the depth of a profile's first bin where positions have none."""
+    """Return fix and path after a position, or after the depth of a profile's first bin if positions have none."""
     latest, path = state.latest, state.path
     if isinstance(event, Profiles):
         if path is not None and not path.reckoned:
@@ -259,7 +263,7 @@ def _moved(
 
 
 def _ahead(state: GroundState, flow: FlowEstimate) -> Ahead | None:
-    """Return what an estimate says of the current halfway along a dive from the last fix that is like the last one; None outside it."""
+    """Return the current predicted halfway along a dive like the last one from the last fix; None outside the estimate."""
     assert state.latest is not None
     place = state.latest.longitude, state.latest.latitude
     if state.last is not None:
@@ -273,10 +277,9 @@ def _ahead(state: GroundState, flow: FlowEstimate) -> Ahead | None:
 
 
 def _current(state: GroundState, depth: Array, weight: Array) -> Array:
-    """Return the mean current that the estimate expects over depths, shape (2,) [m/s].
+    """Return the predicted mean current over depths, shape (2,) [m/s].
 
-    Where it says nothing that is the current of the last dive, or NaN before the first: what is left of a displacement is the way through
-    the water only if the current is taken from it.
+    Outside the estimate it is the current of the last dive, or NaN before the first.
     """
     if state.ahead is not None:
         return state.ahead.mean(depth, weight)

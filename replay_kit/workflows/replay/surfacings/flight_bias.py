@@ -1,14 +1,14 @@
-"""The flight model's error, taken from the mean currents before they are assimilated.
+"""Correction of DACs for the flight-model error before assimilation.
 
-A mean current is how far the vehicle surfaced from where its flight model puts it, so an error of that model in proportion to the way
-through the water is one of the mean current: w (a + i b). Where the dives before show one (``estimator/next_dive/flight.py``), it is
-subtracted, and how uncertain it is increases the error. What was measured stays beside it. The dive's own mean current and profiles count
-from the next dive on: within the dive the estimate has them already.
+A DAC is the distance of a surfacing from its dead-reckoned position over the dive's duration. A relative error of the flight model is thus
+an error of the DAC: w (a + i b), with the velocity through the water w. An error estimated from earlier dives
+(``estimator/next_dive/flight.py``) is subtracted,
+and its uncertainty added to the observation error. The measured value is kept too. A dive's own DAC and profiles contribute from the next
+dive on, as the estimate already has them.
 
-Only profiles that an inversion made of the dive's pings and mean current tell of the flight model. Others are compared with the mean
-currents as stated, to see whether the instrument is sound (``measurements/checks``): one that is turned would look like a flight
-model that errs. A mean current beside inverted profiles is not new to the estimate: until a correction is known, its error includes that
-of the flight model, as far as the dives before leave it open.
+Only profiles inverted from the dive's pings and DAC determine the flight model. Others are compared with uncorrected DACs to check the
+instrument (``measurements/checks``): a rotated one would look like a flight-model error. A DAC with inverted profiles is not new to the
+estimate: without a correction its error includes the remaining uncertainty of the flight model.
 """
 
 import math
@@ -31,21 +31,21 @@ _OF_DIVE = "dive", "common_std", "depth", "velocity", "flags"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightState:
-    """What is known of the flight model.
+    """State of the flight-model correction.
 
     Attributes:
-        bias: Its error, from the dives so far.
-        gathered: Profiles of the dive.
+        bias: Flight-model error, from the dives so far.
+        gathered: Profiles of the present dive.
     """
 
     bias: FlightBias = field(default_factory=FlightBias)
     gathered: Gathered = field(default_factory=Gathered)
 
     def correction(self, sizes: Sequence[float]) -> FlightCorrection | None:
-        """Return the correction at the end of a log; None where no mean current was corrected.
+        """Return the correction at the end of a log; None if no DAC was corrected.
 
         Args:
-            sizes: Length of what was taken from each mean current [m/s].
+            sizes: Magnitude of the correction of each DAC [m/s].
         """
         if not sizes:
             return None
@@ -56,9 +56,9 @@ class FlightState:
 
 
 def corrected(state: FlightState, mean: PathMean) -> tuple[FlightState, PathMean]:
-    """Return the state after a mean current, and the mean current with its correction, if the dives before show one.
+    """Return the state after a DAC, and the DAC, corrected if earlier dives determine a correction.
 
-    One without fixes, whose way through the water is not known, or a drift at the surface, is returned as it is.
+    A DAC without fixes or velocity through the water, or a surface drift, is unchanged.
     """
     if mean.kind != "dac" or mean.fixes is None:
         return state, mean
@@ -70,7 +70,7 @@ def corrected(state: FlightState, mean: PathMean) -> tuple[FlightState, PathMean
 
 
 def _with_correction(mean: PathMean, dive: DiveMean, bias: FlightBias) -> PathMean:
-    """Return a mean current with the correction by what the dives before say of the flight model."""
+    """Return a DAC with the correction from earlier dives."""
     believed = bias.is_believed
     if not (believed or mean.beside_profiles):
         return mean
@@ -87,7 +87,7 @@ def _with_correction(mean: PathMean, dive: DiveMean, bias: FlightBias) -> PathMe
 
 
 def with_block(state: FlightState, block: Block, rows: Indices) -> FlightState:
-    """Return the state after some profiles of a block."""
+    """Return the state after profiles of a block."""
     if not rows.size:
         return state
     profiles = Profiles({name: block.ping[name][rows] for name in _OF_DIVE}, block.topics)

@@ -1,7 +1,7 @@
-"""The forecasts of surfacings: each dive's end is expected from the dives before it, and scored when its fix has come.
+"""Predicted surfacings: the end of each dive is predicted from earlier dives, and scored with its fix.
 
-The dive's way through the water is taken as its flight model states it after the dive; the fix after the dive enters nothing before the
-forecast of that dive is made. Of a log without mean currents dives are expected from their displacements (``displacements.py``).
+A dive's velocity through the water is that of its flight model after the dive; the fix after the dive is not used in its prediction. For a
+log without DACs dives are predicted from displacements (``displacements.py``).
 """
 
 from collections.abc import Sequence
@@ -41,10 +41,10 @@ _CELL = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gathered:
-    """The profiles of a dive by depth.
+    """Profiles of a dive by depth.
 
     Attributes:
-        dive: Its number.
+        dive: Number of the dive.
         sums: shape (cells, 3): number of bins, sums of east and north [m/s].
     """
 
@@ -52,7 +52,7 @@ class Gathered:
     sums: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def after(self, profiles: Profiles) -> "Gathered":
-        """Return the same after absolute profiles of dives; others change nothing."""
+        """Return the sums with absolute profiles of dives; others change nothing."""
         dives, absolute = profiles["dive"], np.isfinite(profiles["common_std"])
         used = usable(profiles["flags"]) & np.isfinite(profiles["velocity"]).all(axis=2)
         used &= ((dives != 0) & absolute)[:, None]
@@ -69,7 +69,7 @@ class Gathered:
         return gathered
 
     def along(self, mean: PathMean) -> Array | None:
-        """Return their mean along the path of the dive's mean current, shape (2,), beyond them the nearest; None without any."""
+        """Return the mean along the path of the dive's DAC, shape (2,), constant beyond the profiles; None without any."""
         known = np.flatnonzero(self.sums[:, 0])
         if self.dive != mean.dive or known.size == 0:
             return None
@@ -81,16 +81,16 @@ class Gathered:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForecastState:
-    """What the forecasts of surfacings remember.
+    """State of the predicted surfacings.
 
     Attributes:
-        before: What is known before the next dive.
+        before: Knowledge before the next dive.
         gathered: Profiles of the dive.
-        last: The last dive's mean; None before the first.
-        ground: Of a log that has stated no mean current yet.
-        outcomes: Of the dives so far.
-        local: Of the current beside the estimate; None before the first dive.
-        dives: How the vehicle flew each dive that shows it.
+        last: DAC of the last dive; None before the first.
+        ground: State for a log without a DAC so far.
+        outcomes: Outcomes of the dives so far.
+        local: State of the local correction; None before the first dive.
+        dives: Flight of each dive with known flight.
     """
 
     before: Before = field(default_factory=lambda: Before(_PROCESS))
@@ -103,12 +103,12 @@ class ForecastState:
 
     @property
     def states_means(self) -> bool:
-        """Whether the log has stated the mean current of a dive."""
+        """Whether the log has stated a DAC."""
         return self.before.state is not None
 
     @property
     def as_flown(self) -> AsFlown | None:
-        """The median of the dives; None without any."""
+        """Median flight parameters of the dives; None without any."""
         return AsFlown.of(self.dives)
 
 
@@ -119,14 +119,14 @@ def forecast_step(
     flow_at: FlowAt,
     surface_depth: float,
 ) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after an event, and the outcome of the dive that it ends.
+    """Return the state after an event, and the outcome of a dive ended by it.
 
     Args:
-        state: Before it.
-        event: A position or a measurement.
-        assimilation: Of the measurement.
-        flow_at: The estimate before the event, for a time [ns, UTC].
-        surface_depth: [m], shallower than this the vehicle is at the surface.
+        state: State before it.
+        event: Position or observation.
+        assimilation: Assimilation of the observation.
+        flow_at: Function of the estimate before the event at a time [ns, UTC].
+        surface_depth: Depth above which the vehicle is at the surface [m].
     """
     ended: tuple[DiveOutcome, ...] = ()
     if not state.states_means:
@@ -144,7 +144,7 @@ def forecast_step(
 def forecast_track(
     state: ForecastState, track: Track, surface_depth: float
 ) -> ForecastState | None:
-    """Return the state after positions in a row that no forecast is made or judged by; None where ``forecast_step`` must look at each."""
+    """Return the state after consecutive positions without effect on predictions; None if ``forecast_step`` must process each."""
     if state.states_means:
         return state
     ground = adrift(state.ground, track, surface_depth)
@@ -152,7 +152,7 @@ def forecast_track(
 
 
 def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state at the end of a log, and the outcome of its last dive that no mean current stated."""
+    """Return the state at the end of a log, and the outcome of a last dive without a DAC."""
     ground = concluded(state.ground)
     return _with_ground(state, ground, () if ground.concluded is None else (ground.concluded,))
 
@@ -160,7 +160,7 @@ def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome
 def _with_ground(
     state: ForecastState, ground: GroundState, ended: tuple[DiveOutcome, ...]
 ) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after a step of the forecasts from displacements, and the outcome of the dive that has ended."""
+    """Return the state after a step of the predictions from displacements, and the outcome of a finished dive."""
     if not ended:
         return (state if ground is state.ground else replace(state, ground=ground)), ()
     state = replace(state, ground=ground, outcomes=(*state.outcomes, *ended))
@@ -168,20 +168,20 @@ def _with_ground(
 
 
 def _with_dive(state: ForecastState, dive: FlownDive | None) -> ForecastState:
-    """Return the state after a dive was flown; None shows nothing."""
+    """Return the state with the flight of a dive; unchanged for None."""
     return state if dive is None else replace(state, dives=(*state.dives, dive))
 
 
 def forecast_mean(
     state: ForecastState, mean: PathMean, backgrounds: Array | None = None
 ) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after a mean current, and the outcome of its dive; a drift at the surface, or one without fixes, changes nothing.
+    """Return the state after a DAC, and the outcome of its dive; unchanged by a surface drift or a DAC without fixes.
 
     Args:
-        state: Before it.
-        mean: The mean current.
-        backgrounds: shape (2, 2) [m/s], true east and north, what the prior forecast and the estimate before the dive say of it; NaN
-            where they say nothing, None where neither does.
+        state: State before it.
+        mean: The DAC.
+        backgrounds: shape (2, 2) [m/s], true east and north, DAC predicted by the prior and by the estimate before the dive; NaN where
+            unknown, None if both are.
     """
     if mean.kind != "dac" or mean.fixes is None:
         return state, ()
@@ -202,12 +202,12 @@ def forecast_mean(
 def next_surfacing(
     state: ForecastState, flow: FlowEstimate | None = None, depth: float | None = None
 ) -> DiveForecast | None:
-    """Return where the vehicle surfaces next if it flies as in the last dive, from the last fix on; None before the first dive.
+    """Return the predicted next surfacing after a dive like the last one from the last fix; None before the first dive.
 
     Args:
-        state: After all dives.
-        flow: The estimate, for a log without mean currents; None without.
-        depth: That the coming dive is told to go to [m], with the last one's vertical speed; None for as deep as the last one.
+        state: State after all dives.
+        flow: Estimate, for a log without DACs; None without one.
+        depth: Commanded depth of the next dive [m], with the vertical speed of the last one; None for the last one's depth.
     """
     longer = 1.0 if depth is None or not state.dives else depth / state.dives[-1].depth
     if not state.states_means and flow is not None:
@@ -227,7 +227,7 @@ def next_surfacing(
 
 
 def dive_mean(gathered: Gathered, mean: PathMean, backgrounds: Array) -> DiveMean:
-    """Return what a mean current with fixes says, with the dive's own profiles and with what the ensemble and the estimate say of it."""
+    """Return the dive of a DAC with fixes, with the dive's own profiles and its predictions by ensemble and estimate."""
     assert mean.fixes is not None
     start, end = mean.fixes
     (seconds, moved), velocity = over_ground(start, end), np.array(mean.velocity)
@@ -242,11 +242,11 @@ def dive_mean(gathered: Gathered, mean: PathMean, backgrounds: Array) -> DiveMea
 
 
 def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
-    """Return how the dive of a mean current was flown; None for a drift at the surface, or where its way through the water is not known.
+    """Return the flight of a DAC's dive; None for a surface drift or an unknown velocity through the water.
 
     Args:
-        mean: The mean current.
-        dive: What it says, where that is known.
+        mean: The DAC.
+        dive: Its dive in the form of the model, if known.
     """
     if mean.kind != "dac" or mean.fixes is None:
         return None
@@ -263,11 +263,11 @@ def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
 
 
 def backgrounds_of(mean: PathMean, used: Array, innovations: Sequence[Array]) -> Array:
-    """Return what others say of a mean current, shape (k, 2) [m/s], true east and north; NaN where they say nothing.
+    """Return the predictions of a DAC, shape (k, 2) [m/s], true east and north; NaN where unknown.
 
     Args:
-        mean: The mean current.
-        used: shape (2,) [m/s], what is used of it, along the local axes.
+        mean: The DAC.
+        used: shape (2,) [m/s], its assimilated value along the local axes.
         innovations: Each of shape (1, 2) [m/s], along the local axes: ``used`` minus predicted.
     """
     if not np.any(used):
@@ -284,7 +284,7 @@ def backgrounds_of(mean: PathMean, used: Array, innovations: Sequence[Array]) ->
 def _beside_estimate(
     state: ForecastState, mean: PathMean, assimilation: Assimilation | None
 ) -> ForecastState:
-    """Return the state after what a dive's mean current says of the current beside the estimate; nothing where no estimate is."""
+    """Return the state with the local correction updated by a DAC; unchanged without an estimate."""
     if (
         assimilation is None
         or assimilation.dive_std is None
@@ -299,7 +299,7 @@ def _beside_estimate(
 
 
 def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:
-    """Return the mean current by the prior forecast and by the estimate before the dive, shape (2, 2); NaN where they are not known."""
+    """Return the DAC predicted by the prior and by the estimate before the dive, shape (2, 2); NaN where unknown."""
     found = assimilation.innovation
     if found.used_current is None:
         return _UNKNOWN

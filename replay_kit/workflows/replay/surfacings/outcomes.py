@@ -1,4 +1,4 @@
-"""An expected surfacing from what a model of dives says of the next one, and its score when the fix has come."""
+"""Predicted surfacing from a model of dives, and its score with the actual fix."""
 
 from dataclasses import dataclass, field
 
@@ -19,12 +19,12 @@ from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Before:
-    """What is known before a dive.
+    """Knowledge before a dive.
 
     Attributes:
-        model: Of the dives.
-        state: Of the model, after the dives so far; None before the first, as it is large.
-        persistence: The baseline: as in the last dive.
+        model: Model of dives.
+        state: State of the model after the dives so far; None before the first, as it is large.
+        persistence: Baseline prediction, as in the last dive.
     """
 
     model: MeanCurrentProcess
@@ -33,19 +33,19 @@ class Before:
 
     @property
     def known(self) -> ProcessState:
-        """The state, of the model's beginning before the first dive."""
+        """State of the model; its initial state before the first dive."""
         return self.model.initial() if self.state is None else self.state
 
     def forecast(
         self, dive: DiveMean, start: Fix, number: int, basis: Basis = "mean_currents"
     ) -> DiveForecast:
-        """Return where a dive is expected to end.
+        """Return the predicted end of a dive.
 
         Args:
-            dive: Its time, duration, way, depths and backgrounds; its current is not used.
-            start: The fix before it.
-            number: Of the dive.
-            basis: What it is expected from.
+            dive: Time, duration, velocity through the water, depths and backgrounds of the dive; its current is not used.
+            start: Fix before it.
+            number: Number of the dive.
+            basis: Basis of the prediction.
         """
         return self._placed(self.model.forecast(self.known, dive), dive, start, number, basis)
 
@@ -73,13 +73,13 @@ class Before:
     def after(
         self, dive: DiveMean, fixes: tuple[Fix, Fix], number: int, basis: Basis = "mean_currents"
     ) -> "tuple[Before, DiveOutcome]":
-        """Return what is known after a dive, and where it was expected to end and how good that was.
+        """Return the knowledge after a dive, and its predicted end with the score.
 
         Args:
-            dive: With what was measured of it.
-            fixes: Before and after it.
-            number: Of the dive.
-            basis: What it was expected from.
+            dive: The dive with its observations.
+            fixes: Fixes before and after it.
+            number: Number of the dive.
+            basis: Basis of the prediction.
         """
         start, end = fixes
         expected = self.model.forecast(self.known, dive)
