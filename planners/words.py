@@ -1,4 +1,4 @@
-"""A mission in words: its outcome with what binds, its odds, and where a horizon ends it."""
+"""Text on a plan: outcome with the binding limit, odds, and truncation at a horizon."""
 
 from collections.abc import Mapping
 
@@ -16,19 +16,19 @@ _NEARLY = 0.95
 
 
 def tried_text(found: Solution) -> str:
-    """Return how a solution turned out, for the statistics."""
+    """Return the outcome of a solution as text for the statistics."""
     safe = "" if found.violation is None else f", crosses {found.violation.what}"
     name = "" if found.start is None else f"{found.start.name}, "
     return f"{name}{found.count} legs: {found.seconds / 3600.0:.2f} h, {found.miss.max():.0f} m off{safe}, {found.status}"
 
 
 def outcome_text(task: Task, answer: Answer, above: float | None) -> str:
-    """Return the outcome of a mission in words, with the limit that binds when it does not reach its goals or violates a constraint.
+    """Return the outcome of a mission as text, with the binding limit if goals are missed or constraints violated.
 
     Args:
-        task: The problem.
-        answer: What was found.
-        above: How much later than any vehicle of its speed could it arrives [%]; None where that is not known.
+        task: Mission.
+        answer: Result of the search.
+        above: Relative excess of the arrival time over its lower bound [%]; None if unknown.
     """
     settings, shape, best = task.settings, task.shape, answer.best
     miss, flight = best.miss, best.flight
@@ -79,7 +79,7 @@ def outcome_text(task: Task, answer: Answer, above: float | None) -> str:
 
 
 def _already_there(task: Task) -> str:
-    """Return why a mission takes no legs."""
+    """Return the reason for a mission without legs as text."""
     name = "the goal" if len(task.goals) == 1 else "all goals"
     below = float(np.max(task.goals[:, 2] - task.start[2]))
     deep = (
@@ -90,7 +90,7 @@ def _already_there(task: Task) -> str:
 
 
 def _out_of_reach(task: Task, answer: Answer) -> str:
-    """Return which goals are out of reach, and how near one can come to them; empty where none is known to be."""
+    """Return the goals out of reach, with their closest approach, as text; empty without any."""
     text = ""
     for bound in answer.beyond:
         text += f"; {'the goal' if len(task.goals) == 1 else f'goal {bound.goal + 1}'} is out of reach: "
@@ -104,19 +104,19 @@ def _out_of_reach(task: Task, answer: Answer) -> str:
 
 
 def _hours(task: Task, seconds: float) -> str:
-    """Return a time since the start in hours and, where the mission has a date, as a date."""
+    """Return a time since the start in hours and, if the mission has a date, as a date."""
     return _since(task.request.start_time_ns, seconds)
 
 
 def _since(begins: int, seconds: float) -> str:
-    """Return a time since a start [ns, UTC; 0 for none] in hours and, where it has a date, as a date."""
+    """Return a time since a start [ns, UTC; 0 if unknown] in hours and as a date."""
     return f"{seconds / 3600.0:.1f} h" + (
         f" ({time_text(begins + round(seconds * 1e9))})" if begins else ""
     )
 
 
 def _binding(task: Task, answer: Answer) -> str:
-    """Return the limits that bind."""
+    """Return the binding limits as text."""
     settings = task.settings
     flight, lasts = answer.best.flight, answer.best.seconds
     tried = max((one.count for one in answer.tried), default=0)
@@ -148,7 +148,7 @@ def _binding(task: Task, answer: Answer) -> str:
 
 
 def _longest_text(task: Task) -> str:
-    """Return what limits a mission's duration."""
+    """Return the limit of a mission's duration as text."""
     settings = task.settings
     if settings.arrive_by <= settings.max_duration:
         return f"limit: {settings.arrive_by / 3600.0:.1f} h to arrive in (--arrive-by)"
@@ -156,7 +156,7 @@ def _longest_text(task: Task) -> str:
 
 
 def odds_text(plan: MissionPlan, count: int, reached: float, radius: float, deadline: float) -> str:
-    """Return the share of the simulated flights that arrive, steered at each surfacing, in words."""
+    """Return the odds of arriving as text."""
     text = f"{round(reached * count)} of {count} simulated flights"
     low, high = share_interval(reached, count)
     share = f"{100.0 * reached:.0f} %, 90 % interval {100.0 * low:.0f} to {100.0 * high:.0f} %"
@@ -169,13 +169,13 @@ def odds_text(plan: MissionPlan, count: int, reached: float, radius: float, dead
 
 
 def arrival_text(plan: MissionPlan, median: float, ninety: float) -> str:
-    """Return by when half and nine of ten simulated flights arrive [s since the start], to be added; empty where fewer do."""
+    """Return the text on median and 90 % arrival times [s since the start]; empty if fewer arrive."""
     text = f"; half arrive by {_since(plan.start_time_ns, median)}" if np.isfinite(median) else ""
     return text + (f", 90 % by {_since(plan.start_time_ns, ninety)}" if np.isfinite(ninety) else "")
 
 
 def violations_text(violating: float, violations: Mapping[str, float]) -> str:
-    """Return the share of samples that violate a constraint, and by which, to be added; empty where none does."""
+    """Return the text on the fraction of violating samples, by constraint; empty without any."""
     if not violations:
         return ""
     named = ", ".join(
@@ -186,13 +186,13 @@ def violations_text(violating: float, violations: Mapping[str, float]) -> str:
 
 
 def horizon_text(plan: MissionPlan, cut: MissionPlan, seconds: float, unmet: int) -> str:
-    """Return how far a mission leads that is cut at a horizon, and what is left.
+    """Return the text on a plan truncated at a horizon, and its remainder.
 
     Args:
-        plan: The whole mission.
-        cut: Its legs that end by then.
-        seconds: The horizon [s].
-        unmet: Number of the first goal that is left, from 0.
+        plan: Complete plan.
+        cut: Truncated plan.
+        seconds: Horizon [s].
+        unmet: Number of the first remaining goal, from 0.
     """
     name = "the goal" if len(plan.goals) == 1 else f"goal {unmet + 1}"
     left, hours = float(cut.closest_approach[unmet]), (plan.duration - cut.duration) / 3600.0

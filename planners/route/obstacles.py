@@ -1,4 +1,4 @@
-"""Free water of a route: the area that rings leave, less a margin, and its convex corners."""
+"""Free water of a route: the area that rings leave, less a margin, and the corners of obstacles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

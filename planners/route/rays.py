@@ -2,8 +2,7 @@
 
 A lattice has a limited set of directions, few of which are feasible in a current faster than the vehicle. A ray's heading t, from east,
 turns by dt/dt = sin^2 t v_x + sin t cos t (u_x - v_y) - cos^2 t u_y, which is optimal (Zermelo 1931). Rays are inserted between diverging
-neighbours as the mean of both. A ray ends where another was long
-before, or in a forbidden area.
+neighbours as the mean of both. A ray ends where another was long before, or in a forbidden area.
 """
 
 import numpy as np
