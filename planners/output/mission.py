@@ -70,7 +70,7 @@ def goals_table(plan: MissionPlan) -> list[dict[str, float]]:
 
 
 def to_csv(plan: MissionPlan, odds: MissionOdds | None) -> str:
-    """Return the legs as CSV with a header line; ``leg`` only if there are none."""
+    """Return the legs as CSV with a header line; ``leg`` only without any."""
     rows = legs_table(plan, odds)
     rounded = [
         {name: None if value is None else round(value, 7) for name, value in row.items()}

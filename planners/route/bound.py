@@ -4,10 +4,10 @@ A front propagates at the greatest mean horizontal speed in the mean current of 
 no margin, partly open water is open, waiting is allowed, goals are discs, second-order terms of shear within a dive increase the speed,
 and the discretisation error reduces the time.
 
-A leg of duration T at glide angle g, and a drift d after it, lead over ground by V(g) T through water and by the currents
-at the leg's depths and at the surface. In the same time the vehicle of the bound moves S (T + d) plus the mean current m (T + d). Steep
-dives are short, so that drifts take a larger fraction of the time. The last leg has no drift; the first may begin, and the last end,
-below the surface. In a sheared current each of these may gain on the mean by at most the lead (``Lead``).
+A leg of duration T at glide angle g, and a drift d after it, lead over ground by V(g) T through water and by the currents at the leg's
+depths and at the surface. In the same time the vehicle of the bound moves S (T + d) plus the mean current m (T + d). Steep dives are
+short, so that drifts take a larger fraction of the time. The last leg has no drift; the first may begin, and the last end, below the
+surface. In a sheared current each of these may gain on the mean by at most the lead (``Lead``).
 """
 
 from dataclasses import dataclass, replace

@@ -69,7 +69,7 @@ def between(knots: Array, at: Array) -> tuple[NDArray[np.intp], Array]:
 
 @dataclass(frozen=True, eq=False)
 class Currents:
-    """K flows on the same basis functions.
+    """Set of K currents on the same basis functions.
 
     Attributes:
         flow: One of the flows, for levels and functions.

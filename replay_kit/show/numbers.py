@@ -113,7 +113,7 @@ def nice(value: float, least: bool = False) -> float:
 
 
 def fixed(value: float, digits: int, signed: bool = False) -> str:
-    """Return a number with fixed decimals, without a sign if rounded to 0; ``unknown`` for NaN."""
+    """Return a number with fixed decimals, without a sign if rounded to 0; ``unknown`` if not finite."""
     if not isfinite(value):
         return "unknown"
     # the addition of 0 turns -0 into 0

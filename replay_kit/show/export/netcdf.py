@@ -1,4 +1,4 @@
-"""Tables of a result in one CF NetCDF file, with a dimension for each table and a variable for each column."""
+"""Tables of a result in one CF NetCDF file, with a dimension for each table, which prefixes its columns if there are several."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -69,8 +69,7 @@ def _check_chosen(kind: str, chosen: Chosen) -> None:
 class Plots:
     """Figures of a result, each a method that returns a matplotlib figure.
 
-    Common arguments are ``columns``, the width in journal columns (1 or 2), and ``ax``, existing axes for one panel (``panel`` counts from
-    0).
+    Common arguments: ``columns``, the width in journal columns (1 or 2); ``ax``, existing axes for panel number ``panel``, from 0.
     ``map``, ``series`` and ``plan`` accept ``at``: longitude, latitude [degrees] and depth [m]. ``map`` and ``plan`` accept ``depth`` [m].
     ``map`` accepts ``time``, ISO 8601: later data are not shown.
     """

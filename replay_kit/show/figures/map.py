@@ -82,7 +82,7 @@ def map_figure(contents: Contents, chosen: Chosen) -> Figure:
     """Return maps of the current and its standard error, with the track.
 
     Args:
-        contents: Of the result.
+        contents: Contents of the result.
         chosen: Place, depth and time.
 
     Raises:
@@ -125,7 +125,7 @@ def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
     """Return the last plan as a map and a depth profile.
 
     Args:
-        contents: Of the result.
+        contents: Contents of the result.
         chosen: Depth of the current.
     """
     plan, notes = contents.last_plan, list(contents.notes)
@@ -295,7 +295,7 @@ def speed_marks(
     """Return speed, land and arrows of one slice.
 
     Args:
-        contents: Of the result.
+        contents: Contents of the result.
         slices: Slice at one depth.
         across: Width of the map [m]; None for the whole slice.
     """

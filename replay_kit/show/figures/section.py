@@ -255,7 +255,7 @@ def series_figure(contents: Contents, at: tuple[float, float, float] | None) -> 
     """Return the time series of both components at a position.
 
     Args:
-        contents: Of the result.
+        contents: Contents of the result.
         at: Position; None for the last one, at the published depth most typical of the measurements.
     """
     notes, track, slices = list(contents.notes), contents.track, contents.slices

@@ -1,4 +1,4 @@
-"""Sections along the track: measured, estimated, their difference and the standard error; mean currents of dives."""
+"""Report section on the track: profiles and DACs, measured, estimated, their difference and standard error."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from replay_kit.show.page.page import Section
 
 
 def along_track_section(contents: Contents) -> Section:
-    """Return depth against time along the track, and the mean currents of the dives."""
+    """Return the report section on profiles along the track and DACs."""
     bins, missing, figures = contents.section, [], []
     if bins.time_ns.size:
         figures.append(section_figure(contents))

@@ -1,4 +1,4 @@
-"""Whether the answer can be trusted: innovations, their spread against the stated errors, the error's decrease, the gate."""
+"""Report section on consistency: innovations, calibration, error over time, and gate."""
 
 from html import escape
 from typing import NamedTuple
@@ -22,13 +22,13 @@ _ITSELF = {
 
 
 class Light(NamedTuple):
-    """The answer to a question of trust.
+    """Status light of a consistency test.
 
     Attributes:
-        name: What holds, or does not, in a few words.
-        color: ``good``, ``care``, ``stop`` or ``none`` where nothing tells.
-        text: Why.
-        figures: Keys of the figures that show it.
+        name: Outcome in a few words.
+        color: ``good``, ``care``, ``stop``, or ``none`` if untested.
+        text: Reason.
+        figures: Keys of the supporting figures.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Light(NamedTuple):
 
 
 def lights(contents: Contents) -> tuple[Light, Light, Light]:
-    """Return whether the log fits itself, whether it fits the forecast, and whether the stated errors hold."""
+    """Return the lights for consistency of the log, misfit of the forecast, and calibration of errors."""
     outcome = contents.outcome
     clashes = [one for one in outcome.consistency if one["severity"] != "misfit"]
     words = {severity_word(one["severity"]) for one in clashes}
@@ -86,7 +86,7 @@ def _errors_hold(outcome: Outcome) -> Light:
 
 
 def trust_section(contents: Contents) -> Section:
-    """Return innovations, calibration, the decrease of the error and the decisions of the gate."""
+    """Return the section on innovations, calibration, error over time and gate decisions."""
     if not contents.measured.count:
         return Section(
             "trust",
