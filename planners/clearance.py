@@ -46,7 +46,7 @@ def check(task: Task, flight: Flight, margin: float = 0.0) -> Violation | None:
         margin: Additional distance to every ring [m].
     """
     if not np.all(np.isfinite(flight.place)):
-        return Violation("the path is not a number", 0.0, 1, float("nan"), float("nan"))
+        return Violation("a position that is not a number", 0.0, 1, float("nan"), float("nan"))
     segments = _segments(flight.place)[0]
     depths = np.column_stack([flight.depth[:-1], flight.depth[1:]])
     skin = bends(flight)

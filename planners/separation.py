@@ -215,7 +215,7 @@ def area_between(stays: Motion, goes: Motion, width: float, projection: Projecti
     ring = shapely.get_coordinates(around[np.argmax(shapely.area(around))].exterior)
     longitude, latitude = to_geographic(projection, *ring.T)
     corners = tuple(zip(longitude.tolist(), latitude.tolist(), strict=True))
-    return NoGo(corners, "the way of another vehicle")
+    return NoGo(corners, "the track of another vehicle")
 
 
 def _judged(

@@ -253,7 +253,7 @@ def _check_place(
             else "land"
         )
         raise PlanError(
-            f"{name} is where dives to {needed:g} m may not go: {room}; move it to deeper water"
+            f"{name} is too shallow for dives to {needed:g} m: {room}; move it to deeper water"
         )
 
 

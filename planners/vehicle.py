@@ -179,7 +179,7 @@ def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFl
         )
     if np.ptp(pitch) < np.deg2rad(2.0):
         raise PlanError(
-            f"pitches from {np.rad2deg(pitch.min()):.2f} to {np.rad2deg(pitch.max()):.2f} degrees do not tell drag from lift"
+            f"pitches from {np.rad2deg(pitch.min()):.2f} to {np.rad2deg(pitch.max()):.2f} degrees do not separate drag from lift"
         )
 
     from scipy.optimize import least_squares  # loads slowly, and no plan fits a flight

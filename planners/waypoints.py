@@ -118,7 +118,7 @@ def waypoints_of(
         PlanError: The plan has no legs, or is a mooring.
     """
     if plan.is_moored:
-        raise PlanError("a mooring has no waypoints: give the glider the place of the mooring")
+        raise PlanError("a mooring has no waypoints: give the glider the position of the mooring")
     task = task_of_plan(flow, plan, request)
     ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
     places = np.vstack([task.start[None, :2], ends])
@@ -168,7 +168,7 @@ def _violation(task: Task, flown: Flights, number: int, margin: float) -> Violat
         return found
     if all(ring.outside for ring in task.solid(deepest)):
         return None
-    what = f"water that was not checked, as waypoint {int(np.isfinite(flown.met[number]).sum()) + 1} is not reached in {ends.size} legs,"
+    what = f"unchecked water, as waypoint {int(np.isfinite(flown.met[number]).sum()) + 1} is not reached in {ends.size} legs,"
     where = (float(part) for part in to_geographic(task.region.grid.projection, *place[0, -1]))
     return Violation(what, float(time[0, -1]), ends.size, *where)
 
@@ -224,7 +224,7 @@ def _waypoints(
     if at is not None:
         message = f"not safe: heading for the waypoints crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f}; {message}"
     elif n_reached < len(times):
-        message = f"not reliable: not all of them are reached; {message}"
+        message = f"not reliable: not all waypoints are reached; {message}"
     longitude, latitude = plan.surfacings[numbers - 1].T
     return Waypoints(
         longitude,

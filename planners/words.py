@@ -53,13 +53,11 @@ def outcome_text(task: Task, answer: Answer, above: float | None) -> str:
             (shape.width, "the line") if isinstance(shape, Line) else (shape.radius, "the mooring")
         )
         parts.append(
-            f"{farthest:.0f} m from {name} at most, {rms:.0f} m in the root mean square, for {_hours(task, best.seconds)}"
+            f"{farthest:.0f} m from {name} at most, {rms:.0f} m RMS, for {_hours(task, best.seconds)}"
         )
         short += "" if farthest <= limit else f", farther than {limit:g} m"
     if above is not None:
-        parts.append(
-            f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make"
-        )
+        parts.append(f"{above:.1f} % above the lower bound of the arrival time at this speed")
     n_legs = best.count
     text = f"{n_legs} leg{'s' * (n_legs != 1)}; {', '.join(parts)}"
     if best.violation is not None:
@@ -72,7 +70,7 @@ def outcome_text(task: Task, answer: Answer, above: float | None) -> str:
     if overtime(task, best) > 0.0 and not short:
         text += f"; {_longest_text(task)}"
     if task.is_late:
-        text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
+        text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and routes were not tried"
     return (
         f"{text}{short}{_out_of_reach(task, answer)}; {_binding(task, answer)}" if short else text
     )
@@ -82,9 +80,7 @@ def _already_there(task: Task) -> str:
     """Return the reason for a mission without legs as text."""
     name = "the goal" if len(task.goals) == 1 else "all goals"
     below = float(np.max(task.goals[:, 2] - task.start[2]))
-    deep = (
-        "" if below <= 0.0 else f"; only the depth of a goal is left, {below:g} m below the start"
-    )
+    deep = "" if below <= 0.0 else f"; a goal is {below:g} m below the start"
     within = f"within {np.max(task.from_start):.1f} m of {name}, inside the tolerance of {task.settings.tolerance:g} m"
     return f"already there: the start is {within}; 0 legs{deep}"
 
@@ -97,7 +93,9 @@ def _out_of_reach(task: Task, answer: Answer) -> str:
         if bound.limit == "legs":
             text += f"it needs more than {task.settings.legs or task.settings.max_legs} legs"
             continue
-        who = "no vehicle of this speed comes" if bound.is_tight else "no way was found that comes"
+        who = (
+            "no vehicle of this speed comes" if bound.is_tight else "no route was found that comes"
+        )
         nearest, when = f"about {bound.nearest / 1e3:.1f} km", _hours(task, bound.when)
         text += f"within {_hours(task, bound.most)} {who} nearer than {nearest}, after {when}"
     return text
@@ -123,7 +121,7 @@ def _binding(task: Task, answer: Answer) -> str:
     limits = {bound.limit for bound in answer.beyond}
     parts = list[str]()
     if settings.weights.closest:
-        return "limit: the weights, by which to come closer costs more than it gains, or what can be reached at all"
+        return "limit: the weights (coming closer costs more than it gains) or the vehicle's range"
     if settings.legs is not None and task.shape is None:
         return f"limit: {settings.legs} legs at glide angles from {task.vehicle.min_angle:g} to {task.vehicle.max_angle:g} degrees"
     if "legs" in limits or (not limits and tried >= settings.most_legs):
@@ -132,7 +130,7 @@ def _binding(task: Task, answer: Answer) -> str:
         parts.append(_longest_text(task))
     if "ways" in limits:
         parts.append(
-            "a constraint closes every way: land, an area, water too shallow for a dive or the edge of the region"
+            "a constraint closes every route: land, an area, water too shallow for a dive or the edge of the region"
         )
     if parts and "current" not in limits:
         return "; ".join(parts)
@@ -142,7 +140,7 @@ def _binding(task: Task, answer: Answer) -> str:
     return "; ".join(
         [
             *parts,
-            f"{what} keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s",
+            f"{what} stops a glider of {through:.2f} m/s: {ground:.2f} m/s over ground",
         ]
     )
 
@@ -151,7 +149,7 @@ def _longest_text(task: Task) -> str:
     """Return the limit of a mission's duration as text."""
     settings = task.settings
     if settings.arrive_by <= settings.max_duration:
-        return f"limit: {settings.arrive_by / 3600.0:.1f} h to arrive in (--arrive-by)"
+        return f"limit: {settings.arrive_by / 3600.0:.1f} h until the latest arrival (--arrive-by)"
     return f"limit: max_duration = {settings.max_duration:g} s (--max-duration)"
 
 
@@ -197,7 +195,7 @@ def horizon_text(plan: MissionPlan, cut: MissionPlan, seconds: float, unmet: int
     name = "the goal" if len(plan.goals) == 1 else f"goal {unmet + 1}"
     left, hours = float(cut.closest_approach[unmet]), (plan.duration - cut.duration) / 3600.0
     return (
-        f"as far as the horizon of {seconds / 3600.0:.1f} h: {len(cut.headings_deg)} of {len(plan.headings_deg)} legs, after "
-        f"{cut.duration / 3600.0:.1f} h at {place_text(*cut.surfacings[-1].tolist())}; left to {name}: {left / 1e3:.1f} km, and "
-        f"{hours:.1f} h to the end if the current stays as it is known last"
+        f"up to the horizon of {seconds / 3600.0:.1f} h: {len(cut.headings_deg)} of {len(plan.headings_deg)} legs, after "
+        f"{cut.duration / 3600.0:.1f} h at {place_text(*cut.surfacings[-1].tolist())}; {left / 1e3:.1f} km left to {name}, and "
+        f"{hours:.1f} h to the end in the last known current"
     )

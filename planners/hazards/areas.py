@@ -159,8 +159,7 @@ def no_go_rings(projection: Projection, area: NoGo) -> tuple[Ring, ...]:
 def _outline(
     projection: Projection, ring: Sequence[tuple[float, float]], name: str, either: bool
 ) -> Any:
-    """Return the polygon of a ring of longitudes and latitudes [degrees] in the local frame: union or intersection of both meanings of
-    edges."""
+    """Return the local polygon of a ring of longitudes and latitudes [degrees]: union or intersection of both meanings of edges."""
     corners = np.array(
         [corner for k, corner in enumerate(ring) if k == 0 or corner != ring[0]], dtype=np.float64
     )
@@ -211,16 +210,13 @@ def check_outside(rings: Sequence[Ring], name: str, point: Array) -> None:
     """Raise PlanError if a ring forbids a point, shape (3,) [m]; ``name`` is its role, ``start`` or ``goal``."""
     area = next((ring.name for ring in rings if ring.forbids(point[None, :2])[0]), None)
     if area is not None:
-        raise PlanError(
-            f"{name} is where the vehicle may not go: {area}; move it, or change the area"
-        )
+        raise PlanError(f"{name} is in a forbidden area: {area}; move it, or change the area")
 
 
 def first_crossing(
     rings: Sequence[Ring], segments: Array, skin: Array
 ) -> tuple[str, int, float] | None:
-    """Return the name of the ring that a path crosses first, the segment number and the fraction before the crossing; None without a
-    crossing.
+    """Return the name of the ring that a path crosses first, the segment number and the fraction before the crossing, or None.
 
     Args:
         rings: Forbidden areas.

@@ -305,7 +305,7 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
     if violating > risk + 1e-9 and status == "reached":
         status, text = "unsafe", f"{text}, more than the {100.0 * risk:.0f} % accepted"
     elif odds.reached < arrive - 1e-9 and status == "reached":
-        status, text = "uncertain", f"{text}; {100.0 * arrive:.0f} % are asked for"
+        status, text = "uncertain", f"{text}; {100.0 * arrive:.0f} % are required"
     statistics = {**plan.statistics, "arrive": arrive}
     message = f"{text}. In the mean current: {plan.message}"
     return replace(plan, status=status, message=message, statistics=statistics)
@@ -323,7 +323,7 @@ def currents_of_estimate(flow: Flow, samples: Sequence[Sample], depth: float = 0
     """
     if not samples:
         raise PlanError(
-            "a plan for samples of the estimate needs some; draw them with flow.sample(100, seed)"
+            "no samples of the estimate were given; draw them with flow.sample(100, seed)"
         )
     return with_courses(_below(_flows_around(flow, flows_of(samples)), depth), samples)
 

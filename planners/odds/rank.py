@@ -91,7 +91,7 @@ def plan_by_odds(
     hours = (best.found.seconds - first.seconds) / 3600.0
     if allowed is not None and abs(hours) >= _TOLD:
         costs = "more" if hours > 0.0 else "less"
-        text = f"{plan.message}; to keep the risk takes {abs(hours):.1f} h {costs} than the quickest way"
+        text = f"{plan.message}; keeping the risk takes {abs(hours):.1f} h {costs} than the fastest route"
         plan = replace(plan, message=text)
     return replace(plan, statistics={**plan.statistics, name: hours, "extra_margin_m": best.extra})
 

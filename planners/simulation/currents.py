@@ -198,7 +198,7 @@ def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
     """
     if len(flows) < 2:
         raise PlanError(
-            f"a flow that changes needs two times or more, but {len(flows)} came; give one flow alone for one that does not"
+            f"a time-dependent flow needs two times or more, got {len(flows)}; give a single flow for a steady one"
         )
     for k, flow in enumerate(flows):
         before = flows[max(k - 1, 0)].time_ns
@@ -284,10 +284,10 @@ def with_courses(currents: Currents, samples: Sequence[Sample]) -> Currents:
         not np.array_equal(one.times_ns, each[0].times_ns) for one in each
     ):
         raise PlanError(
-            "some samples have a current beside the flow and some have none, or at other times; draw all of them together"
+            "the samples differ in the times of their local corrections, or some have none; draw all of them together"
         )
     if currents.flow.time_ns is None:
-        raise PlanError("a current beside a flow needs the time of the flow, which has none")
+        raise PlanError("a local correction needs the time of the flow, which has none")
     times = (each[0].times_ns - currents.flow.time_ns) / 1e9
     return replace(currents, beside=Courses(times, np.stack([one.velocity for one in each])))
 
@@ -340,10 +340,10 @@ def local_notes(local: LocalCurrent | None, begin_ns: int) -> tuple[str, ...]:
     error, (east, north) = local.standard_error(begin_ns), local.velocity(begin_ns)
     if max(error, float(np.hypot(east, north))) < _NOTICED:
         return ()
-    use = "the samples reckon with it, less and less with time"
+    use = "the samples include it, decaying with time"
     if is_noticed(local):
         use = f"the plan and {use}"
     return (
-        f"the dives so far met a current beside the estimate's: {100.0 * np.hypot(east, north):.0f} cm/s towards "
+        f"local correction of the estimate from recent dives: {100.0 * np.hypot(east, north):.0f} cm/s towards "
         f"{float(heading_deg(east, north)):.0f} degrees, with a standard error of {100.0 * error:.0f} cm/s at the start; {use}",
     )

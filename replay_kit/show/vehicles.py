@@ -19,8 +19,8 @@ COLUMNS = (
 )
 #: What the columns on data denial mean.
 ABOUT_VALUE = (
-    "without it: RMS difference that leaving out the vehicle's measurements makes to the estimate at the published depths; "
-    "error without it: standard error there over that with all vehicles"
+    "without it: RMS change of the estimate at the published depths if the vehicle's measurements are withheld; "
+    "error without it: ratio of that standard error to the one with all vehicles"
 )
 
 

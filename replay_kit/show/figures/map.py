@@ -159,7 +159,7 @@ def _in_words(plan: LastPlan) -> list[str]:
     """Return notes on a plan: command, assumed dive parameters, energy and odds, as available."""
     row, begin = plan.row, str(plan.row.name)[:16]
     if not np.isfinite(row["heading_deg"]):
-        return [f"{begin} UTC: nothing to steer: {row['message']}."]
+        return [f"{begin} UTC: no command: {row['message']}."]
     steer = f"heading {row['heading_deg']:.0f}° true, glide angle {row['glide_angle_deg']:.1f}°, {row['duration'] / 3600.0:.1f} h"
     out = [f"{begin} UTC: {steer}, misses the goal by {row['closest_approach']:.0f} m."]
     out += [f"Dives {plan.statistics[ORIGIN]}."] if ORIGIN in plan.statistics else []

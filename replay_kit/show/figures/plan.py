@@ -123,7 +123,7 @@ def surfacing_figure(contents: Contents) -> Figure:
         "Predicted and actual surfacings",
         [Panel("surfacings", *axes, [points], equal=True)],
         {"surfacing_errors": data},
-        "Each point is an actual surfacing relative to the one that the plan before predicted. A cloud beside the "
-        "centre means a current that the estimate lacks, or that another plan was flown.",
+        "Each point is an actual surfacing relative to the one predicted by the previous plan. A cloud off the "
+        "centre means that the estimate lacks a current, or that another plan was flown.",
         f"Error of {len(table)} predicted surfacings, east and north.",
     )

@@ -184,7 +184,7 @@ def _calibration(found: Calibration, measured: Measured) -> Figure:
         f"{found.standardized.size:,} components of the bins used{of}: mean {mean} (expected 0), standard deviation "
         f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias. "
         "The outermost bars include all values beyond.",
-        "Histogram of the standardised innovations beside the standard normal curve.",
+        "Histogram of the standardised innovations with the standard normal curve.",
     )
 
 

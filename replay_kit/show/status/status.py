@@ -166,8 +166,8 @@ def _why_first(basis: str, other: Values | None, count: int, planned: bool) -> s
     """Return a short reason for the choice between predicted surfacings."""
     if other is None:
         if basis == "plan":
-            return "nothing is known of its dives"
-        return "the plan has no surfacing ahead" if planned else "no plan is flown"
+            return "its dives are unknown"
+        return "the plan has no surfacing left" if planned else "no plan is flown"
     judged = f"{count} surfacing{'s' * (count != 1)}"
     better = "past dives" if basis == "last_dive" else "plans"
     return f"{better} predicted {judged} better" if count else "no surfacing was predicted yet"

@@ -27,7 +27,7 @@ def along_track_section(contents: Contents) -> Section:
     if dives:
         figures.append(dives_figure(contents))
     else:
-        missing.append("The result holds no mean current of a dive that was used.")
+        missing.append("The result holds no DAC (depth-averaged current) that was used.")
     title = "How does it change along the track, with depth and time?"
-    answer = f"{profiles:,} profiles and {dives:,} mean currents of dives beside the estimate."
+    answer = f"{profiles:,} profiles and {dives:,} DACs, compared with the estimate."
     return Section("section", title, "", figures, missing, "Section", answer)

@@ -62,10 +62,10 @@ def next_steps(contents: Contents) -> list[str]:
     outcome, plans, out = contents.outcome, contents.result.plans, []
     plan = outcome.plan
     if plan and (plan["status"] == "failed" or plan.get("heading_deg") is None):
-        why = "Nothing to steer" if plan["status"] == "reached" else "No plan was found"
+        why = "No command" if plan["status"] == "reached" else "No plan was found"
         out.append(f"{why}: {escape(plan['message'])}.")
     elif not len(plans):
-        out.append("Name a goal with <code>--goal LON,LAT,DEPTH</code> to have the way planned.")
+        out.append("Give a goal with <code>--goal LON,LAT,DEPTH</code> to plan a mission.")
     if doubtful_errors(outcome) and (outcome.nis_per_dof or 0.0) > 1.0:
         # mean currents have no bins whose quality could be tested
         look = (
@@ -75,11 +75,11 @@ def next_steps(contents: Contents) -> list[str]:
         )
         out.append(
             f"{look} the innovations below dive by dive: either the instrument is biased, or the "
-            "ensemble does not fit this place and time. Until then take the standard errors as too small."
+            "ensemble does not fit this region and time. Until then, treat the standard errors as too small."
         )
     if outcome.losses or outcome.late:
         out.append(
-            "Recover the log from the vehicle again if you can: what was lost is named above."
+            "Recover the log from the vehicle again if possible: the losses are listed above."
         )
     if contents.estimate is None and contents.measured.count:
         out.append(
@@ -184,7 +184,7 @@ def words_section(contents: Contents) -> Section:
 def _in_short(contents: Contents) -> str:
     outcome = contents.outcome
     if not outcome.complete:
-        return "What was used is not counted."
+        return "Observations used: unknown."
     used, rms = outcome.observations, outcome.rms_innovation
     forms = f"{{used}} measurement{'s' * (used['used'] != 1)} of the current used"
     parts = [sentence(forms, used, "observations.").html]
@@ -219,7 +219,7 @@ def _found(contents: Contents) -> Iterator[Sentence]:
     """Yield sentences on current speed and standard error over the region."""
     slices, plans = contents.slices, contents.result.plans
     if slices is None:
-        what = "The result holds a plan alone" if len(plans) else "Nothing was estimated"
+        what = "The result holds only a plan" if len(plans) else "Nothing was estimated"
         yield Sentence([f"{what}."])
         return
     fields = slices.fields[0, -1]
@@ -236,7 +236,7 @@ def _not_used(contents: Contents) -> Iterator[Sentence]:
     """Yield a sentence on the unused messages of each topic."""
     messages = contents.outcome.messages
     if messages is None:
-        why = "it is of an earlier version, or of a run that did not end"
+        why = "an earlier version made it, or the run did not finish"
         yield Sentence([f"The result does not hold the counts of messages: {why}."])
         return
     for k, row in enumerate(messages):

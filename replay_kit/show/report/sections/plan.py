@@ -16,9 +16,9 @@ from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_s
 
 _STATUS = {
     "reached": "the predicted path passes the goal within the tolerance",
-    "uncertain": "the predicted path passes the goal, but fewer samples of the estimate than asked for arrive",
-    "partial": "the predicted path ends at the horizon that was asked for, before the goal",
-    "unsafe": "the predicted path, or more samples of the estimate than accepted, violates a constraint",
+    "uncertain": "the predicted path passes the goal, but fewer simulated flights than required arrive",
+    "partial": "the predicted path ends at the requested horizon, before the goal",
+    "unsafe": "the predicted path violates a constraint, or more simulated flights than accepted do",
     "unreachable": "the best path found does not pass the goal within the tolerance",
     "failed": "no usable path was found",
 }
@@ -146,7 +146,7 @@ def _departures_html(contents: Contents) -> str:
         "arrival (UTC)",
         "duration [h]",
         "energy [kJ]",
-        "samples that arrive",
+        "odds of arriving",
         "",
     ]
     return table_html(heads, cells, "Departures compared") if rows else ""

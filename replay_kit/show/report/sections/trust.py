@@ -58,7 +58,7 @@ def _against_forecast(outcome: Outcome) -> Light:
     rms, outside = outcome.rms_innovation, "; ".join([*outcome.outside, *misfits])
     before, prior = rms["before"], rms["prior"]
     if before is None or not prior:
-        why = Sentence(["No measurement was compared with it."])
+        why = Sentence(["No measurement was compared with the forecast."])
         return Light("forecast not compared", "none", why, ())
     forms = "RMS misfit of the forecast {prior:cm/s}, of the estimate {before:cm/s} cm/s"
     gain = sentence(forms, rms, "rms_innovation.").parts
@@ -74,7 +74,12 @@ def _against_forecast(outcome: Outcome) -> Light:
 def _errors_hold(outcome: Outcome) -> Light:
     nis = outcome.nis_per_dof
     if nis is None:
-        return Light("errors not tested", "none", Sentence(["No measurement tested them."]), ())
+        return Light(
+            "errors not tested",
+            "none",
+            Sentence(["No measurement tested the standard errors."]),
+            (),
+        )
     said, shown, hold = outcome.errors_text, f"{nis:.2f}", errors_hold(outcome)
     before, after = f"{said[:1].upper()}{said[1:]} (NIS/dof ", ", 1 expected)."
     return Light(
@@ -123,8 +128,5 @@ def _gate_html(contents: Contents) -> str:
     notes = [note for note in contents.outcome.notes if "bias" in note]
     biases = "".join(f"<p>{escape(note)}.</p>" for note in notes)
     return (
-        table_html(
-            ["decision of the gate", "measurements"], rows, "What was done with the measurements"
-        )
-        + biases
+        table_html(["decision of the gate", "measurements"], rows, "Decisions of the gate") + biases
     )
