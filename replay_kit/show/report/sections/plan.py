@@ -16,9 +16,9 @@ from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_s
 
 _STATUS = {
     "reached": "the predicted path passes the goal within the tolerance",
-    "uncertain": "the predicted path passes the goal, but fewer simulated flights than required arrive",
+    "uncertain": "the predicted path passes the goal, but fewer flights than required arrive",
     "partial": "the predicted path ends at the requested horizon, before the goal",
-    "unsafe": "the predicted path violates a constraint, or more simulated flights than accepted do",
+    "unsafe": "the predicted path violates a constraint, or more flights than accepted do",
     "unreachable": "the best path found does not pass the goal within the tolerance",
     "failed": "no usable path was found",
 }
