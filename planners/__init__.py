@@ -1,11 +1,10 @@
 """Trajectory planning with CasADi over a ``FlowEstimate``.
 
-* ``plan_mission`` makes a mission for a ``MissionRequest``: past goals, along a line, near a mooring, or one glide.
-* ``mission_odds`` flies a mission in samples of an estimate, steered at each surfacing; ``with_odds`` says in its status and message how
-  likely it arrives; ``plan_by_odds`` makes the mission with the best odds, or with a margin that keeps a risk.
-* ``plan_departures`` plans a mission for several departures, ``best_departure`` is the best of them; ``cut_at_horizon`` ends a mission
-  where the forecast does.
-* ``waypoints_of`` reduces a mission to a list of few waypoints.
+* ``plan_mission`` plans a ``MissionRequest``: goals in order, a line, a mooring, or a single glide.
+* ``mission_odds`` simulates flights of a plan in samples of the estimate; ``with_odds`` adds the odds to its status and message;
+  ``plan_by_odds`` returns the plan with the best odds, or the fastest within an accepted risk.
+* ``plan_departures`` plans one mission for several departures and ``best_departure`` selects one; ``cut_at_horizon`` truncates a plan.
+* ``waypoints_of`` reduces a plan to a few waypoints.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Who goes to which goal: the assignment of least total time, of the times at which a front from each vehicle reaches each goal."""
+"""Assignment of goals to vehicles that minimises the total travel time."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,17 +18,17 @@ from replay_kit.core.plan import Place
 def times_to_goals(
     flow: Flow, requests: Sequence[MissionRequest], goals: tuple[Place, ...]
 ) -> Array:
-    """Return when each vehicle could be at each goal first, shape (K, G) [s] since its start; infinite where it cannot.
+    """Return the earliest arrival of each vehicle at each goal, shape (K, G) [s since its start]; infinite if unreachable.
 
-    It is the time of a front in the mean current of the vehicle's dives and drifts, round what it must keep clear of.
+    A front propagates around obstacles in the mean current of the vehicle's dives and drifts.
 
     Args:
-        flow: The estimate, or estimates for increasing times.
-        requests: Of the vehicles; their own goals do not count.
-        goals: One at least.
+        flow: Current estimate, or estimates at increasing times.
+        requests: Requests of the vehicles; their goals are ignored.
+        goals: Goals, at least one.
 
     Raises:
-        PlanError: A start or a goal is outside of the region, on land or where the mission may not go.
+        PlanError: A start or goal is outside the region, on land or in a forbidden area.
     """
     times = np.empty((len(requests), len(goals)))
     for k, request in enumerate(requests):
@@ -48,10 +48,10 @@ def times_to_goals(
 
 
 def assign(times: Array) -> tuple[int | None, ...]:
-    """Return the goal of each vehicle, None for a vehicle without one: as many as can reach one, then in the least total time.
+    """Return the goal of each vehicle, or None: the most assignments, then the least total time.
 
     Args:
-        times: shape (K, G) [s], infinite where a vehicle cannot reach a goal.
+        times: Travel times, shape (K, G) [s]; infinite for goals out of reach.
 
     References:
         Crouse (2016), On implementing 2D rectangular assignment algorithms.

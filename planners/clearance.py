@@ -1,4 +1,4 @@
-"""The exact check of a mission's path, segment by segment, and its clearance from hazards in many currents."""
+"""Exact constraint check of a path, segment by segment, and its clearance from hazards in many currents."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from replay_kit.core.geodesy import to_geographic
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """Where a path first violates a constraint.
+    """First constraint violation of a path.
 
     Attributes:
-        what: Name of what the path crosses.
-        time: Since the start [s].
+        what: Name of the violated constraint.
+        time: Time since the start [s].
         leg: Number of the leg, counted from 1.
-        longitude: [degrees east].
-        latitude: [degrees north].
+        longitude: Longitude [degrees east].
+        latitude: Latitude [degrees north].
     """
 
     what: str
@@ -35,18 +35,18 @@ class Violation:
 
 
 def check(task: Task, flight: Flight, margin: float = 0.0) -> Violation | None:
-    """Return the first constraint violation of a path; None when there is none.
+    """Return the first constraint violation of a path, or None.
 
-    Its segments must keep clear of every ring and stay above the bottom with all of their depths; at the surface they must also keep clear
-    of areas that only forbid surfacing. Each counts as wide as the path may bend between its ends.
+    Segments must clear every ring and stay above the bottom at all depths; at the surface also areas that forbid surfacing.
+    Each segment is widened by the possible curvature of the path.
 
     Args:
-        task: What it must not violate.
-        flight: The path.
-        margin: Distance that it must keep from every ring beside [m].
+        task: Mission with its constraints.
+        flight: Path to check.
+        margin: Additional distance to every ring [m].
     """
     if not np.all(np.isfinite(flight.place)):
-        return Violation("the path is not a number", 0.0, 1, float("nan"), float("nan"))
+        return Violation("a position that is not a number", 0.0, 1, float("nan"), float("nan"))
     segments = _segments(flight.place)[0]
     depths = np.column_stack([flight.depth[:-1], flight.depth[1:]])
     skin = bends(flight)
@@ -84,7 +84,7 @@ def check(task: Task, flight: Flight, margin: float = 0.0) -> Violation | None:
 
 
 def bends(flight: Flight) -> Array:
-    """Return how far the path may be from each straight segment between its points [m], shape (n - 1,), in the first of its currents.
+    """Return the largest deviation of the path from each straight segment, shape (n - 1,) [m], in the first current.
 
     A path whose velocity changes by dv over a step of duration T is dv T / 8 off its chord; dv is taken from the steps before and after in
     the same part of a leg, and twice that is returned.
@@ -106,21 +106,21 @@ def _segments(place: Array) -> Array:
 
 
 def _at_surface(flight: Flight) -> NDArray[np.bool_]:
-    """Return which segments end at the surface, shape (n - 1,): the start itself is given, whatever may be forbidden there."""
+    """Return a mask of the segments that end at the surface, shape (n - 1,); the start is exempt from constraints."""
     return flight.depth[1:] <= DEPTH_TOLERANCE
 
 
 def _surfaced(segments: Array, depths: Array) -> Array:
-    """Return the part at the surface of segments, shape (n, 2, 2), that end there: all of a drift, the end of a climb."""
+    """Return the surface part of segments, shape (n, 2, 2): a whole drift, or the end of a climb."""
     begins = np.where((depths[:, 0] <= DEPTH_TOLERANCE)[:, None], segments[:, 0], segments[:, 1])
     return np.stack([begins, segments[:, 1]], axis=1)
 
 
 def clearances(task: Task, flights: Flights) -> dict[str, Array]:
-    """Return the clearance of each of K flights from each hazard near it, by its name, shape (K,) [m]: 0 or less where it violates it.
+    """Return the clearance of K flights from nearby hazards by name, shape (K,) [m]: 0 or less for a violation.
 
-    A flight that is never as near as one of its steps is long has an infinite clearance. Shallows count for the dives that are too deep for
-    them; a flight whose dives all stay above the bottom has at least some clearance from it.
+    It is infinite beyond the length of a step. Shallows apply to dives that are too deep for them; a flight above the bottom throughout
+    has a positive clearance from it.
     """
     count, found = len(flights.place), dict[str, Array]()
     steps = np.flatnonzero((np.diff(flights.time, axis=1) > 0.0).ravel())
@@ -152,7 +152,7 @@ _ABOVE = 1.0
 def _hazards(
     task: Task, depths: Array, turns: Array
 ) -> Iterator[tuple[Sequence[Ring], NDArray[np.bool_], bool]]:
-    """Yield rings, the segments that they count for, shape (n,), and whether for their part at the surface alone."""
+    """Yield rings, a mask of the segments they apply to, shape (n,), and whether only at the surface."""
     lanes = [ring for ring in task.rings if ring.surface_only]
     yield [ring for ring in task.rings if not ring.surface_only], np.full(turns.size, True), False
     if lanes:
@@ -165,13 +165,13 @@ def _hazards(
 def _clearance(
     rings: Sequence[Ring], segments: Array, flights: NDArray[np.intp], count: int
 ) -> dict[str, Array]:
-    """Return the clearance of each of K paths [m] from rings near them, by their names.
+    """Return the clearance of K paths from nearby rings by name [m].
 
     Args:
-        rings: What to keep clear of.
-        segments: shape (n, 2, 2) [m].
-        flights: shape (n,), which path each is of.
-        count: K.
+        rings: Forbidden areas.
+        segments: Ends of the segments, shape (n, 2, 2) [m].
+        flights: Path number of each segment, shape (n,).
+        count: Number of paths, K.
     """
     if not len(segments):
         return {}

@@ -1,4 +1,4 @@
-"""When a mission best begins, and what of it ends before the forecast does."""
+"""Choice of a departure, and truncation of a plan at the end of the forecast."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,15 +23,15 @@ _RANKS = ("reached", "uncertain", "unreachable")
 def plan_departures(
     flow: Flow, request: MissionRequest, starts_ns: Sequence[int]
 ) -> tuple[MissionPlan, ...]:
-    """Return the best mission found for each departure, each but the first from the legs of the one before it, as ``plan_mission`` does.
+    """Return the best plan found for each departure, each warm-started from the previous one.
 
     Args:
-        flow: The current, or its estimates for increasing times.
-        request: As for ``plan_mission``; its start time does not count.
-        starts_ns: When the mission begins in turn, increasing [ns, UTC]. Those after the deadline of the settings are left out.
+        flow: Current estimate, or estimates at increasing times.
+        request: Request, see ``plan_mission``; its start time is ignored.
+        starts_ns: Departure times, increasing [ns, UTC]; those reached after the deadline of the settings are skipped.
 
     Raises:
-        PlanError: As for ``plan_mission``; or there is no departure, or they do not increase.
+        PlanError: See ``plan_mission``; or departures are missing or do not increase.
     """
     if not starts_ns or any(after <= before for before, after in pairwise(starts_ns)):
         raise PlanError(f"departures are {list(starts_ns)} ns; expected one or more that increase")
@@ -51,9 +51,9 @@ def plan_departures(
 
 
 def best_departure(plans: Sequence[MissionPlan]) -> int:
-    """Return which of some plans is the best: one that reaches the goals before others, then the one that arrives first.
+    """Return the index of the best plan: plans that reach their goals first, then the earliest arrival.
 
-    By another objective than ``time`` it is the one of least cost: the weight ``time=1`` asks for the shortest mission.
+    For objectives other than ``time``, the least cost decides: the weight ``time=1`` selects the shortest mission.
     """
 
     def rank(plan: MissionPlan) -> tuple[int, float]:
@@ -78,14 +78,14 @@ def best_departure(plans: Sequence[MissionPlan]) -> int:
 
 
 def first_legs(plan: MissionPlan, count: int, projection: Projection) -> MissionPlan:
-    """Return the first legs of a mission, up to when the last of them reaches the surface: without the drift after it.
+    """Return the first legs of a plan, without the drift after the last of them.
 
-    Its goals are those of the mission; those not met by then count at its end.
+    Goals not yet met are scored at its end.
 
     Args:
-        plan: The mission.
+        plan: Plan.
         count: Number of legs, at least one.
-        projection: The local frame of its track.
+        projection: Local frame of its track.
     """
     drift = plan.settings.surface_time if count < len(plan.headings_deg) else 0.0
     ends = float(plan.surfacing_times[count - 1]) - drift
@@ -117,18 +117,18 @@ def first_legs(plan: MissionPlan, count: int, projection: Projection) -> Mission
 
 
 def cut_at_horizon(plan: MissionPlan, seconds: float, projection: Projection) -> MissionPlan:
-    """Return the legs of a mission that end within a time; its status is ``partial`` where a goal is left.
+    """Return the legs of a plan that end before a horizon; the status is ``partial`` if a goal remains.
 
-    A mission that is over by then, or has no legs, is returned as it is. The message says where the vehicle surfaces last, how far the next
-    goal is from there, and how long the rest takes if the current stays as it is known last.
+    A plan that ends earlier, or has no legs, is returned unchanged. The message states the last surfacing, the distance to the next goal,
+    and the time of the remaining legs in the last known current.
 
     Args:
-        plan: A mission to its goals.
-        seconds: Since its start.
-        projection: The local frame of its track.
+        plan: Complete plan.
+        seconds: Horizon since the start [s].
+        projection: Local frame of its track.
 
     Raises:
-        PlanError: Not even the first leg ends by then.
+        PlanError: The first leg ends after the horizon.
     """
     kept, n_legs = int(np.sum(plan.surfacing_times <= seconds)), len(plan.headings_deg)
     if kept == n_legs:
@@ -150,7 +150,7 @@ def cut_at_horizon(plan: MissionPlan, seconds: float, projection: Projection) ->
 
 
 def to_its_end(plan: MissionPlan) -> MissionPlan:
-    """Return a mission whose only goal is where it ends at the surface: what samples of a mission that was cut are compared with."""
+    """Return a plan with its last surfacing as the only goal, to score simulated flights of a truncated plan."""
     longitude, latitude = (float(value) for value in plan.surfacings[-1])
     return replace(
         plan,

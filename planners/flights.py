@@ -1,4 +1,4 @@
-"""A mission flown as it is commanded, without corrections, in another current than it was planned on: in a truth, or in samples."""
+"""Open-loop flights of a plan, in the true current or in samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,15 +21,15 @@ _MORE = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionFlights:
-    """A mission in K currents.
+    """Open-loop flights of a plan in K currents.
 
     Attributes:
-        time: shape (n,) [s] since the start; the same in all, as the currents change the places and not the durations.
-        depth: shape (n,) [m].
-        place: shape (K, n, 2) [m], east and north in the flows' local frame.
-        surfacings: shape (K, L, 2), longitude and latitude [degrees] at each leg's end.
-        miss: shape (K, G), miss distance of each goal at the time when it should be met [m].
-        projection: The flows' local frame.
+        time: Time since the start, shape (n,) [s]; the same in all currents.
+        depth: Depth, shape (n,) [m].
+        place: Position, shape (K, n, 2) [m], local east and north.
+        surfacings: End of each leg, shape (K, L, 2), longitude and latitude [degrees].
+        miss: Miss distance of each goal at its planned time, shape (K, G) [m].
+        projection: Local frame of the flows.
     """
 
     time: Array
@@ -41,15 +41,14 @@ class MissionFlights:
 
 
 def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> MissionFlights:
-    """Return the tracks of a mission's headings, glide angles and depths in other currents, without corrections on the way.
+    """Return the tracks of a plan's commands in other currents, without corrections.
 
     Args:
-        flows: Flows on the same nodes, of each that changes its flows at the same increasing times; their projection may differ from
-            that of the plan's flow.
+        flows: Flows on the same nodes; time-dependent ones at the same increasing times. Their projection may differ from the plan's.
         plan: The mission.
 
     Raises:
-        PlanError: The mission has no legs, or the flows are not on the same nodes.
+        PlanError: The plan has no legs, or the flows are not on the same nodes.
     """
     currents = currents_of_samples([flows] if isinstance(flows, FlowEstimate) else flows)
     count, vehicle = len(currents.latent), plan.vehicle
@@ -74,9 +73,9 @@ def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> Mi
 
 
 def closest_approach(flow: Flow, plan: MissionPlan) -> float:
-    """Return how near a plan's track comes to its last goal when it is flown in a flow, three-dimensionally [m].
+    """Return the closest approach of a plan's open-loop track to its last goal, in three dimensions [m].
 
-    Its last leg goes on for half as long again.
+    The last leg is extended by half its duration.
     """
     longer = _longer(plan)
     flights = fly_mission([flow], longer)
@@ -90,7 +89,7 @@ def closest_approach(flow: Flow, plan: MissionPlan) -> float:
 
 
 def _longer(plan: MissionPlan) -> MissionPlan:
-    """Return a glide that goes on, as far as its depth allows; other plans as they are."""
+    """Return a glide extended as far as its depth allows; other plans unchanged."""
     if plan.settings.yos > 0:
         return plan
     first, last = plan.yo_depths[0][0], plan.yo_depths[0][-1]
@@ -98,10 +97,10 @@ def _longer(plan: MissionPlan) -> MissionPlan:
 
 
 def legs_of_plan(plan: MissionPlan) -> Legs:
-    """Return the commands of a mission.
+    """Return the commands of a plan.
 
     Raises:
-        PlanError: It has no legs.
+        PlanError: The plan has no legs.
     """
     if len(plan.headings_deg) == 0:
         raise PlanError(f"a mission without legs cannot be flown: {plan.message}")

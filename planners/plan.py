@@ -1,4 +1,4 @@
-"""A mission planned: the best that is found as commands and a predicted track, with its outcome in words."""
+"""Mission planning: the best plan found, with commands, predicted track and outcome in words."""
 
 from math import inf
 
@@ -27,19 +27,19 @@ Statistics = dict[str, float | int | str]
 def plan_mission(
     flow: Flow, request: MissionRequest, *, warm: MissionPlan | None = None
 ) -> MissionPlan:
-    """Return the best mission found from a start past one goal or several, along a line, or near a mooring.
+    """Return the best plan found for one or more goals, a line or a mooring.
 
-    The result is a value whatever the outcome: ``status`` and ``message`` say whether the goals are reached and which limit binds.
+    ``status`` and ``message`` of the result state whether the goals are reached and which limit binds.
 
     Args:
-        flow: The current, or its estimates for increasing times, between which it is linear.
+        flow: Current estimate, or estimates at increasing times, interpolated linearly.
         request: Start, goals, vehicle, settings and constraints.
-        warm: An earlier plan for the same goals. The rest of it is tried first, if it has the number of legs asked for; when it is
-            feasible, nothing else is tried but what the front finds clearly quicker, and there is no bound.
+        warm: Earlier plan for the same goals, used as a warm start if its remaining legs match the request. If feasible, only clearly
+            faster routes are tried and no lower bound is computed.
 
     Raises:
-        PlanError: The start or a goal is outside of the region, on land or where the mission may not go, a depth does not fit, or
-            the miss distance has no weight; a line has no length, a mooring's start is outside of its radius or it takes too many legs.
+        PlanError: The start or a goal is outside the region, on land or in a forbidden area; a depth does not fit; the miss distance has no
+        weight; a line has no length; a mooring starts outside its radius or needs too many legs.
     """
     task = task_of(flow, request)
     if not task.is_finite:
@@ -49,7 +49,7 @@ def plan_mission(
 
 
 def to_plan(task: Task, answer: Answer) -> MissionPlan:
-    """Return an answer as a plan."""
+    """Return the result of the search as a plan."""
     best = answer.best
     reached = arrives(task, best) and overtime(task, best) == lacking_energy(task, best) == 0.0
     if not best.count:
@@ -113,7 +113,7 @@ def _statistics(task: Task, answer: Answer) -> Statistics:
 
 
 def above_bound(task: Task, answer: Answer) -> float | None:
-    """Return how much later than any vehicle of its speed could a mission arrives [%]; None where the bound does not hold or is 0."""
+    """Return the relative excess of the arrival time over its lower bound [%]; None if the bound is invalid or 0."""
     bound, best = answer.bound, answer.best
     if not best.count:
         return None

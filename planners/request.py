@@ -1,4 +1,4 @@
-"""The request for a mission, what it minimises and what ranks the missions found, and the plan that answers it.
+"""Mission request, objective and resulting plan.
 
 ``replay_kit/core/extensions.py`` lists the names of the objectives.
 """
@@ -21,12 +21,12 @@ from replay_kit.core.plan import Place, PlanStatus
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """The cost of a mission as a weighted sum.
+    """Weights of the mission cost.
 
     Attributes:
         time: Cost of an hour.
         energy: Cost of a kilojoule.
-        closest: Cost of a kilometre of miss distance; None when each goal must be met as closely as possible, at any cost.
+        closest: Cost of a kilometre of miss distance; None to minimise the miss distance first.
     """
 
     time: float = 0.0
@@ -42,7 +42,7 @@ class Weights:
             )
 
     def cost(self, duration: float, energy: float, miss: float) -> float:
-        """Return the cost of a mission of a duration [s], an energy [J] and a sum of miss distances [m]."""
+        """Return the cost of a duration [s], an energy [J] and a summed miss distance [m]."""
         return (
             self.time * duration / 3600.0
             + self.energy * energy / 1e3
@@ -52,15 +52,15 @@ class Weights:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What a mission that was found may be ranked by.
+    """Properties of a feasible mission by which an objective ranks it.
 
     Attributes:
-        vehicle: The glider.
-        glide_angles: shape (L,) [rad], of each leg.
+        vehicle: Glider.
+        glide_angles: Glide angle of each leg, shape (L,) [rad].
         yo_depths: Depths [m] at which each leg begins, turns and ends.
-        duration: [s].
-        energy: [J].
-        miss: Sum of the miss distances of the goals [m].
+        duration: Duration [s].
+        energy: Energy [J].
+        miss: Summed miss distance of the goals [m].
     """
 
     vehicle: Glider
@@ -73,14 +73,13 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Objective:
-    """What a mission minimises.
+    """Objective of a mission.
 
     Attributes:
-        weights: What the optimiser minimises with a given number of legs.
-        rank: Cost by which missions that meet their goals are compared: those of other numbers of legs, ways and departures. None: the
-            weights' cost.
-        distance_first: Whether the miss distance alone counts, and the cost only among equals.
-        earliest_arrival: Whether of several departures the one that arrives first is the best, as a wait before it costs time too.
+        weights: Cost minimised for a given number of legs.
+        rank: Cost that ranks feasible missions of different legs, routes and departures; None for the cost of ``weights``.
+        distance_first: Whether the miss distance takes precedence over the cost.
+        earliest_arrival: Whether the earliest arrival selects the departure, so that waiting costs time.
     """
 
     weights: Weights
@@ -89,7 +88,7 @@ class Objective:
     earliest_arrival: bool = False
 
     def cost(self, found: Found) -> float:
-        """Return the cost of a mission that was found."""
+        """Return the ranking cost of a mission."""
         return (
             self.weights.cost(found.duration, found.energy, found.miss)
             if self.rank is None
@@ -108,7 +107,7 @@ OBJECTIVES: dict[str, Objective] = {
 
 
 def objective_named(name: str) -> Objective:
-    """Return an objective: the project's own, or one that an installed package adds."""
+    """Return a built-in objective or one of an installed extension."""
     if name in OBJECTIVES:
         return OBJECTIVES[name]
     found: Objective = additions(
@@ -119,26 +118,26 @@ def objective_named(name: str) -> Objective:
 
 @dataclass(frozen=True, slots=True)
 class MissionSettings:
-    """How a mission is flown and planned.
+    """Settings of a mission.
 
     Attributes:
-        depth: Of the dives [m].
-        yos: Dives between surfacings, at one heading and glide angle; 0 for a glide from start to goal.
-        surface_time: Drift at each surfacing [s].
-        objective: One of ``OBJECTIVES``, or weights.
+        depth: Dive depth [m].
+        yos: Dives per leg, at one heading and glide angle; 0 for a single glide from start to goal.
+        surface_time: Drift time at each surfacing [s].
+        objective: Name of an objective, or weights.
         tolerance: Miss distance that counts as reached [m].
-        legs: Their number; None for the best.
-        max_legs: Most considered; None for those of ``max_duration``, of a mooring 60.
-        max_duration: Longest mission [s].
-        margin: Distance from land, areas, shallows and edges [m].
-        clearance: Least height above the bathymetry [m].
-        time_limit: After which nothing else is tried [s]; of one mission.
-        deadline: On the clock of ``time.monotonic``, after which nothing else is tried [s]; of all missions that are planned together.
-        depths: Range [m] in which the depth of each leg is chosen.
-        speeds: Range [m/s] in which a propeller's speed is.
-        battery: Energy that it may take [J].
-        arrive_by: Latest arrival of a simulated flight [s since the start]; infinite for 1.25 times the plan's.
-        radius: In which it meets a goal [m]; None for the tolerance.
+        legs: Number of legs; None to optimise it.
+        max_legs: Largest number of legs; None for the limit of ``max_duration``, 60 for a mooring.
+        max_duration: Largest mission duration [s].
+        margin: Distance to keep from land, areas, shallows and edges [m].
+        clearance: Minimum height above the bathymetry [m].
+        time_limit: Search time per mission [s].
+        deadline: End of the search for all missions planned together [s, clock of ``time.monotonic``].
+        depths: Range of the dive depth optimised for each leg [m].
+        speeds: Range of the speed of a propelled vehicle [m/s].
+        battery: Available energy [J].
+        arrive_by: Latest arrival of a simulated flight [s since the start]; infinite for 1.25 times the planned one.
+        radius: Radius within which a simulated flight meets a goal [m]; None for the tolerance.
     """
 
     depth: float = 500.0
@@ -191,17 +190,17 @@ class MissionSettings:
 
     @property
     def is_late(self) -> bool:
-        """Whether the deadline is over."""
+        """Whether the deadline has passed."""
         return monotonic() > self.deadline
 
     @property
     def most_legs(self) -> float:
-        """Largest number of legs considered; infinite without a limit."""
+        """Largest number of legs; infinite without a limit."""
         return inf if self.max_legs is None else self.max_legs
 
     @property
     def aim(self) -> Objective:
-        """The objective."""
+        """Objective of the mission."""
         return (
             Objective(self.objective)
             if isinstance(self.objective, Weights)
@@ -210,28 +209,28 @@ class MissionSettings:
 
     @property
     def weights(self) -> Weights:
-        """What the optimiser minimises with a given number of legs."""
+        """Cost minimised for a given number of legs."""
         return self.aim.weights
 
     @property
     def weighs_distance(self) -> bool:
-        """Whether the miss distance is weighed against time or energy."""
+        """Whether the miss distance is traded against time or energy."""
         return self.weights.closest is not None
 
 
 @dataclass(frozen=True, slots=True)
 class MissionRequest:
-    """What a mission is planned for.
+    """Request for a mission.
 
     Attributes:
-        start: Where it begins.
-        goals: Where it should go, in order: met where a leg ends; below the surface by a dive that passes the depth, or at last ends there.
-        vehicle: The glider.
-        settings: How it is flown and planned.
-        no_go: Areas that must not be entered.
+        start: Start position.
+        goals: Goals in order. Each is met at the end of a leg; one below the surface when a dive passes, or finally ends at, its depth.
+        vehicle: Glider.
+        settings: Mission settings.
+        no_go: No-go areas.
         bathymetry: Bottom depth.
-        start_time_ns: When it begins [ns, UTC].
-        shape: A line that it follows to its one goal, or a mooring there.
+        start_time_ns: Start time [ns, UTC].
+        shape: Line to follow to the single goal, or mooring there.
     """
 
     start: Place
@@ -246,12 +245,12 @@ class MissionRequest:
 
 @dataclass(frozen=True, slots=True)
 class Mooring:
-    """A virtual mooring: the mission stays near its goal.
+    """Virtual mooring: station keeping near the goal.
 
     Attributes:
-        radius: Largest distance allowed [m].
-        duration: [s]; the mission lasts as long or, as legs are whole, somewhat longer.
-        surfacings_only: Whether only the surfacings must stay within the radius, and not the track between them.
+        radius: Largest distance from the goal [m].
+        duration: Minimum duration [s]; the last leg is completed.
+        surfacings_only: Whether the radius applies to surfacings only, not to the track between them.
     """
 
     radius: float
@@ -259,7 +258,7 @@ class Mooring:
     surfacings_only: bool = False
 
     def __post_init__(self) -> None:
-        """Raise PlanError for a radius or a duration that is not above 0."""
+        """Raise PlanError if the radius or duration is not positive."""
         if not (0.0 < self.radius < inf and 0.0 < self.duration < inf):
             raise PlanError(
                 f"a mooring within {self.radius!r} m for {self.duration!r} s: expected two numbers above 0"
@@ -268,12 +267,12 @@ class Mooring:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line that a mission follows to its goal, straight in the flow's local frame.
+    """Line to follow to the goal, straight in the local frame of the flow.
 
     Attributes:
-        begin: Where the line begins; None for the start of the mission.
-        weight: Cross-track penalty [h per h and km]: the cost of an hour at a distance of a kilometre; it grows with the squared distance.
-        width: Largest distance of the track from the line for the mission to count as ``reached`` [m].
+        begin: Beginning of the line; None for the start of the mission.
+        weight: Cross-track penalty: cost of an hour at a distance of one kilometre, quadratic in the distance [h per h and km].
+        width: Largest cross-track distance of a mission with status ``reached`` [m].
     """
 
     begin: Place | None = None
@@ -281,7 +280,7 @@ class Line:
     width: float = 2000.0
 
     def __post_init__(self) -> None:
-        """Raise PlanError for a negative weight or a width that is not above 0."""
+        """Raise PlanError for a negative weight or a width that is not positive."""
         if not (0.0 <= self.weight < inf and self.width > 0.0):
             raise PlanError(
                 f"a line of weight {self.weight!r} and width {self.width!r} m: expected a number of 0 or more and one above 0"
@@ -290,25 +289,25 @@ class Line:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionPlan:
-    """A mission: the commands of each leg and the predicted track.
+    """Plan of a mission: commands of each leg and predicted track.
 
     Attributes:
-        status: ``reached`` within the tolerance, else ``unreachable``; ``unsafe`` where it crosses something, ``failed`` without a path,
-            ``uncertain`` where too few samples arrive, ``partial`` where it ends at a horizon.
-        headings_deg: shape (L,), through water, clockwise from true north.
-        glide_angles_deg: shape (L,), below the horizontal in dives.
-        pitches_deg: shape (L,), of the hull.
+        status: ``reached`` within the tolerance, otherwise ``unreachable``; ``unsafe`` if it violates a constraint, ``failed`` without a
+            path, ``uncertain`` if too few simulated flights arrive, ``partial`` if truncated at a horizon.
+        headings_deg: Heading through water, shape (L,), clockwise from true north.
+        glide_angles_deg: Glide angle below the horizontal in dives, shape (L,).
+        pitches_deg: Pitch of the hull, shape (L,).
         yo_depths: Depths [m] at which each leg begins, turns and ends.
-        surfacings: shape (L, 2), longitude and latitude [degrees] of each leg's end, after the drift.
-        surfacing_times: shape (L,) [s since the start].
-        goal_legs: In which leg each goal is met, from 1.
-        goal_times: shape (G,) [s since the start].
-        closest_approach: shape (G,) [m], horizontal, then.
-        duration: [s].
-        energy: [J].
-        track_time: shape (n,) [s since the start].
-        track: shape (n, 3) [m], local east, north, depth.
-        message: The outcome with what limits it.
+        surfacings: End of each leg after the drift, shape (L, 2), longitude and latitude [degrees].
+        surfacing_times: Time of each leg's end, shape (L,) [s since the start].
+        goal_legs: Leg in which each goal is met, from 1.
+        goal_times: Time at which each goal is met, shape (G,) [s since the start].
+        closest_approach: Horizontal distance to each goal at that time, shape (G,) [m].
+        duration: Duration [s].
+        energy: Energy [J].
+        track_time: Times of the track, shape (n,) [s since the start].
+        track: Predicted track, shape (n, 3) [m], local east, north and depth.
+        message: Outcome and binding limit.
     """
 
     status: PlanStatus
@@ -336,13 +335,13 @@ class MissionPlan:
 
     @property
     def is_moored(self) -> bool:
-        """Whether it stays near its goal."""
+        """Whether the mission is a mooring."""
         return isinstance(self.shape, Mooring)
 
     def legs_flown(self, time_ns: int) -> int:
-        """Return the number of legs that count as flown at a time [ns, UTC]: those that are more than half over.
+        """Return the number of legs more than half completed at a time [ns, UTC].
 
-        A surfacing earlier than planned also begins the next leg.
+        An early surfacing therefore also begins the next leg.
         """
         ends = np.concatenate([[0.0], self.surfacing_times])
         return int(np.sum(0.5 * (ends[1:] + ends[:-1]) < (time_ns - self.start_time_ns) / 1e9))

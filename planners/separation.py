@@ -1,8 +1,8 @@
-"""Missions of several vehicles that keep apart: who comes near whom is found in the plans and in samples, and one of them goes round.
+"""Separation of several vehicles' missions, in the plans and in samples.
 
-Two vehicles are apart by their horizontal distance at the same time, whatever their depths: before it starts a vehicle is taken to be at
-its start, after it arrived at its goal. Where two come too near, the part of one's way on which they do, widened, becomes an area that
-the other's mission keeps out of; of both ways round the one of less total time is taken.
+The separation is the horizontal distance at equal times, regardless of depth. Before departure a vehicle counts as at its start, after
+arrival at its goal. If two come too near, that part of one track, widened, becomes a no-go area of the other mission. Of both choices the
+one with less total time is taken.
 """
 
 from collections.abc import Sequence
@@ -34,30 +34,30 @@ _CORNERS, _OFF = 4, 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Where a vehicle is, in K currents.
+    """Positions of a vehicle over time in K currents.
 
     Attributes:
-        times: shape (n,) or (K, n), increasing [s], on a clock that all vehicles share.
-        places: shape (K, n) [m], local east + i north, linear between the times.
+        times: Times, shape (n,) or (K, n), increasing [s], on a common clock.
+        places: Positions, shape (K, n) [m], local east + i north, linear between the times.
     """
 
     times: Array
     places: Complex
 
     def of(self, k: int) -> tuple[Array, Complex]:
-        """Return times and places in one current."""
+        """Return times and positions in one current."""
         return (self.times if self.times.ndim == 1 else self.times[k]), self.places[k]
 
 
 @dataclass(frozen=True, slots=True)
 class Nearness:
-    """How near two vehicles come.
+    """Closest approach of two vehicles.
 
     Attributes:
-        vehicles: Their numbers.
-        distance: Least distance in the estimate [m].
-        time_ns: When [ns, UTC].
-        share: Share of the samples in which they come nearer than asked for; NaN without samples.
+        vehicles: Numbers of the vehicles.
+        distance: Smallest distance in the estimate [m].
+        time_ns: Time of the closest approach [ns, UTC].
+        share: Fraction of samples with less than the required separation; NaN without samples.
     """
 
     vehicles: tuple[int, int]
@@ -68,13 +68,13 @@ class Nearness:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMissions:
-    """Missions of several vehicles.
+    """Plans of several vehicles with their separations.
 
     Attributes:
-        plans: Of each vehicle.
-        requests: What each was planned for, with the areas that keep it from the others.
-        nearness: Of each pair.
-        flown: Each in the samples; none without samples.
+        plans: Plan of each vehicle.
+        requests: Request of each vehicle, with the areas that separate it from others.
+        nearness: Closest approach of each pair.
+        flown: Simulated flights of each vehicle; empty without samples.
     """
 
     plans: tuple[MissionPlan, ...]
@@ -84,7 +84,7 @@ class JointMissions:
 
 
 def nearest(first: Motion, second: Motion) -> tuple[Array, Array]:
-    """Return the least distance [m] of two vehicles in each of K currents, shape (K,), and when it is [s]."""
+    """Return the smallest distance of two vehicles in K currents, shape (K,) [m], and its time [s]."""
     found = [_nearest(first.of(k), second.of(k)) for k in range(len(first.places))]
     distances, times = zip(*found, strict=True)
     return np.array(distances), np.array(times)
@@ -102,13 +102,13 @@ def _nearest(first: tuple[Array, Complex], second: tuple[Array, Complex]) -> tup
 
 
 def _apart(first: tuple[Array, Complex], second: tuple[Array, Complex]) -> tuple[Array, Complex]:
-    """Return the times of both, shape (n,), and the second's place as seen from the first [m], linear between them."""
+    """Return the times of both, shape (n,), and the position of the second relative to the first [m], linear between them."""
     times = np.union1d(first[0], second[0])
     return times, np.interp(times, *second) - np.interp(times, *first)
 
 
 def motion_of(plan: MissionPlan, projection: Projection) -> Motion:
-    """Return where a plan leads in the estimate; a plan without legs stays at its start."""
+    """Return the predicted motion of a plan; one without legs stays at its start."""
     begin = plan.start_time_ns / 1e9
     if len(plan.track_time) == 0:
         east, north = to_local(projection, plan.start.longitude, plan.start.latitude)
@@ -123,17 +123,17 @@ def plan_missions(
     separation: float = 0.0,
     allowed: float = 0.05,
 ) -> JointMissions:
-    """Return missions of several vehicles that keep apart where a way round is found.
+    """Return plans of several vehicles, separated by detours if any are found.
 
     Args:
-        flow: The estimate, or estimates for increasing times.
-        samples: In which all vehicles are flown, corrected at each surfacing; none to look at the estimate alone.
-        requests: Of the vehicles, with one goal each or several.
-        separation: Least horizontal distance between two [m]; 0 for any.
-        allowed: Share of the samples in which two may come nearer.
+        flow: Estimate, or estimates at increasing times.
+        samples: Samples for simulated flights of all vehicles; empty to use the estimate only.
+        requests: Requests of the vehicles.
+        separation: Required horizontal distance between two vehicles [m]; 0 for none.
+        allowed: Accepted fraction of samples with a smaller distance.
 
     Raises:
-        PlanError: A mission cannot be planned, as of ``plan_mission``.
+        PlanError: A mission cannot be planned, see ``plan_mission``.
     """
     joint = _judged(
         flow, samples, tuple((plan_mission(flow, one), one) for one in requests), separation
@@ -161,7 +161,7 @@ def _gone_round(
     joint: JointMissions,
     asked: tuple[Nearness, float, float],
 ) -> JointMissions:
-    """Return missions of which one of two goes round the other's way, in less total time; as they are where neither can."""
+    """Return plans with one of two vehicles detouring around the other's track; unchanged if neither can."""
     worst, width, separation = asked
     projection = _first(flow).grid.projection
     best, options = joint, list[JointMissions]()
@@ -189,7 +189,7 @@ def _gone_round(
 
 
 def _conflicts(joint: JointMissions, separation: float) -> tuple[int, float]:
-    """Return how many pairs come too near in the estimate, and the sum of the shares of samples in which they do."""
+    """Return the number of conflicting pairs in the estimate, and the summed fraction of samples with conflicts."""
     too_near = sum(one.distance < separation for one in joint.nearness)
     return too_near, round(float(np.nansum([one.share for one in joint.nearness])), 6)
 
@@ -199,7 +199,7 @@ def _hours(joint: JointMissions) -> float:
 
 
 def area_between(stays: Motion, goes: Motion, width: float, projection: Projection) -> NoGo:
-    """Return the area that one vehicle keeps out of: within a width [m] of the other's way where the two are that near."""
+    """Return the no-go area for one vehicle: within a width [m] of the other's track where the two are that near."""
     times, apart = _apart(stays.of(0), goes.of(0))
     near: NDArray[np.intp] = np.flatnonzero(np.abs(apart) < width)
     _, when = _nearest(stays.of(0), goes.of(0))
@@ -215,7 +215,7 @@ def area_between(stays: Motion, goes: Motion, width: float, projection: Projecti
     ring = shapely.get_coordinates(around[np.argmax(shapely.area(around))].exterior)
     longitude, latitude = to_geographic(projection, *ring.T)
     corners = tuple(zip(longitude.tolist(), latitude.tolist(), strict=True))
-    return NoGo(corners, "the way of another vehicle")
+    return NoGo(corners, "the track of another vehicle")
 
 
 def _judged(
@@ -225,7 +225,7 @@ def _judged(
     separation: float,
     before: JointMissions | None = None,
 ) -> JointMissions:
-    """Return missions with how near each two come; those that are as before are not flown again."""
+    """Return plans with the closest approach of each pair; unchanged plans are not simulated again."""
     projection = _first(flow).grid.projection
     planned = [motion_of(plan, projection) for plan, _ in made]
     known = {} if before is None else dict(zip(before.plans, before.flown, strict=False))
@@ -247,7 +247,7 @@ def share_of_nearer(
     vehicles: tuple[int, int],
     separation: float,
 ) -> float:
-    """Return the share of samples in which two of the missions come nearer than a separation [m]."""
+    """Return the fraction of samples in which two vehicles come nearer than a separation [m]."""
     one, other = (_flown(flow, samples, joint.plans[k], joint.requests[k]) for k in vehicles)
     return float(np.mean(nearest(one, other)[0] < separation))
 
@@ -255,7 +255,7 @@ def share_of_nearer(
 def _flown(
     flow: Flow, samples: Sequence[Sample], plan: MissionPlan, request: MissionRequest
 ) -> Motion:
-    """Return where a plan leads in samples, steered at each surfacing."""
+    """Return the motion of a plan's simulated flights, steered at each surfacing."""
     if len(plan.headings_deg) == 0:
         still = motion_of(plan, _first(flow).grid.projection)
         return Motion(still.times, np.repeat(still.places, len(samples), axis=0))

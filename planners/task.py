@@ -1,4 +1,4 @@
-"""One mission in the local frame: its places, hazards and the depths of its legs."""
+"""Optimal-control problem of one mission in the local frame: positions, constraints and depths of legs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,19 +30,19 @@ YoDepths = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """One mission in the local frame.
+    """Mission in the local frame.
 
     Attributes:
-        request: What is asked for.
-        currents: The current, K = 1.
-        region: The forecast's.
-        rings: What the path must keep clear of at any depth.
-        bottom: What limits the depth of its dives.
-        start: shape (3,) [m], local east, north, depth.
-        goals: shape (G, 3) [m].
-        start_time: On the clock of the currents' times [s].
-        line_begin: shape (2,) [m], of the line that it follows; zeros without.
-        deadline: On the machine's clock, after which nothing else is tried [s].
+        request: Mission request.
+        currents: Current, K = 1.
+        region: Region of the forecast.
+        rings: Constraints that hold at any depth.
+        bottom: Depth limits of dives.
+        start: Start, shape (3,) [m], local east, north, depth.
+        goals: Goals, shape (G, 3) [m].
+        start_time: Start time on the clock of the currents [s].
+        line_begin: Beginning of the line to follow, shape (2,) [m]; zeros without a line.
+        deadline: End of the search on the machine's clock [s].
     """
 
     request: MissionRequest
@@ -58,47 +58,47 @@ class Task:
 
     @property
     def is_late(self) -> bool:
-        """Whether the time limit of the search is over."""
+        """Whether the time limit of the search has passed."""
         return monotonic() > self.deadline
 
     @property
     def vehicle(self) -> Glider:
-        """The glider."""
+        """Glider."""
         return self.request.vehicle
 
     @property
     def settings(self) -> MissionSettings:
-        """How the mission is flown and planned."""
+        """Mission settings."""
         return self.request.settings
 
     @property
     def shape(self) -> Line | Mooring | None:
-        """What its track is to stay near beside its goals."""
+        """Line or mooring to stay near; None without."""
         return self.request.shape
 
     @property
     def flow(self) -> FlowEstimate:
-        """A flow on the nodes."""
+        """Flow whose nodes and functions all times share."""
         return self.currents.flow
 
     @property
     def is_finite(self) -> bool:
-        """Whether the current is a number everywhere."""
+        """Whether the current is finite everywhere."""
         return bool(np.all(np.isfinite(self.currents.latent)))
 
     @property
     def is_glide(self) -> bool:
-        """Whether it is one leg at a constant velocity through water, from depth to depth."""
+        """Whether the mission is a single glide at constant velocity through water, from depth to depth."""
         return self.settings.yos == 0
 
     @property
     def places(self) -> NDArray[np.complex128]:
-        """Start and goals, shape (1 + G,) [m], east + i north."""
+        """Positions of start and goals, shape (1 + G,) [m], east + i north."""
         east, north, _ = np.vstack([self.start, self.goals]).T
         return np.asarray(east + 1j * north)
 
     def currents_through(self) -> tuple[Array, Array]:
-        """Return the times that it may meet, shape (T,) [s] since its start, and the latent values then, shape (M, Z T)."""
+        """Return the times of the current during the mission, shape (T,) [s since its start], and its latent values, shape (M, Z T)."""
         return self.currents.through(self.start_time, self.settings.max_duration)
 
     @property
@@ -108,7 +108,7 @@ class Task:
 
     @property
     def longest(self) -> float:
-        """The time of the longest mission considered [s]."""
+        """Largest mission duration [s]."""
         legs = self.settings.legs or self.settings.most_legs
         return min(legs * self.leg_time(), self.settings.max_duration)
 
@@ -118,14 +118,14 @@ class Task:
         return self.vehicle.angles[0]
 
     def solid(self, depth: float | None) -> tuple[Ring, ...]:
-        """Return what a path keeps clear of: rings, and water too shallow for a depth [m], in few pieces; None for rings alone."""
+        """Return the rings to avoid, with water too shallow for a depth [m]; None for the rings alone."""
         return self.rings if depth is None else (*self.rings, *self.bottom.rings(depth))
 
     def turns(self, depths: Array) -> Array:
-        """Return the depths [m] at which legs begin, turn and end, shape (P + 1, L), the last repeated where a leg has fewer.
+        """Return the depths at which legs begin, turn and end, shape (P + 1, L) [m], padded with the last.
 
         Args:
-            depths: shape (L,) [m], of the dives of each leg.
+            depths: Dive depth of each leg, shape (L,) [m].
         """
         yos, deep = self.settings.yos, float(self.goals[-1, 2])
         if self.is_glide:
@@ -141,16 +141,16 @@ class Task:
         return found
 
     def ends_in_dive(self, n_legs: int) -> bool:
-        """Return whether the last leg dives to a goal below the surface at once; after other dives it comes up to it."""
+        """Return whether the last leg descends to a goal below the surface in its first dive."""
         begins_below = n_legs == 1 and self.start[2] > 0.0
         return bool(self.goals[-1, 2] > 0.0) and self.settings.yos == 1 and not begins_below
 
     def drifts(self, n_legs: int) -> Array:
-        """Return the drift time [s] after each leg: none at the end."""
+        """Return the drift time after each leg [s]; 0 after the last."""
         return np.append(np.full(n_legs - 1, self.settings.surface_time), 0.0)
 
     def leg_time(self, angle: float | None = None, depth: float | None = None) -> float:
-        """Return the duration of a leg with its drift [s], by default at the shallowest glide angle [rad] to the depth of the settings."""
+        """Return the duration of a leg with its drift [s]; by default at the shallowest glide angle [rad] and the set depth."""
         if self.is_glide:
             return self.settings.max_duration
         chosen = self.shallowest_angle if angle is None else angle
@@ -159,14 +159,14 @@ class Task:
         return 2.0 * self.settings.yos * deep / down + self.settings.surface_time
 
     def angle_of(self, leg_time: float, depth: float) -> float:
-        """Return the glide angle [rad] at which a leg to a depth [m] comes nearest to a duration [s]."""
+        """Return the glide angle [rad] that best matches a leg duration [s] at a depth [m]."""
         angles = np.linspace(*self.vehicle.angles, _ANGLES)
         times = np.array([self.leg_time(float(angle), depth) for angle in angles])
         return float(angles[np.argmin(np.abs(times - leg_time))])
 
 
 def yo_depths(turns: Array) -> tuple[YoDepths, ...]:
-    """Return the depths of legs, shape (P + 1, L) [m], without those repeated at the end."""
+    """Return the depths of each leg from shape (P + 1, L) [m], without padding."""
     found = []
     for leg in turns.T.tolist():
         while len(leg) > 2 and leg[-1] == leg[-2]:
@@ -176,22 +176,22 @@ def yo_depths(turns: Array) -> tuple[YoDepths, ...]:
 
 
 def turns_of(legs: Sequence[YoDepths]) -> Array:
-    """Return the depths of legs as shape (P + 1, L) [m], the last repeated."""
+    """Return the depths of legs, shape (P + 1, L) [m], padded with the last."""
     most = max(map(len, legs))
     return np.array([(*leg, *(leg[-1],) * (most - len(leg))) for leg in legs]).T
 
 
 def apogee_depths(legs: Sequence[YoDepths]) -> float:
-    """Return the sum of the depths of the apogees of legs [m], where the pump works."""
+    """Return the summed apogee depth of legs [m], where the pump works."""
     return float(sum(leg[i] for leg in legs for i in range(1, len(leg) - 1) if leg[i] > leg[i - 1]))
 
 
 def task_of(flow: Flow, request: MissionRequest) -> Task:
-    """Return a mission in the local frame of its flow.
+    """Return a request in the local frame of its flow.
 
     Raises:
-        PlanError: A place is outside of the region, on land or where the mission may not go, or the dives are deeper than the flow is or
-            the vehicle may go; a line has no length, or a mooring's start is outside of its radius.
+        PlanError: A position is outside the region, on land or in a forbidden area; the dives are deeper than the flow or the vehicle's
+        limit; a line has no length; or a mooring starts outside its radius.
     """
     currents, settings = currents_of(flow), request.settings
     region = Region(currents.flow.grid, request.vehicle.max_depth)
@@ -239,7 +239,7 @@ def task_of(flow: Flow, request: MissionRequest) -> Task:
 def _check_place(
     rings: tuple[Ring, ...], bottom: Bottom, name: str, point: Array, glides: bool
 ) -> None:
-    """Raise PlanError where a mission may not begin or end: in an area, or where the bottom leaves no room for a dive."""
+    """Raise PlanError if a start or goal lies in a forbidden area or in water too shallow for a dive."""
     surfacing = name != "start" and point[2] == 0.0
     forbidden = [ring for ring in rings if surfacing or not ring.surface_only]
     # a glide may begin and end on the edge
@@ -253,12 +253,12 @@ def _check_place(
             else "land"
         )
         raise PlanError(
-            f"{name} is where dives to {needed:g} m may not go: {room}; move it to deeper water"
+            f"{name} is too shallow for dives to {needed:g} m: {room}; move it to deeper water"
         )
 
 
 def _check_request(request: MissionRequest, region: Region) -> None:
-    """Raise PlanError when there are no goals, too few legs for them, or dives that do not fit goals and flow."""
+    """Raise PlanError if goals are missing, legs too few, or dives incompatible with goals and flow."""
     goals, settings = request.goals, request.settings
     if not goals:
         raise PlanError("a mission needs a goal; give one or several")

@@ -1,4 +1,4 @@
-"""A glider's steady flight and energy, one text for NumPy arrays and CasADi expressions.
+"""Steady flight and energy of a glider, for NumPy arrays and CasADi expressions.
 
 In steady flight along a path at the glide angle g below (or above) the horizontal, net buoyancy F balances drag and lift,
 
@@ -24,14 +24,14 @@ DENSITY = 1025.0  # kg/m^3, of sea water
 
 @dataclass(frozen=True, slots=True)
 class SteadyFlight:
-    """A steady flight model.
+    """Steady-flight model of a glider.
 
     Attributes:
-        volume: The pump makes the glider this much heavier or lighter than water [m^3].
-        area: That the coefficients refer to [m^2].
-        drag: c_d0, of the hull.
-        induced_drag: c_d1 [1/rad^2].
-        lift: c_l [1/rad], of hull and wings.
+        volume: Volume of net buoyancy, positive or negative [m^3].
+        area: Reference area of the coefficients [m^2].
+        drag: Parasitic drag coefficient of the hull, c_d0.
+        induced_drag: Induced drag coefficient, c_d1 [1/rad^2].
+        lift: Lift coefficient of hull and wings, c_l [1/rad].
     """
 
     volume: float = 2.3e-4
@@ -54,26 +54,26 @@ class SteadyFlight:
 
     @property
     def shallowest(self) -> float:
-        """The least glide angle [rad] at which the wings carry the glider."""
+        """Smallest glide angle of steady flight [rad]."""
         return float(np.arctan(2.0 * np.sqrt(self.drag * self.induced_drag) / self.lift))
 
 
 @dataclass(frozen=True, slots=True)
 class Glider:
-    """A buoyancy-driven glider.
+    """Buoyancy-driven glider.
 
     Attributes:
-        speed: Through water [m/s], without ``flight``.
-        flight: The steady flight model that gives the speed at each angle.
-        min_angle: Shallowest glide [degrees].
-        max_angle: Steepest.
-        volume: Pumped at each apogee [m^3].
-        pump_efficiency: Work on the water for each joule.
-        hotel: Power of everything else [W].
-        thrust: Power of a propeller at 1 m/s [W], growing with the cube of the speed.
-        max_depth: [m].
-        speed_spread: Standard deviation of a dive's speed, as a share of it.
-        speed_error: That of all dives alike.
+        speed: Speed through water [m/s], used without ``flight``.
+        flight: Steady-flight model of the speed at each glide angle.
+        min_angle: Shallowest glide angle [degrees].
+        max_angle: Steepest glide angle [degrees].
+        volume: Volume pumped at each apogee [m^3].
+        pump_efficiency: Efficiency of the pump.
+        hotel: Hotel load [W].
+        thrust: Power of a propeller at 1 m/s [W]; it scales with the cube of the speed.
+        max_depth: Largest depth [m].
+        speed_spread: Relative standard deviation of the speed between dives.
+        speed_error: Relative standard error of the mean speed.
     """
 
     speed: float = 0.3
@@ -90,7 +90,7 @@ class Glider:
     speed_error: float = field(default=0.0, compare=False)
 
     def __post_init__(self) -> None:
-        """Refuse limits that no glide can keep."""
+        """Raise PlanError for inconsistent limits."""
         shallowest = 0.0 if self.flight is None else float(np.rad2deg(self.flight.shallowest))
         if not shallowest < self.min_angle <= self.max_angle < 90.0:
             raise PlanError(
@@ -109,20 +109,20 @@ class Glider:
 
     @property
     def angles(self) -> tuple[float, float]:
-        """Shallowest and steepest glide [rad]."""
+        """Shallowest and steepest glide angle [rad]."""
         return float(np.deg2rad(self.min_angle)), float(np.deg2rad(self.max_angle))
 
     def speeds(self, maths: Any, glide_angle: Any) -> tuple[Any, Any]:
-        """Return the horizontal and the vertical speed through water [m/s] at a glide angle [rad], both positive."""
+        """Return the horizontal and vertical speed through water [m/s] at a glide angle [rad], both positive."""
         speed = self.speed if self.flight is None else self.flight.speed(maths, glide_angle)
         return speed * maths.cos(glide_angle), speed * maths.sin(glide_angle)
 
     def paces(self, count: int, dive: int) -> Array:
-        """Return the speed of a dive over ``speed`` in each of ``count`` flights: quantiles of its errors in fixed random orders.
+        """Return the speed of a dive relative to ``speed`` in each flight, from error quantiles in fixed random orders.
 
         Args:
             count: Number of flights.
-            dive: Its number, from 0: the error of the speed itself is the same in all, the spread is not.
+            dive: Number of the dive, from 0; ``speed_error`` is common to all dives, ``speed_spread`` is not.
         """
         normal = NormalDist()
         quantiles = np.array([normal.inv_cdf((k + 0.5) / count) for k in range(count)])
@@ -132,7 +132,7 @@ class Glider:
         return np.asarray(np.maximum(1.0 + self.speed_error * alike + self.speed_spread * own, 0.0))
 
     def pitch(self, glide_angle: Array) -> Array:
-        """Return the pitch [rad] below the horizontal of a dive at a glide angle [rad]; the glide angle itself without a flight model."""
+        """Return the pitch below the horizontal of a dive at a glide angle [rad]; equal to it without a flight model."""
         return (
             glide_angle
             if self.flight is None
@@ -140,12 +140,12 @@ class Glider:
         )
 
     def pump_work(self, depth: Any) -> Any:
-        """Return the energy [J] that one apogee at a depth [m] takes: the volume pushed out against the pressure there."""
+        """Return the energy of the pump at one apogee [J] for a depth [m]."""
         return DENSITY * GRAVITY * depth * self.volume / self.pump_efficiency
 
     @property
     def power(self) -> float:
-        """Power of all but the pump [W]: the drag of a propelled hull grows with the square of its speed, its power with the cube."""
+        """Power without the pump [W]; propulsion scales with the cube of the speed."""
         return self.hotel + self.thrust * self.speed**3
 
     def energy(self, duration: Any, apogees: Any) -> Any:
@@ -153,21 +153,21 @@ class Glider:
 
         Args:
             duration: [s].
-            apogees: Sum of the depths of its apogees [m].
+            apogees: Summed apogee depth [m].
         """
         return self.power * duration + self.pump_work(apogees)
 
 
 def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFlight:
-    """Return a flight model whose drag and lift fit a log's vertical speeds.
+    """Return a flight model with drag and lift fitted to measured vertical speeds.
 
     Args:
-        first: Volume, area, induced drag, and a first guess of drag and lift.
-        pitch: shape (n,) [rad], below the horizontal in a dive, above it in a climb: positive in both.
-        depth_rate: shape (n,) [m/s], size of the vertical speed at each pitch.
+        first: Volume, area and induced drag, with initial guesses of drag and lift.
+        pitch: Pitch below the horizontal in dives, above it in climbs, shape (n,) [rad], positive.
+        depth_rate: Magnitude of the vertical speed at each pitch, shape (n,) [m/s].
 
     Raises:
-        PlanError: There are fewer than three values, they are not positive numbers, or all pitches are alike.
+        PlanError: Fewer than three values, values that are not positive, or equal pitches.
     """
     usable = all(
         bool(np.all(np.isfinite(values) & (values > 0.0))) for values in (pitch, depth_rate)
@@ -179,7 +179,7 @@ def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFl
         )
     if np.ptp(pitch) < np.deg2rad(2.0):
         raise PlanError(
-            f"pitches from {np.rad2deg(pitch.min()):.2f} to {np.rad2deg(pitch.max()):.2f} degrees do not tell drag from lift"
+            f"pitches from {np.rad2deg(pitch.min()):.2f} to {np.rad2deg(pitch.max()):.2f} degrees do not separate drag from lift"
         )
 
     from scipy.optimize import least_squares  # loads slowly, and no plan fits a flight
@@ -196,7 +196,7 @@ def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFl
 
 
 def angle_of_pitch(flight: SteadyFlight, pitch: Array) -> Array:
-    """Return the glide angles [rad] of pitches [rad], by bisection: the pitch grows with the angle."""
+    """Return the glide angles of pitches [rad], by bisection."""
     low = np.full(pitch.shape, flight.shallowest + 1e-9)
     high = np.full(pitch.shape, np.pi / 2 - 1e-9)
     for _ in range(60):

@@ -1,4 +1,4 @@
-"""The current of a mission as the program sees it: B-splines of each level in place and time, and integrals of the levels over depth."""
+"""Current of a mission as B-splines of each level in space and time, and integrals over depth."""
 
 from typing import Any
 
@@ -16,17 +16,17 @@ _PER_LENGTH, _DEPTHS, _PARTS, _ROUNDED = 4.0, 61, 16, 0.2
 
 
 class Water:
-    """The current of a mission.
+    """Current of a mission for CasADi.
 
     Attributes:
-        count: Number of levels that its dives meet, C.
-        surface: shape (C,), weights of the levels at the surface.
-        integrals: CasADi function depth [km] -> integral of each level's weight from the surface to there, shape (C,) [km].
-        at: CasADi function (place [km], time [h]) -> east and north of each level in turn, shape (2 C,) [km/h].
+        count: Number of levels within the dive depth, C.
+        surface: Weights of levels at the surface, shape (C,).
+        integrals: CasADi function depth [km] -> integral of each level's weight from the surface, shape (C,) [km].
+        at: CasADi function (position [km], time [h]) -> current of each level, shape (2 C,) [km/h].
     """
 
     def __init__(self, task: Task) -> None:
-        """Fit the splines over all of the region: a way in a strong current leads far from the straight one."""
+        """Fit the splines over the whole region, as routes in strong currents deviate far from the straight line."""
         flow, settings = task.flow, task.settings
         deepest = max(
             settings.depth if settings.depths is None else settings.depths[1],
@@ -47,13 +47,13 @@ class Water:
         self.at = self._currents(task)
 
     def weights(self, depths: Array) -> Array:
-        """Return the weights of the levels, shape (n, C), at depths [m]."""
+        """Return the weights of levels at depths [m], shape (n, C)."""
         found = depth_weights(self._functions, depths, self._levels)
         held: Array = np.ascontiguousarray(found[:, : self.count])
         return held
 
     def integral(self, depth: float) -> Array:
-        """Return the integrals of the levels' weights from the surface to a depth, shape (C,) [m]; odd in it."""
+        """Return the integrals of the levels' weights from the surface to a depth, shape (C,) [m]; an odd function of depth."""
         found = [np.interp(abs(depth), self._depths, of) for of in self._summed.T]
         return np.asarray(np.sign(depth) * np.array(found))
 
@@ -79,7 +79,7 @@ class Water:
 
 
 def _held(time: Any, first: float, last: float) -> Any:
-    """Return a time, that of the first or the last beyond these, with rounded corners."""
+    """Return a time smoothly clipped to the first and last."""
 
     def ramp(x: Any) -> Any:
         return 0.5 * (x + ca.sqrt(x * x + _ROUNDED**2))
@@ -88,11 +88,11 @@ def _held(time: Any, first: float, last: float) -> Any:
 
 
 def spline(axes: list[Array], values: Array) -> ca.Function:
-    """Return the B-spline through values as a CasADi function, cubic where there are four or more along an axis.
+    """Return the interpolating B-spline of values as a CasADi function, cubic along axes of four or more.
 
     Args:
-        axes: Where the values are, increasing along each axis.
-        values: shape (m, n1, n2, ...).
+        axes: Increasing coordinates along each axis.
+        values: Values, shape (m, n1, n2, ...).
     """
     coefficients, degrees = values, [min(len(axis) - 1, 3) for axis in axes]
     knots = [_knots(axis, degree) for axis, degree in zip(axes, degrees, strict=True)]
@@ -107,7 +107,7 @@ def spline(axes: list[Array], values: Array) -> ca.Function:
 
 
 def _knots(axis: Array, degree: int) -> list[float]:
-    """Return the knots at which a spline of a degree passes through values; of a cubic one there is none beside the ends."""
+    """Return the knots of an interpolating spline of a degree; not-a-knot for cubic ones."""
     inner = axis[2:-2] if degree == 3 else axis[1:-1] if degree == 1 else axis[:0]
     ends = [float(axis[0])] * (degree + 1), [float(axis[-1])] * (degree + 1)
     return [*ends[0], *map(float, inner), *ends[1]]

@@ -1,7 +1,7 @@
-"""A mission as waypoints: fewer places than surfacings, for which a glider heads on its own, and the loss against the plan.
+"""Reduction of a plan to few waypoints, and their loss against the plan.
 
-It heads for the next waypoint from where it surfaces, corrected for the mean current of its last dive by dead reckoning, at the mean glide
-angle of the planned legs. In its first dive it expects what the estimate says.
+At each surfacing the glider heads for the next waypoint, corrected for its last DAC, at the mean glide angle of the planned legs. In the
+first dive it expects the current of the estimate.
 """
 
 from collections.abc import Sequence
@@ -39,18 +39,18 @@ _AS_FAR = 0.8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Waypoints:
-    """W places that a glider heads for one after the other, and its track.
+    """Waypoints of a glider, and its simulated track.
 
     Attributes:
-        depths: Of the dives on the way to each [m].
-        radius: Within which one that is no goal is reached [m].
-        times: When each is [s since the start]; NaN for never.
-        surfacings: shape (D, 2), longitude and latitude [degrees].
-        off_end: Least distance of one from the plan's end [m].
-        delay: When it is there after the plan's end [s].
-        off_track: Largest distance of one from the plan's legs [m].
-        violation: What is crossed first; None for nothing.
-        arrives: Whether all are reached.
+        depths: Dive depth on the way to each [m].
+        radius: Acceptance radius of waypoints other than goals [m].
+        times: Time at which each is reached [s since the start]; NaN for never.
+        surfacings: Surfacings, shape (D, 2), longitude and latitude [degrees].
+        off_end: Smallest distance of a surfacing from the plan's end [m].
+        delay: Delay of its time against the plan [s].
+        off_track: Largest distance of a surfacing from the plan's legs [m].
+        violation: First constraint violation, or None.
+        arrives: Whether all waypoints are reached.
     """
 
     longitude: Array
@@ -74,14 +74,14 @@ class Waypoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _List:
-    """Waypoints headed for in the estimate.
+    """Candidate waypoints, with simulated flights in the estimate.
 
     Attributes:
-        kept: Numbers of the legs whose ends they are.
-        radius: Of those that are no goals [m].
-        route: Along them.
-        flights: Of a glider that expects the current of its first dive, and of one that expects none, as when just put to sea.
-        violation: What either crosses first, or that it was not checked; None when both keep clear.
+        kept: Numbers of the legs that end at them.
+        radius: Acceptance radius of those other than goals [m].
+        route: Route along them.
+        flights: Flights of a glider that expects the current of its first dive, and of one that expects none, as after deployment.
+        violation: First violation of either flight, or an unchecked part; None if both keep clear.
     """
 
     kept: tuple[int, ...]
@@ -92,7 +92,7 @@ class _List:
 
     @property
     def serves(self) -> bool:
-        """Whether the glider arrives and crosses nothing."""
+        """Whether the glider arrives without a violation."""
         return self.violation is None and bool(np.isfinite(self.flights.arrived).all())
 
 
@@ -103,22 +103,22 @@ def waypoints_of(
     tolerance: float | None = None,
     samples: Sequence[Sample] = (),
 ) -> tuple[Waypoints, MissionOdds | None]:
-    """Return the fewest of a plan's surfacings that describe its track, and the odds of a glider that heads for them; None without samples.
+    """Return the fewest surfacings of a plan that describe its track, and the odds of flying them; None without samples.
 
-    No line between two crosses an area. Where the flight in the estimate crosses something or does not arrive, all are waypoints.
+    No line between two crosses an area. If the simulated flight violates a constraint or does not arrive, all surfacings are waypoints.
 
     Args:
-        flow: The current it is flown in.
-        plan: The mission.
-        request: What it was planned for.
-        tolerance: A surfacing this close to steady progress is left out [m].
-        samples: As for ``mission_odds``.
+        flow: Current.
+        plan: Plan.
+        request: Request of the plan.
+        tolerance: Largest deviation from steady progress of an omitted surfacing [m].
+        samples: Samples, see ``mission_odds``.
 
     Raises:
-        PlanError: It has no legs, or is a mooring.
+        PlanError: The plan has no legs, or is a mooring.
     """
     if plan.is_moored:
-        raise PlanError("a mooring has no waypoints: give the glider the place of the mooring")
+        raise PlanError("a mooring has no waypoints: give the glider the position of the mooring")
     task = task_of_plan(flow, plan, request)
     ends = np.column_stack(to_local(task.region.grid.projection, *plan.surfacings.T))
     places = np.vstack([task.start[None, :2], ends])
@@ -140,7 +140,7 @@ def waypoints_of(
 def _best_radius(
     task: Task, plan: MissionPlan, places: Array, kept: tuple[int, ...], currents: Currents
 ) -> _List:
-    """Return the list of some legs' ends within the radius with the best odds, the least of radii alike."""
+    """Return the waypoints with the acceptance radius of the best odds, the smallest among equals."""
     goal, found = plan.settings.radius or plan.settings.tolerance, list[tuple[float, _List]]()
     for times in _RADII:
         route = _route(plan, places, kept, times * goal)
@@ -159,7 +159,7 @@ def _best_radius(
 
 
 def _violation(task: Task, flown: Flights, number: int, margin: float) -> Violation | None:
-    """Return what one flight crosses first, or that it was not checked to the end where there is something to cross."""
+    """Return the first violation of a flight, or its unchecked part if constraints exist; otherwise None."""
     one, ends = np.s_[number : number + 1], flown.ups + DRIFT_STEPS
     place, depth, time = flown.place[one], flown.depth[number], flown.time[one]
     found = check(task, Flight(time, depth, place, flown.dive, ends), margin)
@@ -168,13 +168,13 @@ def _violation(task: Task, flown: Flights, number: int, margin: float) -> Violat
         return found
     if all(ring.outside for ring in task.solid(deepest)):
         return None
-    what = f"water that was not checked, as waypoint {int(np.isfinite(flown.met[number]).sum()) + 1} is not reached in {ends.size} legs,"
+    what = f"unchecked water, as waypoint {int(np.isfinite(flown.met[number]).sum()) + 1} is not reached in {ends.size} legs,"
     where = (float(part) for part in to_geographic(task.region.grid.projection, *place[0, -1]))
     return Violation(what, float(time[0, -1]), ends.size, *where)
 
 
 def _route(plan: MissionPlan, places: Array, kept: tuple[int, ...], radius: float) -> Route:
-    """Return the route to some legs' ends, at their mean glide angle and in the shallowest of their dives."""
+    """Return the route along legs' ends, at their mean glide angle and shallowest dive depth."""
     angles, depths = (
         np.deg2rad(plan.glide_angles_deg),
         np.array([max(leg[1:]) for leg in plan.yo_depths]),
@@ -197,7 +197,7 @@ def _route(plan: MissionPlan, places: Array, kept: tuple[int, ...], radius: floa
 
 
 def _margin(task: Task, margin: float, places: Array) -> float:
-    """Return the distance that a flight keeps from areas [m]: most of the plan's margin, less where a place it must pass is nearer."""
+    """Return the required distance from areas [m]: most of the plan's margin, less near waypoints within it."""
     least = min(
         (float(ring.clearance(places[[0, -1]]).min()) for ring in task.rings), default=np.inf
     )
@@ -207,7 +207,7 @@ def _margin(task: Task, margin: float, places: Array) -> float:
 def _waypoints(
     task: Task, plan: MissionPlan, few: _List, places: Array, request: MissionRequest
 ) -> Waypoints:
-    """Return waypoints and what they lose against the plan, whose legs lie between places [m]."""
+    """Return the waypoints and their loss against the plan, whose legs end at ``places`` [m]."""
     projection, flights, numbers = task.region.grid.projection, few.flights, np.array(few.kept)
     surfaced = flights.place[0, flights.ups]
     off_track = float(np.max(_distance_to_legs(surfaced, places)))
@@ -224,7 +224,7 @@ def _waypoints(
     if at is not None:
         message = f"not safe: heading for the waypoints crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f}; {message}"
     elif n_reached < len(times):
-        message = f"not reliable: not all of them are reached; {message}"
+        message = f"not reliable: not all waypoints are reached; {message}"
     longitude, latitude = plan.surfacings[numbers - 1].T
     return Waypoints(
         longitude,
@@ -250,16 +250,16 @@ def _waypoints(
 def kept_surfacings(
     plan: MissionPlan, places: Array, tolerance: float, rings: Sequence[Ring] = ()
 ) -> tuple[int, ...]:
-    """Return the numbers of the legs, counted from 1, whose ends are waypoints: those of the goals, and what is needed between them.
+    """Return the numbers, from 1, of the legs that end at waypoints: at goals, and as needed between them.
 
-    Between two the one farthest from steady progress is kept, until none is farther than the tolerance (Ramer 1972; Douglas, Peucker 1973;
-    here in place and time) and no line between two comes nearer to an area than the plan's margin.
+    Surfacings farthest from steady progress in space and time are kept, down to the tolerance (Ramer 1972; Douglas and Peucker 1973), and
+    until no line between two comes nearer to an area than the plan's margin.
 
     Args:
-        plan: The mission.
-        places: shape (L + 1, 2) [m], its start and legs' ends.
-        tolerance: [m].
-        rings: What must not be crossed.
+        plan: Plan.
+        places: Start and legs' ends, shape (L + 1, 2) [m].
+        tolerance: Tolerance [m].
+        rings: Forbidden areas.
     """
     times = np.concatenate([[0.0], plan.surfacing_times])
     kept = {0, len(times) - 1}
@@ -285,5 +285,5 @@ def kept_surfacings(
 
 
 def _distance_to_legs(points: Array, corners: Array) -> Array:
-    """Return the distance [m] of points, shape (n, 2), from the nearest of the straight lines between corners, shape (m, 2) [m]."""
+    """Return the distance of points, shape (n, 2), from a polyline with corners of shape (m, 2) [m]."""
     return np.asarray(shapely.distance(shapely.LineString(corners), shapely.points(points)))

@@ -1,4 +1,4 @@
-"""A mission in words: its outcome with what binds, its odds, and where a horizon ends it."""
+"""Text on a plan: outcome with the binding limit, odds, and truncation at a horizon."""
 
 from collections.abc import Mapping
 
@@ -16,19 +16,19 @@ _NEARLY = 0.95
 
 
 def tried_text(found: Solution) -> str:
-    """Return how a solution turned out, for the statistics."""
+    """Return the outcome of a solution as text for the statistics."""
     safe = "" if found.violation is None else f", crosses {found.violation.what}"
     name = "" if found.start is None else f"{found.start.name}, "
     return f"{name}{found.count} legs: {found.seconds / 3600.0:.2f} h, {found.miss.max():.0f} m off{safe}, {found.status}"
 
 
 def outcome_text(task: Task, answer: Answer, above: float | None) -> str:
-    """Return the outcome of a mission in words, with the limit that binds when it does not reach its goals or violates a constraint.
+    """Return the outcome of a mission as text, with the binding limit if goals are missed or constraints violated.
 
     Args:
-        task: The problem.
-        answer: What was found.
-        above: How much later than any vehicle of its speed could it arrives [%]; None where that is not known.
+        task: Mission.
+        answer: Result of the search.
+        above: Relative excess of the arrival time over its lower bound [%]; None if unknown.
     """
     settings, shape, best = task.settings, task.shape, answer.best
     miss, flight = best.miss, best.flight
@@ -53,13 +53,11 @@ def outcome_text(task: Task, answer: Answer, above: float | None) -> str:
             (shape.width, "the line") if isinstance(shape, Line) else (shape.radius, "the mooring")
         )
         parts.append(
-            f"{farthest:.0f} m from {name} at most, {rms:.0f} m in the root mean square, for {_hours(task, best.seconds)}"
+            f"{farthest:.0f} m from {name} at most, {rms:.0f} m RMS, for {_hours(task, best.seconds)}"
         )
         short += "" if farthest <= limit else f", farther than {limit:g} m"
     if above is not None:
-        parts.append(
-            f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make"
-        )
+        parts.append(f"{above:.1f} % above the lower bound of the arrival time at this speed")
     n_legs = best.count
     text = f"{n_legs} leg{'s' * (n_legs != 1)}; {', '.join(parts)}"
     if best.violation is not None:
@@ -72,58 +70,58 @@ def outcome_text(task: Task, answer: Answer, above: float | None) -> str:
     if overtime(task, best) > 0.0 and not short:
         text += f"; {_longest_text(task)}"
     if task.is_late:
-        text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and other ways are untried"
+        text += f"; the time limit of {settings.time_limit:g} s ended the search: other numbers of legs and routes were not tried"
     return (
         f"{text}{short}{_out_of_reach(task, answer)}; {_binding(task, answer)}" if short else text
     )
 
 
 def _already_there(task: Task) -> str:
-    """Return why a mission takes no legs."""
+    """Return the reason for a mission without legs as text."""
     name = "the goal" if len(task.goals) == 1 else "all goals"
     below = float(np.max(task.goals[:, 2] - task.start[2]))
-    deep = (
-        "" if below <= 0.0 else f"; only the depth of a goal is left, {below:g} m below the start"
-    )
+    deep = "" if below <= 0.0 else f"; a goal is {below:g} m below the start"
     within = f"within {np.max(task.from_start):.1f} m of {name}, inside the tolerance of {task.settings.tolerance:g} m"
     return f"already there: the start is {within}; 0 legs{deep}"
 
 
 def _out_of_reach(task: Task, answer: Answer) -> str:
-    """Return which goals are out of reach, and how near one can come to them; empty where none is known to be."""
+    """Return the goals out of reach, with their closest approach, as text; empty without any."""
     text = ""
     for bound in answer.beyond:
         text += f"; {'the goal' if len(task.goals) == 1 else f'goal {bound.goal + 1}'} is out of reach: "
         if bound.limit == "legs":
             text += f"it needs more than {task.settings.legs or task.settings.max_legs} legs"
             continue
-        who = "no vehicle of this speed comes" if bound.is_tight else "no way was found that comes"
+        who = (
+            "no vehicle of this speed comes" if bound.is_tight else "no route was found that comes"
+        )
         nearest, when = f"about {bound.nearest / 1e3:.1f} km", _hours(task, bound.when)
         text += f"within {_hours(task, bound.most)} {who} nearer than {nearest}, after {when}"
     return text
 
 
 def _hours(task: Task, seconds: float) -> str:
-    """Return a time since the start in hours and, where the mission has a date, as a date."""
+    """Return a time since the start in hours and, if the mission has a date, as a date."""
     return _since(task.request.start_time_ns, seconds)
 
 
 def _since(begins: int, seconds: float) -> str:
-    """Return a time since a start [ns, UTC; 0 for none] in hours and, where it has a date, as a date."""
+    """Return a time since a start [ns, UTC; 0 if unknown] in hours and as a date."""
     return f"{seconds / 3600.0:.1f} h" + (
         f" ({time_text(begins + round(seconds * 1e9))})" if begins else ""
     )
 
 
 def _binding(task: Task, answer: Answer) -> str:
-    """Return the limits that bind."""
+    """Return the binding limits as text."""
     settings = task.settings
     flight, lasts = answer.best.flight, answer.best.seconds
     tried = max((one.count for one in answer.tried), default=0)
     limits = {bound.limit for bound in answer.beyond}
     parts = list[str]()
     if settings.weights.closest:
-        return "limit: the weights, by which to come closer costs more than it gains, or what can be reached at all"
+        return "limit: the weights (coming closer costs more than it gains) or the vehicle's range"
     if settings.legs is not None and task.shape is None:
         return f"limit: {settings.legs} legs at glide angles from {task.vehicle.min_angle:g} to {task.vehicle.max_angle:g} degrees"
     if "legs" in limits or (not limits and tried >= settings.most_legs):
@@ -132,7 +130,7 @@ def _binding(task: Task, answer: Answer) -> str:
         parts.append(_longest_text(task))
     if "ways" in limits:
         parts.append(
-            "a constraint closes every way: land, an area, water too shallow for a dive or the edge of the region"
+            "a constraint closes every route: land, an area, water too shallow for a dive or the edge of the region"
         )
     if parts and "current" not in limits:
         return "; ".join(parts)
@@ -142,21 +140,21 @@ def _binding(task: Task, answer: Answer) -> str:
     return "; ".join(
         [
             *parts,
-            f"{what} keeps a glider of {through:.2f} m/s from it: it makes good {ground:.2f} m/s",
+            f"{what} stops a glider of {through:.2f} m/s: {ground:.2f} m/s over ground",
         ]
     )
 
 
 def _longest_text(task: Task) -> str:
-    """Return what limits a mission's duration."""
+    """Return the limit of a mission's duration as text."""
     settings = task.settings
     if settings.arrive_by <= settings.max_duration:
-        return f"limit: {settings.arrive_by / 3600.0:.1f} h to arrive in (--arrive-by)"
+        return f"limit: {settings.arrive_by / 3600.0:.1f} h until the latest arrival (--arrive-by)"
     return f"limit: max_duration = {settings.max_duration:g} s (--max-duration)"
 
 
 def odds_text(plan: MissionPlan, count: int, reached: float, radius: float, deadline: float) -> str:
-    """Return the share of the simulated flights that arrive, steered at each surfacing, in words."""
+    """Return the odds of arriving as text."""
     text = f"{round(reached * count)} of {count} simulated flights"
     low, high = share_interval(reached, count)
     share = f"{100.0 * reached:.0f} %, 90 % interval {100.0 * low:.0f} to {100.0 * high:.0f} %"
@@ -169,13 +167,13 @@ def odds_text(plan: MissionPlan, count: int, reached: float, radius: float, dead
 
 
 def arrival_text(plan: MissionPlan, median: float, ninety: float) -> str:
-    """Return by when half and nine of ten simulated flights arrive [s since the start], to be added; empty where fewer do."""
+    """Return the text on median and 90 % arrival times [s since the start]; empty if fewer arrive."""
     text = f"; half arrive by {_since(plan.start_time_ns, median)}" if np.isfinite(median) else ""
     return text + (f", 90 % by {_since(plan.start_time_ns, ninety)}" if np.isfinite(ninety) else "")
 
 
 def violations_text(violating: float, violations: Mapping[str, float]) -> str:
-    """Return the share of samples that violate a constraint, and by which, to be added; empty where none does."""
+    """Return the text on the fraction of violating samples, by constraint; empty without any."""
     if not violations:
         return ""
     named = ", ".join(
@@ -186,18 +184,18 @@ def violations_text(violating: float, violations: Mapping[str, float]) -> str:
 
 
 def horizon_text(plan: MissionPlan, cut: MissionPlan, seconds: float, unmet: int) -> str:
-    """Return how far a mission leads that is cut at a horizon, and what is left.
+    """Return the text on a plan truncated at a horizon, and its remainder.
 
     Args:
-        plan: The whole mission.
-        cut: Its legs that end by then.
-        seconds: The horizon [s].
-        unmet: Number of the first goal that is left, from 0.
+        plan: Complete plan.
+        cut: Truncated plan.
+        seconds: Horizon [s].
+        unmet: Number of the first remaining goal, from 0.
     """
     name = "the goal" if len(plan.goals) == 1 else f"goal {unmet + 1}"
     left, hours = float(cut.closest_approach[unmet]), (plan.duration - cut.duration) / 3600.0
     return (
-        f"as far as the horizon of {seconds / 3600.0:.1f} h: {len(cut.headings_deg)} of {len(plan.headings_deg)} legs, after "
-        f"{cut.duration / 3600.0:.1f} h at {place_text(*cut.surfacings[-1].tolist())}; left to {name}: {left / 1e3:.1f} km, and "
-        f"{hours:.1f} h to the end if the current stays as it is known last"
+        f"up to the horizon of {seconds / 3600.0:.1f} h: {len(cut.headings_deg)} of {len(plan.headings_deg)} legs, after "
+        f"{cut.duration / 3600.0:.1f} h at {place_text(*cut.surfacings[-1].tolist())}; {left / 1e3:.1f} km left to {name}, and "
+        f"{hours:.1f} h to the end in the last known current"
     )

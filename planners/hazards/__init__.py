@@ -1,1 +1,1 @@
-"""Where a vehicle may not go: areas, the bottom, the edge of the forecast."""
+"""Constraints on position: no-go areas, the bottom, the edge of the forecast."""

@@ -1,4 +1,4 @@
-"""Where a path may not go: rings in the local frame, and the test of a path's segments."""
+"""No-go areas as rings in the local frame, and their intersection with a path."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,16 +25,16 @@ _ELLIPSOID = Geod(ellps="WGS84")
 
 @dataclass(frozen=True, slots=True)
 class NoGo:
-    """An area that must not be entered, or a fence that must not be left.
+    """No-go area, or fence to stay inside.
 
     Attributes:
-        polygon: Its corners, longitude and latitude [degrees].
-        name: Its name in messages.
-        surface_only: Whether only surfacing is forbidden in it; it may be passed under water.
-        holes: Corners of the holes, in which what holds in the area does not hold.
-        fence: Whether the vehicle must stay inside; it may not enter the holes.
-        begin_ns: From when it holds [ns, UTC]; None for ever.
-        end_ns: Until when; None for ever.
+        polygon: Corners, longitude and latitude [degrees].
+        name: Name in messages.
+        surface_only: Whether only surfacing is forbidden.
+        holes: Corners of holes, which are exempt.
+        fence: Whether the vehicle must stay inside, and out of the holes.
+        begin_ns: Begin of validity [ns, UTC]; None for always.
+        end_ns: End of validity [ns, UTC]; None for always.
     """
 
     polygon: tuple[tuple[float, float], ...]
@@ -47,18 +47,18 @@ class NoGo:
 
     @property
     def area(self) -> Area:
-        """It as results hold it, its first corner not repeated."""
+        """Area as stored in results, its first corner not repeated."""
         closed = self.polygon[0] == self.polygon[-1]
         corners = self.polygon[: -1 if closed else None]
         return Area(self.name, self.surface_only, corners, self.holes, self.fence)
 
     @property
     def is_timed(self) -> bool:
-        """Whether it does not hold for ever."""
+        """Whether its validity is limited in time."""
         return self.begin_ns is not None or self.end_ns is not None
 
     def holds(self, begin_ns: int, end_ns: int) -> bool:
-        """Return whether it holds at some time between two [ns, UTC]."""
+        """Return whether the area is valid at any time of an interval [ns, UTC]."""
         return (self.begin_ns is None or self.begin_ns <= end_ns) and (
             self.end_ns is None or self.end_ns >= begin_ns
         )
@@ -67,15 +67,15 @@ class NoGo:
 # Not slotted: the geometries are made when they are first needed.
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """A closed line that must not be crossed.
+    """Closed line that must not be crossed.
 
     Attributes:
-        corners: shape (n, 2) [m], local east and north, the first not repeated.
+        corners: Corners, shape (n, 2) [m], local east and north, the first not repeated.
         outside: Whether its outside is forbidden instead of its inside.
-        name: Its name in messages.
-        surface_only: Whether it only forbids surfacing.
-        drawn: Whether it is a no-go area, not an edge of the water.
-        holes: Corners of the holes, each shape (n, 2) [m].
+        name: Name in messages.
+        surface_only: Whether only surfacing is forbidden.
+        drawn: Whether the ring is a no-go area, not an edge of the water.
+        holes: Corners of holes, each shape (n, 2) [m].
     """
 
     corners: Array
@@ -87,14 +87,14 @@ class Ring:
 
     @cached_property
     def area(self) -> Any:
-        """The polygon within the ring; one that crosses itself encloses what the even-odd rule gives."""
+        """Polygon within the ring, by the even-odd rule."""
         area = shapely.make_valid(shapely.Polygon(self.corners, self.holes))
         shapely.prepare(area)
         return area
 
     @cached_property
     def line(self) -> Any:
-        """The ring, and those of its holes, as closed lines."""
+        """Outlines of the ring and its holes, as closed lines."""
         rings = [shapely.LinearRing(corners) for corners in (self.corners, *self.holes)]
         line = shapely.MultiLineString(rings) if self.holes else rings[0]
         shapely.prepare(line)
@@ -102,7 +102,7 @@ class Ring:
 
     @cached_property
     def solid(self) -> Any:
-        """What it forbids, as a polygon: of one whose outside is forbidden a wide frame around it."""
+        """Forbidden polygon; a wide frame if the outside is forbidden."""
         if not self.outside:
             return self.area
         frame = shapely.difference(shapely.buffer(self.area.envelope, _FRAME), self.area)
@@ -110,27 +110,27 @@ class Ring:
         return frame
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
-        """Return whether points, shape (n, 2) [m], lie within the ring, by the even-odd rule."""
+        """Return a mask of the points, shape (n, 2) [m], within the ring, by the even-odd rule."""
         return np.asarray(shapely.contains_xy(self.area, *points.T))
 
     def forbids(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points, shape (n, 2) [m], the ring forbids."""
+        """Return a mask of the points, shape (n, 2) [m], that the ring forbids."""
         return np.asarray(self.inside(points) != self.outside)
 
     def clearance(self, points: Array) -> Array:
-        """Return the distance of points, shape (n, 2) [m], from the ring [m]: negative where it forbids them."""
+        """Return the distance of points, shape (n, 2) [m], from the ring [m], negative for forbidden points."""
         distance = shapely.distance(self.line, shapely.points(points))
         return np.asarray(np.where(self.forbids(points), -distance, distance))
 
 
 def no_go_rings(projection: Projection, area: NoGo) -> tuple[Ring, ...]:
-    """Return an area as rings in the local frame: one, or several where its outline crosses itself.
+    """Return the rings of an area in the local frame; several if its outline crosses itself.
 
-    An edge may be meant as the straight line between longitudes and latitudes (RFC 7946) or as the shortest line on the ellipsoid. On long
-    edges these are kilometres apart: what either encloses is forbidden, and what both enclose is allowed.
+    An edge may be straight in longitude and latitude (RFC 7946) or a geodesic, kilometres apart on long edges. A no-go area is the union of
+    both meanings, a fence their intersection.
 
     Raises:
-        PlanError: It has fewer than three corners, or one is not a number, or it encloses nothing.
+        PlanError: Fewer than three corners, a corner that is not a number, or an empty area.
     """
     whole, holes = (
         [_outline(projection, corners, area.name, either) for corners in rings]
@@ -159,7 +159,7 @@ def no_go_rings(projection: Projection, area: NoGo) -> tuple[Ring, ...]:
 def _outline(
     projection: Projection, ring: Sequence[tuple[float, float]], name: str, either: bool
 ) -> Any:
-    """Return what a ring of longitudes and latitudes [degrees] encloses in the local frame, by either meaning of its edges or by both."""
+    """Return the local polygon of a ring of longitudes and latitudes [degrees]: union or intersection of both meanings of edges."""
     corners = np.array(
         [corner for k, corner in enumerate(ring) if k == 0 or corner != ring[0]], dtype=np.float64
     )
@@ -176,7 +176,7 @@ def _outline(
 
 
 def _densified(corners: Array) -> tuple[Array, ...]:
-    """Return a closed outline, shape (n, 2) [degrees], with points along its edges: straight in degrees, and along the ellipsoid."""
+    """Return a closed outline, shape (n, 2) [degrees], densified along straight edges in degrees and along geodesics."""
     straight, shortest = list[Array](), list[Array]()
     for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         pieces = max(int(np.ceil(_ELLIPSOID.inv(*begin, *end)[2] / _EDGE)), 1)
@@ -190,7 +190,7 @@ def _densified(corners: Array) -> tuple[Array, ...]:
 
 
 def joined(rings: Sequence[Ring]) -> tuple[Ring, ...]:
-    """Return rings whose insides are forbidden as few that enclose the same, with one name."""
+    """Return the union of rings whose insides are forbidden, with one name."""
     if not rings:
         return ()
     parts = shapely.get_parts(shapely.union_all([ring.area for ring in rings]))
@@ -207,23 +207,21 @@ def joined(rings: Sequence[Ring]) -> tuple[Ring, ...]:
 
 
 def check_outside(rings: Sequence[Ring], name: str, point: Array) -> None:
-    """Raise PlanError when a ring forbids a point, shape (3,) [m], that is called ``start`` or ``goal``."""
+    """Raise PlanError if a ring forbids a point, shape (3,) [m]; ``name`` is its role, ``start`` or ``goal``."""
     area = next((ring.name for ring in rings if ring.forbids(point[None, :2])[0]), None)
     if area is not None:
-        raise PlanError(
-            f"{name} is where the vehicle may not go: {area}; move it, or change the area"
-        )
+        raise PlanError(f"{name} is in a forbidden area: {area}; move it, or change the area")
 
 
 def first_crossing(
     rings: Sequence[Ring], segments: Array, skin: Array
 ) -> tuple[str, int, float] | None:
-    """Return the ring's name that a path crosses first, the number of the segment and the share of it before that; None for no crossing.
+    """Return the name of the ring that a path crosses first, the segment number and the fraction before the crossing, or None.
 
     Args:
-        rings: What is forbidden.
-        segments: shape (n, 2, 2) [m], of the path, one after the other; a segment may be a point.
-        skin: shape (n,) [m], distance that a segment must keep, as the path bends between its ends.
+        rings: Forbidden areas.
+        segments: Consecutive segments of the path, shape (n, 2, 2) [m]; a segment may be a point.
+        skin: Distance required by the curvature of each segment, shape (n,) [m].
     """
     lines, found = shapely.linestrings(segments), list[tuple[int, float, str]]()
     for ring in rings:

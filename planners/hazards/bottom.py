@@ -1,4 +1,4 @@
-"""The bottom: how deep a vehicle may go in each cell of a grid, shallow cells as rings, and where a path goes too deep."""
+"""Depth limits of the bottom: greatest allowed depth by grid cell, shallow cells as rings, and the check of paths."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,13 +22,13 @@ DEPTH_TOLERANCE = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bathymetry:
-    """Bottom depth on a grid.
+    """Bathymetry on a grid.
 
     Attributes:
-        longitude: shape (J, I) [degrees east].
-        latitude: shape (J, I) [degrees north].
-        depth: shape (J, I) [m], positive down; land is 0 or less, NaN (unknown) counts as land.
-        lowest_water: Least and greatest of the water levels that the depths allow for [m]; None where they allow for none.
+        longitude: Longitude, shape (J, I) [degrees east].
+        latitude: Latitude, shape (J, I) [degrees north].
+        depth: Bottom depth, shape (J, I) [m], positive down; 0 or less, or NaN, for land.
+        lowest_water: Smallest and largest water-level correction of the depths [m]; None without one.
     """
 
     longitude: Array
@@ -39,12 +39,12 @@ class Bathymetry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthCells:
-    """Cells of a grid, each with the greatest depth allowed in it.
+    """Grid cells with their greatest allowed depth.
 
     Attributes:
-        corners: shape (J + 1, I + 1, 2) [m], local east and north.
-        limit: shape (J, I) [m]; infinite without a limit, below 0 where not even the surface is allowed.
-        name: Of a cell that is too shallow, in messages; None for how shallow it is.
+        corners: Cell corners, shape (J + 1, I + 1, 2) [m], local east and north.
+        limit: Greatest allowed depth, shape (J, I) [m]; infinite without a limit, negative if the surface is forbidden.
+        name: Name of too shallow cells in messages; None to state their depth.
     """
 
     corners: Array
@@ -52,7 +52,7 @@ class DepthCells:
     name: str | None
 
     def polygons(self, cells: NDArray[np.intp]) -> Array:
-        """Return the corners, shape (n, 4, 2) [m], of cells given by row and column, shape (n, 2)."""
+        """Return the corners of cells, shape (n, 4, 2) [m], from rows and columns, shape (n, 2)."""
         around = np.array([[0, 0], [0, 1], [1, 1], [1, 0]])
         return np.asarray(self.corners[tuple((cells[:, None] + around).transpose(2, 0, 1))])
 
@@ -60,12 +60,12 @@ class DepthCells:
 # Not slotted: the tree is made when it is first needed.
 @dataclass(frozen=True, eq=False)
 class Bottom:
-    """What limits the depth of a path.
+    """Depth limits of a path.
 
     Attributes:
-        grids: Those of the forecast's mask and, where there is one, of the bathymetry.
-        clearance: Least height above the bottom of the bathymetry, which its limits allow for [m].
-        edge: What the bathymetry covers, when that is not all of the region.
+        grids: Cells of the forecast's mask and of the bathymetry, if any.
+        clearance: Minimum height above the bathymetry, included in the limits [m].
+        edge: Outline of the bathymetry; None if it covers the region.
     """
 
     grids: tuple[DepthCells, ...]
@@ -74,7 +74,7 @@ class Bottom:
 
     @cached_property
     def _cells(self) -> tuple[Any, Array]:
-        """The polygons of all cells with a limit, in a tree, and their limits [m]."""
+        """Search tree of all cells with a limit, and the limits [m]."""
         limited = [np.argwhere(np.isfinite(grid.limit) | (grid.limit < 0.0)) for grid in self.grids]
         corners = np.concatenate(
             [grid.polygons(cells) for grid, cells in zip(self.grids, limited, strict=True)]
@@ -86,7 +86,7 @@ class Bottom:
 
     @property
     def shallowest(self) -> float:
-        """Least limit of a cell where a path may be at the surface [m]; infinite without any."""
+        """Smallest limit of the cells open at the surface [m]; infinite without any."""
         return min(
             float(np.min(grid.limit, where=grid.limit >= 0.0, initial=np.inf))
             for grid in self.grids
@@ -94,29 +94,29 @@ class Bottom:
 
     @property
     def deepest(self) -> float:
-        """Greatest depth that is allowed anywhere [m]."""
+        """Greatest allowed depth of all cells [m]."""
         return min(float(np.max(grid.limit)) for grid in self.grids)
 
     def limit_at(self, points: Array, within: float = 0.0) -> Array:
-        """Return the greatest depth allowed [m], shape (n,), at points, shape (n, 2) [m], and within a distance [m] of them."""
+        """Return the greatest allowed depth, shape (n,) [m], within a distance [m] of points, shape (n, 2) [m]."""
         found, (tree, limits) = np.full(len(points), np.inf), self._cells
         point, cell = tree.query(shapely.points(points), predicate="dwithin", distance=within)
         np.minimum.at(found, point, limits[cell])
         return found
 
     def limit_beside(self, points: Array, least: float) -> Array:
-        """Return the greatest depth allowed at points and some way beside them [m]; at them alone where that is less than a depth."""
+        """Return the greatest allowed depth around points [m]; at the points only if the surroundings allow less than a depth."""
         beside = self.limit_at(points, _BESIDE)
         close = np.flatnonzero(beside < least)
         beside[close] = self.limit_at(points[close])
         return beside
 
     def check(self, name: str, point: Array) -> None:
-        """Raise PlanError when a point, shape (3,) [m], of a path is deeper than allowed.
+        """Raise PlanError if a point of a path is deeper than allowed.
 
         Args:
-            name: What it is called in the error: ``start`` or ``goal``.
-            point: Local east, north, depth.
+            name: Role in the message, ``start`` or ``goal``.
+            point: Local east, north and depth, shape (3,) [m].
         """
         if self.limit_at(point[None, :2])[0] < point[2]:
             raise PlanError(
@@ -124,12 +124,12 @@ class Bottom:
             )
 
     def is_below(self, segments: Array, depths: Array, skin: Array) -> NDArray[np.bool_]:
-        """Return which segments of paths are deeper than allowed somewhere, shape (n,).
+        """Return a mask of the segments that exceed the allowed depth, shape (n,).
 
         Args:
-            segments: shape (n, 2, 2) [m], local east and north of both ends.
-            depths: shape (n, 2) [m], of both ends; between them the depth is linear.
-            skin: shape (n,) [m], how far from a segment the path may bend.
+            segments: Ends of the segments, shape (n, 2, 2) [m], local east and north.
+            depths: Depths of both ends, shape (n, 2) [m], linear between them.
+            skin: Largest deviation of the path from each segment, shape (n,) [m].
         """
         tree, limits = self._cells
         if not np.any(limits < np.max(depths, initial=-np.inf)):
@@ -155,16 +155,16 @@ class Bottom:
 
     @cached_property
     def _rings(self) -> dict[float, tuple[Ring, ...]]:
-        """The rings of the depths asked for: their geometries are made once."""
+        """Cache of the rings by depth."""
         return {}
 
     def name_at(self, segment: Array) -> str:
-        """Return what lies below a segment, shape (2, 2) [m], that is too deep: land, or how deep a vehicle may be there."""
+        """Return the name of the limit that a too deep segment, shape (2, 2) [m], exceeds: land, or the allowed depth."""
         limit = float(np.min(self.limit_at(np.linspace(segment[0], segment[1], 9), within=1.0)))
         return "land" if limit < 0.0 else f"the bottom, which allows {limit:.0f} m there"
 
     def rings(self, depth: float) -> tuple[Ring, ...]:
-        """Return the cells that are too shallow for a depth [m] and beside one that is not, as few rings."""
+        """Return the rings around water too shallow for a depth [m], from the cells at its edge."""
         if depth not in self._rings:
             self._rings[depth] = self._rings_of(depth)
         return self._rings[depth]
@@ -180,18 +180,18 @@ class Bottom:
 
 
 def bottom_of(region: Region, bathymetry: Bathymetry | None, clearance: float) -> Bottom:
-    """Return what limits the depth of paths in a region.
+    """Return the depth limits of paths in a region.
 
-    Without a bathymetry the last level that is wet below a dry one limits it. With one, its depths do, and the forecast only where a level
-    above the path is dry. Between points of the bathymetry the shallowest of four holds.
+    Without a bathymetry, the deepest wet level above a dry one is the limit. With one, its depths are, and dry levels of the forecast above
+    the path. Between points of the bathymetry the shallowest of the four applies.
 
     Args:
-        region: The water of the forecast.
-        bathymetry: Bottom depth.
-        clearance: Least height above it [m].
+        region: Region of the forecast.
+        bathymetry: Bathymetry.
+        clearance: Minimum height above it [m].
 
     Raises:
-        PlanError: The bathymetry's shapes differ, are too small, or it lies outside.
+        PlanError: The bathymetry's arrays differ in shape or are too small, or it lies outside the region.
     """
     grid = region.grid
     count = np.where(grid.wet.all(axis=0), grid.levels.size, np.argmin(grid.wet, axis=0))
@@ -214,15 +214,15 @@ def bottom_of(region: Region, bathymetry: Bathymetry | None, clearance: float) -
 
 
 def fixed_rings(region: Region, no_go: tuple[NoGo, ...], bottom: Bottom) -> tuple[Ring, ...]:
-    """Return what holds at any depth: the edge of the region and, where it ends before, of the bathymetry; and the no-go areas.
+    """Return the constraints at any depth: no-go areas and the edges of the region and the bathymetry.
 
     Args:
-        region: The water of the forecast.
-        no_go: Areas that must not be entered.
-        bottom: Of the region.
+        region: Region of the forecast.
+        no_go: No-go areas.
+        bottom: Depth limits of the region.
 
     Raises:
-        PlanError: As for ``no_go_rings``.
+        PlanError: See ``no_go_rings``.
     """
     edges = (
         Ring(outline(region.grid), True, "the edge of the region that the forecast covers"),
@@ -233,7 +233,7 @@ def fixed_rings(region: Region, no_go: tuple[NoGo, ...], bottom: Bottom) -> tupl
 
 
 def _cells_of(region: Region, bathymetry: Bathymetry, clearance: float) -> tuple[DepthCells, Array]:
-    """Return the cells of a bathymetry that lie in a region, and the outline of all of it, shape (n, 2) [m]."""
+    """Return the cells of a bathymetry within a region, and the whole outline, shape (n, 2) [m]."""
     longitude, latitude, bottom = bathymetry.longitude, bathymetry.latitude, bathymetry.depth
     if (
         not longitude.shape == latitude.shape == bottom.shape
@@ -266,7 +266,7 @@ def _cells_of(region: Region, bathymetry: Bathymetry, clearance: float) -> tuple
 
 
 def _cell_corners(values: Array) -> Array:
-    """Return the corners of the cells around the points of a grid: halfway between them, and as far beyond its edge."""
+    """Return the cell corners of a grid, halfway between its points and extrapolated at the edges."""
     for axis in (0, 1):
         first = (
             2.0 * np.take(values, [0], axis) - np.take(values, [1], axis)

@@ -1,4 +1,4 @@
-"""Where a glide may go: inside the grid's outline, between the surface and the deepest level, in water."""
+"""Domain of a plan: the wet region of the forecast's grid, between the surface and the greatest depth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ _DEPTH_MARGIN = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """The water that a grid covers.
+    """Water covered by a grid.
 
     Attributes:
-        grid: The grid.
+        grid: Grid.
         limit: Greatest depth of the vehicle [m].
     """
 
@@ -33,50 +33,50 @@ class Region:
 
     @property
     def known(self) -> float:
-        """Greatest depth of a place [m]: the deepest level or the vehicle's limit."""
+        """Greatest depth of a start or goal [m]: the deepest level or the vehicle's limit."""
         return min(float(self.grid.levels[-1]), self.limit)
 
     @property
     def deepest(self) -> float:
-        """Greatest depth of a dive [m]: below the deepest level, where the current is taken as there, no more than as far again."""
+        """Greatest depth of a dive [m]: at most twice the deepest level, with the current extrapolated as constant."""
         return min(BEYOND * float(self.grid.levels[-1]), self.limit)
 
     def floor(self, depth: float) -> str:
-        """Return what a greatest depth is, in messages."""
+        """Return the description of a greatest depth for messages."""
         if depth == self.limit:
             return f"the vehicle's limit, {depth:g} m"
         twice = "" if depth == self.known else "twice "
         return f"{twice}the deepest level, {self.grid.levels[-1]:g} m"
 
     def wet(self, points: Array) -> NDArray[np.bool_]:
-        """Return whether points, shape (n, 3) [m], are water: the nearest grid point is, at the last level at or above their depth."""
+        """Return a mask of the points, shape (n, 3) [m], in water: the nearest grid point is wet at the last level at or above them."""
         wet = self.grid.wet.reshape(self.grid.levels.size, -1)
         return np.asarray(wet[self.level_at(points[:, 2]), nearest(self.grid, points[:, :2])])
 
     def level_at(self, depth: Array) -> NDArray[np.intp]:
-        """Return the number of the last level at or above depths, shape (n,) [m]; the first for what is above all."""
+        """Return the number of the last level at or above depths, shape (n,) [m]; 0 above all levels."""
         return np.clip(
             np.searchsorted(self.grid.levels, depth, side="right") - 1, 0, self.grid.levels.size - 1
         )
 
     def inside_outline(self, points: Array) -> NDArray[np.bool_]:
-        """Return whether horizontal points, shape (..., 2) [m], lie within the grid's outline."""
+        """Return a mask of the horizontal points, shape (..., 2) [m], within the grid's outline."""
         return inside_grid(self.grid, points[..., 0], points[..., 1])
 
     def inside(self, points: Array) -> NDArray[np.bool_]:
-        """Return whether points, shape (n, 3) [m], lie within the outline, the surface and the greatest depth allowed."""
+        """Return a mask of the points, shape (n, 3) [m], within the outline, the surface and the greatest depth."""
         depth_fits = (points[:, 2] >= -_DEPTH_MARGIN) & (
             points[:, 2] <= self.deepest + _DEPTH_MARGIN
         )
         return depth_fits & self.inside_outline(points[:, :2])
 
     def allowed(self, points: Array) -> NDArray[np.bool_]:
-        """Return whether points, shape (n, 3) [m], are inside and water."""
+        """Return a mask of the points, shape (n, 3) [m], that are inside and wet."""
         return self.inside(points) & self.wet(points)
 
 
 def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
-    """Return which entries, shape (J, I), have one that is set within a number of rows and columns."""
+    """Return a mask, shape (J, I), dilated by a number of rows and columns."""
     # as scipy's maximum_filter, which loads slowly
     for axis in (0, 1):
         around = [(by + 1, by) if axis == own else (0, 0) for own in (0, 1)]
@@ -87,15 +87,15 @@ def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
 
 
 def locate(region: Region, place: Place, role: str) -> Array:
-    """Return a place in the local frame, shape (3,) [m]: east, north, depth.
+    """Return a position in the local frame, shape (3,) [m]: east, north, depth.
 
     Args:
-        region: Where it has to be.
-        place: The place.
-        role: What it is called in an error: ``start`` or ``goal``.
+        region: Region that must contain it.
+        place: Position.
+        role: Role in the message, ``start`` or ``goal``.
 
     Raises:
-        PlanError: It is outside the region, above the surface, below the deepest level or the vehicle's limit, or on land.
+        PlanError: The position is outside the region, above the surface, too deep, or on land.
     """
     where = f"{role} at {place.longitude:.5f}, {place.latitude:.5f}, {place.depth:g} m"
     if not np.all(np.isfinite([place.longitude, place.latitude, place.depth])):
@@ -123,10 +123,10 @@ def locate(region: Region, place: Place, role: str) -> Array:
 
 
 def locate_all(region: Region, start: Place, goals: Sequence[Place]) -> dict[str, Array]:
-    """Return the start and the goals of a mission in the local frame, shape (3,) [m] each, by what they are called in errors.
+    """Return the start and the goals in the local frame, shape (3,) [m] each, by role.
 
     Raises:
-        PlanError: One of them is not in the region's water, as for ``locate``.
+        PlanError: One of them is not in the region's water, see ``locate``.
     """
     names = [f"goal {k + 1}" for k in range(len(goals))] if len(goals) > 1 else ["goal"]
     places = zip(["start", *names], [start, *goals], strict=True)
@@ -134,7 +134,7 @@ def locate_all(region: Region, start: Place, goals: Sequence[Place]) -> dict[str
 
 
 def _swapped(grid: Grid, place: Place) -> str:
-    """Return the question whether longitude and latitude are swapped; empty where the swapped place is outside the region too."""
+    """Return a hint that longitude and latitude are swapped; empty if the swapped position is outside too."""
     east, north = to_local(grid.projection, place.latitude, place.longitude)
     if (
         abs(place.longitude) > 90.0

@@ -1,1 +1,1 @@
-"""The odds of a mission: gliders steered along it in samples of the estimate."""
+"""Odds of a plan, from simulated flights in samples of the estimate."""

@@ -1,4 +1,4 @@
-"""Where a glider is told to head for: in a current that is expected, by dead reckoning of the dive before."""
+"""Heading and glide angle towards a target in an expected current."""
 
 import numpy as np
 
@@ -17,13 +17,13 @@ def mean_current(
     ends: tuple[Array, Array],
     lasts: Array,
 ) -> Array:
-    """Return the mean local current of legs by dead reckoning, shape (K, 2) [m/s].
+    """Return the mean local current of legs from dead reckoning, shape (K, 2) [m/s].
 
     Args:
-        projection: The local frame.
-        flown: The glider, headings and glide angles, shape (K,) [rad], and the sum of the heights of its dives and climbs [m].
-        ends: Where it began and ended, shape (K, 2) [m].
-        lasts: shape (K,) [s], with its drift.
+        projection: Local frame.
+        flown: Glider, headings and glide angles, shape (K,) [rad], and summed heights of dives and climbs [m].
+        ends: Begin and end positions, shape (K, 2) [m].
+        lasts: Duration with the drift, shape (K,) [s].
     """
     (vehicle, (heading, angle), height), (begin, end) = flown, ends
     along, down = vehicle.speeds(np, angle)
@@ -35,14 +35,14 @@ def mean_current(
 def home(
     vehicle: Glider, displacement: Array, current: Array, dive: tuple[Array, Array], drift: Array
 ) -> tuple[Array, Array]:
-    """Return headings from local north [rad] of gliders that steer themselves, and the shares of a dive that lead there, shape (K,).
+    """Return headings of self-steering gliders [rad from local north] and the fractions of a dive that reach the waypoint, shape (K,).
 
     Args:
-        vehicle: The glider.
-        displacement: shape (K, 2), to the waypoint [m].
-        current: shape (K, 2), expected mean over a dive and its drift [m/s].
-        dive: Glide angles [rad] and sums of the heights of dives and climbs [m], shape (K,) each.
-        drift: shape (K,), drift time after it [s].
+        vehicle: Glider.
+        displacement: Displacement to the waypoint, shape (K, 2) [m].
+        current: Expected mean current over a dive and its drift, shape (K, 2) [m/s].
+        dive: Glide angles [rad] and summed heights of dives and climbs [m], shape (K,) each.
+        drift: Drift time after the leg, shape (K,) [s].
     """
     angle, height = dive
     along, down = vehicle.speeds(np, angle)
@@ -68,21 +68,21 @@ def home(
 def aim(
     vehicle: Glider, displacement: Array, current: Array, height: Array, drift: Array
 ) -> tuple[Array, Array]:
-    """Return the heading from local north and the glide angle [rad], each of shape (K,), that lead to a target in a mean current.
+    """Return the heading from local north and the glide angle towards a target in a mean current, shape (K,) each [rad].
 
-    The steepest angle that leads there is the quickest. When none does, the glider heads there at the angle with the least miss distance.
+    The steepest angle that reaches the target is the fastest. If none does, the angle with the least miss distance is returned.
 
     Args:
-        vehicle: The glider.
-        displacement: shape (K, 2), to the target, over ground [m].
-        current: shape (K, 2), mean over the leg and its drift [m/s].
-        height: shape (K,), sum of the heights of the leg's dives and climbs [m].
-        drift: shape (K,), drift time after it [s].
+        vehicle: Glider.
+        displacement: Displacement to the target over ground, shape (K, 2) [m].
+        current: Mean current over the leg and its drift, shape (K, 2) [m/s].
+        height: Summed heights of the leg's dives and climbs, shape (K,) [m].
+        drift: Drift time after the leg, shape (K,) [s].
     """
     angles = np.linspace(*vehicle.angles, _ANGLES)
 
     def lacking(angle: Array) -> tuple[Array, Array]:
-        """Return the way through water that is needed, shape (K, n, 2) [m], and what of it is out of reach."""
+        """Return the displacement required through water, shape (K, n, 2) [m], and the part out of reach."""
         along, down = vehicle.speeds(np, angle)
         lasts = height[:, None] / down
         needed = displacement[:, None] - current[:, None] * (lasts + drift[:, None])[..., None]

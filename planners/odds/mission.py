@@ -1,7 +1,7 @@
-"""The odds of a mission: the glider that is steered along it at each surfacing, in samples of the estimate.
+"""Odds of a plan, from simulated flights in samples of the estimate, steered at each surfacing.
 
-The same flights give when it arrives, how near, what it crosses, and the ellipses of its surfacings; flights in the estimate itself, begun
-at each leg with other headings, say how forgiving the leg is.
+The flights yield arrival times, miss distances, violations and the ellipses of surfacings. Flights in the estimate with perturbed
+headings yield the heading tolerance of each leg.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,24 +42,24 @@ _ASIDE = np.array([-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionOdds:
-    """K flights of a mission in samples of the estimate, steered at each surfacing.
+    """Odds of a plan, from K simulated flights.
 
     Attributes:
-        flights: They.
-        radius: That meets a goal [m].
-        deadline: Since the start [s].
-        reached: Share that meets all goals, or stays near a mooring.
-        clear: shape (K,), least clearance of each flight [m]: 0 or less where it crosses something.
-        safe: Share that crosses nothing.
-        succeeded: Share of both.
-        arrival_median: [s since the start]; infinite where fewer arrive.
-        arrival_90_percent: [s].
-        miss_median: From the last goal [m].
-        miss_90_percent: [m].
-        violations: Shares by hazard.
-        ellipses: shape (L, 5), of legs.
-        next_surfacing: shape (5,).
-        forgiving: shape (L, 2).
+        flights: Simulated flights.
+        radius: Radius within which a goal is met [m].
+        deadline: Latest arrival [s since the start].
+        reached: Fraction that meets all goals, or stays near a mooring.
+        clear: Smallest clearance of each flight, shape (K,) [m]; 0 or less for a violation.
+        safe: Fraction without a violation.
+        succeeded: Fraction that arrives without a violation.
+        arrival_median: Median arrival time [s since the start]; infinite if fewer arrive.
+        arrival_90_percent: 90th percentile of the arrival time [s since the start].
+        miss_median: Median miss distance of the last goal [m].
+        miss_90_percent: 90th percentile of it [m].
+        violations: Fraction of violating flights by hazard.
+        ellipses: Ellipses of the legs' ends, shape (L, 5), see ``ellipses_of``.
+        next_surfacing: Ellipse of the next surfacing, shape (5,).
+        forgiving: Heading range of each leg, shape (L, 2), see ``forgiving``.
     """
 
     flights: Flights
@@ -80,7 +80,7 @@ class MissionOdds:
 
     @property
     def count(self) -> int:
-        """Number of flights."""
+        """Number of simulated flights."""
         return len(self.flights.met)
 
 
@@ -91,17 +91,17 @@ def mission_odds(
     request: MissionRequest,
     route: Route | None = None,
 ) -> MissionOdds:
-    """Return the odds of a mission.
+    """Return the odds of a plan.
 
     Args:
-        flow: The estimate, or estimates for increasing times: what the pilot knows of the current.
-        samples: On its nodes; those that change are flown as they are, what others differ by from the first estimate persists.
-        plan: The mission.
-        request: What it was planned for.
-        route: That is flown; None for the plan's own surfacings.
+        flow: Estimate known to the pilot, or estimates at increasing times.
+        samples: Samples on its nodes. The deviation of time-independent ones from the first estimate persists.
+        plan: Plan.
+        request: Request of the plan.
+        route: Route to fly; None for the plan's surfacings.
 
     Raises:
-        PlanError: The mission has no legs, or there are no samples.
+        PlanError: The plan has no legs, or there are no samples.
     """
     task = task_of_plan(flow, plan, request)
     flown = route_of_plan(task, plan) if route is None else route
@@ -122,7 +122,7 @@ def mission_odds(
 def next_surfacing(
     flow: Flow, samples: Sequence[Sample], plan: MissionPlan, request: MissionRequest
 ) -> Array:
-    """Return the ellipse of where the first dive of a mission comes up, of ``MissionOdds``, by its flights in three samples or more."""
+    """Return the ellipse of the first surfacing from three samples or more, see ``ellipses_of``."""
     task = task_of_plan(flow, plan, request)
     # over as soon as it has begun
     currents = currents_of_estimate(flow, samples, plan.settings.depth)
@@ -133,7 +133,7 @@ def next_surfacing(
 
 
 def latest(settings: MissionSettings, duration: float) -> float:
-    """Return the time since the start after which a glider on a mission of some duration has not arrived [s]."""
+    """Return the latest arrival for a mission duration [s since the start]."""
     return settings.arrive_by if settings.arrive_by < inf else LATEST * duration
 
 
@@ -176,7 +176,7 @@ def odds_of(task: Task, currents: Currents, route: Route, deadline: float) -> Mi
 
 
 def task_of_plan(flow: Flow, plan: MissionPlan, request: MissionRequest) -> Task:
-    """Return the task of a mission that is planned, in a flow that may be another."""
+    """Return the task of a plan, in any flow."""
     if len(plan.headings_deg) == 0:
         raise PlanError(f"a mission without legs cannot be flown: {plan.message}")
     asked = replace(
@@ -206,7 +206,7 @@ def route_along(
     legs: Sequence[YoDepths],
     goal_legs: Sequence[int],
 ) -> Route:
-    """Return the route along legs that end at some places, shape (L, 2) [m]; near a mooring each of them is a goal."""
+    """Return the route along the ends of legs, shape (L, 2) [m]; for a mooring each is a goal."""
     depths = np.array([max(leg[1:]) for leg in legs])
     if legs[-1][-1] > 0.0:
         # a dive that passes the goal goes on, as those before it
@@ -221,9 +221,9 @@ def route_along(
 
 
 def forgiving(task: Task, plan: MissionPlan, route: Route, deadline: float) -> Array:
-    """Return the least and greatest heading about the planned one with which each leg still arrives, shape (L, 2) [degrees].
+    """Return the heading range around the planned one with which each leg still arrives, shape (L, 2) [degrees].
 
-    It is flown in the estimate, steered afterwards, and may take one dive more than planned; NaN where not even the planned one arrives.
+    Later legs are steered in the estimate, with one dive more than planned allowed; NaN if the planned heading does not arrive.
     """
     times = np.append(0.0, plan.surfacing_times[:-1])
     count, tried = len(times), len(_ASIDE)
@@ -249,17 +249,17 @@ def forgiving(task: Task, plan: MissionPlan, route: Route, deadline: float) -> A
 
 
 def ellipses_of(projection: Projection, places: Array) -> Array:
-    """Return the ellipses that hold another place with a probability of 90 %, assuming a normal distribution.
+    """Return the 90 % prediction ellipses of positions, assuming a normal distribution.
 
-    Mean and covariance are themselves estimated from few flights, which Hotelling's factor allows for.
+    Hotelling's factor accounts for the estimation of mean and covariance from few flights.
 
     Args:
-        projection: The local frame.
-        places: shape (K, n, 2) [m], of three flights or more.
+        projection: Local frame.
+        places: Positions of three flights or more, shape (K, n, 2) [m].
 
     Returns:
-        Array of shape (n, 5): longitude and latitude of its centre [degrees], semi-axes [m], and the bearing of the major one, clockwise
-        from true north, in [0, 180) [degrees].
+        Array of shape (n, 5): longitude and latitude of the centre [degrees], semi-axes [m], and bearing of the major axis, clockwise from
+        true north, in [0, 180) [degrees].
     """
     # in the local frame: longitudes have no mean across the antimeridian
     centre = np.column_stack(to_geographic(projection, *np.mean(places, axis=0).T))
@@ -274,10 +274,10 @@ def ellipses_of(projection: Projection, places: Array) -> Array:
 
 
 def ellipse_factor(count: int) -> float:
-    """Return the semi-axes, in sample standard deviations, of the ellipse that holds the next of some points with a probability of 90 %.
+    """Return the semi-axes of a 90 % prediction ellipse in sample standard deviations.
 
     Args:
-        count: Number of points, three or more, from whose mean and covariance the ellipse is made.
+        count: Number of points that determine mean and covariance, at least three.
 
     References:
         Hotelling (1931); Chew (1966), Confidence, prediction, and tolerance regions for the multivariate normal distribution.
@@ -288,13 +288,13 @@ def ellipse_factor(count: int) -> float:
 
 
 def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) -> MissionPlan:
-    """Return a mission whose status and message say how likely it arrives.
+    """Return a plan with its odds in status and message.
 
     Args:
-        plan: The mission.
-        odds: Of it.
-        arrive: Share of the samples that must arrive for it to be ``reached``; below, it is ``uncertain``.
-        risk: Share that may violate a constraint; above, it is ``unsafe``.
+        plan: Plan.
+        odds: Odds of the plan.
+        arrive: Required fraction of arrivals for ``reached``; below it the status is ``uncertain``.
+        risk: Accepted fraction of violations; above it the status is ``unsafe``.
     """
     violating, status = 1.0 - odds.safe, plan.status
     text = odds_text(plan, odds.count, odds.reached, odds.radius, odds.deadline)
@@ -305,34 +305,33 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
     if violating > risk + 1e-9 and status == "reached":
         status, text = "unsafe", f"{text}, more than the {100.0 * risk:.0f} % accepted"
     elif odds.reached < arrive - 1e-9 and status == "reached":
-        status, text = "uncertain", f"{text}; {100.0 * arrive:.0f} % are asked for"
+        status, text = "uncertain", f"{text}; {100.0 * arrive:.0f} % are required"
     statistics = {**plan.statistics, "arrive": arrive}
     message = f"{text}. In the mean current: {plan.message}"
     return replace(plan, status=status, message=message, statistics=statistics)
 
 
 def currents_of_estimate(flow: Flow, samples: Sequence[Sample], depth: float = 0.0) -> Currents:
-    """Return the samples' currents, all on the nodes of the estimate.
+    """Return the currents of samples on the nodes of the estimate.
 
-    Samples that change are flown as they are. Where the estimate changes and they do not, they change as it does: what they differ by
-    from its first time persists.
+    Time-independent samples follow a time-dependent estimate: their deviation from its first time persists.
 
     Args:
-        flow: The estimate, or estimates for increasing times.
-        samples: Of it.
-        depth: Of the dives [m].
+        flow: Estimate, or estimates at increasing times.
+        samples: Samples of it.
+        depth: Dive depth [m].
     """
     if not samples:
         raise PlanError(
-            "a plan for samples of the estimate needs some; draw them with flow.sample(100, seed)"
+            "no samples of the estimate were given; draw them with flow.sample(100, seed)"
         )
     return with_courses(_below(_flows_around(flow, flows_of(samples)), depth), samples)
 
 
 def _below(currents: Currents, depth: float) -> Currents:
-    """Return samples with a level at a depth [m] below their deepest one: the current there differs from that by the shear above it.
+    """Return samples extrapolated to a depth [m] below their deepest level.
 
-    The difference is in each the shear of the last two levels times a normal number.
+    Each sample adds the shear of its last two levels times a standard normal number.
     """
     flow, levels = currents.flow, currents.flow.levels
     if depth <= levels[-1] or levels.size < 2 or flow.depth_functions.kind != "hat":

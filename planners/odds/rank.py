@@ -1,4 +1,4 @@
-"""Missions ranked by their odds: with more legs where more samples arrive with them, with wider margins where a risk is to be kept."""
+"""Plans ranked by their odds: more legs for better odds, wider margins for a smaller risk."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -34,12 +34,12 @@ _RESERVES, _TOLD = 3, 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A mission that may be taken, flown in samples.
+    """Candidate plan with its odds.
 
     Attributes:
-        found: It.
-        odds: Of it.
-        extra: Its margin beside that of the settings [m].
+        found: Solution.
+        odds: Odds of the solution.
+        extra: Margin in addition to that of the settings [m].
     """
 
     found: Solution
@@ -47,11 +47,11 @@ class Candidate:
     extra: float = 0.0
 
     def passes(self, allowed: float) -> bool:
-        """Return whether so few violate a constraint that more than the allowed share of all is unlikely to."""
+        """Return whether the violations pass the binomial test of an allowed fraction."""
         return passes_binomial_test(int(np.sum(self.odds.clear <= 0.0)), self.odds.count, allowed)
 
     def missing(self, allowed: float) -> float:
-        """Return the clearance that is missing to the first sample that must not violate a constraint [m]."""
+        """Return the clearance lacking for the allowed fraction of violations [m]."""
         count = most_violations_allowed(self.odds.count, allowed)
         return float(np.sort(-self.odds.clear)[::-1][count])
 
@@ -59,18 +59,18 @@ class Candidate:
 def plan_by_odds(
     flow: Flow, samples: Sequence[Sample], request: MissionRequest, allowed: float | None = None
 ) -> MissionPlan:
-    """Return the mission with which clearly more samples arrive unharmed, or with a risk the one that keeps it; of equals the shortest.
+    """Return the plan with significantly the best odds or, for an accepted risk, one within it; among equals the shortest.
 
-    ``statistics`` says by how much longer than the quickest it is. State the odds of other samples than it was chosen by.
+    ``statistics`` holds the excess over the shortest duration. Evaluate its odds with independent samples.
 
     Args:
-        flow: The estimate, or estimates for increasing times.
-        samples: As for ``mission_odds``.
-        request: Of which the margin is the least.
-        allowed: Share that may violate a constraint; None to rank by arrivals.
+        flow: Estimate, or estimates at increasing times.
+        samples: Samples, see ``mission_odds``.
+        request: Request; its margin is the smallest tried.
+        allowed: Accepted fraction of violations; None to rank by arrivals.
 
     Raises:
-        PlanError: As for ``plan_mission`` and ``mission_odds``.
+        PlanError: See ``plan_mission`` and ``mission_odds``.
     """
     task = task_of(flow, request)
     currents = currents_of_estimate(flow, samples, task.settings.depth)
@@ -91,7 +91,7 @@ def plan_by_odds(
     hours = (best.found.seconds - first.seconds) / 3600.0
     if allowed is not None and abs(hours) >= _TOLD:
         costs = "more" if hours > 0.0 else "less"
-        text = f"{plan.message}; to keep the risk takes {abs(hours):.1f} h {costs} than the quickest way"
+        text = f"{plan.message}; keeping the risk takes {abs(hours):.1f} h {costs} than the fastest route"
         plan = replace(plan, message=text)
     return replace(plan, statistics={**plan.statistics, name: hours, "extra_margin_m": best.extra})
 
@@ -144,7 +144,7 @@ def _safest(
 
 
 def _with_more_legs(task: Task, first: Solution) -> Iterator[Solution]:
-    """Yield the missions along the way of a solution with more and more legs that meet the goals in time."""
+    """Yield solutions along the same route with increasing numbers of legs that arrive in time."""
     one, before = Search(first.task, None), first
     counts = {
         first.count + max(int(np.ceil(share * first.count)), k + 1) for k, share in enumerate(_MORE)
@@ -165,7 +165,7 @@ def _with_more_legs(task: Task, first: Solution) -> Iterator[Solution]:
 def _judged(
     task: Task, currents: Currents, found: Solution, deadline: float, extra: float = 0.0
 ) -> Candidate:
-    """Return a mission flown in the samples."""
+    """Return a solution with its odds in the samples."""
     of = replace(task, request=replace(task.request, vehicle=found.task.vehicle))
     legs, ends = found.legs, found.flight.place[0, found.flight.ends]
     depths, heading = yo_depths(legs.turns), float(legs.headings[0])
@@ -174,9 +174,9 @@ def _judged(
 
 
 def passes_binomial_test(violations: int, count: int, allowed: float) -> bool:
-    """Return whether so few violations among some samples make it unlikely that more than the allowed share of all would violate.
+    """Return whether a number of violations rejects, by a binomial test, that their probability exceeds the allowed one.
 
-    No violation always passes.
+    Zero violations always pass.
     """
     terms = (
         comb(count, k) * allowed**k * (1.0 - allowed) ** (count - k) for k in range(violations + 1)
@@ -185,5 +185,5 @@ def passes_binomial_test(violations: int, count: int, allowed: float) -> bool:
 
 
 def most_violations_allowed(count: int, allowed: float) -> int:
-    """Return the largest number of violations among ``count`` samples that passes the binomial test."""
+    """Return the largest number of violations in ``count`` samples that passes the binomial test."""
     return max(number for number in range(count) if passes_binomial_test(number, count, allowed))

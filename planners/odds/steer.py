@@ -1,8 +1,8 @@
-"""Gliders steered along a route: K at once, each told at its own surfacings where to head, until it arrives or a deadline passes.
+"""Simulated flights of K gliders along a route, steered at each surfacing until arrival or a deadline.
 
-The pilot knows the estimate, the place of each surfacing, and dead reckoning: the displacement over ground less that through water is the
-mean current of a dive, and what it differs by from the expected one is expected of the next dive. The glider heads for the place on the
-route that is one planned leg ahead of it, or for the next goal where that is nearer.
+The pilot knows the estimate, each surfacing's position, and dead reckoning. The displacement over ground minus that through water gives
+the DAC of a dive; its deviation from the expected current is expected of the next dive too. The target is one planned leg ahead on the
+route, or the next goal if nearer.
 """
 
 from dataclasses import dataclass, replace
@@ -33,19 +33,19 @@ _PARTS = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A way that gliders are steered along.
+    """Reference route of steered gliders.
 
     Attributes:
-        places: shape (L + 1, 2) [m], where legs begin and end.
-        angles: shape (L,) [rad].
-        depths: shape (L,) [m].
-        heading: Of the first dive [rad]; None to aim it.
-        goals: shape (G, 3) [m], in order.
-        legs: shape (G,), in which leg each is met; 0 for the start.
-        radius: shape (G,) [m].
-        direct: Whether the next goal is aimed at, one a leg.
-        alone: Whether the glider steers itself by its last dive's current.
-        told: shape (K, 2) [m/s], what it expects at first; NaN or None for what it meets.
+        places: Ends of legs, shape (L + 1, 2) [m].
+        angles: Glide angles, shape (L,) [rad].
+        depths: Dive depths, shape (L,) [m].
+        heading: Heading of the first dive [rad]; None to compute it.
+        goals: Goals in order, shape (G, 3) [m].
+        legs: Leg in which each goal is met, shape (G,); 0 for the start.
+        radius: Radius of each goal, shape (G,) [m].
+        direct: Whether each leg heads for the next goal.
+        alone: Whether the glider steers itself by the DAC of its last dive.
+        told: Current expected in the first dive, shape (K, 2) [m/s]; NaN or None for the true one.
     """
 
     places: Array
@@ -61,12 +61,12 @@ class Route:
 
     @property
     def along(self) -> Array:
-        """Distance from the start along the route, shape (L + 1,) [m]."""
+        """Along-route distance from the start, shape (L + 1,) [m]."""
         return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(self.places, axis=0), axis=1)))
 
     @property
     def passed(self) -> Array:
-        """How far along it each goal is met, shape (G,) [m]: at the end of a leg, or the nearest place of a leg that passes it below."""
+        """Along-route distance of each goal, shape (G,) [m]: at a leg's end, or its closest point for a goal below the surface."""
         ends = self.along[self.legs]
         first = np.maximum(self.legs - 1, 0)
         way = self.places[self.legs] - self.places[first]
@@ -80,13 +80,13 @@ class Route:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Begin:
-    """Where K gliders begin on a route.
+    """Initial state of K gliders on a route.
 
     Attributes:
-        place: shape (K, 2) [m].
-        time: shape (K,) [s], since the start.
-        leg: shape (K,), number of their leg, from 0.
-        heading: shape (K,), of the first dive [rad].
+        place: Position, shape (K, 2) [m].
+        time: Time since the start, shape (K,) [s].
+        leg: Number of the leg, from 0, shape (K,).
+        heading: Heading of the first dive, shape (K,) [rad].
     """
 
     place: Array
@@ -102,20 +102,20 @@ def steer(
     deadline: float,
     begin: Begin | None = None,
 ) -> Flights:
-    """Return the flights of K gliders along a route.
+    """Return the simulated flights of K gliders along a route.
 
     Args:
-        task: Start, vehicle and what the pilot knows of the current.
-        currents: K flows, or one for any number of gliders.
-        route: The way and its goals.
-        deadline: Since the start, after which no goal counts [s].
-        begin: Where they begin; None for all at the start.
+        task: Start, vehicle and the current known to the pilot.
+        currents: True currents: K flows, or one for any number of gliders.
+        route: Route and goals.
+        deadline: Latest arrival [s since the start].
+        begin: Initial state; None for the start of the task.
     """
     return _Gliders(task, currents, route, deadline, begin).fly()
 
 
 class _Gliders:
-    """K gliders under way: mutable, one object a call."""
+    """State of K gliders under way (mutable)."""
 
     def __init__(
         self, task: Task, currents: Currents, route: Route, deadline: float, begin: Begin | None
@@ -151,7 +151,7 @@ class _Gliders:
         self.surface = task.currents.weights(np.zeros(1))[0]
 
     def fly(self) -> Flights:
-        """Fly dive after dive."""
+        """Fly dives until all gliders arrive or the deadline passes."""
         goals, ups, numbers, dive = len(self.route.goals), list[int](), [0], 0
         live = np.flatnonzero((self.goal < goals) & (self.now <= self.deadline))
         while live.size:
@@ -175,7 +175,7 @@ class _Gliders:
         )
 
     def _target(self, live: NDArray[np.intp]) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return where gliders head, shape (K, 2) [m], the depths of their dives [m], and whether it is a goal."""
+        """Return the targets of gliders, shape (K, 2) [m], the dive depths [m], and a mask of targets that are goals."""
         route, along = self.route, self.along
         at, goal = self.at[live], self.goal[live]
         if route.direct:
@@ -224,7 +224,7 @@ class _Gliders:
         currents: Currents,
         clock: float,
     ) -> Array:
-        """Return the mean of a current half way to a place, over a dive and the drift after it, shape (K, 2) [m/s]."""
+        """Return the mean current over a dive and its drift halfway to a target, shape (K, 2) [m/s]."""
         at, vehicle = self.at[live], self.task.vehicle
         along, down = (float(value) for value in vehicle.speeds(np, vehicle.angles[0]))
         lasts = 2.0 * self.task.settings.yos * deep / down
@@ -237,7 +237,7 @@ class _Gliders:
         return currents.velocity(middle, of_levels, clock + self.now[live] + 0.5 * lasts)
 
     def _dive(self, live: NDArray[np.intp], number: int) -> tuple[Array, Array, Array]:
-        """Fly one dive of some gliders; return places, times and depths of all, shape (S, K, ...)."""
+        """Fly one dive of some gliders; return positions, times and depths of all, shape (S, K, ...)."""
         task, route, vehicle = self.task, self.route, self.task.vehicle
         settings, projection = task.settings, task.region.grid.projection
         to, deep, last = self._target(live)
@@ -285,7 +285,7 @@ class _Gliders:
         return self._kept(live, path, arrived)
 
     def _current(self, live: NDArray[np.intp], number: int) -> Currents:
-        """Return the currents that some gliders meet, with the speeds of their dive."""
+        """Return the true currents of some gliders, with the speeds of their dive."""
         met, vehicle, count = self.met_in, self.task.vehicle, len(self.at)
         errs = bool(vehicle.speed_spread or vehicle.speed_error) and self.first is None
         pace = vehicle.paces(count, number)[live] if errs else None
@@ -293,14 +293,14 @@ class _Gliders:
         return met.some(numbers, pace)
 
     def _met_at_first(self, live: NDArray[np.intp], to: Array, deep: Array, drift: Array) -> Array:
-        """Return what gliders that steer themselves expect in their first dive, shape (K, 2) [m/s]."""
+        """Return the current that self-steering gliders expect in their first dive, shape (K, 2) [m/s]."""
         known, clock = self._current(live, 0), self.clock
         met = self._expected(live, to, deep, drift, known, clock)
         told = self.route.told
         return met if told is None else np.where(np.isnan(told[live]), met, told[live])
 
     def _arrive(self, live: NDArray[np.intp], path: Path) -> NDArray[np.bool_]:
-        """Note which goals are met in a dive; return who has met the last one."""
+        """Record the goals met in a dive; return a mask of gliders that arrived."""
         goals, up = self.route.goals, len(path.times) - 1 - DRIFT_STEPS
         goal, rows = self.goal[live], np.arange(live.size)
         away, when = np.linalg.norm(path.places - goals[goal, :2], axis=-1), path.times
@@ -320,7 +320,7 @@ class _Gliders:
     def _kept(
         self, live: NDArray[np.intp], path: Path, arrived: NDArray[np.bool_]
     ) -> tuple[Array, Array, Array]:
-        """Return a dive of some as one of all: who has arrived stays where it came up."""
+        """Return a dive of some gliders as one of all; arrived ones stay at their last surfacing."""
         up = len(path.times) - 1 - DRIFT_STEPS
         found = list[Array]()
         for values, before in zip((path.places, path.times, path.depths), self.kept, strict=True):

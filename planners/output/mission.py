@@ -1,4 +1,4 @@
-"""A mission for people and other programs: its legs, goals and surfacings as tables, as JSON, as the plan of a result."""
+"""Plans as tables of legs, goals and surfacings, as JSON, and as the message of a result."""
 
 from itertools import pairwise
 from typing import Any
@@ -14,14 +14,13 @@ from replay_kit.core.text import csv_text
 
 
 def legs_table(plan: MissionPlan, odds: MissionOdds | None) -> list[dict[str, Any]]:
-    """Return the commands at the beginning of each leg and the place of its end, one row per leg.
+    """Return a table of the legs: command and end position, one row per leg.
 
-    ``heading_from_deg`` and ``heading_to_deg`` are the least and the greatest heading with which the leg still arrives, None where not
-    even the planned one does.
+    ``heading_from_deg`` and ``heading_to_deg`` bound the headings with which the leg still arrives; None if the planned one does not.
 
     Args:
-        plan: The mission.
-        odds: Of it, which give ellipses and these headings; None without.
+        plan: Plan.
+        odds: Odds with ellipses and these bounds; None without samples.
     """
     begins = np.concatenate([[0.0], plan.surfacing_times[:-1]])
     rows = []
@@ -56,7 +55,7 @@ def legs_table(plan: MissionPlan, odds: MissionOdds | None) -> list[dict[str, An
 
 
 def goals_table(plan: MissionPlan) -> list[dict[str, float]]:
-    """Return where each goal is, in which leg and when it is met, and how closely, one row a goal."""
+    """Return a table of the goals: position, leg, time and miss distance, one row per goal."""
     return [
         {
             "longitude": goal.longitude,
@@ -71,7 +70,7 @@ def goals_table(plan: MissionPlan) -> list[dict[str, float]]:
 
 
 def to_csv(plan: MissionPlan, odds: MissionOdds | None) -> str:
-    """Return the legs as CSV with a line of names; without legs only that there are none."""
+    """Return the legs as CSV with a header line; ``leg`` only without any."""
     rows = legs_table(plan, odds)
     rounded = [
         {name: None if value is None else round(value, 7) for name, value in row.items()}
@@ -81,7 +80,7 @@ def to_csv(plan: MissionPlan, odds: MissionOdds | None) -> str:
 
 
 def to_json(plan: MissionPlan, odds: MissionOdds | None) -> dict[str, Any]:
-    """Return the mission as JSON: its outcome, energy and legs; figures that are not numbers are null."""
+    """Return the plan as JSON: outcome, energy and legs; NaN becomes null."""
     return {
         "status": plan.status,
         "message": plan.message,
@@ -97,21 +96,20 @@ def to_json(plan: MissionPlan, odds: MissionOdds | None) -> dict[str, Any]:
 
 
 def places_table(plan: MissionPlan, odds: MissionOdds | None) -> list[dict[str, Any]]:
-    """Return each goal, and then the surfacing of each leg, by name, for a map."""
+    """Return a table of goals and surfacings by name, for a map."""
     goals = [{"name": f"goal {k}", **row} for k, row in enumerate(goals_table(plan), 1)]
     return goals + [{"name": f"surfacing {row['leg']}", **row} for row in legs_table(plan, odds)]
 
 
 def as_plan(plan: MissionPlan, projection: Projection, odds: MissionOdds | None = None) -> Plan:
-    """Return the mission as the plan of its first leg with the whole predicted track: what the result's messages hold of a plan.
+    """Return the plan as a message of a result: the first leg's command and the whole predicted track.
 
-    Its legs name the controls of each, with the ellipse of its surfacing where there are samples. A mission without legs has
-    nothing to steer: heading and glide angle are NaN.
+    Each leg holds its controls and, with samples, the ellipse of its surfacing. Without legs, heading and glide angle are NaN.
 
     Args:
-        plan: The mission.
-        projection: The local frame of its track.
-        odds: Of it; None without samples.
+        plan: Plan.
+        projection: Local frame of its track.
+        odds: Odds of the plan; None without samples.
     """
     legs = len(plan.headings_deg)
     heading, angle = (

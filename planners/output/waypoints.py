@@ -1,4 +1,4 @@
-"""Waypoints for people, other programs and gliders: CSV, GeoJSON, JSON, KML, QGroundControl, a Slocum, a Seaglider."""
+"""Waypoint files: CSV, GeoJSON, JSON, KML, QGroundControl, Slocum and Seaglider."""
 
 import json
 from collections.abc import Callable
@@ -15,13 +15,13 @@ from replay_kit.core.text import csv_text
 
 
 def waypoint_text(waypoints: Waypoints, path: Path) -> str:
-    """Return waypoints in the form that a file's name tells.
+    """Return the text of a waypoint file in the format given by its name.
 
-    It ends in .csv, .geojson, .json, .kml, .plan (QGroundControl), .ma (Slocum: a ``yo`` where the name begins with that, else a
-    ``goto_list``), .targets or is targets (Seaglider), .science or is science (the depths at which a Seaglider samples).
+    Endings: .csv, .geojson, .json, .kml, .plan (QGroundControl), .ma (Slocum: ``yo`` if the name begins with it, otherwise ``goto_list``).
+    Seaglider: targets or .targets, and science or .science (sampling intervals by depth).
 
     Raises:
-        PlanError: The name tells none.
+        PlanError: The format is unknown.
     """
     form = check_form(path)
     return (
@@ -32,10 +32,10 @@ def waypoint_text(waypoints: Waypoints, path: Path) -> str:
 
 
 def check_form(path: Path) -> str:
-    """Return the form that a file's name tells.
+    """Return the format given by a file's name.
 
     Raises:
-        PlanError: It tells none.
+        PlanError: The format is unknown.
     """
     form = path.suffix.lower() or f".{path.name.lower()}"
     if form not in FORMS:
@@ -46,7 +46,7 @@ def check_form(path: Path) -> str:
 
 
 def waypoint_rows(waypoints: Waypoints) -> list[dict[str, float | None]]:
-    """Return one row a waypoint; the time of one that is not reached is None."""
+    """Return a table with one row per waypoint; the time is None if not reached."""
     return [
         {
             "waypoint": k + 1,
@@ -64,7 +64,7 @@ def waypoint_rows(waypoints: Waypoints) -> list[dict[str, float | None]]:
 
 
 def waypoint_json(waypoints: Waypoints) -> dict[str, Any]:
-    """Return waypoints and what is lost by heading for them as JSON."""
+    """Return the waypoints and their loss against the plan as JSON."""
     return {
         "message": waypoints.message,
         "off_end_m": waypoints.off_end,
@@ -84,7 +84,7 @@ def _json(waypoints: Waypoints) -> str:
 
 
 def _geojson(waypoints: Waypoints) -> str:
-    """Return the waypoints as points, and where the glider surfaces on the way as one feature of many points."""
+    """Return the waypoints as point features, and the surfacings between them as one multi-point feature."""
     near = float(waypoints.longitude[0])
     about = {name: value for name, value in waypoint_json(waypoints).items() if name != "waypoints"}
     surfacings = positions(waypoints.surfacings[:, 0], waypoints.surfacings[:, 1], near)
@@ -96,9 +96,9 @@ def _geojson(waypoints: Waypoints) -> str:
 
 
 def _slocum(waypoints: Waypoints) -> str:
-    """Return a ``goto_list`` that is run once from its first waypoint on.
+    """Return a ``goto_list`` that runs once from its first waypoint.
 
-    Places are longitude and latitude in whole degrees with minutes behind.
+    Positions are longitude and latitude in degrees and minutes, see ``_minutes``.
 
     References: Slocum G2 Glider Operators Training Guide, Teledyne Webb Research, revision 06/12, "Mission Files (.mi and .ma)",
     ``goto_l10.ma`` and the meanings of ``start_when`` (manualshive.com/manual/teledyne/slocum-g2/1080372, pages 26 to 38).
@@ -126,7 +126,7 @@ def _slocum(waypoints: Waypoints) -> str:
 
 
 def _seaglider(waypoints: Waypoints) -> str:
-    """Return a file of targets, each leading to the next and the last to itself.
+    """Return a ``targets`` file in which each target leads to the next and the last to itself.
 
     References: Seaglider File Formats Manual, University of Washington, version 66.12, April 2012, ``targets``
     (sahale.apl.washington.edu/svn/Archive/software/releases/main66.12/docs/File_Formats_Man.html).
@@ -144,7 +144,7 @@ _SAMPLING = ((50.0, 5, 60), (200.0, 10, 120), (np.inf, 20, 180))
 
 
 def _science(waypoints: Waypoints) -> str:
-    """Return the intervals at which a Seaglider with one instrument samples, down to the deepest dive on the way.
+    """Return a ``science`` file: sampling intervals of one instrument down to the deepest dive.
 
     References: Seaglider File Formats Manual, University of Washington, version 66.12, April 2012, ``science``; the checks of
     ``validate.py`` in iop-apl-uw/basestation3: depth, seconds, a digit for each instrument, seconds between guidance and control.
@@ -163,7 +163,7 @@ def _science(waypoints: Waypoints) -> str:
 
 
 def _slocum_yo(waypoints: Waypoints) -> str:
-    """Return a ``yo`` with the dives of the waypoints: the shallowest depth and the mean pitch on the way to any of them.
+    """Return a ``yo`` file with the shallowest depth and the mean pitch of the dives.
 
     References: Slocum G2 Glider Operators Training Guide, Teledyne Webb Research, revision 06/12, "Mission Files (.mi and .ma)",
     ``yo10.ma``.
@@ -188,9 +188,9 @@ def _slocum_yo(waypoints: Waypoints) -> str:
 
 
 def _qgroundcontrol(waypoints: Waypoints) -> str:
-    """Return a plan of MAVLink waypoints at the surface, with the radius within which each counts as reached, and its fence.
+    """Return a plan of MAVLink waypoints at the surface, with their acceptance radius and the fence.
 
-    A fence holds at any depth, so that areas for no surfacing are not in it; areas are in it without their holes.
+    A fence applies at any depth: areas that forbid surfacing only are omitted, and holes are ignored.
 
     References: QGroundControl developer guide, Plan File Format; MAVLink common messages, MAV_CMD_NAV_WAYPOINT (16),
     MAV_FRAME_GLOBAL_RELATIVE_ALT (3), MAV_TYPE_SUBMARINE (12), MAV_AUTOPILOT_GENERIC (0).
@@ -247,7 +247,7 @@ def _fence(waypoints: Waypoints) -> list[dict[str, Any]]:
 
 
 def _kml(waypoints: Waypoints) -> str:
-    """Return the waypoints as placemarks, with the line through them.
+    """Return the waypoints as placemarks and a connecting line.
 
     References: OGC 12-007r2, OGC KML 2.3: coordinates are longitude, latitude and height.
     """
@@ -270,7 +270,7 @@ def _kml(waypoints: Waypoints) -> str:
 
 
 def _minutes(degrees: float) -> str:
-    """Return an angle as whole degrees with minutes behind: -70.5 is -7030.0000."""
+    """Return an angle as degrees and minutes without a separator: -70.5 is -7030.0000."""
     # rounded before it is split, or 59.99999 minutes become 60
     units = round(abs(float(degrees)) * 60e4)
     whole, rest = divmod(units, 600000)

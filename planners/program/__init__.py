@@ -1,1 +1,1 @@
-"""The optimal-control program of a mission: its starts, graph, walls and rounds."""
+"""Nonlinear program of a mission: initial guesses, CasADi graph, half-planes and outer iterations."""

@@ -1,18 +1,17 @@
-"""The program of a mission of L legs as a CasADi graph.
+"""Nonlinear program of a mission of L legs as a CasADi graph.
 
-Unknowns: the ends of N = L M segments X [km], glide angle A [rad] and depth H [km] of each leg, what each goal is missed by S [km], what
-walls are passed by z [km], the speed over the vehicle's v. The heading is a result: what the current leaves of a segment is its
-displacement through water q.
+Unknowns: the ends of N = L M segments X [km], glide angle A [rad] and depth H [km] of each leg, miss distance S [km] of each goal,
+violation z of half-planes [km], and relative speed v. The heading follows from the displacement through water q of each segment:
 
     q_k = X_k - X_(k-1) - sum_c (J_ck / w + D_k s_c) U_ck - b_k,    |q_1|^2 = (V cos A T_1)^2,    q_m T_1 = q_1 T_m within a leg,
     T_k = (p_k H - o_k) / w,    w = V sin A,    J_ck = a_k I_c(H) + a'_k I_c(H / 2) - j_ck,
     U_ck = (u_c(begin) + 4 u_c(middle) + u_c(end)) / 6
 
-with I_c the integral over depth of the weight of level c, D drifts, s_c the weights at the surface. Of a glide, which is one leg from depth
-to depth, A stands for its duration [h]: T_k = A / M, |q_1|^2 = (V T_1)^2 - (dz / M)^2, J_ck / w = j_ck T_k.
+with I_c the integral over depth of the weight of level c, D drifts, s_c the weights at the surface. For a glide, a single leg from depth to
+depth, A is the duration [h]: T_k = A / M, |q_1|^2 = (V T_1)^2 - (dz / M)^2, J_ck / w = j_ck T_k.
 
-The defect b, what a goal below the surface is off its leg's chord, walls and limits of depth are constants that the flown legs tell: where
-they have settled the program is the full flight.
+Constants from the simulated flight of the previous iterate: the defect b, the offset of a goal below the surface from its leg's chord,
+half-planes and depth limits. At convergence the program is equivalent to the full simulation.
 """
 
 from dataclasses import dataclass
@@ -46,14 +45,14 @@ _OPTIONS: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """What the graph of a program depends on beside water and vehicle.
+    """Dimensions of a program.
 
     Attributes:
         legs: Number of legs.
-        segments: Of each leg.
+        segments: Number of segments per leg.
         goals: Number of goals.
-        glide: Whether it is a glide.
-        planes: Half-planes of each segment.
+        glide: Whether the mission is a single glide.
+        planes: Number of half-planes per segment.
     """
 
     legs: int
@@ -96,12 +95,12 @@ def _sizes(shape: Shape, levels: int) -> dict[str, tuple[int, int]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """A solver and what it is asked with.
+    """Compiled program with its solver.
 
     Attributes:
-        shape: Of it.
+        shape: Dimensions of the program.
         levels: Number of levels.
-        solver: IPOPT's.
+        solver: IPOPT solver.
         result: CasADi function (unknowns, parameters) -> displacements through water (2, N) [km], durations (N) and ends (N) [h].
     """
 
@@ -111,7 +110,7 @@ class Program:
     result: Any
 
     def parameters(self, **given: Array) -> Array:
-        """Return the parameters as the solver takes them; each in the shape of ``_sizes``, zeros where it is left out."""
+        """Return the parameter vector of the solver; omitted parameters, in the shapes of ``_sizes``, are zero."""
         sizes = _sizes(self.shape, self.levels)
         values = [
             np.reshape(given[k], sizes[k]) if k in given else np.zeros(sizes[k]) for k in sizes
@@ -120,7 +119,7 @@ class Program:
 
 
 def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
-    """Return the program of a shape."""
+    """Return the program with given dimensions."""
     n, segments, planes = shape.n, shape.segments, shape.planes
     sizes = _sizes(shape, water.count)
     p = {name: ca.MX.sym(name, *size) for name, size in sizes.items()}
@@ -131,7 +130,7 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
     missed, beyond, pace = ca.MX.sym("S", 2, shape.goals), ca.MX.sym("z"), ca.MX.sym("v")
 
     def each(of_legs: Any) -> Any:
-        """Return a column of the legs' values for each of their segments."""
+        """Return values of legs repeated for each of their segments."""
         return of_legs if segments == 1 else ca.vec(ca.repmat(of_legs.T, segments, 1))
 
     along, down = (pace * speed * HOUR / KM for speed in vehicle.speeds(ca, angles))
@@ -196,7 +195,7 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
     time, energy, miss, line, mooring = ca.vertsplit(p["weights"])
 
     def integral(of: Any) -> Any:
-        """Return Simpson's integral over time of a function of places."""
+        """Return the integral over time of a function of position, by Simpson's rule."""
         return ca.sum2((lasts + p["drift"]).T * (of(begins) + 4.0 * of(middles) + of(ends))) / 6.0
 
     cost = (
@@ -216,7 +215,7 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
 
 
 def _columns(of_legs: Any, segments: int) -> Any:
-    """Return columns of the legs, each for every segment of its leg."""
+    """Return columns of legs repeated for each segment."""
     return of_legs[:, [k for k in range(of_legs.shape[1]) for _ in range(segments)]]
 
 

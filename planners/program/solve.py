@@ -1,4 +1,4 @@
-"""Rounds: the program solved, its legs flown all at once in the full flow, and what they end beside it made constants of the next."""
+"""Outer iterations of a mission: solve the program, simulate its legs in the full flow, correct the program by the defects."""
 
 from dataclasses import dataclass, field, replace
 from math import inf
@@ -43,15 +43,15 @@ _MISS, _MISS_FIRST = 50.0, 5e3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
-    """Where rounds begin.
+    """Initial guess of a mission.
 
     Attributes:
-        name: Of it.
-        lines: shape (L, n, 2) [m], a way cut into legs.
-        angles: shape (L,), glide angles [rad]; of a glide its duration [h].
-        depths: shape (L,), of the dives [m]; each leg stays in water deep enough for its own.
-        goal_legs: In which leg each goal is met, counted from 1.
-        defect: shape (2, N) [km], what an earlier solution's legs ended beside the program; None without.
+        name: Name in the statistics.
+        lines: Route divided into legs, shape (L, n, 2) [m].
+        angles: Glide angles, shape (L,) [rad]; the duration [h] for a glide.
+        depths: Dive depth of each leg, shape (L,) [m]; the leg stays in water deep enough for it.
+        goal_legs: Leg in which each goal is met, from 1.
+        defect: Defects of an earlier solution, shape (2, N) [km]; None without.
     """
 
     name: str
@@ -64,21 +64,21 @@ class Start:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Legs that were found, and where they lead.
+    """Solution of a mission: legs and their simulated flight.
 
     Attributes:
-        task: The mission, at the speed chosen.
-        start: Where the rounds began; None where nothing was solved.
-        legs: The commands.
-        flight: Where they lead.
-        goal_legs: In which leg each goal is met, from 1; 0 for the start.
-        points: shape (G,), of the flight, at which they are.
-        miss: shape (G,) [m].
-        violation: The first; None without.
-        clearance: From what is forbidden nearby [m].
-        iterations: IPOPT's.
-        status: IPOPT's last.
-        steps: Parts of a dive or climb.
+        task: Mission, at the optimised speed.
+        start: Initial guess; None if nothing was solved.
+        legs: Commands.
+        flight: Simulated flight.
+        goal_legs: Leg in which each goal is met, from 1; 0 for the start.
+        points: Point of the flight at which each goal is met, shape (G,).
+        miss: Miss distance of each goal, shape (G,) [m].
+        violation: First constraint violation, or None.
+        clearance: Clearance from nearby constraints [m].
+        iterations: Number of IPOPT iterations.
+        status: Last status of IPOPT.
+        steps: Number of integration steps per dive or climb.
     """
 
     task: Task
@@ -96,7 +96,7 @@ class Solution:
 
     @property
     def seconds(self) -> float:
-        """Its duration."""
+        """Duration [s]."""
         return float(self.flight.time[0, -1])
 
     @property
@@ -106,19 +106,19 @@ class Solution:
 
     @property
     def energy(self) -> float:
-        """[J]."""
+        """Energy [J]."""
         apogees = apogee_depths(yo_depths(self.legs.turns)) if self.count else 0.0
         return float(self.task.vehicle.energy(self.seconds, apogees))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Terms:
-    """What a program minimises, and the limits of its duration [h].
+    """Objective of a program, and bounds of its duration.
 
     Attributes:
-        given: Parameters of the program by name.
+        given: Parameters by name.
         least: Least duration [h].
-        most: Greatest.
+        most: Greatest duration [h].
     """
 
     given: dict[str, Array]
@@ -127,7 +127,7 @@ class Terms:
 
 
 def terms_of(task: Task) -> Terms:
-    """Return what the program of a mission minimises, an hour of it costing 1."""
+    """Return the objective of a mission's program, scaled to a cost of 1 per hour."""
     weights, shape, aim = task.settings.weights, task.shape, task.settings.aim
     most, goal = task.settings.max_duration / HOUR, task.goals[-1, :2] / KM
     none = {"line": np.zeros(4), "mooring": goal, "within": np.array([0.0, 0.0, 1.0])}
@@ -153,14 +153,14 @@ def terms_of(task: Task) -> Terms:
 
 @dataclass(eq=False)
 class Solver:
-    """Solves a mission with any number of legs: mutable, as water and programs are made once.
+    """Solver of a mission for any number of legs; caches current and programs.
 
     Attributes:
-        task: The mission.
-        terms: What is minimised.
-        water: The current.
-        segments: Of a leg: the fewest along which Simpson's rule holds.
-        programs: By their shapes.
+        task: Mission.
+        terms: Objective and bounds.
+        water: Current.
+        segments: Segments per leg, the fewest for which Simpson's rule is accurate.
+        programs: Programs by dimensions.
     """
 
     task: Task
@@ -170,13 +170,13 @@ class Solver:
     programs: dict[Shape, Program] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Fit the current."""
+        """Fit the current and set the objective."""
         with TURN:
             self.terms, self.water = terms_of(self.task), Water(self.task)
         self.segments = segments_of(self.task)
 
     def program(self, legs: int, walled: bool) -> Program:
-        """Return the program of so many legs, with half-planes or without."""
+        """Return the program for a number of legs, with or without half-planes."""
         planes = PLANES if walled else 0
         shape = Shape(legs, self.segments, len(self.task.goals), self.task.is_glide, planes)
         if shape not in self.programs:
@@ -184,13 +184,13 @@ class Solver:
         return self.programs[shape]
 
     def solve(self, start: Start) -> Solution:
-        """Return what the rounds from a start end with."""
+        """Return the solution from an initial guess."""
         with TURN:
             return _Rounds(self, start).run()
 
 
 def segments_of(task: Task) -> int:
-    """Return the segments of a mission's legs."""
+    """Return the number of segments per leg."""
     if task.is_glide:
         return _OF_GLIDE
     kernel = task.flow.horizontal.kernel
@@ -202,7 +202,7 @@ def segments_of(task: Task) -> int:
 
 
 def _speed_near(task: Task) -> float:
-    """Return a high speed of the current about start and goals, in the mean over the levels [m/s]."""
+    """Return a high quantile of the level-mean current speed around start and goals [m/s]."""
     places = np.vstack([task.start[None], task.goals])[:, :2]
     axes = np.linspace(places.min(axis=0) - 2e4, places.max(axis=0) + 2e4, 15).T
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
@@ -212,9 +212,9 @@ def _speed_near(task: Task) -> float:
 
 
 def parts_of(yos: int, segments: int) -> tuple[Array, Array, Array]:
-    """Return how often each segment of a leg of some dives passes its depth, and how often the integrals down to all and half of it count.
+    """Return the number of depth passes of each segment, and the multiplicities of the integrals to the full and half depth.
 
-    Each is of shape (M,); segments are equally long, and one of four may end halfway.
+    Each has shape (M,). Segments have equal lengths; one of four may end at half the depth.
     """
     cuts = np.arange(segments + 1) * 2.0 * yos / segments
 
@@ -229,7 +229,7 @@ def parts_of(yos: int, segments: int) -> tuple[Array, Array, Array]:
 
 
 class _Rounds:
-    """The rounds from one start: mutable, one object for each."""
+    """State of the outer iterations from one initial guess (mutable)."""
 
     def __init__(self, solver: Solver, start: Start) -> None:
         self.solver, self.task, self.start = solver, solver.task, start
@@ -250,7 +250,7 @@ class _Rounds:
         self.given = self.solver.terms.given | self._profile()
 
     def _walls(self) -> Walls:
-        """Return what all segments keep clear of, and what those of legs of one depth do."""
+        """Return the constraints of all segments, and those specific to the dive depth of each leg."""
         task, start = self.task, self.start
         of_segments = np.repeat(start.depths, self.segments)
         rings = [(ring, np.arange(self.n)) for ring in task.rings]
@@ -267,7 +267,7 @@ class _Rounds:
         return np.stack([points[:-1], points[1:]], axis=1)
 
     def _profile(self) -> dict[str, Array]:
-        """Return the parameters that say how the segments pass depths, and drift."""
+        """Return the parameters of the segments' depth profiles and drifts."""
         task, water, segments = self.task, self.solver.water, self.segments
         yos, first, deep = task.settings.yos, float(task.start[2]), float(task.goals[-1, 2])
         begins, fixed = np.zeros(self.n), np.zeros((water.count, self.n))
@@ -275,7 +275,7 @@ class _Rounds:
         pumps, last = np.full(self.legs, float(yos)), np.s_[-segments:]
 
         def met(begin: float, end: float) -> Array:
-            """Return the integrals over each segment's share of a straight dive, shape (C, M)."""
+            """Return the integrals over each segment of a straight dive, shape (C, M)."""
             at = np.linspace(begin, end, segments + 1)
             return np.diff([water.integral(float(z)) for z in at], axis=0).T
 
@@ -308,7 +308,7 @@ class _Rounds:
         }
 
     def run(self) -> Solution:
-        """Return what they end with."""
+        """Return the solution after the last iteration."""
         iterations, status, walled, settled = 0, "", False, False
         for number in range(_ROUNDS):
             walled = walled or self.walls.near(self.flown)
@@ -327,7 +327,7 @@ class _Rounds:
         return answer if settled else again(answer)
 
     def _solve(self, number: int, walled: bool) -> tuple[str, int, tuple[Array, Array, Array]]:
-        """Solve the program; return IPOPT's status and iterations, and displacements, durations and ends of the segments."""
+        """Solve the program; return IPOPT's status and iterations, and the segments' displacements, durations and ends."""
         task, legs, n = self.task, self.legs, self.n
         asked, terms = self.solver.program(legs, walled), self.solver.terms
         given = self.given | {"met": self.met, "bend": self.bend, "defect": self.defect}
@@ -377,15 +377,15 @@ class _Rounds:
 
     @property
     def vehicle(self) -> Glider:
-        """The glider at the speed chosen."""
+        """Glider at the optimised speed."""
         vehicle = self.task.vehicle
         return vehicle if self.pace == 1.0 else replace(vehicle, speed=self.pace * vehicle.speed)
 
     def _fly(self, through: Array, lasts: Array, end: Array) -> tuple[Array, float]:
-        """Fly all legs at once, each from where and when the program has it begin.
+        """Simulate all legs at once, each from its beginning in the program.
 
         Returns:
-            What segments end beside the program, shape (N, 2) [m]; and how far places of goals within legs have moved [m].
+            Defects of the segments, shape (N, 2) [m]; and the shift of the goals' passing points within legs [m].
         """
         task, segments = self.task, self.segments
         points = self._points()
@@ -424,7 +424,7 @@ class _Rounds:
 
     @property
     def glide_angles(self) -> Array:
-        """Shape (L,) [rad]; of a glide that of its duration, which the program has in its place."""
+        """Glide angles, shape (L,) [rad]; for a glide computed from its duration."""
         if not self.task.is_glide:
             return self.angles
         low, high = self.task.turns(self.depths)[:, 0]
@@ -433,14 +433,14 @@ class _Rounds:
 
     @property
     def steps(self) -> int:
-        """Parts of a dive or climb, none longer than some minutes."""
+        """Number of integration steps per dive or climb, limited to some minutes each."""
         if self.task.is_glide:
             return _GLIDE_STEPS
         lasts = float(np.max(self.depths)) / float(self.vehicle.speeds(np, np.min(self.angles))[1])
         return max(int(np.ceil(lasts / _LONGEST)), COARSE)
 
     def _blend(self, path: Path, since: Array, cuts: Array) -> float:
-        """Take for each goal below the surface that is met within a leg the nearest place at its depth; return how far that moved [m]."""
+        """Update the passing point of each goal below the surface within a leg; return the largest shift [m]."""
         moved, points = 0.0, self._points()
         for j, leg in enumerate(self.start.goal_legs[:-1]):
             goal = self.task.goals[j]
@@ -463,7 +463,7 @@ class _Rounds:
         return moved
 
     def _settled(self, gap: Array, moved: float, walled: bool, number: int) -> bool:
-        """Take over what the flown legs end beside the program; return whether nothing is left to correct."""
+        """Update the defects from the simulated legs; return whether the iteration has converged."""
         self.defect = self.defect + gap.T / KM
         margin = self.task.settings.margin
         lacks = margin - (self.walls.clearance(self.flown) if walled else inf)
@@ -474,7 +474,7 @@ class _Rounds:
         return summed < left and moved < _FREE and lacks < _LACKING
 
     def _solution(self, status: str, iterations: int) -> Solution:
-        """Return the legs flown one after the other, and what comes of them."""
+        """Return the solution with its legs simulated in sequence."""
         request = replace(self.task.request, vehicle=self.vehicle)
         task = replace(self.task, request=request)
         legs = Legs(self.headings, self.glide_angles, task.turns(self.depths), self.drift)
@@ -491,10 +491,10 @@ class _Rounds:
 
 
 def again(found: Solution) -> Solution:
-    """Return a solution with its legs flown one after the other, as the vehicle will fly them.
+    """Return a solution with its legs simulated in sequence.
 
-    All are flown at once, each from where the one before has just ended, until that moves none: it contracts by what the current changes
-    over a leg's error.
+    A fixed-point iteration over all legs at once, each from the previous one's last end. It contracts by the change of the current over a
+    leg's error.
     """
     task, legs, ends = found.task, found.legs, found.flight.place[0, found.flight.ends]
     down = np.broadcast_to(task.vehicle.speeds(np, legs.angles)[1], ends.shape[:1])
@@ -526,7 +526,7 @@ def judged(
     status: str = "",
     steps: int = COARSE,
 ) -> Solution:
-    """Return legs with what comes of their flight, each goal met at its leg's end or, below the surface, nearest to it at its depth."""
+    """Return the solution of a simulated flight: miss distances, at a leg's end or at the goal's depth, and violations."""
     ends = np.concatenate([[0], flight.ends])
     points = ends[np.array(goal_legs)]
     for j, leg in enumerate(goal_legs[:-1]):
@@ -541,7 +541,7 @@ def judged(
 
 
 def _joined(path: Path, start_time: float) -> Flight:
-    """Return legs flown all at once as one flight, of which each leg begins where the one before nearly ends."""
+    """Return simultaneously simulated legs as one flight, with small gaps between them."""
     count, legs = path.times.shape
     keep = np.ones((count, legs), dtype=bool)
     keep[1:] = np.diff(path.times, axis=0) > 0.0
@@ -554,12 +554,12 @@ def _joined(path: Path, start_time: float) -> Flight:
 
 
 def _along(path: Path, since: Array, k: int, at: Array) -> Array:
-    """Return the places of a leg, shape (n, 2) [m], at some times since it began [s]."""
+    """Return the positions of a leg, shape (n, 2) [m], at times since its beginning [s]."""
     return np.column_stack([np.interp(at, since[:, k], path.places[:, k, i]) for i in (0, 1)])
 
 
 def _cut(lines: Array, segments: int) -> Array:
-    """Return legs, shape (L, n, 2), cut into segments, shape (L M, n, 2), of as many points."""
+    """Return legs, shape (L, n, 2), divided into segments, shape (L M, n, 2), with equal numbers of points."""
     legs, count = lines.shape[:2]
     at = np.linspace(0.0, count - 1.0, segments * (count - 1) + 1)
     before = np.minimum(at.astype(int), count - 2)

@@ -1,4 +1,4 @@
-"""The search: routes cut into some number of legs, the program from each in turn, until no fewer legs do and nothing else is quicker."""
+"""Search for the best mission over routes and numbers of legs, each an initial guess of the program."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -55,11 +55,11 @@ _UNSAFE = 1e9
 
 @dataclass(eq=False)
 class Search:
-    """The search for a mission: mutable, what was tried grows.
+    """State of the search for a mission (mutable).
 
     Attributes:
-        task: The mission.
-        found: Solutions, in turn.
+        task: Mission.
+        found: Solutions in order.
     """
 
     task: Task
@@ -67,18 +67,18 @@ class Search:
     found: list[Solution] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Make what solves."""
+        """Create the solver."""
         self.solver, self.short = Solver(self.task), False
         self.tried: set[tuple[str, int]] = set()
 
     @property
     def best(self) -> Solution | None:
-        """The best feasible solution; None when there is none."""
+        """Best feasible solution, or None."""
         good = [one for one in self.found if is_feasible(self.task, one)]
         return min(good, key=lambda one: ranking(self.task, one), default=None)
 
     def attempt(self, start: Start) -> Solution:
-        """Return what the program finds from a start."""
+        """Return the solution from an initial guess, and record it."""
         count = len(start.angles)
         self.tried.add((start.name, count))
         announce(f"planning: {count} legs")
@@ -86,7 +86,7 @@ class Search:
         return self.found[-1]
 
     def sweep(self, ways: Sequence[tuple[str, Passage]], depth: float) -> None:
-        """Try ways with the likely number of legs and more until one holds, then fewer."""
+        """Try routes with an estimated number of legs and more until one is feasible, then fewer."""
         task, settings = self.task, self.task.settings
         least = len(task.goals)
         most = max(int(min(settings.most_legs, _MOST_LEGS)), least)
@@ -111,7 +111,7 @@ class Search:
             self.recut(best, best.count + 1, least)
 
     def approach(self, way: Passage, deep: bool, limit: Limit = "") -> None:
-        """Try the way that comes nearest to a goal out of reach; more legs than some only crawl against a current."""
+        """Try the route with the closest approach to a goal out of reach, with a limited number of legs."""
         task, settings = self.task, self.task.settings
         likely = max(int(np.ceil(way.passed[-1] / task.leg_time() - 1e-6)), 1)
         crawling = _MOST_LEGS if limit in ("duration", "legs") else _CRAWLING
@@ -133,7 +133,7 @@ class Search:
         self.attempt(cut(task, "nearest", way, count, LEAST_DIVE))
 
     def recut(self, best: Solution, count: int, least: int) -> Solution | None:
-        """Return the solution with so many legs along the way of another; None where there are too few or it is not better."""
+        """Return the solution with another number of legs along the same route; None if too few or not better."""
         task = self.task
         assert best.start is not None
         name = f"{best.start.name.removesuffix(AGAIN)}{AGAIN}"
@@ -147,7 +147,7 @@ class Search:
         )
 
     def fewest(self, best: Solution, depth: float) -> int:
-        """Return the fewest legs that may do where some do: a leg less takes no drift, and the goal's disc is enough."""
+        """Return a lower bound of the number of legs along the same route, from the drift saved and the goal's disc."""
         longest, task = self.task.leg_time(depth=depth), self.task
         needed = best.seconds * (1.0 - task.settings.tolerance / length_of(best))
         if self.bound is not None and self.bound.is_tight:
@@ -155,7 +155,7 @@ class Search:
         return int(np.ceil(needed / longest / _SPARE))
 
     def turn(self, way: Passage) -> None:
-        """Try a way through all water with legs each of a depth that it allows, shorter ones until they hold."""
+        """Try a route over shallows with legs as deep as the water allows, shortened until feasible."""
         pace, task = 1.0, self.task
         for _ in range(_TRIES):
             start = cut_by_depth(task, "across", way, pace)
@@ -169,18 +169,18 @@ class Search:
 
 
 def length_of(found: Solution) -> float:
-    """Return how far a solution leads over ground [m]."""
+    """Return the length of a solution's track over ground [m]."""
     return max(float(np.sum(np.linalg.norm(np.diff(found.flight.place[0], axis=0), axis=1))), 1.0)
 
 
 def lacking(found: Solution) -> int:
-    """Return how many legs more a solution needs to lead over what it misses, one at least."""
+    """Return the number of additional legs needed to cover the miss distance, at least one."""
     missed = float(np.max(found.miss)) / (length_of(found) / found.count)
     return max(int(np.ceil(min(missed, _AT_ONCE * found.count))), 1)
 
 
 def cut(task: Task, name: str, way: Passage, count: int, depth: float) -> Start:
-    """Return a route cut into legs of equal time."""
+    """Return a route divided into legs of equal duration."""
     lasts = float(way.route.times[-1])
     angles = np.full(count, task.angle_of(lasts / count, depth))
     if task.is_glide:
@@ -191,7 +191,7 @@ def cut(task: Task, name: str, way: Passage, count: int, depth: float) -> Start:
 
 
 def snapped(route: Route, ends: Array) -> Array:
-    """Return times at which legs begin and end, the nearest moved to each corner of a route."""
+    """Return the ends of legs [s] with the nearest one moved to each corner of the route."""
     way = np.diff(route.points[:, 0] + 1j * route.points[:, 1])
     turn = np.abs(np.angle(way[1:] * way[:-1].conj()))
     ends = ends.copy()
@@ -209,19 +209,19 @@ def snapped(route: Route, ends: Array) -> Array:
 
 
 def lines_of(route: Route, ends: Array) -> Array:
-    """Return a route between some times, shape (L + 1,) [s], as lines of the legs, shape (L, n, 2) [m]."""
+    """Return the lines of the legs, shape (L, n, 2) [m], between times of a route, shape (L + 1,) [s]."""
     at = np.linspace(ends[:-1], ends[1:], _POINTS)
     return route.at(at.ravel()).reshape(_POINTS, -1, 2).transpose(1, 0, 2)
 
 
 def cut_by_depth(task: Task, name: str, way: Passage, pace: float) -> Start | None:
-    """Return a route cut into legs that are as deep as the water along them allows; None where they are more than are allowed.
+    """Return a route divided into legs as deep as the water allows; None if they exceed the allowed number.
 
     Args:
-        task: The mission.
-        name: Of the start.
-        way: Past all goals.
-        pace: Share of the longest legs.
+        task: Mission.
+        name: Name of the initial guess.
+        way: Passage along all goals.
+        pace: Length of legs relative to the longest.
     """
     route, settings = way.route, task.settings
     length = float(np.sum(np.linalg.norm(np.diff(route.points, axis=0), axis=1)))
@@ -256,10 +256,10 @@ def cut_by_depth(task: Task, name: str, way: Passage, pace: float) -> Start | No
 
 
 def goal_legs(passed: Array, count: int) -> tuple[int, ...]:
-    """Return after which leg each goal is met, counted from 1: the nearest in time to the route, each goal after a leg of its own.
+    """Return the leg in which each goal is met, from 1: the nearest in time, distinct for each goal.
 
     Args:
-        passed: shape (G,) [s], increasing; the last is the route's end.
+        passed: Passing times, shape (G,) [s], increasing; the last is the end of the route.
         count: Number of legs, at least G.
     """
     numbers: list[int] = []
@@ -270,20 +270,20 @@ def goal_legs(passed: Array, count: int) -> tuple[int, ...]:
 
 
 def as_passage(found: Solution) -> Passage:
-    """Return where a solution leads as a route."""
+    """Return the track of a solution as a passage."""
     flight = found.flight
     passed = flight.time[0, found.points]
     return Passage(Route(flight.place[0], flight.time[0], True), np.array(passed))
 
 
 def is_feasible(task: Task, found: Solution) -> bool:
-    """Return whether a solution violates no constraint, is in time and meets its goals, unless their miss is weighed against a cost."""
+    """Return whether a solution is feasible: no violation, in time, and goals met unless the miss distance has a weight."""
     met = task.settings.weighs_distance or arrives(task, found)
     return found.violation is None and met and overtime(task, found) == 0.0
 
 
 def arrives(task: Task, found: Solution) -> bool:
-    """Return whether every goal is met within the tolerance, and the track stays near enough to its line or mooring."""
+    """Return whether all goals are met within the tolerance and the track within the width of its line or mooring."""
     if isinstance(task.shape, Mooring):
         return deviation(task, found)[0] <= task.shape.radius
     near = task.shape is None or deviation(task, found)[0] <= task.shape.width
@@ -291,7 +291,7 @@ def arrives(task: Task, found: Solution) -> bool:
 
 
 def deviation(task: Task, found: Solution) -> tuple[float, float]:
-    """Return the largest distance from the line or the mooring and its root mean square over time [m]; zeros without."""
+    """Return the largest and the RMS distance from the line or mooring [m]; zeros without one."""
     flight, goal = found.flight, task.goals[-1, :2]
     off = flight.place[0] - goal
     if isinstance(task.shape, Line):
@@ -310,18 +310,18 @@ def deviation(task: Task, found: Solution) -> tuple[float, float]:
 
 
 def overtime(task: Task, found: Solution) -> float:
-    """Return how much longer than the longest mission a solution lasts [s]; 0 of a mooring, which has a duration of its own."""
+    """Return the excess over the largest duration [s]; 0 for a mooring."""
     late = found.seconds - task.settings.max_duration
     return 0.0 if isinstance(task.shape, Mooring) else max(late, 0.0)
 
 
 def lacking_energy(task: Task, found: Solution) -> float:
-    """Return by how much a solution takes more energy than the battery holds [J]."""
+    """Return the energy in excess of the battery [J]."""
     return max(found.energy - task.settings.battery, 0.0)
 
 
 def ranking(task: Task, found: Solution) -> tuple[bool, float, float]:
-    """Return the key that solutions are sorted by: feasible ones that the battery allows first, by cost; the others by what is missing."""
+    """Return the sort key of solutions: feasible ones within the battery by cost, then others by their deficit."""
     feasible, aim, lacking = (
         is_feasible(task, found),
         task.settings.aim,
@@ -343,11 +343,11 @@ def ranking(task: Task, found: Solution) -> tuple[bool, float, float]:
 
 
 def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
-    """Return the best mission found, and what is known of goals out of reach.
+    """Return the best mission found, with bounds for goals out of reach.
 
     Args:
-        task: The mission.
-        warm: An earlier plan, whose rest is tried first.
+        task: Mission.
+        warm: Earlier plan for a warm start.
     """
     if met := _met_at_start(task):
         if met == len(task.goals):
@@ -391,13 +391,13 @@ def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """What the search found.
+    """Result of the search.
 
     Attributes:
-        best: The solution to take.
-        tried: All solutions, in turn.
-        bound: What no vehicle of the same speed can do better; None where it is not known.
-        beyond: What is known of each goal out of reach.
+        best: Best solution.
+        tried: All solutions in order.
+        bound: Lower bound of the mission's time; None if unknown.
+        beyond: Bound of each goal out of reach.
     """
 
     best: Solution
@@ -407,7 +407,7 @@ class Answer:
 
 
 def _taken(task: Task, found: Sequence[Solution]) -> Solution:
-    """Return the best solution, flown leg after leg."""
+    """Return the best solution, with its legs simulated in sequence."""
     for one in sorted(found, key=lambda one: ranking(task, one)):
         flown = again(one)
         if is_feasible(task, flown) or not is_feasible(task, one):
@@ -416,7 +416,7 @@ def _taken(task: Task, found: Sequence[Solution]) -> Solution:
 
 
 def _anew(one: Search, mean: MeanCurrent, rays: Passage | None) -> None:
-    """Try the routes of a mission, round shallows and across them."""
+    """Try the routes of a mission around and across shallows."""
     task, depth = one.task, one.task.settings.depth
     places = np.vstack([task.start, task.goals])[:, :2]
     ways = [] if rays is None else [("rays", rays)]
@@ -455,7 +455,7 @@ def _anew(one: Search, mean: MeanCurrent, rays: Passage | None) -> None:
 
 
 def _in_range(one: Search) -> None:
-    """Try lesser depths of a range whose own route may be better than the best mission found."""
+    """Try shallower depths of the range that may allow a better route."""
     task, settings = one.task, one.task.settings
     if settings.depths is None:
         return
@@ -476,7 +476,7 @@ def _in_range(one: Search) -> None:
 
 
 def _without(task: Task, mean: MeanCurrent, bound: Bound) -> Answer:
-    """Return the best mission to the goals but for one out of reach; as near to that as it comes where no other is within reach."""
+    """Return the best mission without a goal out of reach; if it is the only one, the closest approach."""
     others = tuple(k for k in range(len(task.goals)) if k != bound.goal)
     if others:
         found = _to_all(task, others, search(_to_some(task, others)))
@@ -495,7 +495,7 @@ def _without(task: Task, mean: MeanCurrent, bound: Bound) -> Answer:
 
 
 def _rest(task: Task, warm: MissionPlan) -> list[Solution]:
-    """Return what is solved from the rest of an earlier plan; nothing where none of it is left, or not the number of legs asked for."""
+    """Return the solution warm-started from the remaining legs of a plan; empty if none remain or their number does not match."""
     flown = warm.legs_flown(task.request.start_time_ns)
     left = len(warm.headings_deg) - flown
     goals = len(warm.goals) == len(task.goals) and all(leg > flown for leg in warm.goal_legs)
@@ -515,7 +515,7 @@ def _rest(task: Task, warm: MissionPlan) -> list[Solution]:
 
 
 def _moored(task: Task) -> Answer:
-    """Return the mission near a place: legs at the glide angle at which the glider holds its place, from two guesses."""
+    """Return the mooring mission: legs at the glide angle of station keeping, from two initial guesses."""
     shape, settings, place = task.shape, task.settings, task.goals[0, :2]
     assert isinstance(shape, Mooring)
     weights = task.currents.weights(np.linspace(0.0, settings.depth, _DEPTHS)).mean(axis=0)
@@ -548,7 +548,7 @@ def _moored(task: Task) -> Answer:
 
 
 def _glide(task: Task) -> Answer:
-    """Return the glide that ends at its goal, of the quickest route's duration or some multiple of it."""
+    """Return the glide to its goal, from multiples of the fastest route's duration."""
     mean = mean_current(task)
     deepest = float(max(task.start[2], task.goals[-1, 2]))
     one, way = Search(task, None), passage(task, mean, deepest)
@@ -562,7 +562,7 @@ def _glide(task: Task) -> Answer:
 
 
 def staying(task: Task) -> Solution:
-    """Return the mission without legs, which stays at its start."""
+    """Return the mission without legs that stays at its start."""
     none, nothing = np.zeros(0), np.zeros(0, dtype=int)
     at = task.start[None, None, :2]
     flight = Flight(np.zeros((1, 1)), task.start[2:], at, np.zeros(1, dtype=int), nothing)
@@ -572,9 +572,9 @@ def staying(task: Task) -> Solution:
 
 
 def _met_at_start(task: Task) -> int:
-    """Return how many of the first goals lie within the tolerance of the start.
+    """Return the number of leading goals within the tolerance of the start.
 
-    Where others follow, a goal at another depth is not met: a dive passes it on the way.
+    If others follow, a goal at another depth is not counted: a dive passes it later.
     """
     if task.shape is not None or task.is_glide:
         return 0
@@ -585,13 +585,13 @@ def _met_at_start(task: Task) -> int:
 
 
 def _to_some(task: Task, kept: tuple[int, ...]) -> Task:
-    """Return the mission to some of its goals, by their numbers."""
+    """Return the mission to a subset of its goals, by number."""
     goals = tuple(task.request.goals[k] for k in kept)
     return replace(task, request=replace(task.request, goals=goals), goals=task.goals[list(kept)])
 
 
 def _to_all(task: Task, kept: tuple[int, ...], answer: Answer) -> Answer:
-    """Return an answer for some of the goals as one for all: each of the others counts where a leg comes nearest to it, in their order."""
+    """Return a result for some goals as one for all: other goals are scored at the closest leg's end, in order."""
     found = answer.best
     ends = np.concatenate([[0], found.flight.ends])
     places, met, legs, points = (

@@ -1,4 +1,4 @@
-"""Half-planes that keep flown segments clear of what is forbidden, their clearance, and how deep the bottom lets them go."""
+"""Half-planes that keep segments clear of forbidden areas, and the clearance of segments."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,12 +19,12 @@ _NEAR, _KEPT = 5e3, 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segments:
-    """Segments as flown.
+    """Simulated segments of a mission.
 
     Attributes:
-        lines: shape (N, n, 2) [m].
-        up: shape (N, 2), where each ends its dive [m], from where on the vehicle is at the surface; its end where it stays below.
-        chords: shape (N, 2, 2), where the program has them begin and end [m].
+        lines: Tracks, shape (N, n, 2) [m].
+        up: Surfacing position of each segment, shape (N, 2) [m]; its end if it stays below.
+        chords: Begin and end in the program, shape (N, 2, 2) [m].
     """
 
     lines: Array
@@ -32,7 +32,7 @@ class Segments:
     chords: Array
 
     def taken(self, ring: Ring) -> Any:
-        """Return the lines that count for a ring: of one that forbids surfacing alone the drifts."""
+        """Return the lines that a ring applies to: only the drifts for one that forbids surfacing."""
         if not ring.surface_only:
             return shapely.linestrings(self.lines)
         ends = self.lines[:, -1]
@@ -44,12 +44,12 @@ class Segments:
 
 @dataclass(eq=False)
 class Walls:
-    """What flown segments must keep clear of: mutable, as each segment keeps the nearest half-planes of the round before.
+    """Constraints of simulated segments; mutable, as half-planes persist between iterations.
 
     Attributes:
-        rings: What is forbidden, each with the numbers of the segments for which it is.
-        margin: Distance kept from them [m].
-        reference: shape (N, n, 2) [m], a way clear of them.
+        rings: Rings, each with the numbers of the segments it applies to.
+        margin: Margin to the rings [m].
+        reference: Route clear of them, shape (N, n, 2) [m].
         kept: Half-planes of each segment.
     """
 
@@ -63,17 +63,17 @@ class Walls:
         return any(self._close(segments, ring, rows).size for ring, rows in self.rings)
 
     def _close(self, segments: Segments, ring: Ring, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the numbers of the segments near a ring, of those for which it counts."""
+        """Return the numbers of the segments near a ring that it applies to."""
         near = shapely.dwithin(ring.solid, segments.taken(ring)[rows], _NEAR)
         return np.asarray(rows[near])
 
     def planes(self, segments: Segments, extra: float, straight: bool) -> Array:
-        """Return half-planes, shape (4, N PLANES): normal, offset [km], and share of the chord at which they count.
+        """Return half-planes, shape (4, N PLANES): normal, offset [km], and fraction of the chord at which each applies.
 
         Args:
-            segments: As flown.
-            extra: Distance kept beside the margin [m].
-            straight: Whether the segments are those of a route, which are not bent against their chords.
+            segments: Simulated segments.
+            extra: Distance in addition to the margin [m].
+            straight: Whether the segments belong to a route and follow their chords.
         """
         found: dict[int, list[tuple[float, Array]]] = {}
         for ring, rows in self.rings:
@@ -105,7 +105,7 @@ class Walls:
         return planes.reshape(-1, 4).T
 
     def clearance(self, segments: Segments) -> float:
-        """Return the least distance of the segments from any ring [m]; infinite without one near."""
+        """Return the smallest distance of the segments from any ring [m]; infinite without a ring nearby."""
         least = np.inf
         for ring, rows in self.rings:
             near = segments.taken(ring)[self._close(segments, ring, rows)]
@@ -117,7 +117,7 @@ class Walls:
 def _touched(
     ring: Ring, taken: Any, line: Array, reference: Array
 ) -> list[tuple[bool, Array, Array]]:
-    """Return whether points of a segment are forbidden, these and the nearest of the ring [m]: one where it is clear of the ring."""
+    """Return the contacts of a segment with a ring: whether forbidden, point of the segment and nearest point of the ring [m]."""
     overlap = shapely.intersection(ring.solid, taken)
     parts = [
         part
@@ -151,7 +151,7 @@ def _touched(
 
 
 def _share(line: Array, at: Array) -> float:
-    """Return the share of a line's length at which it passes a point."""
+    """Return the fraction of a line's length at which it passes a point."""
     return float(
         shapely.line_locate_point(shapely.LineString(line), shapely.Point(at), normalized=True)
     )

@@ -1,1 +1,1 @@
-"""Routes: the quickest way of a front round obstacles, and the bound of the time that a mission takes."""
+"""Fastest routes around obstacles, and lower bounds of a mission's time."""

@@ -1,14 +1,13 @@
-"""The earliest arrival of any vehicle of a mission's speed: a lower bound of its time, or what keeps a goal out of reach.
+"""Lower bound of a mission's time, and the closest approach to a goal out of reach.
 
-The front knows the mean current of the dives and drifts, and the greatest horizontal speed in the mean of both. The bound gives the vehicle
-every doubt: no margin, half-open water counts as open, it may wait, the goals' discs are enough, its speed is raised by the second-order
-terms of shear within a dive, and the time is lowered by the lattice's own error.
+A front propagates at the greatest mean horizontal speed in the mean current of dives and drifts. All approximations favour the vehicle:
+no margin, partly open water is open, waiting is allowed, goals are discs, second-order terms of shear within a dive increase the speed,
+and the discretisation error reduces the time.
 
-A leg of duration T at glide angle g, and a drift d after it, lead over ground by V(g) T through water and by what the current gives: over
-the leg's own depths and at the surface. In the same time the vehicle of the bound goes S (T + d), beside the mean current m (T + d). Steep
-dives are short, so that the drifts between them are a larger part of the time; the last leg has no drift, may end at a depth, and the first
-may begin at one. Where the current differs between the surface and below, each of these may gain on the mean: the vehicle is given that
-lead (``Lead``).
+A leg of duration T at glide angle g, and a drift d after it, lead over ground by V(g) T through water and by the currents at the leg's
+depths and at the surface. In the same time the vehicle of the bound moves S (T + d) plus the mean current m (T + d). Steep dives are
+short, so that drifts take a larger fraction of the time. The last leg has no drift; the first may begin, and the last end, below the
+surface. In a sheared current each of these may gain on the mean by at most the lead (``Lead``).
 """
 
 from dataclasses import dataclass, replace
@@ -48,18 +47,18 @@ Limit = Literal["", "legs", "duration", "ways", "current"]
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """What no vehicle of a mission's speed can do better.
+    """Lower bound of a mission for any vehicle of its speed.
 
     Attributes:
-        time: Earliest arrival within the tolerance of the last goal, all others passed [s]; infinite when it is out of reach.
-        most: The longest time considered [s].
-        goal: Number of the first goal out of reach, from 0; -1 when there is none.
-        nearest: How near one can come to that goal [m].
-        when: At which time [s].
-        is_tight: Whether it is near to what such a vehicle can do. Where a current within reach is about as fast as the vehicle, nothing
-            better is known than the straight way in the fastest current of all, and what is out of reach of the lattice may be reached.
-        limit: What keeps it out of reach: fewer ``legs`` than the way takes; the longest ``duration``, which the way takes longer than in
-            still water; the ``ways``, none of which is open; or the ``current``. Empty when none is out of reach.
+        time: Earliest arrival within the tolerance of the last goal, after all others [s]; infinite if out of reach.
+        most: Largest mission duration [s].
+        goal: Number of the first goal out of reach, from 0; -1 without one.
+        nearest: Closest approach to that goal [m].
+        when: Time of the closest approach [s].
+        is_tight: Whether the bound is tight. In a current about as fast as the vehicle it is the straight distance in the fastest current,
+            and goals out of reach of the lattice may be reachable.
+        limit: Limit that keeps it out of reach: ``legs``, too few for the route; ``duration``, too short even in still water; ``ways``, no
+            open route; or ``current``. Empty without one.
     """
 
     time: float
@@ -73,12 +72,12 @@ class Bound:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lead:
-    """What the vehicle of a bound is given so that no mission leads ahead of it.
+    """Allowances for the vehicle of a bound, so that no real mission overtakes it.
 
     Attributes:
-        speed: Through water, horizontal [m/s].
-        start: How far from the start it may begin [m].
-        goals: shape (G,) [m], how far from each goal it may pass, beside the tolerance.
+        speed: Horizontal speed through water [m/s].
+        start: Largest offset from the start [m].
+        goals: Passing distance of each goal in addition to the tolerance, shape (G,) [m].
     """
 
     speed: float
@@ -87,9 +86,9 @@ class Lead:
 
 
 def bound_of(task: Task) -> tuple[MeanCurrent, Bound]:
-    """Return the lower bound of a mission's time, or how near one can come to the first goal out of reach; and the water of its lattice.
+    """Return the mean current on a lattice and the lower bound of a mission's time or closest approach.
 
-    Where the current is about as fast as the vehicle, few edges lead where it can go, and a finer lattice is needed.
+    The lattice is refined in a current about as fast as the vehicle, where few edges are feasible.
     """
     water = mean_current(task)
     lead = _lead(task, water)
@@ -108,14 +107,14 @@ def bound_of(task: Task) -> tuple[MeanCurrent, Bound]:
 def _bound_in(
     task: Task, water: MeanCurrent, lead: Lead, error: float, strong: float
 ) -> Bound | None:
-    """Return the bound on one lattice; None where that is not to be trusted.
+    """Return the bound on one lattice; None if unreliable.
 
     Args:
-        task: The problem.
-        water: Of the lattice.
-        lead: Of the vehicle.
-        error: What its times are multiplied by where the current on the way is not calm.
-        strong: A current on the way [m/s], or a goal out of reach, for which it is not to be trusted; infinite to trust it always.
+        task: Mission.
+        water: Mean current on the lattice.
+        lead: Allowances for the vehicle.
+        error: Correction factor of times in currents that are not weak.
+        strong: Current speed above which, as for a goal out of reach, the bound is unreliable [m/s]; infinite to accept any.
     """
     places, most = task.places, task.longest
     radii = np.append(lead.start, task.settings.tolerance + lead.goals)
@@ -181,7 +180,7 @@ def _bound_in(
 
 
 def _disc(place: complex, radius: float) -> Complex:
-    """Return places on the edge of a disc and its middle [m]; the middle alone of one without a radius."""
+    """Return the centre and points on the edge of a disc [m]; only the centre for a zero radius."""
     return (
         np.append(directions_around(place, radius, _ON_DISC), place)
         if radius > 0.0
@@ -190,7 +189,7 @@ def _disc(place: complex, radius: float) -> Complex:
 
 
 def _lead(task: Task, water: MeanCurrent) -> Lead:
-    """Return what the vehicle of the bound is given so that no mission leads ahead of it."""
+    """Return the allowances for the vehicle of the bound."""
     lead, drift = lead_of(task, _by_level(task)), task.settings.surface_time
     # a drift after the last leg is taken off the bound's time; in it the current may carry the vehicle away from the goal
     at = np.repeat(task.places[-1:], water.current.times.size)
@@ -200,7 +199,7 @@ def _lead(task: Task, water: MeanCurrent) -> Lead:
 
 
 def _second_order(task: Task) -> float:
-    """Return what a vehicle gains at most from the shear of the current within a dive and its drift [m/s].
+    """Return the largest gain from the shear of the current within a dive and its drift [m/s].
 
     The deviation w of the current from its mean over a dive of time t carries the vehicle off its mean track by t / (2 pi) times w in the
     root mean square at most (Wirtinger's inequality), to where w differs by some w / l, l the kernel length: w^2 t / (2 pi l) in the mean.
@@ -218,16 +217,16 @@ def _second_order(task: Task) -> float:
 
 
 def _by_level(task: Task) -> Array:
-    """Return the current of each level that a mission may meet [m/s], shape (2, n, Z)."""
+    """Return the currents by level that a mission may meet, shape (2, n, Z) [m/s]."""
     return currents_around(task, task.currents_through()[1])
 
 
 def lead_of(task: Task, by_level: Array) -> Lead:
-    """Return the lead of a mission.
+    """Return the allowances of a mission's bound.
 
     Args:
-        task: The mission.
-        by_level: shape (2, n, Z) [m/s], the current of each level wherever and whenever it may be met.
+        task: Mission.
+        by_level: Current of each level at all reachable positions and times, shape (2, n, Z) [m/s].
     """
     drift = task.settings.surface_time
     first, full, last = _legs(task, 3)
@@ -255,11 +254,11 @@ def _legs(task: Task, count: int) -> tuple[YoDepths, ...]:
 
 
 def currents_around(task: Task, latent: Array) -> Array:
-    """Return the current of each level [m/s], shape (2, n, Z), at places around start and goals, in all of T times.
+    """Return the current of each level around start and goals at all times, shape (2, n, Z) [m/s].
 
     Args:
-        task: The mission.
-        latent: shape (M, Z T), all levels of the first time first.
+        task: Mission.
+        latent: Latent values, shape (M, Z T), all levels of the first time first.
     """
     flow = task.flow
     kernel, ends = flow.horizontal.kernel, np.vstack([task.start, task.goals])[:, :2]
@@ -279,7 +278,7 @@ def currents_around(task: Task, latent: Array) -> Array:
 
 
 def _ways(task: Task, by_level: Array, leg: YoDepths, drift: float) -> tuple[Array, Array]:
-    """Return how far a leg and a drift [s] lead at some glide angles at most, beside the mean current [m], and how long they last [s]."""
+    """Return the largest displacements relative to the mean current [m] of a leg and a drift [s], and durations [s], by glide angle."""
     flow, whole = task.flow, task.settings.surface_time
     along, down = task.vehicle.speeds(np, np.linspace(*task.vehicle.angles, _ANGLES))
     dives, heights = zip(
@@ -296,7 +295,7 @@ def _ways(task: Task, by_level: Array, leg: YoDepths, drift: float) -> tuple[Arr
 
 
 def _mean_weights(task: Task, begin: float, end: float) -> Array:
-    """Return the weights of the levels, shape (Z,), in the mean between two depths [m]."""
+    """Return the weights of levels in the mean between two depths [m], shape (Z,)."""
     return np.asarray(
         depth_weights(
             task.flow.depth_functions, np.linspace(begin, end, _DEPTHS), task.flow.levels
@@ -305,7 +304,7 @@ def _mean_weights(task: Task, begin: float, end: float) -> Array:
 
 
 def _down_to(leg: YoDepths, depth: float) -> list[YoDepths]:
-    """Return the parts of a leg up to where it passes a depth [m] below the surface."""
+    """Return the parts of a leg up to each passage of a depth [m]."""
     passes = [
         k
         for k, (begin, end) in enumerate(pairwise(leg))
@@ -315,25 +314,25 @@ def _down_to(leg: YoDepths, depth: float) -> list[YoDepths]:
 
 
 def bound_beyond(front: Front, goal: int, place: complex, until: float) -> Bound:
-    """Return how near one can come to a goal that a front does not reach in time.
+    """Return the bound for a goal that a front does not reach in time.
 
     Args:
-        front: From the place before it.
-        goal: Its number, from 0.
-        place: Where it is [m], east + i north.
-        until: When the mission ends at the latest [s].
+        front: Front from the previous goal.
+        goal: Number of the goal, from 0.
+        place: Position of the goal [m], east + i north.
+        until: Latest end of the mission [s].
     """
     reached = replace(front, times=np.where(front.times <= until, front.times, inf))
     return Bound(inf, until, goal, *reached.approach(place, until))
 
 
 def limit_of(task: Task, current: CurrentLattice, speed: float, goal: int) -> Limit:
-    """Return what keeps a goal out of reach of any number of legs, by the time that the way there takes in still water.
+    """Return the limit that keeps a goal out of reach, from the travel time in still water.
 
     Args:
-        task: The mission.
-        current: On its lattice.
-        speed: Of the vehicle through water [m/s].
+        task: Mission.
+        current: Current on a lattice.
+        speed: Speed through water [m/s].
         goal: Number of the goal, from 0.
     """
     still = replace(current, times=np.zeros(1), values=np.zeros_like(current.values[:1]))

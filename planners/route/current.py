@@ -1,6 +1,6 @@
-"""The current that a vehicle meets on average, and routes in it: how long a line over ground takes at a constant speed through water.
+"""Mean current on a lattice, and travel times along lines over ground at constant speed through water.
 
-On a lattice and at some times; vectors are complex, east + i north. Of a line: Zermelo (1931).
+Vectors are complex, east + i north. Travel times follow Zermelo (1931).
 """
 
 from dataclasses import dataclass
@@ -22,14 +22,14 @@ _POINTS, _LINES, _DIVISIONS = 7400, 10.0, 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurrentLattice:
-    """A current in a table around the points of a regular lattice: linear between entries and times, constant beyond them.
+    """Current on a regular lattice, interpolated linearly in space and time, constant beyond.
 
     Attributes:
-        origin: shape (2,), east and north of the first point [m].
-        spacing: Between points, along both axes [m].
-        times: shape (T,), increasing [s].
-        values: shape (T, n d + 1, m d + 1), east + i north [m/s], at d intervals between points.
-        divisions: d.
+        origin: First point, shape (2,), east and north [m].
+        spacing: Spacing along both axes [m].
+        times: Times, shape (T,), increasing [s].
+        values: Current, shape (T, n d + 1, m d + 1), east + i north [m/s], with d intervals between points.
+        divisions: Number of intervals between points, d.
     """
 
     origin: Array
@@ -40,23 +40,23 @@ class CurrentLattice:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Number of points along north and east."""
+        """Shape (points along north, points along east)."""
         rows, columns = self.values.shape[1:]
         return (rows - 1) // self.divisions + 1, (columns - 1) // self.divisions + 1
 
     @property
     def places(self) -> Complex:
-        """The points, shape (n_north n_east,) [m], east + i north."""
+        """Points, shape (n_north n_east,) [m], east + i north."""
         rows, columns = np.divmod(np.arange(self.shape[0] * self.shape[1]), self.shape[1])
         return complex(*self.origin) + self.spacing * (columns + 1j * rows)
 
     @property
     def fastest(self) -> float:
-        """Greatest speed of the current at a point [m/s]."""
+        """Greatest current speed of all points [m/s]."""
         return float(np.max(np.abs(self.values)))
 
     def at(self, places: Complex, times: Array) -> Complex:
-        """Return the current [m/s] at places, shape (n,) [m], and times, shape (n,) [s]."""
+        """Return the current at positions, shape (n,) [m], and times, shape (n,) [s]."""
         rows, columns = self.values.shape[1:]
         scale = self.divisions / self.spacing
         east = np.clip((places.real - self.origin[0]) * scale, 0.0, columns - 1.000001)
@@ -80,7 +80,7 @@ class CurrentLattice:
 def _between(
     flat: Complex, corner: NDArray[np.intp], columns: int, east: Array, north: Array
 ) -> Complex:
-    """Return values between the points whose lower left corners are given, bilinear."""
+    """Return values interpolated bilinearly in cells given by their lower left corners."""
     lower, upper = flat.take(corner), flat.take(corner + columns)
     lower += east * (flat.take(corner + 1) - lower)
     upper += east * (flat.take(corner + columns + 1) - upper)
@@ -88,11 +88,11 @@ def _between(
 
 
 def spacing_over(flow: FlowEstimate, finer: float = 1.0) -> float:
-    """Return the spacing of a lattice over a flow's region [m]: by its size, but no finer than the current is smooth.
+    """Return the spacing of a lattice over a flow's region [m], limited by the kernel length.
 
     Args:
-        flow: Its region and kernel.
-        finer: How many times more lines than usual.
+        flow: Flow with region and kernel.
+        finer: Refinement factor.
     """
     grid, kernel = flow.grid, flow.horizontal.kernel
     area = float(np.ptp(grid.east) * np.ptp(grid.north))
@@ -108,11 +108,11 @@ def current_lattice(
     """Return the mean current over a flow's region on a lattice.
 
     Args:
-        flow: Its region, levels and functions.
-        latent: shape (M, Z T), its latent values, all levels of the first time first.
-        times: shape (T,), increasing [s]; of a flow that does not change one, of any value.
-        spacing: Of the lattice [m].
-        by_depth: shape (Z,), the mean's weight of each level.
+        flow: Flow with region, levels and functions.
+        latent: Latent values, shape (M, Z T), all levels of the first time first.
+        times: Times, shape (T,), increasing [s]; one arbitrary time for a steady flow.
+        spacing: Spacing of the lattice [m].
+        by_depth: Weight of each level in the mean, shape (Z,).
     """
     grid, kernel = flow.grid, flow.horizontal.kernel
     low, high = (np.array([pick(grid.east), pick(grid.north)]) for pick in (np.min, np.max))
@@ -141,7 +141,7 @@ def current_lattice(
 
 
 def _splines(count: int, finer: int) -> Array:
-    """Return the matrix, shape (finer, count), that interpolates values at even points at more of them by a cubic spline."""
+    """Return the matrix of a cubic spline from even to denser points, shape (finer, count)."""
     # as scipy's CubicSpline with no knot beside the ends, which takes as long to load as a plan takes
     unit, change = np.eye(count), np.diff(np.eye(count), axis=0)
     slopes, sides = 4.0 * unit + np.eye(count, k=1) + np.eye(count, k=-1), np.zeros_like(unit)
@@ -159,7 +159,7 @@ def _splines(count: int, finer: int) -> Array:
 
 
 def shares_of_levels(flow: FlowEstimate, depth: float, drift_share: float) -> Array:
-    """Return the weight of each level, shape (Z,), in the mean over dives to a depth [m] and drifts of a share of the time."""
+    """Return the weights of levels, shape (Z,), in the mean over dives to a depth [m] and a fraction of drift time."""
     dive = depth_weights(flow.depth_functions, np.linspace(0.0, depth, 101), flow.levels).mean(
         axis=0
     )
@@ -171,12 +171,12 @@ def shares_of_levels(flow: FlowEstimate, depth: float, drift_share: float) -> Ar
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A way from a start to a goal, or as near to it as can be reached.
+    """Route from a start to a goal or its closest reachable point.
 
     Attributes:
-        points: shape (n, 2) [m], local east and north.
-        times: shape (n,) [s], when each is reached, since the beginning.
-        arrives: Whether it ends at its goal; otherwise at the point nearest to it that can be reached.
+        points: Points, shape (n, 2) [m], local east and north.
+        times: Time at each point, shape (n,) [s since the beginning].
+        arrives: Whether the route reaches its goal.
     """
 
     points: Array
@@ -184,7 +184,7 @@ class Route:
     arrives: bool
 
     def at(self, times: Array) -> Array:
-        """Return the points, shape (m, 2) [m], of times [s]."""
+        """Return the positions at times [s], shape (m, 2) [m]."""
         return np.column_stack([np.interp(times, self.times, self.points[:, i]) for i in (0, 1)])
 
 
@@ -200,17 +200,17 @@ def edge_durations(
     depart: Array,
     longest_piece: float,
 ) -> Array:
-    """Return the durations, shape (n,) [s], of straight tracks over ground; infinite for those along which the vehicle cannot stay.
+    """Return the durations of straight tracks over ground, shape (n,) [s]; infinite if the current prevents them.
 
-    In each piece, with u at its middle in place and time, the vehicle heads off u_perp and makes good u_par + sqrt(V^2 - u_perp^2).
+    In each piece, with u at its middle, the heading cancels u_perp; the speed over ground is u_par + sqrt(V^2 - u_perp^2).
 
     Args:
-        current: The current.
-        speed: V, through water [m/s].
-        begin: shape (n,), where they begin [m], east + i north.
-        end: shape (n,), where they end.
-        depart: shape (n,), when they begin [s].
-        longest_piece: [m].
+        current: Current on a lattice.
+        speed: Speed through water, V [m/s].
+        begin: Begin of each track, shape (n,) [m], east + i north.
+        end: End of each track, shape (n,) [m].
+        depart: Departure times, shape (n,) [s].
+        longest_piece: Largest length of a piece [m].
     """
     way = end - begin
     length = np.abs(way)

@@ -1,11 +1,10 @@
-"""A front that spreads from a start: when each point of a lattice, and of some points off it, can be reached first.
+"""Earliest arrival at all points of a lattice, and some points off it, by a front from a start.
 
-Label setting (Dijkstra 1959) in buckets no wider than the least edge of the lattice, as in Delta-stepping (Meyer and Sanders 2003): all
-points of a bucket spread at once. Edges lead from a lattice point to those within five lines whose step is in its lowest terms, in 80
-directions, and between points off the lattice and all points within five lines. They take as long as ``edge_durations`` says when they
-begin at the label of their point. Where the vehicle is faster than the current, to depart later is never to arrive earlier, so that this is
-exact on the lattice. Elsewhere an edge may open later: with ``waits`` a point that the front has reached spreads again at each time of the
-current.
+Label setting (Dijkstra 1959) in buckets no wider than the least edge, as in Delta-stepping (Meyer and Sanders 2003): all points of a
+bucket propagate at once. Edges lead to lattice points within five lines in 80 directions (steps in lowest terms), and between points off
+the lattice and all points within five lines. Their travel times follow ``edge_durations`` at departure. If the vehicle is faster than the
+current, a later departure never arrives earlier, and the result is exact on the lattice. Elsewhere an edge may open later: with ``waits``
+reached points propagate again at each time of the current.
 """
 
 from dataclasses import dataclass
@@ -36,19 +35,19 @@ _STEPS = np.array(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sea:
-    """What a front spreads over.
+    """Graph on which a front propagates.
 
     Attributes:
-        current: On the lattice.
-        speed: Of the vehicle through water [m/s].
-        obstacles: What lies in the way.
-        places: shape (n,), the lattice's points first [m], east + i north.
-        free: shape (n,), whether a route may pass them.
-        near: shape (n,), whether an edge from them may touch an obstacle.
-        first: shape (n + 1,), where the neighbours of each begin.
-        neighbours: Numbers of points.
-        waits: Whether points spread again at each time of the current.
-        fastest: Made good at most [m/s].
+        current: Current on the lattice.
+        speed: Speed through water [m/s].
+        obstacles: Obstacles.
+        places: Points, those of the lattice first, shape (n,) [m], east + i north.
+        free: Mask of points that a route may pass, shape (n,).
+        near: Mask of points with edges that may touch an obstacle, shape (n,).
+        first: Index of the first neighbour of each point, shape (n + 1,).
+        neighbours: Numbers of the neighbouring points.
+        waits: Whether points propagate again at each time of the current.
+        fastest: Upper bound of the speed over ground [m/s].
     """
 
     current: CurrentLattice
@@ -64,18 +63,18 @@ class Sea:
 
     @property
     def piece(self) -> float:
-        """Longest piece of an edge in which the current counts as one [m]."""
+        """Largest length of an edge piece with a uniform current [m]."""
         return _PIECE * self.current.spacing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Front:
-    """When each point is reached first.
+    """Earliest arrival at each point.
 
     Attributes:
-        sea: What it spreads over.
-        times: shape (n,) [s]; infinite where it is never, or not before the search ended.
-        before: shape (n,), the point before each on the way to it; its own number where the front begins.
+        sea: Graph on which the front propagates.
+        times: Earliest arrival, shape (n,) [s]; infinite for points not reached.
+        before: Predecessor of each point, shape (n,); its own number at the start.
     """
 
     sea: Sea
@@ -83,7 +82,7 @@ class Front:
     before: Numbers
 
     def route_to(self, number: int, begins: float, arrives: bool) -> Route:
-        """Return the way to a point, its times since the beginning [s]."""
+        """Return the route to a point, with times since the beginning [s]."""
         chain = [number]
         while self.before[chain[-1]] != chain[-1]:
             chain.append(int(self.before[chain[-1]]))
@@ -93,7 +92,7 @@ class Front:
         return Route(np.column_stack([places.real, places.imag]), times, arrives)
 
     def nearest_to(self, place: complex) -> int:
-        """Return the point that is reached nearest to a place."""
+        """Return the number of the reached point nearest to a position."""
         return int(
             np.argmin(np.where(np.isfinite(self.times), np.abs(self.sea.places - place), np.inf))
         )
@@ -101,12 +100,12 @@ class Front:
     def fastest_met(
         self, begins: float, until: float, goal: tuple[complex, float] | None = None
     ) -> float:
-        """Return the speed of the fastest current [m/s] that a vehicle may meet, wherever it goes.
+        """Return the greatest current speed that a vehicle may meet [m/s].
 
         Args:
-            begins: When the front begins [s].
-            until: When the vehicle's way ends at the latest [s].
-            goal: Place [m], east + i north, and radius [m] where it ends; None for any.
+            begins: Begin of the front [s].
+            until: Latest end of the route [s].
+            goal: Position [m], east + i north, and radius [m] of the goal; None for any.
         """
         current, divisions = self.sea.current, self.sea.current.divisions
         count = current.places.size
@@ -127,11 +126,11 @@ class Front:
         return float(np.max(np.abs(current.values[times][:, met]), initial=0.0))
 
     def approach(self, place: complex, until: float) -> tuple[float, float]:
-        """Return how near [m] and when [s] the vehicle comes to a place, on from a point of the front as far as time and water allow.
+        """Return the closest approach to a position [m] and its time [s], from points of the front as far as time and water allow.
 
         Args:
-            place: Where it cannot be [m], east + i north.
-            until: When the search ended [s].
+            place: Position out of reach [m], east + i north.
+            until: End of the search [s].
         """
         sea, number = self.sea, self.nearest_to(place)
         away = np.abs(sea.places - place)
@@ -165,14 +164,14 @@ def sea_of(
     *,
     waits: bool = False,
 ) -> Sea:
-    """Return what a front spreads over.
+    """Return the graph of a front.
 
     Args:
-        current: On its lattice.
-        speed: Of the vehicle through water [m/s].
-        extra: shape (k,), points off the lattice [m]: start, goals; they come after those of the lattice and before the corners.
-        obstacles: What lies in the way; None for nothing.
-        waits: Whether points spread again at each time of the current.
+        current: Current on a lattice.
+        speed: Speed through water [m/s].
+        extra: Points off the lattice such as start and goals, shape (k,) [m]; numbered between lattice and corners.
+        obstacles: Obstacles, or None.
+        waits: Whether points propagate again at each time of the current.
     """
     off = extra if obstacles is None else np.concatenate([extra, obstacles.corners])
     lattice = current.places
@@ -202,7 +201,7 @@ def sea_of(
 
 
 def _neighbours(current: CurrentLattice, off: Complex, reach: float) -> tuple[Numbers, Numbers]:
-    """Return the numbers of the points off a lattice and of all points within a reach [m] of each, in pairs."""
+    """Return pairs of numbers: points off a lattice, and points within a reach [m] of them."""
     rows, columns = current.shape
     at = (off - complex(*current.origin)) / current.spacing
     around = np.arange(-_REACH - 1, _REACH + 2)
@@ -219,7 +218,7 @@ def _neighbours(current: CurrentLattice, off: Complex, reach: float) -> tuple[Nu
 
 
 def _near(current: CurrentLattice, obstacles: Obstacles) -> NDArray[np.bool_]:
-    """Return the points of a lattice from which an edge may touch the outline of the water."""
+    """Return a mask of lattice points with edges that may touch the outline of the water."""
     outline = np.zeros(current.shape, dtype=bool)
     at = (obstacles.outline(current.spacing) - complex(*current.origin)) / current.spacing
     rows, columns = (
@@ -232,14 +231,14 @@ def _near(current: CurrentLattice, obstacles: Obstacles) -> NDArray[np.bool_]:
 
 
 def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers) -> Front:
-    """Return the front from some points.
+    """Return the front from seed points.
 
     Args:
-        sea: What it spreads over.
-        seeds: shape (k,), where it begins.
-        begins: shape (k,), when [s].
-        until: When the search ends [s].
-        goals: Once one of them is reached first, the search ends; empty to reach all.
+        sea: Graph on which the front propagates.
+        seeds: Numbers of the seed points, shape (k,).
+        begins: Begin at each seed, shape (k,) [s].
+        until: End of the search [s].
+        goals: Points that end the search when first reached; empty to reach all.
     """
     times, before = np.full(sea.places.size, np.inf), np.arange(sea.places.size)
     np.minimum.at(times, seeds, begins)
@@ -267,7 +266,7 @@ def spread(sea: Sea, seeds: Numbers, begins: Array, until: float, goals: Numbers
 
 
 def _strong(sea: Sea) -> NDArray[np.bool_]:
-    """Return the points from which an edge may open later: the current near them is faster than the vehicle at some time."""
+    """Return a mask of points with edges that may open later: a current nearby exceeds the vehicle's speed at some time."""
     found = np.ones(sea.places.size, dtype=bool)
     divisions = sea.current.divisions
     strong = widened(
@@ -286,7 +285,7 @@ def _spread_from(
     before: Numbers,
     pending: NDArray[np.bool_],
 ) -> None:
-    """Lower the times of the neighbours of some points that depart at given times; those that are lowered are pending."""
+    """Reduce the times of neighbours of points that depart at given times, and mark reduced ones as pending."""
     begin, end = _edges_from(sea, numbers)
     depart = depart[begin]
     begin = numbers[begin]
@@ -313,7 +312,7 @@ def _spread_from(
 
 
 def _edges_from(sea: Sea, numbers: Numbers) -> tuple[Numbers, Numbers]:
-    """Return the edges of some points: the position of each beginning in them, and the number of each end."""
+    """Return the edges of points: index of the origin in ``numbers`` and number of the end."""
     rows, columns = sea.current.shape
     on = np.flatnonzero(numbers < rows * columns)
     row, column = np.divmod(numbers[on], columns)

@@ -1,4 +1,4 @@
-"""Where a route may be: the water within and outside of rings, less a margin, and the corners round which it leads."""
+"""Free water of a route: the area that rings leave, less a margin, and the corners of obstacles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ _MANY, _APART = 1500, 500.0
 # Not slotted: the tree is made when it is first needed.
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """The water in which a route may be.
+    """Free water of a route.
 
     Attributes:
-        water: Polygons of it.
-        corners: shape (n,), corners round which a route may lead [m], east + i north.
+        water: Polygons of the free water.
+        corners: Corners that a route may round, shape (n,) [m], east + i north.
     """
 
     water: Any
@@ -40,7 +40,7 @@ class Obstacles:
 
     @cached_property
     def _segments(self) -> Any:
-        """The pieces of the water's outline, in a tree."""
+        """Search tree of the outline's pieces."""
         lines = [
             shapely.get_coordinates(ring)
             for ring in shapely.get_parts(shapely.boundary(shapely.get_parts(self.water)))
@@ -51,16 +51,16 @@ class Obstacles:
         )
 
     def free(self, places: Complex) -> NDArray[np.bool_]:
-        """Return which places, shape (n,) [m], a route may pass."""
+        """Return a mask of the positions, shape (n,) [m], that a route may pass."""
         return np.asarray(shapely.intersects_xy(self.water, places.real, places.imag))
 
     def outline(self, apart: float) -> Complex:
-        """Return places along the outline, no farther apart than a distance [m]."""
+        """Return points along the outline with at most a given spacing [m]."""
         points = shapely.get_coordinates(shapely.segmentize(shapely.boundary(self.water), apart))
         return as_complex(points)
 
     def crossed(self, begin: Complex, end: Complex) -> NDArray[np.bool_]:
-        """Return which straight lines between places, shape (n,) [m], touch the outline."""
+        """Return a mask of the straight lines, shape (n,) [m], that touch the outline."""
         lines = shapely.linestrings(
             np.stack([np.column_stack([at.real, at.imag]) for at in (begin, end)], axis=1)
         )
@@ -70,12 +70,12 @@ class Obstacles:
 
 
 def obstacles_of(rings: Sequence[Ring], margin: float, places: Complex) -> Obstacles:
-    """Return the water that rings leave, less a margin that shrinks near some places.
+    """Return the free water left by rings, less a margin that shrinks near given positions.
 
     Args:
-        rings: What may not be crossed; those that forbid surfacing alone do not count.
-        margin: Distance kept from them [m].
-        places: shape (n,), start and goals [m]. Where one is nearer to a ring than the margin allows, half its distance is kept around it.
+        rings: Forbidden areas; rings that forbid surfacing only are ignored.
+        margin: Margin to them [m].
+        places: Start and goals, shape (n,) [m]. Near one within the margin of a ring, half its distance is the margin.
     """
     solid = [ring for ring in rings if not ring.surface_only]
     edges = [ring.area for ring in solid if ring.outside]
@@ -100,7 +100,7 @@ def obstacles_of(rings: Sequence[Ring], margin: float, places: Complex) -> Obsta
 
 
 def _water(frame: Any, land: Any, margin: float) -> Any:
-    """Return the water at least a margin [m] from a frame's outline and from land; a negative margin opens no gap between shapes."""
+    """Return the water at least a margin [m] from a frame's outline and land; a negative margin keeps touching shapes closed."""
     mitred: dict[str, Any] = {"join_style": "mitre", "mitre_limit": _MITRE}
     if margin < 0.0:
         # shapes that touch at a corner would come apart
@@ -112,7 +112,7 @@ def _water(frame: Any, land: Any, margin: float) -> Any:
 
 
 def _corners(water: Any) -> Complex:
-    """Return the corners of water's outline that point into it, shape (n,) [m]: those of what lies in its way."""
+    """Return the reentrant corners of the water's outline, shape (n,) [m]."""
     found = [np.zeros(0, dtype=complex)]
     for part in shapely.get_parts(water):
         for k, ring in enumerate((part.exterior, *part.interiors)):
@@ -129,7 +129,7 @@ def _corners(water: Any) -> Complex:
 
 
 def directions_around(place: complex, radius: float, count: int) -> Complex:
-    """Return places evenly around one, shape (count,) [m], so that the polygon through them encloses a disc of a radius [m]."""
+    """Return evenly spaced corners of a polygon around a disc, shape (count,) [m]."""
     return np.asarray(
         place + radius / np.cos(np.pi / count) * np.exp(2j * np.pi * np.arange(count) / count)
     )

@@ -1,4 +1,4 @@
-"""The mean current of a mission's dives, and routes past its goals in it."""
+"""Mean current of a mission's dives, and routes along its goals."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,11 +26,11 @@ _WIDER, _MAY_COST = (600.0, 300.0, 150.0), 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passage:
-    """A route past all goals.
+    """Route along all goals.
 
     Attributes:
-        route: Past all of them, or as far as can be reached.
-        passed: shape (G,), when it passes each [s].
+        route: Route along all goals, or as far as reachable.
+        passed: Passing time of each goal, shape (G,) [s].
     """
 
     route: Route
@@ -39,11 +39,11 @@ class Passage:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeanCurrent:
-    """What a mission's vehicle meets in the mean over a leg.
+    """Mean current and speed over a leg.
 
     Attributes:
-        current: Since the start of the mission.
-        speed: Horizontal, through water, in the mean of dives and drifts [m/s].
+        current: Current on a lattice, with times since the start of the mission.
+        speed: Mean horizontal speed through water over dives and drifts [m/s].
     """
 
     current: CurrentLattice
@@ -51,11 +51,11 @@ class MeanCurrent:
 
 
 def mean_current(task: Task, finer: float = 1.0) -> MeanCurrent:
-    """Return the mean current of a mission's dives and drifts, over the times that it may last, and its speed in it.
+    """Return the mean current and speed of a mission's dives and drifts, over its largest duration.
 
     Args:
-        task: The problem.
-        finer: How many times more lines than usual the lattice has.
+        task: Mission.
+        finer: Refinement factor of the lattice.
     """
     flow, angle = task.flow, task.shallowest_angle
     drift_share = task.settings.surface_time / task.leg_time()
@@ -71,13 +71,13 @@ def mean_current(task: Task, finer: float = 1.0) -> MeanCurrent:
 def passage(
     task: Task, mean: MeanCurrent, depth: float | None = None, margin: float | None = None
 ) -> Passage:
-    """Return the quickest route past all goals, or as near as it comes to the first that is out of reach.
+    """Return the fastest route along all goals, or to the closest approach to the first out of reach.
 
     Args:
-        task: The problem.
-        mean: What the vehicle meets.
-        depth: Of the water that it needs [m]; None for that of the settings.
-        margin: Distance kept from what is forbidden [m]; None for that of the settings.
+        task: Mission.
+        mean: Mean current and speed.
+        depth: Required water depth [m]; None for the dive depth of the settings.
+        margin: Margin to forbidden areas [m]; None for that of the settings.
     """
     wanted = task.settings.depth if depth is None else depth
     apart = task.settings.margin if margin is None else margin
@@ -101,14 +101,14 @@ def passage(
 
 
 def is_beside(task: Task, way: Passage) -> bool:
-    """Return whether a passage leads beside an area, land or shallows, so that a wider one may differ from it."""
+    """Return whether a passage is close to an area, land or shallows."""
     line = shapely.linestrings(way.route.points)
     solid = [ring for ring in task.solid(task.settings.depth) if not ring.outside]
     return any(bool(shapely.dwithin(ring.area, line, _WIDER[0])) for ring in solid)
 
 
 def wider(task: Task, mean: MeanCurrent, quickest: Passage) -> Passage | None:
-    """Return the passage farthest from what it keeps clear of that takes little longer; None where the quickest is clear of all."""
+    """Return the passage with the widest margin at little extra time; None if the fastest is clear of all."""
     if not is_beside(task, quickest):
         return None
     for margin in _WIDER:
@@ -120,7 +120,7 @@ def wider(task: Task, mean: MeanCurrent, quickest: Passage) -> Passage | None:
 
 
 def by_rays(task: Task, mean: MeanCurrent) -> Passage | None:
-    """Return the passage of rays past all goals, for a current that may be faster than the vehicle; None where they do not arrive."""
+    """Return the passage from rays, for a current that may be faster than the vehicle; None if they do not arrive."""
     obstacles = obstacles_of(task.solid(task.settings.depth), task.settings.margin, task.places)
     points, times, passed = [task.start[None, :2]], [np.zeros(1)], [0.0]
     for begin, end in pairwise(task.places.tolist()):

@@ -1,8 +1,8 @@
-"""The quickest way in a current faster than the vehicle: Zermelo's rays, as a front whose gaps are filled and whose laggards end.
+"""Fastest route in a current faster than the vehicle, from Zermelo's rays.
 
-A lattice leads only in some directions, of which few are open where the current is faster than the vehicle. A ray's heading t, from east,
-turns by dt/dt = sin^2 t v_x + sin t cos t (u_x - v_y) - cos^2 t u_y, so that no other way leads farther (Zermelo 1931). A ray between
-two neighbours that part begins as the mean of both; one ends that comes to where another was long before, or to what is forbidden.
+A lattice has a limited set of directions, few of which are feasible in a current faster than the vehicle. A ray's heading t, from east,
+turns by dt/dt = sin^2 t v_x + sin t cos t (u_x - v_y) - cos^2 t u_y, which is optimal (Zermelo 1931). Rays are inserted between diverging
+neighbours as the mean of both. A ray ends where another was long before, or in a forbidden area.
 """
 
 import numpy as np
@@ -25,14 +25,14 @@ def ray_to(
     times: tuple[float, float],
     obstacles: Obstacles,
 ) -> Route | None:
-    """Return the way of the first ray that comes near a goal; None where none does in time.
+    """Return the route of the first ray that comes near a goal; None if none does in time.
 
     Args:
-        current: On a lattice.
-        speed: Of the vehicle through water [m/s].
-        ends: Where it begins and where it leads [m], east + i north.
-        times: When it begins and when it ends at the latest [s].
-        obstacles: What lies in the way.
+        current: Current on a lattice.
+        speed: Speed through water [m/s].
+        ends: Begin and goal [m], east + i north.
+        times: Begin and latest end [s].
+        obstacles: Obstacles.
     """
     (start, goal), (now, until), spacing = ends, times, current.spacing
     step = spacing / _A_LINE / (current.fastest + speed)
@@ -74,7 +74,7 @@ def _span(current: CurrentLattice) -> Array:
 def _stepped(
     current: CurrentLattice, speed: float, at: Complex, headings: Array, now: float, step: float
 ) -> tuple[Complex, Array]:
-    """Return places and headings of rays after a step, by the midpoint method."""
+    """Return positions and headings of rays after a step of the midpoint method."""
 
     def rate(at: Complex, headings: Array, now: float) -> tuple[Complex, Array]:
         h = 0.25 * current.spacing
@@ -94,7 +94,7 @@ def _stepped(
 def _filled(
     at: Complex, headings: Array, kept: NDArray[np.intp], apart: float
 ) -> tuple[Complex, Array, NDArray[np.intp]]:
-    """Return the rays kept, with those between neighbours that part, and the number of each among those before."""
+    """Return the kept and inserted rays, and the previous number of each."""
     if not kept.size or kept.size >= _MOST:
         return at[kept], headings[kept], kept
     after = np.roll(kept, -1)
@@ -118,7 +118,7 @@ def _traced(
     goal: complex,
     pace: tuple[float, float],
 ) -> Route:
-    """Return the way to the last place of a ray, and from there to the goal."""
+    """Return the route along a ray and on to the goal."""
     (step, speed), chain = pace, list[complex]()
     for at, parents in reversed(history):
         chain.append(complex(at[number]))

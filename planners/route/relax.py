@@ -1,4 +1,4 @@
-"""A route off the lattice: its points moved sideways until it is quickest, as far as obstacles allow."""
+"""Relaxation of a route off the lattice: points move sideways to minimise its time."""
 
 from itertools import pairwise
 
@@ -16,12 +16,12 @@ _STEP, _SHRINK = 0.5, 0.6
 
 
 def relax(sea: Sea, route: Route, begins: float) -> Route:
-    """Return a route that is as quick or quicker: between the corners that it passes its points need not be on the lattice.
+    """Return a relaxed route, at least as fast, with points between corners off the lattice.
 
     Args:
-        sea: What it leads over.
-        route: Of the front.
-        begins: When [s].
+        sea: Graph of the front.
+        route: Route of the front.
+        begins: Begin of the route [s].
     """
     places = as_complex(route.points)
     corners = np.zeros(0) if sea.obstacles is None else sea.obstacles.corners
@@ -43,7 +43,7 @@ def relax(sea: Sea, route: Route, begins: float) -> Route:
 
 
 def _times(sea: Sea, places: Complex, begins: float) -> Array:
-    """Return when each of some places is passed [s], the first at 0."""
+    """Return the passing times of positions [s], the first at 0."""
     times = np.zeros(places.size)
     for k in range(places.size - 1):
         depart = np.array([begins + times[k]])
@@ -60,7 +60,7 @@ def _times(sea: Sea, places: Complex, begins: float) -> Array:
 
 
 def _relaxed(sea: Sea, places: Complex, times: Array, begins: float) -> tuple[Complex, Array]:
-    """Return a stretch of a route between fixed ends with its points moved, and its times."""
+    """Return a relaxed section of a route between fixed ends, and its times."""
     if times[-1] <= 0.0 or not np.isfinite(times[-1]):
         return places, times
     length, count = float(np.sum(np.abs(np.diff(places)))), _FIRST
@@ -82,7 +82,7 @@ def _relaxed(sea: Sea, places: Complex, times: Array, begins: float) -> tuple[Co
 
 
 def _swept(sea: Sea, places: Complex, times: Array, parity: int, step: float) -> Complex:
-    """Return places of which every other one is moved sideways to where the way past it takes least time."""
+    """Return positions with every other one moved sideways to the least time."""
     inner = np.arange(parity, places.size - 1, 2)
     before, here, after = places[inner - 1], places[inner], places[inner + 1]
     side = 1j * (after - before) / np.maximum(np.abs(after - before), 1e-9)

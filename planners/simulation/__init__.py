@@ -1,1 +1,1 @@
-"""Flights of a vehicle in one current or in many."""
+"""Simulated flights of a vehicle in one or more currents."""

@@ -1,4 +1,4 @@
-"""The currents that a mission is flown in: one, or many at once on the same functions, each of which may change; with local ones."""
+"""Currents of simulated flights: one or more on the same basis functions, steady or time-dependent, with local corrections."""
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
@@ -23,12 +23,12 @@ Flow = FlowEstimate | Sequence[FlowEstimate]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalSample:
-    """A flow, and one course of the current about the vehicle beside it (``LocalCurrent.sample``).
+    """Flow with a sample of the local correction (``LocalCurrent.sample``).
 
     Attributes:
-        flow: It.
-        times_ns: shape (T,), increasing [ns, UTC].
-        velocity: shape (T, 2) [m/s], local east and north; linear between the times, constant before the first and after the last.
+        flow: Flow.
+        times_ns: Times, shape (T,), increasing [ns, UTC].
+        velocity: Local correction, shape (T, 2) [m/s], local east and north; linear between the times, constant beyond.
     """
 
     flow: Flow
@@ -42,18 +42,18 @@ Sample = Flow | LocalSample
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Courses:
-    """Currents that are the same everywhere, one beside each of K flows.
+    """Horizontally uniform local corrections, one for each of K flows.
 
     Attributes:
-        times: shape (T,) [s], on the clock of the flows.
-        velocity: shape (K, T, 2) [m/s], local east and north.
+        times: Times, shape (T,) [s], on the clock of the flows.
+        velocity: Velocity, shape (K, T, 2) [m/s], local east and north.
     """
 
     times: Array
     velocity: Array
 
     def at(self, times: Array) -> Array:
-        """Return the velocity of each at its own time, shape (K, 2) [m/s]; times: shape (K,) or one for all [s]."""
+        """Return the velocities, shape (K, 2) [m/s], at times of shape (K,) or one for all [s]."""
         first, share = between(self.times, times)
         rows, share = np.arange(len(self.velocity)), share[..., None]
         return np.asarray(
@@ -62,22 +62,22 @@ class Courses:
 
 
 def between(knots: Array, at: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return the number of the knot before each of some times, and the share of the way to the next: 0 or 1 beyond the ends."""
+    """Return the index of the knot before each time, and the fraction towards the next, clipped to [0, 1]."""
     first = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, max(knots.size - 2, 0))
     return first, np.clip((at - knots[first]) / (knots[first + 1] - knots[first]), 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Currents:
-    """K flows of the same functions.
+    """Set of K currents on the same basis functions.
 
     Attributes:
-        flow: One of them: levels and functions.
-        latent: shape (K, M, Z T).
-        times: shape (T,) [s]; None for flows that do not change.
-        beside: The current beside each flow; None without.
-        pace: shape (K,), speed through water in each over the vehicle's; None for that itself.
-        numbers: Of the flows at the places asked for; None for all in turn.
+        flow: One of the flows, for levels and functions.
+        latent: Latent values, shape (K, M, Z T).
+        times: Times, shape (T,) [s]; None for steady flows.
+        beside: Local correction of each flow; None without.
+        pace: Relative speed through water in each flow, shape (K,); None for 1.
+        numbers: Flow number of each position; None for all in order.
     """
 
     flow: FlowEstimate
@@ -88,12 +88,12 @@ class Currents:
     numbers: NDArray[np.intp] | None = None
 
     def clock(self, time_ns: int) -> float:
-        """Return a time [ns, UTC] on the clock of ``times`` [s]; 0 for currents that do not change, and for no time."""
+        """Return a time [ns, UTC] on the clock of ``times`` [s]; 0 for steady currents or without a time."""
         first, changes = self.flow.time_ns, self.times is not None or self.beside is not None
         return 0.0 if not changes or first is None or time_ns == 0 else (time_ns - first) / 1e9
 
     def since(self, time_ns: int) -> "Currents":
-        """Return the same currents on a clock that begins at a time [ns, UTC]."""
+        """Return the currents on a clock that begins at a time [ns, UTC]."""
         begin, beside = self.clock(time_ns), self.beside
         return replace(
             self,
@@ -102,11 +102,11 @@ class Currents:
         )
 
     def through(self, begin: float, lasts: float) -> tuple[Array, Array]:
-        """Return the times that one flow may be met, shape (T,) [s] since it begins to be, and its latent values then, shape (M, Z T).
+        """Return the times of one flow within an interval, shape (T,) [s since its begin], and its latent values, shape (M, Z T).
 
         Args:
-            begin: On the clock of ``times`` [s].
-            lasts: For how long at most [s].
+            begin: Begin on the clock of ``times`` [s].
+            lasts: Largest duration [s].
         """
         if self.times is None:
             return np.zeros(1), self.latent[0]
@@ -119,7 +119,7 @@ class Currents:
         return times[keep], self.latent[0][:, taken]
 
     def some(self, numbers: NDArray[np.intp], pace: Array | None = None) -> "Currents":
-        """Return the currents at places in some of these, by their numbers, without a copy of the flows; with the pace in each."""
+        """Return a subset of the currents by number, without copying the flows, with their paces."""
         beside = self.beside
         found = replace(
             self,
@@ -133,20 +133,20 @@ class Currents:
 
     @cached_property
     def columns(self) -> Array:
-        """The latent values of each level and time, shape (Z T, K, M): only few of them have a weight at a depth."""
+        """Latent values by level and time, shape (Z T, K, M); few have a weight at any depth."""
         return np.ascontiguousarray(self.latent.transpose(2, 0, 1))
 
     def weights(self, depths: Array) -> Array:
-        """Return the weights of the levels, shape (n, Z), at depths [m]."""
+        """Return the weights of levels at depths [m], shape (n, Z)."""
         return depth_weights(self.flow.depth_functions, depths, self.flow.levels)
 
     def velocity(self, place: Array, of_levels: Array, time: Array | float) -> Array:
-        """Return the current of each flow [m/s], shape (K, 2), at its own place, shape (K, 2) [m]; one flow serves any number of places.
+        """Return the current of each flow at its own position, shape (K, 2) [m/s]; a single flow is evaluated at all positions.
 
         Args:
-            place: shape (K, 2) [m].
-            of_levels: shape (Z,), the weights of the levels at the depth; shape (K, Z) where each is at a depth of its own.
-            time: On the clock of ``times`` [s], one or shape (K,).
+            place: Positions, shape (K, 2) [m].
+            of_levels: Weights of levels at the depth, shape (Z,), or (K, Z) for individual depths.
+            time: Time on the clock of ``times``, one or shape (K,) [s].
         """
         now, count = np.broadcast_to(time, len(place)), len(place)
         weights = np.broadcast_to(of_levels, (count, of_levels.shape[-1]))
@@ -171,7 +171,7 @@ class Currents:
 
 
 def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:
-    """Return the velocity [m/s], shape (P, 2), of latent velocities, shape (P, 2N) or (1, 2N), each at its own place, shape (P, 2) [m].
+    """Return the velocity at positions, shape (P, 2) [m/s], from latent velocities, shape (P, 2N) or (1, 2N).
 
     The kernel matrix (``velocity_kernel``) is never formed: with w = k (sy beta_u - sx beta_v), its product with the latent
     velocities is (k beta_u / ly^2 - sy w, k beta_v / lx^2 + sx w), summed over the nodes.
@@ -188,17 +188,17 @@ def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:
 
 
 def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
-    """Return (times [s] since the first, latent values (M, Z T)) of one flow at several times.
+    """Return the times [s since the first] and latent values, shape (M, Z T), of a time-dependent flow.
 
     Args:
-        flows: The flow at increasing times, each with its ``time_ns``, all of the same levels and functions.
+        flows: Flow at increasing times ``time_ns``, on the same levels and functions.
 
     Raises:
-        PlanError: There are fewer than two, a time is missing or does not increase, or their functions differ.
+        PlanError: Fewer than two flows, a time is missing or does not increase, or the functions differ.
     """
     if len(flows) < 2:
         raise PlanError(
-            f"a flow that changes needs two times or more, but {len(flows)} came; give one flow alone for one that does not"
+            f"a time-dependent flow needs two times or more, got {len(flows)}; give a single flow for a steady one"
         )
     for k, flow in enumerate(flows):
         before = flows[max(k - 1, 0)].time_ns
@@ -217,7 +217,7 @@ def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
 
 
 def graph_key(flow: FlowEstimate) -> tuple[Hashable, bytes, DepthFunctions, Projection]:
-    """Return what makes two estimates share one graph: functions in the horizontal and in depth, levels and frame; no latent values."""
+    """Return the cache key of an estimate's graph: horizontal and depth functions, levels and frame."""
     return (
         flow.horizontal.key,
         np.ascontiguousarray(flow.levels).tobytes(),
@@ -227,7 +227,7 @@ def graph_key(flow: FlowEstimate) -> tuple[Hashable, bytes, DepthFunctions, Proj
 
 
 def currents_of(flow: Flow) -> Currents:
-    """Return one current, of an estimate or of several that hold for increasing times."""
+    """Return the current of an estimate, or of estimates at increasing times."""
     if isinstance(flow, FlowEstimate):
         return Currents(flow, flow.latent[None], None)
     times, latent = latent_over_time(flow)
@@ -235,19 +235,19 @@ def currents_of(flow: Flow) -> Currents:
 
 
 def currents_of_samples(samples: Sequence[Sample]) -> Currents:
-    """Return the currents of several flows, all of the functions of the first.
+    """Return the currents of samples on the same functions.
 
     Args:
-        samples: Flows that do not change; or of each its flows at increasing times, the same times for all.
+        samples: Steady flows, or for each its flows at increasing times, common to all.
 
     Raises:
-        PlanError: One is of other levels or functions, or of other times, or some change and some do not.
+        PlanError: Levels, functions or times differ, or steady and time-dependent samples are mixed.
     """
     return with_courses(_currents_of_flows(flows_of(samples)), samples)
 
 
 def flows_of(samples: Sequence[Sample]) -> list[Flow]:
-    """Return the flows of samples, without the currents beside them."""
+    """Return the flows of samples, without local corrections."""
     return [sample.flow if isinstance(sample, LocalSample) else sample for sample in samples]
 
 
@@ -272,10 +272,10 @@ def _currents_of_flows(samples: Sequence[Flow]) -> Currents:
 
 
 def with_courses(currents: Currents, samples: Sequence[Sample]) -> Currents:
-    """Return the currents of samples with the courses of these, on the clock of the currents; as they are where samples have none.
+    """Return currents with the local corrections of samples; unchanged without any.
 
     Raises:
-        PlanError: One has a course and another has none, or one at other times, or the flows have no time.
+        PlanError: Some samples lack a local correction, their times differ, or the flows have no time.
     """
     each = [sample for sample in samples if isinstance(sample, LocalSample)]
     if not each:
@@ -284,10 +284,10 @@ def with_courses(currents: Currents, samples: Sequence[Sample]) -> Currents:
         not np.array_equal(one.times_ns, each[0].times_ns) for one in each
     ):
         raise PlanError(
-            "some samples have a current beside the flow and some have none, or at other times; draw all of them together"
+            "the samples differ in the times of their local corrections, or some have none; draw all of them together"
         )
     if currents.flow.time_ns is None:
-        raise PlanError("a current beside a flow needs the time of the flow, which has none")
+        raise PlanError("a local correction needs the time of the flow, which has none")
     times = (each[0].times_ns - currents.flow.time_ns) / 1e9
     return replace(currents, beside=Courses(times, np.stack([one.velocity for one in each])))
 
@@ -299,21 +299,21 @@ _A_SCALE = 6
 
 
 def is_noticed(local: LocalCurrent | None) -> bool:
-    """Return whether plans reckon with the expected current beside the estimate."""
+    """Return whether plans use the local correction."""
     return local is not None and float(np.hypot(*local.velocity(local.time_ns))) > _NOTICED
 
 
 def with_local(
     samples: Sequence[Flow], local: LocalCurrent, begin_ns: int, seconds: float, seed: int
 ) -> list[LocalSample]:
-    """Return samples with a course each of the current beside the estimate: what it differs by from the one that plans reckon with.
+    """Return samples, each with a sample of the local correction's deviation from the planned one.
 
     Args:
-        samples: Of the estimate, and of what plans reckon with.
-        local: The current beside the estimate.
-        begin_ns: From when on it is needed [ns, UTC].
-        seconds: For how long.
-        seed: Of the draws.
+        samples: Samples of the estimate, including the planned local correction.
+        local: Local correction.
+        begin_ns: Begin [ns, UTC].
+        seconds: Duration [s].
+        seed: Seed of the random draws.
     """
     step = float(local.scale.min()) / _A_SCALE
     times = begin_ns + np.round(1e9 * step * np.arange(1 + max(ceil(seconds / step), 1))).astype(
@@ -329,21 +329,21 @@ def with_local(
 
 
 def local_notes(local: LocalCurrent | None, begin_ns: int) -> tuple[str, ...]:
-    """Return what the dives so far found beside the estimate; nothing where it is little.
+    """Return notes on the local correction; empty if insignificant.
 
     Args:
-        local: The current beside the estimate.
-        begin_ns: When the plan begins [ns, UTC].
+        local: Local correction.
+        begin_ns: Begin of the plan [ns, UTC].
     """
     if local is None:
         return ()
     error, (east, north) = local.standard_error(begin_ns), local.velocity(begin_ns)
     if max(error, float(np.hypot(east, north))) < _NOTICED:
         return ()
-    use = "the samples reckon with it, less and less with time"
+    use = "the samples include it, decaying with time"
     if is_noticed(local):
         use = f"the plan and {use}"
     return (
-        f"the dives so far met a current beside the estimate's: {100.0 * np.hypot(east, north):.0f} cm/s towards "
+        f"local correction of the estimate from recent dives: {100.0 * np.hypot(east, north):.0f} cm/s towards "
         f"{float(heading_deg(east, north)):.0f} degrees, with a standard error of {100.0 * error:.0f} cm/s at the start; {use}",
     )

@@ -1,7 +1,7 @@
-"""Legs flown in K currents at once, each glider at its own place, time, heading, glide angle and depths, by the midpoint method.
+"""Simulation of legs in K currents at once, by the midpoint method.
 
-A leg leads from one surfacing to the next: heading and glide angle held through its depths, then a drift. Steps end where the levels of the
-current are passed, as it bends there in depth.
+A leg holds heading and glide angle through its depths, then drifts at the surface. Steps end at the levels of the current, where its
+profile has kinks.
 """
 
 from dataclasses import dataclass
@@ -27,13 +27,13 @@ DRIFT_STEPS, COARSE = 2, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Legs:
-    """The commands of a mission.
+    """Commands of a mission.
 
     Attributes:
-        headings: shape (L,), clockwise from true north, as a compass holds them [rad].
-        angles: shape (L,), glide angles [rad].
-        turns: shape (P + 1, L) [m], depths at which each leg begins, turns and ends, the last repeated.
-        drifts: shape (L,) [s], at the surface after each leg.
+        headings: Headings, shape (L,), clockwise from true north [rad].
+        angles: Glide angles, shape (L,) [rad].
+        turns: Depths at which each leg begins, turns and ends, shape (P + 1, L) [m], padded with the last.
+        drifts: Drift time after each leg, shape (L,) [s].
     """
 
     headings: Array
@@ -44,12 +44,12 @@ class Legs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """A leg of K gliders.
+    """Simulated leg of K gliders.
 
     Attributes:
-        places: shape (S + 1, K, 2) [m], local east and north.
-        times: shape (S + 1, K) [s].
-        depths: shape (S + 1, K) [m]; the last ``DRIFT_STEPS`` steps are the drift.
+        places: Positions, shape (S + 1, K, 2) [m], local east and north.
+        times: Times, shape (S + 1, K) [s].
+        depths: Depths, shape (S + 1, K) [m]; the last ``DRIFT_STEPS`` steps are the drift.
     """
 
     places: Array
@@ -59,14 +59,14 @@ class Path:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """The flights of some legs.
+    """Simulated flights of commanded legs.
 
     Attributes:
-        time: shape (K, n) [s], since the start.
-        depth: shape (n,) [m].
-        place: shape (K, n, 2) [m], local east and north in each current.
-        leg: shape (n,), number of the leg that ends there or later; 0 for the first.
-        ends: shape (L,), number of the point at which each leg ends, after its drift.
+        time: Time since the start, shape (K, n) [s].
+        depth: Depth, shape (n,) [m].
+        place: Position in each current, shape (K, n, 2) [m], local east and north.
+        leg: Number of the leg at each point, from 0, shape (n,).
+        ends: Point at which each leg ends after its drift, shape (L,).
     """
 
     time: Array
@@ -78,16 +78,16 @@ class Flight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flights:
-    """K gliders, each until it arrived; from then on it stays.
+    """Simulated flights of K gliders, each stationary after its arrival.
 
     Attributes:
-        met: shape (K, G) [s], since the start, when each goal is met; infinite where it is not by the deadline.
-        nearest: shape (K, G), least distance at which each was passed [m].
-        place: shape (K, n, 2) [m].
-        time: shape (K, n) [s], since the start.
-        depth: shape (K, n) [m].
-        dive: shape (n,), number of the dive that leads there, from 0; the drift after it belongs to it.
-        ups: shape (D,), numbers of the points at which dives come up.
+        met: Time at which each goal is met, shape (K, G) [s since the start]; infinite if not by the deadline.
+        nearest: Closest approach to each goal, shape (K, G) [m].
+        place: Position, shape (K, n, 2) [m].
+        time: Time since the start, shape (K, n) [s].
+        depth: Depth, shape (K, n) [m].
+        dive: Number of the dive, with its drift, at each point, from 0, shape (n,).
+        ups: Points at which dives surface, shape (D,).
     """
 
     met: Array
@@ -100,12 +100,12 @@ class Flights:
 
     @property
     def arrived(self) -> Array:
-        """When the last goal is met, shape (K,) [s]; infinite where it is not."""
+        """Time at which the last goal is met, shape (K,) [s]; infinite if not."""
         return self.met[:, -1]
 
     @property
     def surfacings(self) -> Array:
-        """Where each dive and the drift after it ends, shape (K, D, 2) [m]; of a glider that arrived, where it stays."""
+        """End position of each dive and its drift, shape (K, D, 2) [m]; constant after arrival."""
         return self.place[:, self.ups + DRIFT_STEPS]
 
 
@@ -118,16 +118,16 @@ def fly(
     parts: int = COARSE,
     stops: Array | None = None,
 ) -> Flight:
-    """Return the flights of legs, one after the other, in K currents.
+    """Return the simulated flights of consecutive legs in K currents.
 
     Args:
         currents: K flows.
-        vehicle: The glider.
-        start: shape (2,) [m].
-        legs: Its commands.
-        start_time: On the clock of the currents' times [s].
-        parts: Of a dive or climb at least.
-        stops: Depths at which steps end too [m].
+        vehicle: Glider.
+        start: Start position, shape (2,) [m].
+        legs: Commands.
+        start_time: Start time on the clock of the currents [s].
+        parts: Minimum number of steps per dive or climb.
+        stops: Additional depths at which steps end [m].
     """
     count = len(currents.latent)
     at, now = np.tile(start, (count, 1)), np.zeros(count)
@@ -167,17 +167,17 @@ def fly_leg(
     parts: int = COARSE,
     stops: Array | None = None,
 ) -> Path:
-    """Return one leg of K gliders.
+    """Return one simulated leg of K gliders.
 
     Args:
         currents: K flows, or one for any number of gliders.
-        vehicle: The glider.
-        begin: Places, shape (K, 2) [m], and times, shape (K,), on the clock of the currents [s].
-        command: Headings from true north and glide angles, shape (K,) [rad].
-        turns: shape (P + 1, K) or (P + 1, 1) [m], where it begins, turns and ends.
-        drift: shape (K,) [s].
-        parts: Of a dive or climb at least.
-        stops: Depths at which steps end too [m].
+        vehicle: Glider.
+        begin: Positions, shape (K, 2) [m], and times on the clock of the currents, shape (K,) [s].
+        command: Headings from true north and glide angles, shape (K,) each [rad].
+        turns: Depths at which the leg begins, turns and ends, shape (P + 1, K) or (P + 1, 1) [m].
+        drift: Drift time, shape (K,) [s].
+        parts: Minimum number of steps per dive or climb.
+        stops: Additional depths at which steps end [m].
     """
     (at, now), (heading, angle), count = begin, command, len(begin[0])
     along, down = (np.broadcast_to(speed, count) for speed in vehicle.speeds(np, angle))
@@ -206,9 +206,9 @@ def fly_leg(
 
 
 def steps_of(turns: Array, levels: Array, parts: int) -> Array:
-    """Return the depths at which steps end, shape (S + 1, K) [m]: levels, and so many parts of a dive or climb at least.
+    """Return the depths at which steps end, shape (S + 1, K) [m]: levels, and a minimum number of parts per dive or climb.
 
-    Gliders have the same number of steps; those of one that passes fewer levels have no length.
+    All gliders have the same number of steps; surplus steps have zero length.
     """
     found = [turns[:1]]
     for begin, end in pairwise(turns):
@@ -228,13 +228,13 @@ def steps_of(turns: Array, levels: Array, parts: int) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """The local frame along legs, made linear: a glider at x in a current u moves by rate + turn (x - begin) + stretch u.
+    """Linearised local frame along legs: a glider at x in a current u moves by rate + turn (x - begin) + stretch u.
 
     Attributes:
-        begin: shape (K, 2) [m].
-        rate: shape (K, 2) [m/s].
-        turn: shape (K, 2, 2) [1/s].
-        stretch: shape (K, 2, 2).
+        begin: Begin position, shape (K, 2) [m].
+        rate: Velocity through water in the frame, shape (K, 2) [m/s].
+        turn: Derivative of the velocity with position, shape (K, 2, 2) [1/s].
+        stretch: Scale factors of the current, shape (K, 2, 2).
     """
 
     begin: Array
@@ -244,13 +244,13 @@ class Frame:
 
 
 def frame_along(currents: Currents, begin: Array, through: Array, lasts: Array) -> Frame:
-    """Return the frame along legs.
+    """Return the linearised frame along legs.
 
     Args:
         currents: K flows.
-        begin: shape (K, 2), where they begin [m].
-        through: shape (K, 2), the velocity through water towards true east and north [m/s].
-        lasts: shape (K,), under water [s].
+        begin: Begin of each leg, shape (K, 2) [m].
+        through: Velocity through water, shape (K, 2) [m/s], true east and north.
+        lasts: Duration under water, shape (K,) [s].
     """
     count = len(begin)
     if currents.pace is not None:
@@ -270,7 +270,7 @@ def _stepped(
     depths: tuple[Array, Array],
     lasts: Array,
 ) -> list[Array]:
-    """Return places and times after each step, from its depths at the beginning and the middle, shape (S, K) [m], and duration [s]."""
+    """Return positions and times after each step, from begin and middle depths, shape (S, K) each [m], and durations [s]."""
     weights = [currents.weights(of.ravel()).reshape(*of.shape, -1) for of in depths]
     (at, now), places, times = begin, list[Array](), list[Array]()
 
@@ -291,10 +291,10 @@ def _stepped(
 
 @lru_cache(maxsize=8)
 def _frame_function(projection: Projection) -> ca.Function:
-    """Return the function of a leg that makes ``rate_in_frame`` linear: (place, velocity through water, duration) -> (rate, turn, stretch).
+    """Return the linearisation of ``rate_in_frame``: (position, velocity through water, duration) -> (rate, turn, stretch).
 
-    A compass holds a heading of true north, which turns along the leg, and the frame stretches lengths. The slopes are those halfway
-    along the leg: to a part in a million for a leg of 5 km.
+    True north turns along the leg and the frame stretches lengths. Derivatives are taken at the middle of the leg: accurate to 1e-6 for a
+    leg of 5 km.
     """
     place, through, current = (ca.SX.sym(name, 2) for name in ("place", "through", "current"))
     lasts, at = ca.SX.sym("lasts"), ca.SX.sym("at", 2)

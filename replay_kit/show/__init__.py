@@ -1,1 +1,1 @@
-"""A result shown: report, status, plots, exports, and the value that a notebook holds. Nothing here is estimated or planned."""
+"""Presentation of results: reports, status, figures, exports and the notebook interface."""

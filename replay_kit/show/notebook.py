@@ -1,4 +1,4 @@
-"""A result as a notebook holds it: its estimate, its tables, its figures, and of several vehicles the part of each."""
+"""Results in notebooks: estimate, tables, figures, and the parts of several vehicles."""
 
 from collections.abc import Iterator, Mapping
 from functools import cached_property
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 class Result(ResultFile):
-    """What a replay found: its estimate and tables (see ``ResultFile``), and its figures."""
+    """Result of a replay: estimate and tables (see ``ResultFile``), and figures."""
 
     @cached_property
     def vehicles(self) -> Mapping[str, "Result"]:
-        """Of several vehicles that share the estimate the result of each, by its name; none of one alone."""
+        """Results by name of several vehicles that share the estimate; empty for a single vehicle."""
         made, file = self.made, self.reader.file
         return {
             one.name: Result(self.path, made and made.vehicles.get(one.name), one.name, file)
@@ -33,7 +33,7 @@ class Result(ResultFile):
 
     @cached_property
     def plot(self) -> "Plots":
-        """Figures for a paper: ``map``, ``section``, ``series``, ``dac``, ``trust`` and ``plan``, each a function."""
+        """Figures for papers: methods ``map``, ``section``, ``series``, ``dac``, ``trust`` and ``plan``."""
         # here, because matplotlib takes half a second to load
         from replay_kit.show.figures.kinds import Plots
 
@@ -43,12 +43,12 @@ class Result(ResultFile):
 def read_result(
     path: Path, made: Outcome | None = None, opened: OpenResult | None = None
 ) -> Result:
-    """Return a result that ``replay`` wrote, with tables that are read when first asked for.
+    """Return a result written by ``replay``; tables are read on first access.
 
-    Arguments are those of ``ResultFile``.
+    The arguments are described in ``ResultFile``.
 
     Raises:
-        LogError: The file is missing, or is no complete result.
+        LogError: The file is missing or not a complete result.
     """
     result = Result(path, made, opened=opened)
     check_result(result.reader)
@@ -56,17 +56,17 @@ def read_result(
 
 
 def as_pooled(result: Result) -> Result:
-    """Return a result, of several vehicles as one whose tables hold all of them."""
+    """Return a result; for several vehicles with pooled tables."""
     if not result.reader.vehicles:
         return result
     return Pooled(result.path, result.made, opened=result.reader.file)
 
 
 class Pooled(Result):
-    """What several vehicles found together: one estimate; in each table the column ``vehicle`` says whose a row is."""
+    """Pooled result of several vehicles: common estimate, and tables with a column ``vehicle``."""
 
     def joined(self, name: str) -> "pd.DataFrame":
-        """Return a table of all vehicles; numbers in it, such as of dives, are each vehicle's own."""
+        """Return a table of all vehicles; dives are numbered by vehicle."""
         import pandas as pd
 
         tables = [
@@ -76,7 +76,7 @@ class Pooled(Result):
         return pd.concat(held) if held else tables[0]
 
     def blocks(self) -> Iterator[Columns]:
-        """Yield the blocks of one vehicle after the other."""
+        """Yield the blocks of each vehicle in order."""
         return chain.from_iterable(one.blocks() for one in self.vehicles.values())
 
 

@@ -1,4 +1,4 @@
-"""Numbers, durations and places as people write them, and sentences in which each number carries the field that it formats."""
+"""Formatting of numbers, durations and positions, and sentences whose numbers keep their fields."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 
 class Shown(NamedTuple):
-    """A number as it is shown.
+    """Formatted number of a field.
 
     Attributes:
-        key: Its path in an outcome or in the figures of a status, such as ``rms_innovation.before``.
-        value: Of the field.
-        text: Rounded, as people write it.
+        key: Path in an outcome or a status, such as ``rms_innovation.before``.
+        value: Value of the field.
+        text: Rounded value with its unit.
     """
 
     key: str
@@ -24,27 +24,27 @@ class Shown(NamedTuple):
 
     @property
     def html(self) -> str:
-        """The text, which carries the field and its exact value."""
+        """Text as HTML with the field and its exact value."""
         return f'<data data-key="{escape(self.key)}" value="{escape(repr(self.value))}">{escape(self.text)}</data>'
 
 
 class Sentence(NamedTuple):
-    """Texts, and numbers among them, for a terminal and for a page."""
+    """Sentence of texts and numbers, for terminals and pages."""
 
     parts: Sequence[str | Shown]
 
     def __str__(self) -> str:
-        """Return it as text."""
+        """Return the sentence as text."""
         return "".join(part if isinstance(part, str) else part.text for part in self.parts)
 
     @property
     def html(self) -> str:
-        """The sentence as HTML."""
+        """Sentence as HTML."""
         return "".join(escape(part) if isinstance(part, str) else part.html for part in self.parts)
 
 
 def joined(begin: str, sentences: Iterable[Sentence]) -> Sentence:
-    """Return sentences as one, with semicolons between them."""
+    """Return sentences joined by semicolons."""
     parts: list[str | Shown] = [begin]
     for k, one in enumerate(sentences):
         parts += [*(["; "] if k else []), *one.parts]
@@ -52,14 +52,13 @@ def joined(begin: str, sentences: Iterable[Sentence]) -> Sentence:
 
 
 def sentence(template: str, fields: Mapping[str, Any], at: str = "") -> Sentence:
-    """Return a sentence on fields.
+    """Return a sentence with formatted fields.
 
     Args:
-        template: With paths of fields in braces, each with its form: ``cm`` for a speed [m/s] in cm/s, ``share`` in per cent, ``min`` for
-            seconds in minutes with their sign, ``kJ`` and ``MJ`` for an energy [J], or one of Python's; ``cm/s`` and ``%`` without the
-            unit.
-        fields: Values, mappings of them and sequences; None for what is unknown.
-        at: Path of the fields within an outcome, with a dot at its end.
+        template: Text with field paths in braces and formats: ``cm`` for a speed [m/s] in cm/s, ``share`` in per cent, ``min`` for seconds
+            in signed minutes, ``kJ`` and ``MJ`` for an energy [J], or Python's; ``cm/s`` and ``%`` omit the unit.
+        fields: Values, nested in mappings and sequences; None if unknown.
+        at: Path prefix of the fields, ending with a dot.
     """
     parts: list[str | Shown] = []
     for text, name, form, _ in Formatter().parse(template):
@@ -92,19 +91,19 @@ def number(key: str, value: float | int | None, text: str) -> str:
 
 
 def leg_number(count: int, name: str, value: float, text: str) -> str:
-    """Return a number of a leg of the plan, see ``number``; a leg is text of its own in the summary.
+    """Return a number of a plan's leg as HTML, see ``number``.
 
     Args:
-        count: Of the leg, from 1.
-        name: Of its value.
-        value: As the leg has it.
-        text: Rounded.
+        count: Number of the leg, from 1.
+        name: Name of the value.
+        value: Exact value.
+        text: Rounded value.
     """
     return number(f"plan.statistics.leg_{count:03d}#{name}", value, text)
 
 
 def nice(value: float, least: bool = False) -> float:
-    """Return 1, 2 or 5 times a power of ten: the largest not above a value above 0, or with ``least`` the least not below it."""
+    """Return 1, 2 or 5 times a power of ten: the largest at most a positive value or, with ``least``, the smallest at least it."""
     power = 10.0 ** floor(log10(value))
     steps = [factor * power for factor in (1.0, 2.0, 5.0, 10.0)]
     near = 1e-9 * value
@@ -114,7 +113,7 @@ def nice(value: float, least: bool = False) -> float:
 
 
 def fixed(value: float, digits: int, signed: bool = False) -> str:
-    """Return a number with some decimals, without a sign where it is 0 after rounding; ``unknown`` where it is none."""
+    """Return a number with fixed decimals, without a sign if rounded to 0; ``unknown`` if not finite."""
     if not isfinite(value):
         return "unknown"
     # the addition of 0 turns -0 into 0
@@ -123,7 +122,7 @@ def fixed(value: float, digits: int, signed: bool = False) -> str:
 
 
 def error_text(value: float) -> str:
-    """Return a standard error [m/s] in cm/s, to a millimetre a second."""
+    """Return a standard error [m/s] in cm/s, to 1 mm/s."""
     return "0.1 or less" if value < 0.0005 else fixed(100.0 * value, 1)
 
 
@@ -142,7 +141,7 @@ def hours_text(seconds: float) -> str:
 
 
 def minutes_text(longitude: float, latitude: float) -> str:
-    """Return a place [degrees] in degrees and minutes, such as ``40°24.2′S 152°21.9′E``."""
+    """Return a position [degrees] in degrees and minutes, such as ``40°24.2′S 152°21.9′E``."""
     parts = []
     for value, letters in ((latitude, "NS"), ((longitude + 180.0) % 360.0 - 180.0, "EW")):
         tenths = round(abs(value) * 600.0)

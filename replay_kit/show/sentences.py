@@ -1,4 +1,4 @@
-"""The figures of an outcome as sentences, without the heavy libraries."""
+"""Sentences on the figures of an outcome."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -8,7 +8,7 @@ from replay_kit.show.numbers import Sentence, joined, sentence
 
 
 def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
-    """Yield what was used, how well it was predicted, and the flight model's correction."""
+    """Yield sentences on observations, innovations and the flight-model correction."""
     counts = outcome.observations
     rejected = ", ".join(f"{{bins_rejected.{name}}} {name}" for name in counts["bins_rejected"])
     means, sources = counts.get("mean_currents", 0), counts.get("sources", ())
@@ -43,13 +43,13 @@ def estimate_sentences(outcome: Outcome) -> Iterator[Sentence]:
 
 
 def profile_bins(counts: Mapping[str, Any]) -> int:
-    """Return how many bins of profiles were used: other observations count as bins of two components too."""
+    """Return the number of used profile bins, without other observations, which count as bins of two components."""
     values = sum(row["values"] for row in counts.get("sources", ()))
     return int(counts["bins_used"] - counts.get("mean_currents", 0) - values // 2)
 
 
 def flown_sentences(outcome: Outcome) -> Iterator[Sentence]:
-    """Yield surfacings beside plans, and the score against a truth."""
+    """Yield sentences on errors of planned surfacings, and on the score against a truth."""
     if outcome.surfacings is not None:
         yield outcomes_sentence(outcome.surfacings)
     if outcome.truth is not None:
@@ -57,7 +57,7 @@ def flown_sentences(outcome: Outcome) -> Iterator[Sentence]:
 
 
 def trust_sentences(outcome: Outcome) -> Iterator[Sentence]:
-    """Yield log evidence, other forecasts and predicted surfacings."""
+    """Yield sentences on log evidence, other forecasts and predicted surfacings."""
     if outcome.evidence is not None:
         yield evidence_sentence(outcome.evidence)
     if outcome.comparison is not None:
@@ -69,7 +69,7 @@ def trust_sentences(outcome: Outcome) -> Iterator[Sentence]:
 
 
 def odds_sentence(odds: Mapping[str, Any]) -> Sentence:
-    """Return the shares of samples in which a plan arrives as a sentence.
+    """Return a sentence on the odds of a plan.
 
     Args:
         odds: ``n_samples`` and ``reached``.
@@ -82,7 +82,7 @@ def odds_sentence(odds: Mapping[str, Any]) -> Sentence:
 
 
 def energy_sentence(energy: float, battery: float | None) -> Sentence:
-    """Return an energy [J] as a sentence, with the share that it takes of a battery [J] where one is stated."""
+    """Return a sentence on an energy [J], with its fraction of the battery [J] if stated."""
     fields = {"energy_j": energy, "battery_j": battery}
     if battery is None:
         return sentence("{energy_j:kJ}", fields, "plan.")
@@ -92,7 +92,7 @@ def energy_sentence(energy: float, battery: float | None) -> Sentence:
 
 
 def outcomes_sentence(found: Mapping[str, Any]) -> Sentence:
-    """Return the errors of the surfacings that plans predicted, one at least, as a sentence."""
+    """Return a sentence on the errors of one or more surfacings predicted by plans."""
     share = (
         ""
         if found["inside_ellipse"] is None
@@ -107,7 +107,7 @@ def outcomes_sentence(found: Mapping[str, Any]) -> Sentence:
 
 
 def truth_sentences(truth: Mapping[str, Any]) -> Iterator[Sentence]:
-    """Yield the errors against a known truth as sentences."""
+    """Yield sentences on errors against a known truth."""
     yield sentence(
         "Against the truth over {points} grid points: RMSE {rmse:cm} (relative error {rel_error:.3f}); ensemble mean "
         "{ensemble_mean_rmse:cm}",
@@ -124,7 +124,7 @@ def truth_sentences(truth: Mapping[str, Any]) -> Iterator[Sentence]:
 
 
 def surfacings_sentence(found: Mapping[str, Any]) -> Sentence:
-    """Return how well the ends of dives were predicted from the dives before, as a sentence."""
+    """Return a sentence on the errors of surfacings predicted from earlier dives."""
     at, figures = ("later.", found["later"]) if found["later"] else ("", found)
     sharper = ""
     if figures["log_score_gain"] is not None and figures["radius_ratio"] is not None:
@@ -141,13 +141,13 @@ def surfacings_sentence(found: Mapping[str, Any]) -> Sentence:
 
 
 def by_habit(predicted: Mapping[str, Any] | None) -> bool:
-    """Return whether the dives so far, of ``surfacings_json``, predicted better than plans, so that the coming surfacing is theirs."""
+    """Return whether persistence predicted surfacings better than plans, from ``surfacings_json``."""
     record = (predicted or {}).get("record") or {}
     return record.get("shown") == "habit" and bool(predicted and predicted["next"])
 
 
 def evidence_sentence(found: Mapping[str, Any]) -> Sentence:
-    """Return the figures of ``evidence_json`` as a sentence."""
+    """Return a sentence on ``evidence_json``."""
     each = [one["log_evidence"] for one in found["by_dive"]]
     a_dive = f", {sum(each) / len(each):.1f} a dive" if each else ""
     return sentence(
@@ -159,7 +159,7 @@ def evidence_sentence(found: Mapping[str, Any]) -> Sentence:
 
 
 def comparison_sentences(found: Mapping[str, Any]) -> Iterator[Sentence]:
-    """Yield a sentence for each forecast of ``comparison_json`` that the run's was compared with."""
+    """Yield a sentence for each compared forecast of ``comparison_json``."""
     unit, one = found["units"], found["units"].removesuffix("s")
     for k, other in enumerate(found["against"]):
         at = f"against.{k}."
@@ -196,11 +196,11 @@ SOURCES = {
 
 
 def source_sentence(row: Mapping[str, Any], at: str = "") -> Sentence:
-    """Return what a source of ``observations.sources`` gave, as a sentence.
+    """Return a sentence on a source of ``observations.sources``.
 
     Args:
-        row: The source.
-        at: Path of its fields within an outcome, with a dot at its end.
+        row: Record of the source.
+        at: Path prefix of its fields, ending with a dot.
     """
     compared = (
         "RMS innovation {rms_prior:cm/s} cm/s by the prior forecast, {rms_before:cm/s} before and {rms_after:cm/s} after each update; "
@@ -215,7 +215,7 @@ def source_sentence(row: Mapping[str, Any], at: str = "") -> Sentence:
 
 
 def flight_correction_sentence(found: Mapping[str, Any]) -> Sentence:
-    """Return the figures of ``flight_correction_json`` as a sentence."""
+    """Return a sentence on ``flight_correction_json``."""
     along, across = (f"{{{name}:%}} ± {{{name}_std:%}} %" for name in ("along", "across"))
     return sentence(
         f"{{corrected}} mean {'current was' if found['corrected'] == 1 else 'currents were'} corrected for the flight model's error, by "

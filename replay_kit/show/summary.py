@@ -1,4 +1,4 @@
-"""The summary of a run on the terminal: ten lines a vehicle, and with ``verbose`` the tables and sentences behind them."""
+"""Terminal summary of a run: ten lines per vehicle, with ``verbose`` also tables and sentences."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -41,11 +41,11 @@ def print_summary(
     """Print the summary of a result.
 
     Args:
-        statuses: Of each vehicle, under an empty name that of the only one.
-        outcome: Of the run; None for an unfinished one.
-        console: Where to.
-        verbose: Whether tables, notes and sentences follow.
-        titled: Whether the result, the dive and the last fix are named first, and the losses are not said again.
+        statuses: Status of each vehicle by name; the name of a single one is empty.
+        outcome: Outcome of the run; None if unfinished.
+        console: Output console.
+        verbose: Whether to print tables, notes and sentences.
+        titled: Whether to begin with a title of result, dive and last fix, and to omit the losses.
     """
     if "" not in statuses and outcome is not None:
         print_table(console, "Vehicles", COLUMNS, vehicle_rows(outcome))
@@ -71,13 +71,13 @@ def print_summary(
 
 
 def vehicle_alarms(outcome: Outcome) -> Iterator[str]:
-    """Yield a line for each alarm of each vehicle."""
+    """Yield a line for each vehicle's alarm."""
     for name, own in outcome.vehicles.items():
         yield from (f"ALARM      {name}: {alarm.text}" for alarm in own.alarms)
 
 
 def _print_tables(outcome: Outcome, console: Console) -> None:
-    """Print what is behind a summary."""
+    """Print the tables and sentences behind a summary."""
     print_lines(console, map(finding_line, outcome.consistency))
     if outcome.vehicles:
         print_lines(console, [ABOUT_VALUE, *vehicle_sentences(outcome)])
@@ -114,7 +114,7 @@ def _dive_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _lost(outcome: Outcome) -> Iterator[str]:
-    """Yield what of the logs was lost."""
+    """Yield a line for each loss in the logs."""
     yield from (f"LOST       {one['file']}: {lost_text(one)}" for one in outcome.losses)
     if outcome.late:
         yield f"LOST       {outcome.late} late messages: widen logs.reorder_window"

@@ -1,4 +1,4 @@
-"""What tables, sentences and JSON answers share: topics that fold, times that shorten, reasons with codes."""
+"""Text helpers for tables, sentences and JSON: folded topics, short times, reasons with codes."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ _NUMBER = re.compile(r"\d+")
 
 
 def print_lines(console: Console, lines: Iterable[str]) -> None:
-    """Print lines that the terminal wraps, so that a pipe has them whole."""
+    """Print lines wrapped by the terminal only, so that pipes receive them whole."""
     for line in lines:
         console.print(line)
 
@@ -26,13 +26,13 @@ def print_lines(console: Console, lines: Iterable[str]) -> None:
 def print_table(
     console: Console, title: str | None, columns: Sequence[str], rows: Iterable[Sequence[str]]
 ) -> None:
-    """Print a table whose first column, of names, keeps its width, while others fold in a narrow terminal.
+    """Print a table whose first column keeps its width; others fold in a narrow terminal.
 
     Args:
-        console: Where to.
-        title: Above the table; None for none.
-        columns: Headings.
-        rows: Cells; columns of numbers alone stand to the right.
+        console: Output console.
+        title: Title above the table, or None.
+        columns: Column headings.
+        rows: Rows of cells; numeric columns are right-aligned.
     """
     if title is not None:
         console.print(title)
@@ -58,11 +58,11 @@ def print_table(
 
 
 def folded(rows: Iterable[tuple[str, ...]], whole: bool = False) -> list[tuple[str, ...]]:
-    """Return rows with those that follow each other and are equal but for a number in their topics' names folded into one.
+    """Return rows with consecutive ones folded that differ only by a number in the topic's name.
 
     Args:
-        rows: Cells, the topic's name first.
-        whole: Whether each topic keeps its row.
+        rows: Rows of cells, the topic's name first.
+        whole: Whether to keep all rows.
     """
     found: list[list[tuple[str, ...]]] = []
     for row in rows:
@@ -79,7 +79,7 @@ def folded(rows: Iterable[tuple[str, ...]], whole: bool = False) -> list[tuple[s
 
 
 def fold_names(names: Sequence[str]) -> str:
-    """Return names that differ in a number alone as one, ``/cell_01 ... _08, 8 topics``; one name as it is."""
+    """Return names that differ only by a number as one, ``/cell_01 ... _08, 8 topics``; a single name unchanged."""
     first, last = names[0], names[-1]
     begin = None if len(names) == 1 else _differing(first, last)
     if begin is None:
@@ -89,7 +89,7 @@ def fold_names(names: Sequence[str]) -> str:
 
 
 def _differing(one: str, other: str) -> int | None:
-    """Return where the only number begins in which two names differ; None when they differ otherwise."""
+    """Return the index of the only number that differs between two names; None if they differ otherwise."""
     if _NUMBER.sub("0", one) != _NUMBER.sub("0", other):
         return None
     pairs = zip(_NUMBER.finditer(one), _NUMBER.finditer(other), strict=True)
@@ -98,12 +98,12 @@ def _differing(one: str, other: str) -> int | None:
 
 
 def iso(time_ns: int | None) -> str | None:
-    """Return a time as ISO 8601 UTC to the second; None stays None, and a time that 64 bits cannot hold is given as the last they can."""
+    """Return a time as ISO 8601 UTC to the second, clipped to 64-bit nanoseconds; None for None."""
     return None if time_ns is None else iso_time(time_ns, "s")
 
 
 def short_times(times_ns: Sequence[int | None]) -> list[str]:
-    """Return times [ns, UTC] of a table without what they all share: the day, or the year; empty where there is none."""
+    """Return times [ns, UTC] of a table without their common day or year; empty for None."""
     texts = [iso(time_ns) for time_ns in times_ns]
     known = [text for text in texts if text is not None]
     # 2018-11-16T06:30:00Z
@@ -114,7 +114,7 @@ def short_times(times_ns: Sequence[int | None]) -> list[str]:
 
 
 def not_used_lines(not_used: Mapping[str, Mapping[str, int]], whole: bool = True) -> Iterator[str]:
-    """Yield a line for each reason for which messages of a topic were not used; topics alike share one unless whole lines are asked for."""
+    """Yield a line for each topic and reason of unused messages; similar topics share one unless ``whole``."""
     rows = [
         (topic, str(count), reason)
         for topic, reasons in not_used.items()
@@ -131,13 +131,13 @@ def not_used_lines(not_used: Mapping[str, Mapping[str, int]], whole: bool = True
 
 
 class SafeConsole(Console):
-    """A console that shows control characters in texts, such as those of names in a log, and obeys none of them."""
+    """Console that displays control characters, for example in names of a log, instead of obeying them."""
 
     def print(self, *objects: Any, **options: Any) -> None:
-        """Print; the terminal wraps lines of text, so that a pipe has them whole."""
+        """Print objects, with text wrapped by the terminal only."""
         whole = all(isinstance(each, str) for each in objects)
         super().print(*objects, soft_wrap=whole, **options)
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Return a text to be laid out: of a printed line, and of each cell and heading of a table."""
+        """Return the text of a line, cell or heading with control characters displayed."""
         return super().render_str(printable(text), **options)

@@ -1,4 +1,4 @@
-"""Several vehicles with one estimate: a row for each, in the summary, on the page and in the status alike."""
+"""Table of several vehicles with a common estimate, for summary, report and status."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -19,18 +19,18 @@ COLUMNS = (
 )
 #: What the columns on data denial mean.
 ABOUT_VALUE = (
-    "without it: RMS difference that leaving out the vehicle's measurements makes to the estimate at the published depths; "
-    "error without it: standard error there over that with all vehicles"
+    "without it: RMS change of the estimate at the published depths if the vehicle's measurements are withheld; "
+    "error without it: ratio of that standard error to the one with all vehicles"
 )
 
 
 def vehicle_rows(outcome: Outcome) -> list[tuple[str, ...]]:
-    """Return ``vehicle_cells`` as text."""
+    """Return the rows of ``vehicle_cells`` as text."""
     return [tuple(str(Sentence([cell])) for cell in row) for row in vehicle_cells(outcome)]
 
 
 def vehicle_cells(outcome: Outcome) -> list[tuple[str | Shown, ...]]:
-    """Return a row for each vehicle; also for those that gave nothing to the estimate."""
+    """Return a row for each vehicle, including those without observations."""
     rows = [_row(name, own, outcome.value.get(name, {})) for name, own in outcome.vehicles.items()]
     aside = [name for name in outcome.unused if name not in outcome.vehicles]
     return rows + [(name, "0", *[""] * (len(COLUMNS) - 3), "not used") for name in aside]
@@ -54,7 +54,7 @@ def _row(name: str, own: Outcome, value: Mapping[str, Any]) -> tuple[str | Shown
 
 
 def vehicle_sentences(outcome: Outcome) -> Iterator[str]:
-    """Yield what is to be known of each vehicle that is not in its row, each as a sentence."""
+    """Yield sentences on alarms and notes of each vehicle."""
     for name, own in outcome.vehicles.items():
         yield from (f"ALARM: {name}: {alarm.text}" for alarm in own.alarms)
         yield from (f"Note: {name}: {note}" for note in own.notes)

@@ -298,7 +298,7 @@ def test_a_plan_is_judged_by_a_hundred_samples_and_its_message_leads_with_the_od
     )
     doubtful = json.loads(run(f"{flow} {ASK} --json - --angles 15,16 --arrive 1").stdout)
     assert (doubtful["status"], doubtful["samples"]["reached"] < 1.0) == ("uncertain", True)
-    assert "100 % are asked for" in doubtful["message"]
+    assert "100 % are required" in doubtful["message"]
 
 
 @pytest.mark.full
@@ -416,7 +416,7 @@ def test_every_output_and_page_holds_a_plan_without_legs(flow, tmp_path):
         f"verify {out} --inputs {flow.parent}",
     ):
         succeed(command)
-    assert "Nothing to steer: already there" in page.read_text()
+    assert "No command: already there" in page.read_text()
     status = invoke(f"status {out} --json -")
     assert json.loads(status.stdout)["command"]["heading_deg"] is None
     assert "no command: already there" in " ".join(invoke(f"status {out}").stdout.split())

@@ -155,9 +155,9 @@ def test_waypoints_that_are_never_reached_are_not_called_safe_beside_an_area():
     _, without, _ = listed(adverse, ACROSS, plan=plan)
     _, beside, _ = listed(adverse, replace(ACROSS, no_go=(far,)), plan=plan)
     assert (without.violation, without.arrives) == (None, False)
-    assert without.message.startswith("not reliable: not all of them are reached")
+    assert without.message.startswith("not reliable: not all waypoints are reached")
     assert beside.violation is not None
-    assert "water that was not checked, as waypoint 1 is not reached in" in beside.message
+    assert "unchecked water, as waypoint 1 is not reached in" in beside.message
 
 
 @pytest.mark.full

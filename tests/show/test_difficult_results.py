@@ -81,7 +81,7 @@ CASES: list[tuple[Case, str, set[str]]] = [
     ),
     (across_the_antimeridian, "km travelled", {"plans", "section", "track"}),
     (at_80_north, "km travelled", {"plans", "section", "track"}),
-    (without_positions, "What was used is not counted", {"section"}),
+    (without_positions, "Observations used: unknown", {"section"}),
     (of_nothing, "The result holds neither a position nor a measurement.", set()),
 ]
 # the others take seconds each

@@ -1,1 +1,1 @@
-"""A result as files of other programs: NetCDF, CSV, KML and GeoJSON."""
+"""Export of results to NetCDF, CSV, KML and GeoJSON."""

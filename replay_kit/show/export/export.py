@@ -1,4 +1,4 @@
-"""A result to a file of another program, whose name's ending says which: its tables, with a row a value, and what has a place."""
+"""Export of a result's tables and map features; the file's ending gives the format."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ At = tuple[float, float, float]
 
 
 def series_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the current at places through time, see ``Contents.series``; no row without places or a current."""
+    """Return time series of the current at positions, see ``Contents.series``; empty without positions or a current."""
     tables = []
     for number, place in enumerate(places):
         found = contents.series(place)
@@ -47,7 +47,7 @@ def series_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
 
 
 def track_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the positions, with the last estimate at each of them where there is an estimate; NaN where the depth is not known."""
+    """Return the positions with the last estimate at each; NaN for an unknown depth."""
     fixes = contents.result.fixes
     if contents.estimate is None or not len(fixes):
         return fixes.reset_index()
@@ -62,7 +62,7 @@ def track_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
 
 
 def section_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the bins used of the profiles: measured and estimated velocity, the latter just after the profile."""
+    """Return the bins of used profiles: measured velocity, and the velocity estimated just after the profile."""
     bins, projection = contents.bins, contents.projection
     east, north, distance = contents.track.at(bins.time_ns)
     longitude, latitude = to_geographic(projection, east, north)
@@ -90,7 +90,7 @@ def section_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
 
 
 def dives_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the dives: what was used of each, and its mean current measured, corrected for the flight model's error and estimated."""
+    """Return the dives: observations used, and DAC as measured, corrected for the flight-model error, and estimated."""
     means, track = contents.mean_currents, contents.track
     table = contents.result.dives.reset_index()
     if not means.time_ns.size:
@@ -112,12 +112,12 @@ def dives_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
 
 
 def innovations_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the bins of all measurements; components are along the axes of the local frame, as in ``Result.innovations``."""
+    """Return the innovations by bin, with components along the axes of the local frame, see ``Result.innovations``."""
     return contents.result.innovations.reset_index()
 
 
 def surface_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the currents at the surface by radar and the estimate."""
+    """Return the surface currents of radar and estimate."""
     return contents.result.surface.reset_index()
 
 
@@ -127,7 +127,7 @@ def surfacings_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
 
 
 def plans_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the predicted tracks of the plans, with the status of each."""
+    """Return the predicted tracks and status of the plans."""
     plans, tracks = contents.result.plans, contents.result.plan_tracks.reset_index()
     status = plans["status"].to_numpy()
     return tracks.assign(status=[status[int(number)] for number in tracks["plan"]])
@@ -158,19 +158,19 @@ _MAPPED = ("series", "track", "surfacings", "plans")
 def export(
     contents: Contents, path: Path, places: Sequence[At] = (), table: str | None = None
 ) -> dict[str, int]:
-    """Write tables of a result to a file, and return the number of rows of each table written, on maps of features.
+    """Write tables of a result to a file; return the number of rows, or map features, by table.
 
-    A CSV file has one table; NetCDF has all that have rows; KML and GeoJSON have the track, places, surfacings, and the last
-    plan with its ellipses and the areas that it keeps out of.
+    CSV holds one table, NetCDF all tables that are not empty. KML and GeoJSON hold the track, positions, surfacings, and the last plan with
+    ellipses and no-go areas.
 
     Args:
-        contents: Of the result.
-        path: The file; its ending says the form.
-        places: Of ``series``.
-        table: One of ``TABLES``, or ``ESTIMATE``; None for all tables, in CSV for ``series`` where there are places, else for ``track``.
+        contents: Contents of the result.
+        path: File; its ending gives the format.
+        places: Positions of ``series``.
+        table: One of ``TABLES``, or ``ESTIMATE``; None for all tables, in CSV for ``series`` with positions, otherwise ``track``.
 
     Raises:
-        ConfigError: The ending or the table is not known, a series has no place, or the file cannot be written.
+        ConfigError: Unknown ending or table, a series without a position, or the file cannot be written.
     """
     ending = path.suffix.lower()
     if ending not in ENDINGS:
@@ -211,7 +211,7 @@ def export(
 def _write_features(
     contents: Contents, path: Path, names: Sequence[str], places: Sequence[At]
 ) -> dict[str, int]:
-    """Write the features of tables, and return their number by table."""
+    """Write the features of tables; return their number by table."""
     series = series_table(contents, places) if "series" in names else pd.DataFrame()
     every = [*features_of(contents), *place_features(series, contents.projection)]
     of = [ROLES[one["properties"]["role"]] for one in every]
@@ -226,7 +226,7 @@ def _of_all(
     contents: Contents,
     places: Sequence[At],
 ) -> pd.DataFrame:
-    """Return a table of a result; of several vehicles with the column ``vehicle``, what is of the common estimate once."""
+    """Return a table of a result; for several vehicles with a column ``vehicle``, and common values once."""
     if "" in contents.each or table in (series_table, surface_table):
         return table(contents, places)
     each = [table(one, places).assign(vehicle=name) for name, one in contents.each.items()]

@@ -1,4 +1,4 @@
-"""Features of a result as files for maps and globes: GeoJSON with Mapbox's simplestyle 1.1, and KML 2.2 with times."""
+"""Map features as GeoJSON with Mapbox's simplestyle 1.1, and as KML 2.2 with times."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ _OWN = frozenset({"name", "description", "coordTimes", "depth_m", "role", "last"
 
 
 def styled(one: Feature) -> Feature:
-    """Return a feature with its colours and widths as properties of simplestyle."""
+    """Return a feature with colours and widths as simplestyle properties."""
     look = ON_MAP.get(one["properties"]["role"], {"kind": "points", "color": "three"})
     color = LIGHT.get(look["color"], look["color"])
     if look["kind"] == "points":
@@ -30,7 +30,7 @@ def geojson_text(features: Sequence[Feature]) -> str:
 
 
 def kml_text(features: Sequence[Feature]) -> str:
-    """Return features as KML with times, for the slider of Google Earth; ways are tracks of its extension."""
+    """Return features as KML with times for the slider of Google Earth; tracks use its extension."""
     places = "".join(map(_placemark, features))
     names = 'xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2"'
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<kml {names}><Document>\n{places}</Document></kml>\n'
@@ -54,7 +54,7 @@ def _placemark(one: Feature) -> str:
 
 
 def _shape(kind: str, at: Any, times: Sequence[str]) -> str:
-    """Return a geometry; KML has no longitudes beyond 180."""
+    """Return a KML geometry, with longitudes wrapped to 180 degrees."""
     if kind == "MultiPoint":
         return f"<MultiGeometry>{''.join(_shape('Point', one, ()) for one in at)}</MultiGeometry>"
     points = [at] if kind == "Point" else at[0] if kind == "Polygon" else at
@@ -69,7 +69,7 @@ def _shape(kind: str, at: Any, times: Sequence[str]) -> str:
 
 
 def _style(style: Mapping[str, Any]) -> str:
-    """Return a style: KML's colours are opacity, blue, green, red."""
+    """Return a KML style; colours are in the order opacity, blue, green, red."""
 
     def color(name: str, opacity: float) -> str:
         red, green, blue = (style[name][k : k + 2] for k in (1, 3, 5))

@@ -1,4 +1,4 @@
-"""Tables of a result in one CF NetCDF file: a dimension a table, and a variable a column, of several tables named after both."""
+"""Tables of a result in one CF NetCDF file, with a dimension for each table, which prefixes its columns if there are several."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -48,12 +48,12 @@ _COMPONENTS = {
 def write_netcdf(
     tables: Mapping[str, pd.DataFrame], projection: Projection, path: Path, about: Mapping[str, str]
 ) -> None:
-    """Write tables; the file appears whole or not at all.
+    """Write tables to a NetCDF file, completely or not at all.
 
     Args:
-        tables: By name; those without rows are left out.
-        projection: The local frame of what is along local axes.
-        path: The file.
+        tables: Tables by name; empty ones are omitted.
+        projection: Local frame of components along local axes.
+        path: File.
         about: Further global attributes.
 
     Raises:
@@ -93,7 +93,7 @@ def to_dataset(
 
 
 def _values(column: pd.Series) -> Any:
-    """Return a column in the types that CF knows."""
+    """Return a column in a data type of CF."""
     if is_datetime64_any_dtype(column):
         return column.to_numpy("datetime64[ns]")
     if is_bool_dtype(column):

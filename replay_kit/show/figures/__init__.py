@@ -1,1 +1,1 @@
-"""Figures as values, and the back end that draws them on pages and for papers."""
+"""Figures as data, and the back end that draws them for pages and papers."""

@@ -1,4 +1,4 @@
-"""The back end of all figures: panels drawn with matplotlib, for a paper as a file, for a page as SVG in the colours of its style."""
+"""Matplotlib back end of figures: files for papers, and SVG in the colours of a page's style."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -44,7 +44,7 @@ _Made = TypeVar("_Made")
 
 
 class _Medium(NamedTuple):
-    """The colours of the roles, the points of a pixel in widths and in sizes, and labels of an axis of time that fit."""
+    """Drawing parameters of a medium: colours by role, points per pixel of widths and sizes, and number of time labels."""
 
     palette: Mapping[str, str]
     thin: float
@@ -52,7 +52,7 @@ class _Medium(NamedTuple):
     times: int
 
     def color(self, color: str) -> str:
-        """Return the colour of a role; others as they are."""
+        """Return the colour of a role; other colours unchanged."""
         return self.palette.get(color, color)
 
 
@@ -63,9 +63,9 @@ def draw_panel(axes: Axes, panel: Panel, tables: Tables, medium: _Medium = _PAPE
     """Draw a panel into axes.
 
     Args:
-        axes: The axes.
-        panel: The panel.
-        tables: The columns that its marks name.
+        axes: Axes.
+        panel: Panel.
+        tables: Columns named by its marks.
         medium: Paper or page.
     """
     if not panel.marks:
@@ -143,7 +143,7 @@ def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
 
 
 def mesh_values(mark: Mark, tables: Tables) -> Array:
-    """Return the values of a mesh in rows and columns; at the corners of cells where there are as many, else within."""
+    """Return the values of a mesh in rows and columns, at the corners of cells if their number matches, otherwise inside."""
     assert mark.z is not None
     values, x = values_of(tables, mark.z), values_of(tables, mark.x)
     return np.asarray(values.reshape(-1, x.size - 1) if values.ndim == 1 else values)
@@ -174,7 +174,7 @@ def _draw_mesh(axes: Axes, mark: Mark, x: Array, y: Array, values: Array, medium
 
 
 def _draw_arrows(axes: Axes, x: Array, y: Array, values: Array, across: float) -> None:
-    """Draw arrows, so many across the axes, and a key of their lengths between the axes and the title however high the axes are."""
+    """Draw arrows, ``across`` of them along the width, and a key of their length between axes and title."""
     known = np.hypot(*values)
     typical = float(np.nanquantile(known, 0.95)) if np.isfinite(known).any() else 1.0
     long = max(typical, 1e-6)
@@ -222,7 +222,7 @@ def _draw_axes(axes: Axes, panel: Panel, tables: Tables, medium: _Medium) -> Non
 
 
 def _number_logarithms(axis: Any) -> None:
-    """Give a logarithmic axis plain round numbers, of evenly spaced values where these are alike."""
+    """Label a logarithmic axis with round numbers, evenly spaced over a narrow range."""
     least, most = axis.get_view_interval()
     alike = most < 4.0 * least
     subs = (1.0, 2.0, 5.0) if most < 1e3 * least else (1.0,)
@@ -233,7 +233,7 @@ def _number_logarithms(axis: Any) -> None:
 
 
 def _draw_labels(axes: Axes, labels: Sequence[tuple[float, float, str]], medium: _Medium) -> None:
-    """Write texts in the middle of places; those near another one, or out of sight, are left out."""
+    """Draw centred labels; labels near another one or out of sight are omitted."""
     kept: list[Any] = []
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
     for x, y, text in labels:
@@ -246,10 +246,10 @@ def _draw_labels(axes: Axes, labels: Sequence[tuple[float, float, str]], medium:
 
 
 def date_axis(axes: Axes, most: int) -> None:
-    """Give an axis of time few labels, with the year beside them.
+    """Limit the labels of a time axis, with the year at its end.
 
     Args:
-        axes: The axes.
+        axes: Axes.
         most: Number of labels that fit.
     """
     locator: Any = dates.AutoDateLocator(minticks=2, maxticks=most)
@@ -264,14 +264,14 @@ def date_axis(axes: Axes, most: int) -> None:
 
 
 def degrees_text(value: float, letters: str) -> str:
-    """Return a longitude (letters ``EW``, of any turn) or a latitude (``NS``) as a label."""
+    """Return the label of a longitude (letters ``EW``, any multiple of 360 added) or latitude (``NS``)."""
     value = (value + 180.0) % 360.0 - 180.0 if letters == "EW" else value
     letter = "" if abs(value) < 1e-9 else letters[0] if value > 0.0 else letters[1]
     return f"{abs(float(f'{value:.6g}')):g}°{letter}"
 
 
 def colormap(name: str) -> LinearSegmentedColormap:
-    """Return one of cmocean's colour maps, ``speed``, ``balance`` or ``amp``; or one of land alone."""
+    """Return a colour map of cmocean, ``speed``, ``balance`` or ``amp``, or the one of land."""
     land = [(0.0, PRINT["land"]), (1.0, PRINT["land"])]
     return LinearSegmentedColormap.from_list(name, land if name == "land" else scale(name))
 
@@ -285,10 +285,10 @@ _LINE, _LETTERS, _SMALL = 0.13, 17.0, 20.0
 
 
 class ShownCanvas(Canvas):
-    """A figure that a notebook shows without pyplot."""
+    """Matplotlib figure that notebooks display without pyplot."""
 
     def draw(self, renderer: Any) -> None:
-        """Draw in the style of print wherever it is drawn: a layout may add ticks, whose labels were larger."""
+        """Draw in the print style, also for ticks added by a layout."""
         styled(partial(super().draw, renderer))
 
     def _repr_png_(self) -> bytes:
@@ -297,20 +297,20 @@ class ShownCanvas(Canvas):
 
 
 def styled(make: Callable[[], _Made]) -> _Made:
-    """Return what is made in the style of print."""
+    """Return the result of a function called in the print style."""
     with rc_context(PAPER):
         return make()
 
 
 def saved(canvas: Canvas, ending: str) -> bytes:
-    """Return a drawn figure as a file, of one of ``ENDINGS``: the same figure gives the same bytes."""
+    """Return the reproducible bytes of a figure's file, in a format of ``ENDINGS``."""
     content, form = BytesIO(), ending.removeprefix(".")
     styled(partial(canvas.savefig, content, format=form, metadata=_NO_DATES[form]))
     return content.getvalue()
 
 
 def drawn_into(axes: Axes, figure: Figure, number: int, letter: str = "") -> None:
-    """Draw a panel of a figure into axes, with the title and, if it has entries that the figure does not share, a legend."""
+    """Draw a panel of a figure into axes, with its title and, if not shared, its legend."""
     panel = figure.panels[number]
     draw_panel(axes, panel, figure.tables)
     if not (panel.shares_legend and letter) and axes.get_legend_handles_labels()[0]:
@@ -319,11 +319,11 @@ def drawn_into(axes: Axes, figure: Figure, number: int, letter: str = "") -> Non
 
 
 def compose(figure: Figure, columns: int) -> Canvas:
-    """Return a figure drawn for a paper: panels with letters, their common legend, and the notes above it.
+    """Return a figure drawn for a paper: lettered panels, common legend and notes.
 
     Args:
-        figure: The figure.
-        columns: 1 or 2, of a page.
+        figure: Figure.
+        columns: Width in columns of a page, 1 or 2.
     """
 
     def make() -> Canvas:
@@ -365,7 +365,7 @@ def compose(figure: Figure, columns: int) -> Canvas:
 
 
 def _beside(names: Sequence[str], width: float) -> int:
-    """Return how many columns of a legend fit into a figure [inches], as matplotlib fills them."""
+    """Return the number of legend columns that fit into a figure's width [inches]."""
 
     def letters(columns: int) -> int:
         each = np.array_split(np.array([len(name) for name in names]), columns)
@@ -379,11 +379,11 @@ _WIDE, _AROUND = 500.0, (58.0, 14.0, 8.0, 44.0)
 
 
 class Drawn(NamedTuple):
-    """A panel of a page.
+    """Panel drawn for a page.
 
     Attributes:
-        svg: The drawing, in the variables of the page's style.
-        about: What a script needs to say values beside the pointer: where the axes are in the drawing, their ends, and the marks.
+        svg: Drawing in the colours of the page's style.
+        about: Data of the tooltips: position and limits of the axes, and the marks.
     """
 
     svg: str
@@ -391,7 +391,7 @@ class Drawn(NamedTuple):
 
 
 def panels_svg(figure: Figure, wide: float = _WIDE) -> Iterator[Drawn]:
-    """Yield the panels of a figure as a page has them, so wide [px]; their titles and colour scales are the page's own."""
+    """Yield the panels of a figure for a page, without titles and colour scales; the width is in pixels."""
     with rc_context(PAGE):
         for number, panel in enumerate(figure.panels):
             yield _panel_svg(figure, number, panel, wide)
@@ -431,7 +431,7 @@ def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
 
 
 def _said(mark: Mark, tables: Tables) -> dict[str, Any]:
-    """Return where a mark is and what is said of its points; a column of the page's tables is named."""
+    """Return the positions and tooltips of a mark; columns of the page's tables are given by name."""
     said = {"x": mark.x, "y": mark.y, "text": mark.text, "z": mark.z}
     held = {key: values for key, values in said.items() if values is not None}
     plain = {
@@ -442,7 +442,7 @@ def _said(mark: Mark, tables: Tables) -> dict[str, Any]:
 
 
 def column_of(name: str, values: Any) -> list[Any]:
-    """Return a column for JSON: times to the second, degrees and kilometres to a metre or better, other numbers to five digits."""
+    """Return a column for JSON: times to the second, positions to a metre or better, other numbers to five digits."""
     array = np.asarray(values)
     if array.dtype.kind == "M":
         return [
@@ -455,7 +455,7 @@ def column_of(name: str, values: Any) -> list[Any]:
 
 
 def column(values: Any, digits: int = 5) -> list[float | None]:
-    """Return numbers for JSON, rounded to some significant digits; what is not finite is None."""
+    """Return numbers for JSON, rounded to significant digits; None if not finite."""
     each = np.asarray(values, dtype=np.float64).ravel()
     known, size = np.isfinite(each), np.abs(each)
     with np.errstate(all="ignore"):
@@ -471,7 +471,7 @@ _COLORS |= {GRID: "var(--grid)", BEHIND: "var(--panel)"}
 
 
 def _slim(svg: str, key: str) -> str:
-    """Return an SVG for the inside of a page: its colours those of the style, its ids unlike those of others, without what says nothing."""
+    """Return a compact SVG for a page, with the colours of its style and unique ids."""
     box = re.search(r'viewBox="[^"]*"', svg)
     assert box is not None
     body = svg[svg.index(">", svg.index("<svg")) + 1 :]

@@ -1,4 +1,4 @@
-"""A figure as a value: panels of marks on named columns, with labels, units and the roles of colours."""
+"""Figures as data: panels of marks on named columns, with labels, units and colour roles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,15 +15,15 @@ Tables = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """An axis.
+    """Axis of a panel.
 
     Attributes:
-        label: What it shows.
-        unit: Of its values; empty for none.
-        ends: Values at its begin and end, the first the larger one for an axis that points down; None as the data need.
-        from_zero: Whether it starts at 0 where ``ends`` are not stated.
-        log: Whether it is logarithmic.
-        labels: Names of the positions 0, 1, ...; empty for numbers.
+        label: Label.
+        unit: Unit of its values; may be empty.
+        ends: Limits, the larger one first for an axis that points down; None to fit the data.
+        from_zero: Whether the axis starts at 0 without ``ends``.
+        log: Whether the axis is logarithmic.
+        labels: Labels of the positions 0, 1, ...; empty for numbers.
     """
 
     label: str
@@ -40,27 +40,27 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """Values drawn in one look. Colours are roles of ``core.colors`` or ``#rrggbb``; sizes and widths are pixels of a page.
+    """Data series drawn in one style. Colours are roles of ``core.colors`` or ``#rrggbb``; sizes and widths are pixels of a page.
 
     Attributes:
         kind: ``line``; ``points``; ``joined``, points on a line; ``bars``; ``band``, a filled outline; ``ring``, a filled closed
             line; ``mesh``, cells coloured by ``z``; ``arrows``, whose components are ``z``.
-        x: Along the horizontal axis; NaN leave a gap; of a mesh the edges or corners of its cells.
-        y: Along the vertical axis.
-        name: In the legend and beside the pointer; empty for none.
-        color: Of all but a mesh.
-        symbol: Of points, see ``core.colors``.
-        dash: Of lines: ``solid``, ``dash``, ``dot``, ``dashdot``.
-        width: Of lines.
-        size: Of points.
-        edge: Colour around points; empty for none.
-        halo: Whether a light line lies below, for marks on a coloured field.
-        step: Whether the line is a staircase.
-        error: Standard deviations of y; None for none.
-        base: Down to which the ground is filled below a line; None for others.
-        text: What is said of each point beside the pointer; None for nothing.
-        z: Values of the cells of a mesh, row by row; components of arrows, shape (2, n).
-        scale: Colour scale of a mesh, the values at its ends, and the label of the colour bar.
+        x: Horizontal coordinates; NaN leaves a gap; for a mesh the edges or corners of its cells.
+        y: Vertical coordinates.
+        name: Name in legend and tooltips; may be empty.
+        color: Colour of all kinds except a mesh.
+        symbol: Symbol of points, see ``core.colors``.
+        dash: Style of lines: ``solid``, ``dash``, ``dot``, ``dashdot``.
+        width: Width of lines.
+        size: Size of points.
+        edge: Edge colour of points; may be empty.
+        halo: Whether a light line is drawn below, for marks on a coloured field.
+        step: Whether the line is a step function.
+        error: Standard errors of y, or None.
+        base: Lower limit of the ground filled below a line, or None.
+        text: Tooltip of each point, or None.
+        z: Cell values of a mesh, row by row; components of arrows, shape (2, n).
+        scale: Colour map of a mesh, its limits, and the label of the colour bar.
     """
 
     kind: Literal["line", "points", "joined", "bars", "band", "ring", "mesh", "arrows"]
@@ -84,21 +84,21 @@ class Mark:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
-    """Marks over the same axes.
+    """Panel of marks on common axes.
 
     Attributes:
-        title: What it shows; a sentence of what is missing where there are no marks.
-        x: The horizontal axis.
-        y: The vertical axis.
-        marks: From the lowest to the highest.
-        height: Over its width.
-        level: A value of y to compare with, drawn as a line; None for none.
-        band: Least and largest of the values of y to compare with, and their name; None for none.
-        note: Figures in a corner.
-        equal: Whether both axes have the same scale.
-        degrees: Whether the axes are longitude and latitude; what no mark covers is hatched.
-        labels: Texts at places (x, y, text), of which those that would lie over another are left out.
-        shares_legend: Whether its legend is below the figure, once for all such panels.
+        title: Title; without marks, a sentence on the missing data.
+        x: Horizontal axis.
+        y: Vertical axis.
+        marks: Marks in drawing order.
+        height: Ratio of height to width.
+        level: Reference value of y, drawn as a line, or None.
+        band: Reference interval of y and its name, or None.
+        note: Text in a corner.
+        equal: Whether both axes have equal scales.
+        degrees: Whether the axes are longitude and latitude; uncovered areas are hatched.
+        labels: Labels (x, y, text); overlapping ones are omitted.
+        shares_legend: Whether its legend is part of a common one below the figure.
     """
 
     title: str
@@ -117,17 +117,17 @@ class Panel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Figure:
-    """Panels in rows.
+    """Figure of panels in rows.
 
     Attributes:
-        key: Unique in a page.
-        title: What it shows.
-        panels: In reading order.
-        tables: The columns, which a page offers.
-        caption: What to see in it, as HTML.
-        alternative: What it shows, in words for who does not see it.
-        across: Panels beside each other where there is room.
-        notes: What it does not show, and why, as sentences.
+        key: Unique key in a page.
+        title: Title.
+        panels: Panels in reading order.
+        tables: Data tables, which a page offers as files.
+        caption: Caption as HTML.
+        alternative: Text alternative.
+        across: Number of panels in a row if space allows.
+        notes: Sentences on data not shown, with reasons.
     """
 
     key: str
@@ -141,12 +141,12 @@ class Figure:
 
 
 def missing(title: str, why: str) -> Panel:
-    """Return a panel that says what there is not, in a sentence."""
+    """Return a panel without marks that states the missing data."""
     return Panel(title, Axis(""), Axis(""), (), 0.45, note=why)
 
 
 def values_of(tables: Tables, values: Values) -> NDArray[Any]:
-    """Return a column of the tables, or the values of a mark alone."""
+    """Return the values of a mark, given as an array or by column name."""
     if not isinstance(values, str):
         return np.asarray(values)
     table, _, name = values.partition(".")

@@ -1,4 +1,4 @@
-"""The figures of a result by their names, for scripts and for the command line."""
+"""Figures of a result by name, for scripts and the command line."""
 
 from collections.abc import Callable, Mapping
 from functools import partialmethod
@@ -41,13 +41,13 @@ def drawn(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 
     """Return a figure of a result.
 
     Args:
-        contents: Of the result.
-        kind: One of ``KINDS``.
-        chosen: Place, depth and time.
-        columns: 1 or 2, of a page, for the figure's width.
+        contents: Contents of the result.
+        kind: Name of a figure, one of ``KINDS``.
+        chosen: Position, depth and time.
+        columns: Width in columns of a page, 1 or 2.
 
     Raises:
-        ConfigError: The figure is not known, or has no such place, depth or time, or the number of columns is another.
+        ConfigError: Unknown figure or number of columns, or an option that does not apply to the figure.
     """
     if kind not in KINDS:
         raise ConfigError(f"figure: expected one of {', '.join(KINDS)}, got '{kind}'")
@@ -58,7 +58,7 @@ def drawn(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 
 
 
 def _check_chosen(kind: str, chosen: Chosen) -> None:
-    """Raise ConfigError for a place, a depth or a time that a figure does not have."""
+    """Raise ConfigError for a position, depth or time that does not apply to a figure."""
     for name, value in (("at", chosen.at), ("depth", chosen.depth), ("time", chosen.time_ns)):
         if value is not None and kind not in _HAVE[name]:
             raise ConfigError(f"--{name}: applies to {', '.join(_HAVE[name])}, not to {kind}")
@@ -67,15 +67,15 @@ def _check_chosen(kind: str, chosen: Chosen) -> None:
 
 
 class Plots:
-    """The figures of a result; each returns a matplotlib figure.
+    """Figures of a result, each a method that returns a matplotlib figure.
 
-    Each takes ``ax``, axes of your own into which one panel is drawn (``panel`` counts from 0), and ``columns``, 1 or 2, for the width of a
-    journal's column or of two; ``map``, ``series`` and ``plan`` also ``at``, longitude, latitude [degrees] and depth [m], ``map`` and
-    ``plan`` ``depth`` [m], and ``map`` ``time``, ISO 8601, after which nothing is shown.
+    Common arguments: ``columns``, the width in journal columns (1 or 2); ``ax``, existing axes for panel number ``panel``, from 0.
+    ``map``, ``series`` and ``plan`` accept ``at``: longitude, latitude [degrees] and depth [m]. ``map`` and ``plan`` accept ``depth`` [m].
+    ``map`` accepts ``time``, ISO 8601: later data are not shown.
     """
 
     def __init__(self, result: ResultFile) -> None:
-        """Prepare the figures of a result; nothing is read yet."""
+        """Prepare the figures of a result without reading data."""
         self._contents = Contents(result)
 
     def _figure(

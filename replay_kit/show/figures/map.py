@@ -1,4 +1,4 @@
-"""Maps for a paper: the current and its standard error at a depth, and on it the features of a result."""
+"""Maps for papers: current and standard error at a depth, with the features of a result."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -37,12 +37,12 @@ _LEAST = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What of a result a figure shows; None leaves the choice to the figure.
+    """Selection of the data of a figure; None for its default.
 
     Attributes:
-        at: The place of a series, marked on a map, whose depth it states.
-        depth: Of a map without a place [m].
-        time_ns: Of a map [ns, UTC]: it shows the current published last before it, and nothing later.
+        at: Position of a series, or marked on a map at its depth.
+        depth: Depth of a map without a position [m].
+        time_ns: Time of a map [ns, UTC]; later data are not shown.
     """
 
     at: At | None = None
@@ -52,7 +52,7 @@ class Chosen:
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """What a map shows [km], local frame."""
+    """Extent of a map in the local frame [km]."""
 
     west: float
     east: float
@@ -61,7 +61,7 @@ class Extent:
 
     @classmethod
     def around(cls, east: Array, north: Array, beyond: float = 0.03) -> "Extent":
-        """Return the extent around points [km], wider than they reach by a share of their longer side."""
+        """Return the extent around points [km], padded by a fraction of its longer side."""
         known = np.isfinite(east) & np.isfinite(north)
         ends = [(float(each[known].min()), float(each[known].max())) for each in (east, north)]
         more = beyond * max(most - least for least, most in ends)
@@ -74,19 +74,19 @@ class Extent:
 
     @property
     def ends(self) -> list[float]:
-        """West, east, south, north [km]."""
+        """Limits west, east, south and north [km]."""
         return [self.west, self.east, self.south, self.north]
 
 
 def map_figure(contents: Contents, chosen: Chosen) -> Figure:
-    """Return the current and its standard error on a map, with the track.
+    """Return maps of the current and its standard error, with the track.
 
     Args:
-        contents: Of the result.
+        contents: Contents of the result.
         chosen: Place, depth and time.
 
     Raises:
-        ConfigError: Nothing was published before the time.
+        ConfigError: No current was published before the time.
     """
     slices, notes, title = slices_at(contents, chosen), list(contents.notes), "Map"
     if contents.estimate is None and chosen.time_ns is None and slices is not None:
@@ -122,11 +122,11 @@ def map_figure(contents: Contents, chosen: Chosen) -> Figure:
 
 
 def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
-    """Return the last plan on a map, and its depth along its way.
+    """Return the last plan as a map and a depth profile.
 
     Args:
-        contents: Of the result.
-        chosen: Depth of the map's current.
+        contents: Contents of the result.
+        chosen: Depth of the current.
     """
     plan, notes = contents.last_plan, list(contents.notes)
     if plan is None:
@@ -156,10 +156,10 @@ def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
 
 
 def _in_words(plan: LastPlan) -> list[str]:
-    """Return what to steer, how the vehicle dives where that was not stated, energy and odds, as far as the result holds them."""
+    """Return notes on a plan: command, assumed dive parameters, energy and odds, as available."""
     row, begin = plan.row, str(plan.row.name)[:16]
     if not np.isfinite(row["heading_deg"]):
-        return [f"{begin} UTC: nothing to steer: {row['message']}."]
+        return [f"{begin} UTC: no command: {row['message']}."]
     steer = f"heading {row['heading_deg']:.0f}° true, glide angle {row['glide_angle_deg']:.1f}°, {row['duration'] / 3600.0:.1f} h"
     out = [f"{begin} UTC: {steer}, misses the goal by {row['closest_approach']:.0f} m."]
     out += [f"Dives {plan.statistics[ORIGIN]}."] if ORIGIN in plan.statistics else []
@@ -177,7 +177,7 @@ def _map_panel(
     height: float,
     roles: Sequence[str] = (),
 ) -> Panel:
-    """Return a map with the features of some roles, all without any."""
+    """Return a map with features of given roles, or of all roles."""
     ends = [1e3 * end for end in extent.ends]
     lines = bottom_lines(contents, extent)
     found = until(features_of(contents), chosen.time_ns)
@@ -199,7 +199,7 @@ def _map_panel(
 
 
 def bottom_lines(contents: Contents, extent: Extent) -> list[Feature]:
-    """Return contours of the bottom within an extent; none without a bathymetry, or where it is flat."""
+    """Return contours of the bottom within an extent; empty without a bathymetry or over a flat one."""
     seabed = contents.seabed
     if seabed is None:
         return []
@@ -215,12 +215,12 @@ def bottom_lines(contents: Contents, extent: Extent) -> list[Feature]:
 
 
 def contour_step(span: float) -> float:
-    """Return the step between contours over a span of depths [m], at most seven contours."""
+    """Return the contour interval for a range of depths [m], at most seven contours."""
     return nice(max(span, 10.0) / _CONTOURS, least=True)
 
 
 def marks_of(features: Iterable[Feature]) -> list[Mark]:
-    """Return features as marks in degrees, those of a role that follow each other as one."""
+    """Return features as marks in degrees, with consecutive ones of a role joined."""
     marks = []
     for role, group in groupby(features, key=lambda one: str(one["properties"]["role"])):
         parts, look = [places_of(one["geometry"]) for one in group], ON_MAP[role]
@@ -240,10 +240,10 @@ def places_of(geometry: dict[str, Any]) -> Array:
 
 
 def slices_at(contents: Contents, chosen: Chosen) -> CurrentSlices | None:
-    """Return the current at one depth, last or at a time: that of the estimate, or the published slice nearest in depth.
+    """Return the last current, or that before a time, at one depth: of the estimate or the nearest published slice.
 
     Raises:
-        ConfigError: Nothing was published before the time.
+        ConfigError: No current was published before the time.
     """
     published, time_ns = contents.slices, chosen.time_ns
     depth = chosen.at[2] if chosen.at is not None else chosen.depth
@@ -265,11 +265,11 @@ def slices_at(contents: Contents, chosen: Chosen) -> CurrentSlices | None:
 
 
 def without_current(slices: CurrentSlices, around: tuple[Array, Array] | None = None) -> list[str]:
-    """Return what is grey on a map of slices and what is hatched, as sentences.
+    """Return sentences on the grey and hatched areas of a map.
 
     Args:
-        slices: The slices.
-        around: Ends in east and in north [m] of what is shown; None for the slices alone.
+        slices: Slices.
+        around: Limits of the map, east and north [m]; None for those of the slices.
     """
     axes, shown, beyond = (slices.east, slices.north), [], False
     for axis, ends in zip(axes, axes if around is None else around, strict=True):
@@ -284,7 +284,7 @@ def without_current(slices: CurrentSlices, around: tuple[Array, Array] | None = 
 
 
 def dry_text(slices: CurrentSlices) -> str:
-    """Return what cells without a current are, other than those that are known to lie off the forecast's grid."""
+    """Return a description of cells without a current, except those outside the forecast's grid."""
     beyond = "land, below the bottom, or outside the forecast"
     return beyond if slices.outside is None else "land, or below the bottom"
 
@@ -295,9 +295,9 @@ def speed_marks(
     """Return speed, land and arrows of one slice.
 
     Args:
-        contents: Of the result.
-        slices: The slice, at one depth.
-        across: Width of what is shown [m]; None for the whole slice.
+        contents: Contents of the result.
+        slices: Slice at one depth.
+        across: Width of the map [m]; None for the whole slice.
     """
     u, v = slices.fields[0, -1, :2]
     step = -(-max(u.shape) // _ARROWS)
@@ -313,7 +313,7 @@ def speed_marks(
 def _field(
     contents: Contents, slices: CurrentSlices, values: Array, look: tuple[str, str]
 ) -> list[Mark]:
-    """Return values of cells, with land."""
+    """Return marks of cell values and land."""
     corners = _degrees(contents, *np.meshgrid(_edges(slices.east), _edges(slices.north)))
     known = values[np.isfinite(values)]
     most = float(known.max()) if known.size and known.max() > 0.0 else 1.0
@@ -324,7 +324,7 @@ def _field(
 
 
 def _blank(slices: CurrentSlices) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which cells without a current are dry, or not known to be anything else, and which lie off the forecast's grid."""
+    """Return masks of cells without a current: dry or unknown ones, and those outside the forecast's grid."""
     lacking = ~np.isfinite(slices.fields[0, -1, 0])
     outside = np.zeros_like(lacking) if slices.outside is None else slices.outside
     return lacking & ~outside, outside
@@ -336,6 +336,6 @@ def _edges(centres: Array) -> Array:
 
 
 def _degrees(contents: Contents, east: Array, north: Array) -> tuple[Array, Array]:
-    """Return longitude, continuous about the centre of the region, and latitude [degrees] of local points [m]."""
+    """Return longitude, continuous around the region's centre, and latitude [degrees] of local points [m]."""
     longitude, latitude = to_geographic(contents.projection, east, north)
     return unwrap_longitude(longitude, contents.projection.longitude), latitude

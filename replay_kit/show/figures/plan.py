@@ -1,4 +1,4 @@
-"""Figures of plans: the depth of the last one over the bottom, and how predicted surfacings turned out."""
+"""Figures of plans: depth profile of the last one, and errors of predicted surfacings."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _BELOW = 2.5
 
 
 def plan_table(plan: LastPlan) -> dict[str, Any]:
-    """Return the track of a plan that has one as columns, thinned to what can be shown."""
+    """Return the track of a plan as columns, thinned for display."""
     kept = thinned(len(plan.track), _POINTS)
     track = plan.track.iloc[kept]
     return {
@@ -31,7 +31,7 @@ def plan_table(plan: LastPlan) -> dict[str, Any]:
 
 
 def profile_figure(contents: Contents, plan: LastPlan) -> Figure:
-    """Return the depth of the last plan along its way, over the bottom."""
+    """Return the depth profile of the last plan over the bottom."""
     table, kept = plan_table(plan), thinned(len(plan.track), _POINTS)
     along, depth, hours = (table[name] for name in ("distance_km", "depth_m", "hours"))
     ground = None if plan.bottom is None else plan.bottom[kept]
@@ -59,11 +59,11 @@ def profile_figure(contents: Contents, plan: LastPlan) -> Figure:
 
 
 def profile_floor(depth: Array, ground: Array | None) -> float:
-    """Return the depth [m] at which a profile ends below: somewhat below the bottom, unless that lies far below the plan.
+    """Return the lower limit of a depth profile [m]: below the bottom, unless that is far below the plan.
 
     Args:
-        depth: shape (n,) [m], of the plan.
-        ground: shape (n,) [m], of the bottom, NaN where unknown; None without.
+        depth: Depth of the plan, shape (n,) [m].
+        ground: Depth of the bottom, shape (n,) [m]; NaN if unknown, None without a bathymetry.
     """
     deepest = max(float(depth.max()), 1.0)
     return 1.05 * (
@@ -79,7 +79,7 @@ def _over(ground: Array, floor: float) -> str:
 
 
 def _below(level: Array) -> str:
-    """Return what is known of the bottom along a plan without a bathymetry."""
+    """Return a sentence on the bottom along a plan without a bathymetry."""
     if level.min() < level.max():
         return "The line below is the deepest wet level of the forecast; the bottom lies between it and the next level."
     return "The forecast is wet down to its last level all along the plan."
@@ -102,7 +102,7 @@ def _deepest_wet(contents: Contents, east: Array, north: Array) -> Any:
 
 
 def surfacing_figure(contents: Contents) -> Figure:
-    """Return where the vehicle surfaced, seen from where the plan before had predicted it."""
+    """Return the actual surfacings relative to those predicted by the previous plans."""
     table = contents.result.surfacings
     radians = np.deg2rad(table["direction_deg"].to_numpy(np.float64))
     distance = table["distance"].to_numpy(np.float64) / 1e3
@@ -123,7 +123,7 @@ def surfacing_figure(contents: Contents) -> Figure:
         "Predicted and actual surfacings",
         [Panel("surfacings", *axes, [points], equal=True)],
         {"surfacing_errors": data},
-        "Each point is an actual surfacing relative to the one that the plan before predicted. A cloud beside the "
-        "centre means a current that the estimate lacks, or that another plan was flown.",
+        "Each point is an actual surfacing relative to the one predicted by the previous plan. A cloud off the "
+        "centre means that the estimate lacks a current, or that another plan was flown.",
         f"Error of {len(table)} predicted surfacings, east and north.",
     )

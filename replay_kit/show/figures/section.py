@@ -1,4 +1,4 @@
-"""Figures along the track and at a place: the section of bins as means over cells, mean currents of dives, the series at a place."""
+"""Sections of profiles along the track, DACs of dives, and time series at a position."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,9 +33,9 @@ _SMOOTHED = (
 
 
 def quantities_of(bins: BinsAlongTrack) -> tuple[tuple[str, ...], Array]:
-    """Return what sections show of bins, and its values [m/s], shape (quantities, n, 2), local east and north.
+    """Return the names of a section's quantities and their values, shape (quantities, n, 2) [m/s], local east and north.
 
-    Of a smoothed result the estimate before smoothing stands beside that after it.
+    Smoothed results add the estimate before smoothing.
     """
     measured, error = bins.estimated + bins.residual, bins.standard_error
     if not np.isfinite(bins.replayed).any():
@@ -46,11 +46,11 @@ def quantities_of(bins: BinsAlongTrack) -> tuple[tuple[str, ...], Array]:
 
 
 def limits_of(names: Sequence[str], values: Array) -> list[float]:
-    """Return the ends of the colours of quantities [m/s]: velocities share one scale, and so do differences.
+    """Return the colour limits of quantities [m/s], common to velocities and to differences.
 
     Args:
-        names: Of ``quantities_of``.
-        values: shape (quantities, ...) [m/s].
+        names: Names from ``quantities_of``.
+        values: Values, shape (quantities, ...) [m/s].
     """
     kinds = [_kind(name) for name in names]
     alike = {
@@ -72,13 +72,13 @@ def _limit(values: Array) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SectionGrid:
-    """A section along the track, as means over cells of time and depth.
+    """Section along the track, averaged over cells of time and depth.
 
     Attributes:
-        edges_ns: Of the columns [ns, UTC].
+        edges_ns: Edges of the columns [ns, UTC].
         depths: Edges of the rows [m].
-        names: Of the quantities.
-        values: shape (quantities, 2, rows, columns) [m/s], each east and north; NaN in empty cells.
+        names: Names of the quantities.
+        values: Means, shape (quantities, 2, rows, columns) [m/s], east and north; NaN in empty cells.
     """
 
     edges_ns: NDArray[np.int64]
@@ -88,7 +88,7 @@ class SectionGrid:
 
 
 def gridded(bins: BinsAlongTrack) -> SectionGrid:
-    """Return the means of bins over cells of time and depth, of the quantities of ``quantities_of``."""
+    """Return the section of bins, with the quantities of ``quantities_of``."""
     first, last = int(bins.time_ns.min()), int(bins.time_ns.max())
     fewer = bins.profiles // _PROFILES_A_COLUMN if bins.profiles > 60 else bins.profiles
     columns = min(_COLUMNS, max(1, fewer))
@@ -113,14 +113,14 @@ def gridded(bins: BinsAlongTrack) -> SectionGrid:
 
 
 def _rows(bins: BinsAlongTrack, deepest: float) -> int:
-    """Return the number of rows: none is thinner than the bins are apart, or some would be empty."""
+    """Return the number of rows, each at least as thick as the bins."""
     steps = np.diff(bins.depth)[np.diff(bins.time_ns) == 0]
     apart = float(np.median(np.abs(steps))) if steps.size else deepest
     return int(np.clip(deepest / max(apart, 1e-3), 1, _ROWS))
 
 
 def section_figure(contents: Contents) -> Figure:
-    """Return depth against time along the track, of both components."""
+    """Return the section of both components along the track."""
     bins, notes, title = contents.section, list(contents.notes), "Profiles along the track"
     if bins.time_ns.size == 0:
         why = "The result holds no profile that was used, and no estimate along its track."
@@ -192,7 +192,7 @@ def _caption(bins: BinsAlongTrack) -> str:
 
 
 def dives_figure(contents: Contents) -> Figure:
-    """Return the depth-averaged currents of the dives, measured, corrected and estimated, through time, a panel for each component."""
+    """Return measured, corrected and estimated DACs against time, with a panel for each component."""
     means, notes, title = contents.mean_currents, list(contents.notes), "Mean currents of the dives"
     if means.time_ns.size == 0:
         why = "The result holds no mean current of a dive: its vehicle does not dive, or the log has none that was used."
@@ -234,7 +234,7 @@ def dives_figure(contents: Contents) -> Figure:
 
 
 def _parts(means: MeanCurrents) -> dict[str, Array]:
-    """Return what the result holds of the mean currents [m/s], each shape (n, 2), by name."""
+    """Return the available kinds of DACs by name, each shape (n, 2) [m/s]."""
     corrected = {"corrected": means.corrected} if np.isfinite(means.corrected).any() else {}
     return {"measured": means.measured, **corrected, "estimated": means.estimated}
 
@@ -252,11 +252,11 @@ _COMPONENTS = {"u": "eastward", "v": "northward"}
 
 
 def series_figure(contents: Contents, at: tuple[float, float, float] | None) -> Figure:
-    """Return both components of the current at a place through time.
+    """Return the time series of both components at a position.
 
     Args:
-        contents: Of the result.
-        at: The place; without one the last position, at a published depth that is typical of the measurements.
+        contents: Contents of the result.
+        at: Position; None for the last one, at the published depth most typical of the measurements.
     """
     notes, track, slices = list(contents.notes), contents.track, contents.slices
     lacking, title = "", "Current at a place"

@@ -1,4 +1,4 @@
-"""The looks of figures: colour scales, symbols and dashes, sizes and letters, and how what lies on a map is drawn."""
+"""Style of figures: colour scales, symbols, dashes, sizes, fonts, and map features."""
 
 from typing import Any
 

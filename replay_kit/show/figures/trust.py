@@ -1,4 +1,4 @@
-"""Figures on trust: innovations and their spread, the fall of the error, each dive predicted from those before it."""
+"""Figures on the consistency of an estimate: innovations, their calibration, the error over time, and predictions by dive."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -31,7 +31,7 @@ _IN_PRINT = {"dives": 0, "innovations": 1, "calibration": 0, "error": 0}
 
 
 def trust_figure(contents: Contents) -> Figure:
-    """Return what tells whether the estimate's stated errors hold."""
+    """Return the figures on the consistency of the estimate as one."""
     notes, title = list(contents.notes), "Innovations"
     if not contents.measured.count:
         why = "The result holds no measurement to compare the estimate with."
@@ -44,10 +44,10 @@ def trust_figure(contents: Contents) -> Figure:
 
 
 def trust_figures(contents: Contents) -> tuple[dict[str, Figure], list[str]]:
-    """Return the figures on trust by key, and what the result lacks for others, as sentences.
+    """Return the figures on consistency by key, and sentences on missing ones.
 
     Args:
-        contents: Of a result with measurements.
+        contents: Contents of a result with measurements.
     """
     figures, lacking = [_innovations(contents)], []
     found, slices = calibration(contents.measured.innovations), contents.slices
@@ -69,7 +69,7 @@ def trust_figures(contents: Contents) -> tuple[dict[str, Figure], list[str]]:
 
 
 def _innovations(contents: Contents) -> Figure:
-    """Return the RMS innovation of each measurement and its normalised square through time, with what is expected of them."""
+    """Return the RMS innovation and the NIS of measurements against time, with their expected values."""
     count = contents.measured.count
     table, bins = contents.measured.observations, contents.measured.innovations
     variance = sum(_variances(bins, axis, len(table)) for axis in ("east", "north"))
@@ -113,7 +113,7 @@ def _innovations(contents: Contents) -> Figure:
 
 
 def _band(dof: Array) -> tuple[float, float, str] | None:
-    """Return between which values 95 % of the NIS a degree of freedom lie where the errors are as stated."""
+    """Return the 95 % interval of the NIS per degree of freedom for correct errors."""
     if not dof.any():
         return None
     typical = float(np.median(dof[dof > 0]))
@@ -131,14 +131,14 @@ def _over(values: Any, dof: Array) -> Array:
 
 
 def _variances(bins: Any, axis: str, count: int) -> Array:
-    """Return for each of ``count`` measurements the sum of a component's variances over its bins used [m^2/s^2], shape (count,)."""
+    """Return the summed variance of a component over the used bins of each measurement, shape (count,) [m^2/s^2]."""
     known = np.isfinite(bins[f"innovation_{axis}"])
     squares = np.where(known, np.nan_to_num(bins[f"innovation_std_{axis}"]) ** 2, 0.0)
     return np.bincount(bins["observation"], squares, minlength=count).astype(np.float64)
 
 
 def _by_decision(data: Mapping[str, Any], name: str) -> Iterator[Mark]:
-    """Yield the points of each topic and decision."""
+    """Yield the marks of each topic and decision."""
     for number, topic in enumerate(dict.fromkeys(data["topic"].tolist())):
         for decision, color in _DECISIONS.items():
             here = (data["topic"] == topic) & (data["decision"] == decision)
@@ -184,7 +184,7 @@ def _calibration(found: Calibration, measured: Measured) -> Figure:
         f"{found.standardized.size:,} components of the bins used{of}: mean {mean} (expected 0), standard deviation "
         f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias. "
         "The outermost bars include all values beyond.",
-        "Histogram of the standardised innovations beside the standard normal curve.",
+        "Histogram of the standardised innovations with the standard normal curve.",
     )
 
 
@@ -215,7 +215,7 @@ def _error(slices: CurrentSlices) -> Figure:
 
 
 def _dives(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Figure:
-    """Return how far each dive lay from its predictions, and what it determined; the dives are those of the summary."""
+    """Return the prediction error and information of each dive of the summary."""
     information = information_by_dive(contents.measured.sums)
     predicted, prior = (
         np.array([dive[f"rms_innovation_{name}"] for dive in dives], dtype=np.float64)

@@ -1,1 +1,1 @@
-"""Sections of text and figures as one HTML page, for the reports of results and of studies alike."""
+"""HTML pages of sections with text and figures, for reports on results and studies."""

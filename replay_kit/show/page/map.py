@@ -1,4 +1,4 @@
-"""What the page's map is drawn of: the features of a result along the local frame, its field, the degrees and the land around."""
+"""Data of a page's map: features of a result in the local frame, field, graticule and coastline."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -36,7 +36,7 @@ _NODES = 33
 
 
 def map_of(contents: Contents) -> Map | None:
-    """Return the map of a result with all its vehicles; None where nothing has a place."""
+    """Return the map of a result with all its vehicles; None without any position."""
     slices, track = contents.slices, contents.track
     if slices is None and track.time_ns.size == 0 and not len(contents.result.plan_tracks):
         return None
@@ -57,7 +57,7 @@ def map_of(contents: Contents) -> Map | None:
 
 
 def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[str, Any]]:
-    """Return features as the script draws them, those of a role that follow each other as one; places [km], times [ms since 1970]."""
+    """Return features for the page's script, with consecutive ones of a role joined; positions [km], times [ms since 1970]."""
 
     def alike(one: Feature) -> tuple[str, str]:
         about = one["properties"]
@@ -97,7 +97,7 @@ def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[s
 
 
 def _said(about: Mapping[str, Any], count: int) -> list[str]:
-    """Return what is said of each position of a feature."""
+    """Return the tooltip of each position of a feature."""
     if about["role"] in ("bottom", "apart", "ellipse", "between", "past"):
         return [""] * count
     name, depths = escape(about["name"]), about.get("depth_m")
@@ -147,7 +147,7 @@ def _controls(contents: Contents, slices: CurrentSlices) -> list[Control]:
 
 
 def _views(contents: Contents, slices: CurrentSlices | None) -> dict[str, Extent]:
-    """Return what can be looked at: vehicle, plan and goal, if there is a plan; the track; all of it."""
+    """Return the extents to choose from: vehicle with plan and goal, track, and everything."""
     track, plan, views = contents.track, contents.last_plan, {}
     whole = [np.column_stack([track.east, track.north])]
     plans = [one.last_plan for name, one in contents.each.items() if name]
@@ -172,7 +172,7 @@ def _views(contents: Contents, slices: CurrentSlices | None) -> dict[str, Extent
 
 
 def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the packed arrays and the axes of the coloured field: of the mean over a dive, then of each depth."""
+    """Return the packed arrays and axes of the coloured field: mean over a dive, then each depth."""
     mean = contents.dive_mean
     assert mean is not None
     packed = {"current": pack(np.concatenate([mean[None], slices.fields]), _STEP, 1)}
@@ -197,7 +197,7 @@ def _colors(name: str) -> list[str]:
 
 
 def limits_of(slices: CurrentSlices) -> tuple[float, float]:
-    """Return the ends of the colour scales of speed and standard error [m/s], the same for all depths and times."""
+    """Return the colour limits of speed and standard error [m/s], common to all depths and times."""
     out = []
     for first in (0, 2):
         values = np.hypot(slices.fields[:, :, first], slices.fields[:, :, first + 1])
@@ -208,11 +208,11 @@ def limits_of(slices: CurrentSlices) -> tuple[float, float]:
 
 
 def frame_of(projection: Projection, extent: Extent) -> dict[str, Any]:
-    """Return degrees at nodes of a map, from which the script takes those of all places, and land near it [km].
+    """Return longitude and latitude at nodes of a map, for interpolation by the script, and land nearby [km].
 
     Args:
-        projection: The local frame.
-        extent: Of all that is drawn; the frame reaches half of it farther.
+        projection: Local frame.
+        extent: Extent of all features; the frame exceeds it by half.
     """
     half = 0.5 * max(extent.east - extent.west, extent.north - extent.south)
     east = np.linspace(extent.west - half, extent.east + half, _NODES)
@@ -233,12 +233,12 @@ def frame_of(projection: Projection, extent: Extent) -> dict[str, Any]:
 
 
 def coast_near(projection: Projection, longitude: Array, latitude: Array) -> list[Array]:
-    """Return the rings of land in a box, each shape (n, 2) [m], local frame; cut at the box.
+    """Return the rings of land clipped to a box, each shape (n, 2) [m], local frame.
 
     Args:
-        projection: The local frame.
-        longitude: Least and greatest of the box [degrees], continuous: they may lie beyond 180.
-        latitude: Least and greatest [degrees].
+        projection: Local frame.
+        longitude: Limits of the box [degrees], continuous beyond 180.
+        latitude: Limits of the box [degrees].
     """
     (west, east), (south, north) = longitude, latitude
     least = float(max(east - west, north - south)) / _POINTS
@@ -254,7 +254,7 @@ def coast_near(projection: Projection, longitude: Array, latitude: Array) -> lis
 
 
 def _rings_in(west: float, east: float, south: float, north: float) -> list[Array]:
-    """Return the rings of land whose boxes reach into a box, each shape (n, 2), longitude, of any turn, and latitude [degrees]."""
+    """Return the rings of land that may intersect a box, each shape (n, 2), unwrapped longitude and latitude [degrees]."""
     path = files("replay_kit.show.page").joinpath("coast.npz")
     with path.open("rb") as file, np.load(file) as kept:
         # each ring is its first point and the steps from it

@@ -1,4 +1,4 @@
-"""Sections of text, figures and a map as one HTML page, in one file that fetches nothing."""
+"""Self-contained HTML page of sections with text, figures and a map."""
 
 import gzip
 import json
@@ -39,13 +39,13 @@ _DASHES = {"dash": "dashed", "dot": "dotted", "dashdot": "dashed", "longdash": "
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A control of the map.
+    """Control of a map.
 
     Attributes:
-        name: Of what it chooses.
+        name: Name of the quantity to choose.
         kind: ``range`` for a slider, ``select`` for a list.
-        choices: What can be chosen, as text.
-        chosen: Position of the choice at first.
+        choices: Choices as text.
+        chosen: Index of the initial choice.
     """
 
     name: str
@@ -56,17 +56,17 @@ class Control:
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """The map of a page, of which there is one at most.
+    """Map of a page, at most one.
 
     Attributes:
-        key: Unique in the page, also the name of its files of data.
-        title: What it shows.
-        caption: What to see in it, as HTML.
-        alternative: What it shows, in words for who does not see it.
-        tables: Data by name of the table, then of the column; offered as CSV.
-        controls: Quantity, depth and time.
+        key: Unique key in the page, also the name of its data files.
+        title: Title.
+        caption: Caption as HTML.
+        alternative: Text alternative.
+        tables: Data by table and column, offered as CSV.
+        controls: Controls of quantity, depth and time.
         packed: Large numeric arrays, see ``pack``.
-        drawn: What the script draws, see ``map.py``.
+        drawn: Data for the script, see ``map.py``.
     """
 
     key: str
@@ -81,18 +81,18 @@ class Map:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A section of a page.
+    """Section of a page.
 
     Attributes:
-        key: Unique in the page.
-        title: Its heading.
-        html: Text before its figures, already escaped.
-        figures: In order.
-        missing: What the result does not hold, and what would give it, as sentences.
-        menu: In the menu; empty for the title.
-        answer: The section in a sentence, as HTML; with it the section is folded, and opens on demand.
-        beside: HTML beside a map, which then fills the first screen.
-        parts: Summaries of folded parts, as HTML, and the keys of the figures in each; other figures stand alone.
+        key: Unique key in the page.
+        title: Heading.
+        html: Escaped text before its figures.
+        figures: Figures in order.
+        missing: Sentences on missing data and how to obtain them.
+        menu: Menu entry; empty for the title.
+        answer: Summary sentence of a folded section, as HTML.
+        beside: HTML next to a map that fills the first screen.
+        parts: Summaries of folded parts, as HTML, with the keys of their figures.
     """
 
     key: str
@@ -110,9 +110,9 @@ def page_html(title: str, sections: Sequence[Section], subtitle: str = "") -> st
     """Return sections as one HTML page.
 
     Args:
-        title: Of the page.
-        subtitle: Beside the title; empty for none.
-        sections: From top to bottom. Their keys and those of their figures are ids of the page: none is another's, or one of ``page.html``.
+        title: Title of the page.
+        subtitle: Subtitle; may be empty.
+        sections: Sections in order. Their keys and those of their figures are unique ids, also against ``page.html``.
     """
     data = list[dict[str, Any]]()
     body = "\n".join(_section_html(section, data) for section in sections)
@@ -140,7 +140,7 @@ def page_html(title: str, sections: Sequence[Section], subtitle: str = "") -> st
 
 
 def _check_ids(html: str) -> None:
-    """Check that no two elements have the same id: the script finds the data of the figures, and their places, by it."""
+    """Check that element ids are unique, as the script finds figures and data by id."""
     ids = re.findall(r'<[a-z][^<>]*\sid="([^"]*)"', html)
     repeated = sorted({name for name in ids if ids.count(name) > 1})
     assert not repeated, (
@@ -153,14 +153,14 @@ def _text(name: str) -> str:
 
 
 def pack(values: NDArray[np.float64], step: float, along: int = 0) -> dict[str, Any]:
-    """Return an array as 16-bit integers in base64 for the page's script: half a step is the largest error.
+    """Return an array as 16-bit integers in base64 for the page's script, rounded to a step.
 
-    What is kept are differences along an axis, all low bytes before all high ones: both make long runs that gzip shortens.
+    Differences along an axis are stored, low bytes before high bytes, for better compression by gzip.
 
     Args:
-        values: Any shape; NaN becomes -32768, which the script reads as missing.
-        step: Value of one step.
-        along: Axis along which neighbours are most alike.
+        values: Values of any shape; NaN becomes -32768, the missing value of the script.
+        step: Quantisation step.
+        along: Axis of the differences.
     """
     rounded = np.clip(np.rint(np.nan_to_num(values) / step), -32767, 32767)
     whole = np.where(np.isfinite(values), rounded, -32768).astype("<i2")
@@ -171,7 +171,7 @@ def pack(values: NDArray[np.float64], step: float, along: int = 0) -> dict[str, 
 
 
 def _section_html(section: Section, data: list[dict[str, Any]]) -> str:
-    """Return a section, and add the data of its figures."""
+    """Return a section as HTML, and append the data of its figures."""
     missing = "".join(f'<p class="missing">{escape(text)}</p>' for text in section.missing)
     each = {one.key: figure_html(one, data) for one in section.figures}
     folded = "".join(
@@ -194,7 +194,7 @@ def _section_html(section: Section, data: list[dict[str, Any]]) -> str:
 
 
 def figure_html(figure: Figure | Map, data: list[dict[str, Any]]) -> str:
-    """Return a figure with its caption and buttons for its data, and add the data, for the script."""
+    """Return a figure as HTML with caption and data buttons, and append its data for the script."""
     buttons = "".join(
         f'<button type="button" data-figure="{figure.key}" data-table="{escape(name)}">Data: {escape(name)} (CSV)</button>'
         for name in figure.tables
@@ -218,7 +218,7 @@ def figure_html(figure: Figure | Map, data: list[dict[str, Any]]) -> str:
 
 
 def tables_of(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return tables as a page holds them."""
+    """Return tables for the data of a page."""
     return {
         key: {name: column_of(name, values) for name, values in table.items()}
         for key, table in tables.items()
@@ -226,7 +226,7 @@ def tables_of(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, An
 
 
 def legend(panel: Panel) -> str:
-    """Return the names of a panel's marks, where there are several, and the scale of its colours."""
+    """Return the legend of a panel, if it has several marks, and its colour scale."""
     named = {mark.name: _swatch(mark) for mark in panel.marks if mark.name and mark.scale is None}
     if panel.band is not None:
         named[panel.band[2]] = '<i class="band"></i>'
@@ -264,7 +264,7 @@ _VIEWS = {"plan": "Vehicle and plan", "track": "Track", "region": "Region"}
 
 
 def _map_html(figure: Map, plot: str, about: str) -> str:
-    """Return a map with its controls above and below, and what it shows in words as a folded part."""
+    """Return a map as HTML with its controls and folded text alternative."""
     views = "".join(
         f'<button type="button" data-view="{key}" aria-pressed="false">{text}</button>'
         for key, text in _VIEWS.items()

@@ -1,4 +1,4 @@
-"""Small parts of pages, as HTML: tables, lists, a compass."""
+"""HTML elements of pages: tables, lists, a compass."""
 
 from collections.abc import Sequence
 from html import escape
@@ -8,12 +8,12 @@ _ROWS_OPEN = 14
 
 
 def table_html(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str) -> str:
-    """Return a table as HTML that scrolls where it is too wide, and opens on demand where it is long.
+    """Return a table as HTML, scrollable if wide and folded if long.
 
     Args:
-        heads: Of the columns.
-        rows: Cells, already escaped.
-        caption: What the table shows.
+        heads: Column headings.
+        rows: Rows of escaped cells.
+        caption: Caption.
     """
     head = "".join(f'<th scope="col">{escape(text)}</th>' for text in heads)
     body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
@@ -28,16 +28,16 @@ def table_html(heads: Sequence[str], rows: Sequence[Sequence[str]], caption: str
 
 
 def items_html(items: Sequence[str]) -> str:
-    """Return a list as HTML, its items already escaped."""
+    """Return a list of escaped items as HTML."""
     return f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>"
 
 
 def compass(bearing: float, what: str) -> str:
-    """Return a compass with an arrow.
+    """Return a compass with an arrow as SVG.
 
     Args:
-        bearing: Clockwise from north [degrees].
-        what: It shows, in words.
+        bearing: Bearing clockwise from north [degrees].
+        what: Text alternative.
     """
     return (
         f'<svg class="compass" viewBox="-33 -33 66 66" role="img" aria-label="{escape(what)}"><circle r="31"/><text y="-20">N</text>'

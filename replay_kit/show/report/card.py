@@ -1,4 +1,4 @@
-"""The card of the first screen: how far to trust the answer, what to steer, when and where, and the current at the vehicle."""
+"""Summary card of a report: verdict, command, next surfacing, odds and current at the vehicle."""
 
 from collections.abc import Mapping
 from html import escape
@@ -35,7 +35,7 @@ _NINETY = 1.645
 
 
 def card_html(contents: Contents) -> str:
-    """Return the card."""
+    """Return the summary card as HTML."""
     plan = contents.last_plan
     steered = (
         plan is not None and plan.row["status"] != "failed" and np.isfinite(plan.row["heading_deg"])
@@ -59,7 +59,7 @@ def _chip(contents: Contents) -> str:
 
 
 def _why(contents: Contents) -> str:
-    """Return what else asks for care, what the plan says of itself and the next step; nothing where all is to be trusted."""
+    """Return further reasons for care, the plan's message and the next step; empty for a trusted result."""
     verdict, plan = contents.outcome.verdict, contents.last_plan
     texts = [*verdict.reasons[1:]]
     if plan is not None and plan.row["status"] != "reached":
@@ -75,7 +75,7 @@ def _why(contents: Contents) -> str:
 
 
 def _steer(plan: LastPlan, flown: AsFlown | None) -> str:
-    """Return heading, true and by the vehicle's compass where that is known, place to steer for and dive."""
+    """Return the command: heading, true and magnetic if known, target position and dive."""
     row, leg = plan.row, plan.legs[0] if plan.legs else {}
     heading, speed = float(row["heading_deg"]), float(row["speed"])
     place = _unbroken(minutes_text(leg["longitude"], leg["latitude"])) if leg else ""
@@ -99,7 +99,7 @@ def _steer(plan: LastPlan, flown: AsFlown | None) -> str:
 
 
 def _unbroken(place: str) -> str:
-    """Return a place whose degrees stay beside their minutes."""
+    """Return a position with non-breaking spaces within coordinates."""
     return ", ".join(part.replace(" ", "\u00a0") for part in place.split(", "))
 
 
@@ -134,7 +134,7 @@ def _fact(title: str, value: str, below: str = "") -> str:
 
 
 class _Surfacing(NamedTuple):
-    """A predicted surfacing: its time [ns, UTC], what it supposes, and its numbers as HTML."""
+    """Predicted surfacing: time [ns, UTC], basis, and numbers as HTML."""
 
     time_ns: int
     basis: str
@@ -143,7 +143,7 @@ class _Surfacing(NamedTuple):
 
 
 def _surfacing(contents: Contents) -> str:
-    """Return time and ellipse of the next surfacing: by the plan and as the last dive, the one to believe first."""
+    """Return time and ellipse of the next surfacing, by the plan and by persistence, the more reliable first."""
     predicted = contents.outcome.predicted_surfacings
     each = [_by_plan(contents), _as_last_dive(predicted or {})]
     known = [one for one in (each[::-1] if by_habit(predicted) else each) if one is not None]
@@ -195,7 +195,7 @@ def _size(axes: Mapping[str, float | None]) -> str:
 
 
 def _water(contents: Contents) -> str:
-    """Return where the water goes at the vehicle, how well it is known, and what to measure next."""
+    """Return the current at the vehicle, its error, and where to measure next."""
     flow, track, depth = contents.estimate, contents.track, contents.dive_depth
     if contents.dive_mean is None:
         return ""
@@ -224,7 +224,7 @@ def _water(contents: Contents) -> str:
 
 
 def _cell(contents: Contents, fields: Array, east: float, north: float) -> Array:
-    """Return the values of the cell that holds a place [m], local frame; NaN outside."""
+    """Return the values of the cell that contains a position [m, local frame]; NaN outside."""
     slices = contents.slices
     assert slices is not None
     i, j = (int(np.argmin(np.abs(a - v))) for a, v in ((slices.east, east), (slices.north, north)))
@@ -233,7 +233,7 @@ def _cell(contents: Contents, fields: Array, east: float, north: float) -> Array
 
 
 def _least_known(contents: Contents, mean: Array) -> str:
-    """Return where a measurement would tell most: where the standard error is largest."""
+    """Return the position of the largest standard error as text."""
     error, slices = np.hypot(mean[2], mean[3]) / np.sqrt(2.0), contents.slices
     assert slices is not None
     if not np.isfinite(error).any():
@@ -268,7 +268,7 @@ def _lights(contents: Contents) -> str:
 
 
 def _profile(contents: Contents) -> str:
-    """Return the current at the vehicle by depth, with bands of 90 %, as SVG."""
+    """Return the current profile at the vehicle, with 90 % bands, as SVG."""
     flow, track = contents.estimate, contents.track
     if flow is None or not track.time_ns.size:
         return ""

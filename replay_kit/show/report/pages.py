@@ -1,4 +1,4 @@
-"""The report as a page: on one vehicle, or on several with one estimate, with a page of its own for each."""
+"""Report pages: one vehicle, or several with a common estimate and a page for each."""
 
 import json
 import shlex
@@ -30,7 +30,7 @@ _LONG = 12
 
 
 def again_section(contents: Contents) -> Section:
-    """Return what it takes to reproduce the result, and the summary as a table."""
+    """Return the section on reproducing the result, with the summary as a table."""
     metadata, missing = contents.metadata, []
     inputs = metadata.get("replay_kit.inputs", {})
     html = ""
@@ -126,7 +126,7 @@ def _settings(contents: Contents, missing: list[str]) -> str:
 
 
 def _shortened(value: Any) -> Any:
-    """Return nested values with a sentence in place of each long list: of a month they would be most of the page."""
+    """Return nested values with long lists replaced by a sentence, to limit the page's size."""
     if isinstance(value, Mapping):
         return {key: _shortened(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -151,7 +151,7 @@ def _numbers(contents: Contents) -> str:
 
 
 def map_section(contents: Contents, card: str = "") -> Section:
-    """Return the map of a result with all its vehicles, beside an answer, by default the card of its only vehicle."""
+    """Return the map section of a result with all its vehicles, by default with the summary card."""
     missing = []
     if contents.slices is None:
         missing.append("The result holds no current: the map shows only positions and plans.")
@@ -169,11 +169,11 @@ SECTIONS: tuple[Callable[[Contents], Section], ...] = (
 
 
 def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
-    """Return a result as one HTML page, with all scripts and data inside; the same result gives the same page.
+    """Return a result as a self-contained, reproducible HTML page.
 
     Args:
-        result: An opened result.
-        notes: What the reader should know of how it was opened.
+        result: Opened result.
+        notes: Notes on opening the result.
     """
     contents = Contents(result, notes)
     added = additions("sections", callable, "a function").values()
@@ -196,11 +196,11 @@ def _subtitle(contents: Contents) -> str:
 
 
 def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
-    """Return the page on all vehicles of a result.
+    """Return the report page on all vehicles of a result.
 
     Args:
-        contents: Of the result.
-        pages: Names of the pages of the vehicles, by theirs.
+        contents: Contents of the result.
+        pages: File names of the vehicles' pages by vehicle.
     """
     sections = [
         map_section(contents, _card(contents, pages)),
@@ -218,7 +218,7 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
 
 
 def _card(contents: Contents, pages: Mapping[str, str]) -> str:
-    """Return how far to trust the estimate, and each vehicle in a line."""
+    """Return the summary card of several vehicles: verdict, and a line for each."""
     outcome = contents.outcome
     rows = [
         f"{_link(str(name), pages)}: {Sentence([used]).html} measurements; {Sentence([verdict]).html}"
@@ -231,7 +231,7 @@ def _card(contents: Contents, pages: Mapping[str, str]) -> str:
 
 
 def _vehicles(contents: Contents, pages: Mapping[str, str]) -> Section:
-    """Return the table of the vehicles, what their measurements are worth, and what is to be known of each."""
+    """Return the section on vehicles: table, value of their measurements, and notes."""
     outcome = contents.outcome
     rows = [
         (_link(str(name), pages), *(Sentence([cell]).html for cell in rest))

@@ -1,1 +1,1 @@
-"""A result on one screen: what a pilot asks at a surfacing."""
+"""Status of a result on one screen, for the pilot at a surfacing."""

@@ -1,4 +1,4 @@
-"""Alarms of a result, each with what to do, and why what to steer has changed."""
+"""Alarms of a result, each with an action, and reasons for a changed command."""
 
 import math
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ _SURPRISE = 2.0
 
 
 def change_of(held: Held) -> tuple[str, ...]:
-    """Return how the command differs from that of the plan before, and why; nothing for the first plan."""
+    """Return the change of the command since the previous plan, and its reasons; empty for the first plan."""
     if len(held.plans) < 2:
         return ()
     before, now = held.plans
@@ -65,7 +65,7 @@ def _reasons(held: Held, before: Any, now: Any) -> Iterator[str]:
 
 
 def _heading(plan: Any, time_ns: int) -> float:
-    """Return the heading that a plan has for a time: that of its leg, or its only one [degrees]; NaN for a failed plan."""
+    """Return the planned heading at a time [degrees]; NaN for a failed plan."""
     since = (time_ns - plan.timestamp.ToNanoseconds()) / 1e9
     for leg in plan_legs(figures.statistics_of(plan)):
         if since < leg["surfacing_s"]:
@@ -78,13 +78,13 @@ _SECOND = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """An alarm.
+    """Alarm of a result.
 
     Attributes:
         kind: ``surfacing overdue``, ``outside its ellipse``, ``current rejected``, ``consistency``, ``plan`` or ``forecast ended``.
-        text: What is wrong and what to do, as a line.
-        time_ns: Since when [ns, UTC].
-        about: Of which plan, surfacing, finding or forecast: one alarm is given for each.
+        text: Problem and action, as a line.
+        time_ns: Time of onset [ns, UTC].
+        about: Key of the plan, surfacing, finding or forecast; each raises one alarm.
     """
 
     kind: str
@@ -93,16 +93,16 @@ class Alarm:
     about: str = ""
 
     def record(self) -> dict[str, Any]:
-        """Return it for JSON."""
+        """Return the alarm for JSON."""
         return {"kind": self.kind, "text": self.text, "since": time_text(self.time_ns)}
 
 
 def alarms_of(held: Held, now_ns: int) -> tuple[Alarm, ...]:
-    """Return what of a result should wake a person, a plan that is not to be flown first.
+    """Return the alarms of a result, those of the plan first.
 
     Args:
-        held: What it holds.
-        now_ns: The present time [ns, UTC].
+        held: Data of the result.
+        now_ns: Present time [ns, UTC].
     """
     return tuple(
         alarm
@@ -122,7 +122,7 @@ def _overdue(held: Held, now_ns: int) -> Iterator[Alarm]:
 
 
 def _outside(held: Held, now_ns: int) -> Iterator[Alarm]:
-    """Yield an alarm where the last surfacing is outside the ellipse that was shown first for it."""
+    """Yield an alarm if the last surfacing is outside its predicted ellipse."""
     found = held.outcome.predicted_surfacings if held.outcome else None
     planned = held.outcomes[-1] if held.outcomes else None
     since = 0 if planned is None else planned.timestamp.ToNanoseconds()
@@ -146,7 +146,7 @@ def _outside(held: Held, now_ns: int) -> Iterator[Alarm]:
 
 
 def _rejected(held: Held, now_ns: int) -> Iterator[Alarm]:
-    """Yield an alarm where the mean current of the last dive was rejected."""
+    """Yield an alarm if the DAC of the last dive was rejected."""
     found = figures.dive_current(held)
     if found is not None and found.rejected and found.measured is not None:
         text = (

@@ -1,4 +1,4 @@
-"""The figures of a status: each a small function of what a result holds and of the present time."""
+"""Figures of a status, as functions of a result's data and the present time."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,12 +22,12 @@ OVERDUE_SHARE, OVERDUE_LEAST, OVERDUE_FEW = 0.2, 1800.0, 3
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """How fast the vehicle came nearer to its goal.
+    """Speed made good towards the goal.
 
     Attributes:
-        days: Over which time.
-        km_a_day: [km/day], towards the goal positive.
-        error: One standard deviation, from the fixes' error [km/day].
+        days: Averaging time [days].
+        km_a_day: Speed made good [km/day], positive towards the goal.
+        error: Standard error, from the fixes' error [km/day].
     """
 
     days: float
@@ -37,7 +37,7 @@ class Rate:
 
 @dataclass(frozen=True, slots=True)
 class Current:
-    """A velocity towards true east and north [m/s], and the standard error of each component, NaN where it is not known."""
+    """Current towards true east and north [m/s], with the standard error of each component, NaN if unknown."""
 
     east: float
     north: float
@@ -45,28 +45,28 @@ class Current:
 
     @property
     def speed(self) -> float:
-        """[m/s]."""
+        """Speed [m/s]."""
         return math.hypot(self.east, self.north)
 
     @property
     def toward(self) -> float:
-        """Direction that it flows to [degrees clockwise from true north]."""
+        """Direction of flow [degrees clockwise from true north]."""
         return float(heading_deg(self.east, self.north))
 
 
 @dataclass(frozen=True, slots=True)
 class DiveCurrent:
-    """The current of the last dive beside the estimate's.
+    """Current of the last dive, measured and predicted.
 
     Attributes:
-        time_ns: When it was measured [ns, UTC].
-        dive: Its number.
-        measured: Mean current of the dive, as the log states it; None where neither the log nor the result holds one.
-        corrected: The same without the flight model's error; None where there is no correction.
-        predicted: By the estimate before it; None where the log states none.
-        difference: Length of what was used, corrected or measured, minus predicted; of profiles their RMS component [m/s].
-        expected: One standard deviation of a component of the difference, as the estimate expects it [m/s].
-        rejected: Whether the gate rejected the mean current.
+        time_ns: Time of the measurement [ns, UTC].
+        dive: Number of the dive.
+        measured: Measured DAC; None if neither log nor result holds one.
+        corrected: DAC corrected for the flight-model error; None without a correction.
+        predicted: Prediction of the estimate before the dive; None if the log states no DAC.
+        difference: Magnitude of the innovation; for profiles its RMS component [m/s].
+        expected: Expected standard deviation of an innovation component [m/s].
+        rejected: Whether the gate rejected the DAC.
     """
 
     time_ns: int
@@ -81,13 +81,13 @@ class DiveCurrent:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NextSurfacing:
-    """The next surfacing of a plan.
+    """Next surfacing of a plan.
 
     Attributes:
-        planned_ns: When the plan begins [ns, UTC].
-        leg: As ``planners`` writes it.
-        time_ns: When it is expected [ns, UTC].
-        margin_s: After which it is overdue [s], given how long the vehicle's dives have taken.
+        planned_ns: Begin of the plan [ns, UTC].
+        leg: Leg as written by ``planners``.
+        time_ns: Predicted time [ns, UTC].
+        margin_s: Delay that makes it overdue [s], from the durations of past dives.
     """
 
     planned_ns: int
@@ -96,13 +96,13 @@ class NextSurfacing:
     margin_s: float
 
     def late_s(self, now_ns: int) -> float:
-        """Return by how much it is overdue [s]; 0 while it is not."""
+        """Return the delay beyond the margin [s]; 0 if not overdue."""
         late = (now_ns - self.time_ns) / _SECOND
         return late if late > self.margin_s else 0.0
 
 
 def goal_of(held: Held) -> tuple[float, float, float] | None:
-    """Return longitude, latitude [degrees] and depth [m] of the goal of the last plan, or of the run; None without."""
+    """Return longitude, latitude [degrees] and depth [m] of the goal of the last plan or the run; None without one."""
     if held.plans:
         goal = held.plans[-1].goal
         return goal.longitude, goal.latitude, goal.depth
@@ -111,7 +111,7 @@ def goal_of(held: Held) -> tuple[float, float, float] | None:
 
 
 def made_good(held: Held) -> list[Rate]:
-    """Return how fast the vehicle came nearer to the goal: over the last day if there is one, and since its first fix."""
+    """Return the speed made good towards the goal, over the last day if available and since the first fix."""
     goal = goal_of(held)
     if goal is None or len(held.fixes) < 2:
         return []
@@ -126,12 +126,12 @@ def made_good(held: Held) -> list[Rate]:
 
 
 def far(fix: Fix, goal: tuple[float, float, float]) -> float:
-    """Return how far a goal is from a fix [m]."""
+    """Return the distance of a goal from a fix [m]."""
     return float(distance(fix.longitude, fix.latitude, goal[0], goal[1]))
 
 
 def dive_current(held: Held) -> DiveCurrent | None:
-    """Return the current of the last dive beside the predicted one; None without a measurement."""
+    """Return the measured and predicted current of the last dive; None without a measurement."""
     dive = held.dive
     if dive is None:
         return None
@@ -173,7 +173,7 @@ def dive_current(held: Held) -> DiveCurrent | None:
 def _true(
     projection: Projection, at: Fix | None, east: float, north: float, error: float = math.nan
 ) -> Current:
-    """Return a velocity along the local axes as one towards true east and north."""
+    """Return a velocity along local axes as a current towards true east and north."""
     if at is None:
         return Current(east, north, error)
     turned = rotate_to_geographic(projection, at.longitude, at.latitude, east, north)
@@ -181,14 +181,14 @@ def _true(
 
 
 def _rms(east: NDArray[Any], north: NDArray[Any]) -> float:
-    """Return the RMS component of what is known of values; NaN of none."""
+    """Return the RMS component of finite values; NaN without any."""
     values = np.concatenate([east, north]).astype(np.float64)
     known = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
 
 def last_plan(held: Held) -> tuple[Mapping[str, Any] | None, int]:
-    """Return how the last attempt to plan ended, as the JSON of a summary has it, and when [ns, UTC]; None without a plan."""
+    """Return the JSON record of the last attempt to plan, or None, and its time [ns, UTC]."""
     said = None if held.outcome is None else held.outcome.plan
     if said is not None and said["status"] == "failed":
         # no plan was written for it
@@ -206,14 +206,14 @@ def last_plan(held: Held) -> tuple[Mapping[str, Any] | None, int]:
 
 
 def statistics_of(plan: Any) -> dict[str, str]:
-    """Return what the solver of a plan states, by name."""
+    """Return the solver statistics of a plan by name."""
     return {pair.name: pair.value for pair in plan.statistics}
 
 
 def next_surfacing(held: Held) -> NextSurfacing | None:
-    """Return the next surfacing of the last plan: that of its first leg, or of the first after the vehicle's last surfacing.
+    """Return the next surfacing of the last plan after the vehicle's last surfacing.
 
-    None without a mission, or when all its legs are over.
+    None without legs, or after the last of them.
     """
     if not held.plans:
         return None
@@ -235,7 +235,7 @@ def next_surfacing(held: Held) -> NextSurfacing | None:
 
 
 def forecast_times(held: Held) -> tuple[int, int, bool] | None:
-    """Return the first and the last time of the forecast [ns, UTC], and whether the estimate goes through time; None where it has none."""
+    """Return the first and last time of the forecast [ns, UTC] and whether the estimate is time-dependent; None without times."""
     record = held.metadata.get("replay_kit.forecast", {})
     if "first" not in record:
         return None

@@ -1,4 +1,4 @@
-"""What the status of a result is made of, read from the file: only the messages that it needs are decoded."""
+"""Data of a status, read from the result with as few messages decoded as possible."""
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,13 +23,13 @@ _PLANS, _OUTCOMES = 2, 50
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """A position of the vehicle.
+    """Position of the vehicle.
 
     Attributes:
-        time_ns: [ns, UTC].
-        longitude: [degrees east].
-        latitude: [degrees north].
-        reckoned: Whether it is dead reckoned, not measured.
+        time_ns: Time [ns, UTC].
+        longitude: Longitude [degrees east].
+        latitude: Latitude [degrees north].
+        reckoned: Whether the position is dead reckoned, not measured.
     """
 
     time_ns: int
@@ -40,21 +40,21 @@ class Fix:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
-    """What a result holds of its end.
+    """Data at the end of a result.
 
     Attributes:
-        name: Of the file.
-        first_ns: Time of its first message [ns, UTC].
-        last_ns: Of its last one that is no plan for later [ns, UTC].
+        name: File name.
+        first_ns: Time of the first message [ns, UTC].
+        last_ns: Time of the last message, except plans for later times [ns, UTC].
         metadata: Records by name.
-        settings: The configuration in effect.
-        outcome: Of the run; None for an unfinished one.
-        projection: The local frame.
-        fixes: Measured positions: the first, the last one older than a day before the last, and the last.
-        reckoned: The last position, if it is younger than the last measured one and dead reckoned.
-        plans: The last two, ``replay_kit.Plan``.
-        outcomes: The last surfacings beside their predictions, ``replay_kit.PlanOutcome``.
-        dive: Measurements of the last dive that has any, the columns of ``replay_kit.Innovations``; None without any.
+        settings: Effective configuration.
+        outcome: Outcome of the run; None if unfinished.
+        projection: Local frame.
+        fixes: Fixes: the first, the last at least a day older than the last, and the last.
+        reckoned: Last dead-reckoned position, if newer than the last fix.
+        plans: Last two plans, ``replay_kit.Plan``.
+        outcomes: Last surfacings and their predictions, ``replay_kit.PlanOutcome``.
+        dive: Innovations of the last dive with any, columns of ``replay_kit.Innovations``; None without any.
     """
 
     name: str
@@ -72,10 +72,10 @@ class Held:
 
 
 def read_held(reader: ResultReader) -> Held:
-    """Return what the status of a result, or of one vehicle's part of it, needs.
+    """Return the status data of a result, or of one vehicle's part of it.
 
     Raises:
-        LogError: The file is missing, or is no complete result.
+        LogError: The file is missing or not a complete result.
     """
     metadata, ends = reader.metadata, reader.summary.statistics
     assert ends is not None
@@ -122,7 +122,7 @@ def _last(reader: ResultReader, topic: str, name: str, most: int) -> list[Any]:
 
 
 def _last_dive(reader: ResultReader) -> Columns | None:
-    """Return the measurements of the last dive; the last ones of a vehicle that does not dive."""
+    """Return the innovations of the last dive; the last ones of a vehicle that does not dive."""
     kept: list[Columns] = []
     for whole in blocks_in(reader, newest=True):
         # the vehicle's own: others' are counted by dives of their own
@@ -142,7 +142,7 @@ def _last_dive(reader: ResultReader) -> Columns | None:
 
 
 def _positions(reader: ResultReader) -> tuple[list[Fix], Fix | None]:
-    """Return the measured positions that are needed, and the last one that is dead reckoned and younger; see ``Held``."""
+    """Return the fixes and the last dead-reckoned position, see ``Held``."""
 
     def fixes(newest: bool = True, until_ns: int | None = None) -> Iterator[Fix]:
         found = reader.decoded("/vehicle/fix", newest, until_ns)

@@ -1,6 +1,6 @@
-"""A status in words: a summary of ten lines for a screen of 80 columns, and what more there is to say, with ages.
+"""Text of a status: a summary of ten lines for 80 columns, and details with ages.
 
-Each number is one of the status's figures.
+Each number is a figure of the status.
 """
 
 import math
@@ -29,11 +29,11 @@ Parts = list[str | Shown]
 
 
 class Line(NamedTuple):
-    """A line of the summary.
+    """Line of the summary.
 
     Attributes:
-        label: What it answers, in a word.
-        parts: Texts, and numbers among them.
+        label: Label of one word.
+        parts: Texts and numbers.
     """
 
     label: str
@@ -45,17 +45,17 @@ class Line(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The line without its label."""
+        """Text of the line without its label."""
         return str(Sentence(self.parts))
 
     @property
     def html(self) -> str:
-        """The line without its label, each number with the figure that it shows."""
+        """HTML of the line without its label, with the figure of each number."""
         return Sentence(self.parts).html
 
 
 def title(status: Status) -> str:
-    """Return the dive, the place and the age of the last fix as a line; the result's name without one."""
+    """Return a line with dive, position and age of the last fix; the result's name without a fix."""
     name = printable(status.name.removesuffix(".mcap"))
     if (at := status.figures.get("position")) is None:
         return name
@@ -67,7 +67,7 @@ def title(status: Status) -> str:
 
 
 def lines(status: Status) -> list[Line]:
-    """Return the summary: how far to trust it and why, then the answers."""
+    """Return the summary: verdict with reasons, then the answers."""
     found, out = status.figures, [Line(*_first(status))]
     makers = {
         "command": _steer,
@@ -84,7 +84,7 @@ def lines(status: Status) -> list[Line]:
 
 
 def _first(status: Status) -> tuple[str, Parts]:
-    """Return the first line: an alarm that is no part of the verdict, else the verdict, each with the reasons that fit."""
+    """Return the first line: an alarm outside the verdict, otherwise the verdict, with the reasons that fit."""
     fit, odds = status.figures.get("fit", {}), status.figures.get("odds", {})
     texts = [alarm.text for alarm in status.alarms if alarm.kind not in ("plan", "consistency")]
     label = "ALARM" if texts else (fit.get("verdict") or "no verdict").upper()
@@ -118,7 +118,7 @@ def _first(status: Status) -> tuple[str, Parts]:
 
 
 def fitting(texts: Sequence[str], width: int) -> str:
-    """Return as many texts as fit into some columns, the first shortened where it is too long, and how many are left."""
+    """Return the texts that fit into a width, the first one shortened if too long, and the number omitted."""
     for kept in range(len(texts), 0, -1):
         left = f"; {len(texts) - kept} more: -v" if kept < len(texts) else ""
         text = "; ".join(texts[:kept])
@@ -129,7 +129,7 @@ def fitting(texts: Sequence[str], width: int) -> str:
 
 
 def _odds_text(odds: Values) -> str:
-    """Return how many simulated flights arrive, or how a plan without them ends; empty where nothing was planned."""
+    """Return the odds as text, or the status of a plan without them; empty without a plan."""
     if "reached" in odds:
         count = odds["samples"]
         asked = f" ({math.ceil(odds['asked'] * count - 1e-9)} required)" if odds["asked"] else ""
@@ -200,7 +200,7 @@ def _surfacing(values: Values) -> Iterator[Line]:
 
 
 def _within(name: str, one: Values) -> Parts:
-    """Return the place of a surfacing and the longer semi-axis of its ellipse of 90 %."""
+    """Return the position of a surfacing and the major semi-axis of its 90 % ellipse."""
     parts: Parts = [minutes_text(one["longitude"], one["latitude"])]
     if (size := one["major_m"]) is not None:
         text = f"{fixed(size / 1e3, 1)} km" if size >= 1e3 else f"{fixed(size, 0)} m"
@@ -239,7 +239,7 @@ def _current(values: Values) -> Iterator[Line]:
 
 
 def _velocity(name: str, one: Mapping[str, float]) -> Parts:
-    """Return the length of a velocity, of its two figures, and where it leads."""
+    """Return speed and direction of a velocity, with its two figures."""
     speed = math.hypot(one["east"], one["north"])
     toward = f"{round(float(heading_deg(one['east'], one['north']))) % 360:03d}"
     return [Shown(f"current.{name}#speed", speed, fixed(100.0 * speed, 1)), f" cm/s to {toward}°"]
@@ -269,7 +269,7 @@ def _fit(values: Values) -> Iterator[Line]:
 
 
 def reasons_text(reasons: Iterable[str], room: int) -> str:
-    """Return for which reasons bins were excluded, as many as some columns hold."""
+    """Return the reasons for excluded bins that fit into a width."""
     words = [name.replace("_", " ") for name in reasons]
     for count in range(len(words), 0, -1):
         text = ", ".join(words[:count]) + ("" if count == len(words) else ", ...")
@@ -279,13 +279,13 @@ def reasons_text(reasons: Iterable[str], room: int) -> str:
 
 
 class Detail(NamedTuple):
-    """What more there is to say of an answer.
+    """Details of an answer.
 
     Attributes:
-        key: Of the answer.
-        label: Its name.
-        since: When it was so; empty for what has no time.
-        texts: Sentences.
+        key: Key of the answer.
+        label: Name of the answer.
+        since: Time of validity; may be empty.
+        texts: Sentences of the details.
     """
 
     key: str
@@ -295,7 +295,7 @@ class Detail(NamedTuple):
 
 
 def details(status: Status) -> Iterator[Detail]:
-    """Yield what the summary leaves out."""
+    """Yield the details omitted in the summary."""
     makers = {
         "position": ("Position", _reckoned),
         "goal": ("Made good", _rates),
@@ -385,13 +385,13 @@ def _ages(values: Values) -> Iterator[str]:
 
 
 def _clock(text: str, beside: str = "") -> str:
-    """Return a time of the figures as ``clock_text`` does, without the day where that beside it has it."""
+    """Return a time as by ``clock_text``, without the day if the text before it has the same."""
     clock = clock_text(parse_time(text))
     return clock.rpartition(" ")[2] if text[:10] == beside[:10] else clock
 
 
 def detail_lines(status: Status) -> Iterator[str]:
-    """Yield ``details`` as lines of a terminal."""
+    """Yield ``details`` as lines for a terminal."""
     for one in details(status):
         head = f"{one.label:<{_LABEL}}"
         for text in one.texts:

@@ -1,4 +1,4 @@
-"""A status as a page that fetches nothing and loads itself again, with what is focused and unfolded kept."""
+"""Status as a self-contained HTML page that reloads itself and keeps focus and unfolded parts."""
 
 from base64 import b64encode
 from collections.abc import Mapping
@@ -35,8 +35,8 @@ def status_page(status: Status, refresh_s: int = 60) -> str:
     """Return a status as HTML.
 
     Args:
-        status: The status.
-        refresh_s: After how many seconds a browser loads the page again.
+        status: Status.
+        refresh_s: Reload interval of the page [s].
     """
     parts = {
         "title": escape(title(status)),
@@ -58,13 +58,13 @@ def several_page(
     pages: Mapping[str, str],
     refresh_s: int = 60,
 ) -> str:
-    """Return the status of several vehicles as HTML: their alarms, and a line for each that leads to its own page.
+    """Return the status of several vehicles as HTML: alarms, and a line for each linked to its page.
 
     Args:
-        statuses: Of each vehicle, one at least.
-        outcome: Of the run; None for an unfinished one.
-        pages: Names of their pages.
-        refresh_s: As of ``status_page``.
+        statuses: Status of each vehicle, at least one.
+        outcome: Outcome of the run; None if unfinished.
+        pages: File names of their pages.
+        refresh_s: Reload interval of the page [s].
     """
     alarms = [(name, alarm) for name, status in statuses.items() for alarm in status.alarms]
     briefs = {name: lines(status) for name, status in statuses.items()}
@@ -107,7 +107,7 @@ def _filled(parts: Mapping[str, str], now_ns: int, refresh_s: int) -> str:
 
 
 def _drawn(status: Status) -> str:
-    """Return a small map, and the current at the vehicle as an arrow."""
+    """Return a small map and the current at the vehicle as HTML."""
     # here, because figures load slowly
     from replay_kit.show.status.small_map import small_map
 

@@ -1,4 +1,4 @@
-"""A small map of a status, as SVG."""
+"""Small map of a status, as SVG."""
 
 from collections.abc import Mapping, Sequence
 
@@ -20,10 +20,10 @@ _LOOKS = {
 
 
 def small_map(places: Mapping[str, Points]) -> str:
-    """Return a map of the vehicle's way, the plan, its goal and the ellipse of the next surfacing; empty without two places.
+    """Return a map of track, plan, goal and the ellipse of the next surfacing; empty with fewer than two points.
 
     Args:
-        places: Points (east, north) [m] of ``track``, ``plan``, ``goal`` and ``ellipse``, those that are known.
+        places: Points (east, north) [m] of ``track``, ``plan``, ``goal`` and ``ellipse``, if known.
     """
     every = np.array([point for points in places.values() for point in points]) / 1e3
     if len(np.unique(every, axis=0)) < 2:

@@ -1,4 +1,4 @@
-"""A status: the figures that answer a pilot's questions, and the alarms. Words on them are in ``lines``."""
+"""Status of a result: figures for the pilot, and alarms; ``lines`` writes the text."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -21,15 +21,15 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """A result in figures.
+    """Figures and alarms of a result.
 
     Attributes:
-        name: Of the vehicle and its mission, or else of the result.
-        now_ns: The time for which ages are given [ns, UTC].
-        alarms: What needs action now.
-        figures: The answers, as ``status --json`` has them: ``position``, ``goal``, ``current``, ``surfacing``, ``command``, ``odds``,
-            ``forecast`` and ``fit``, each with ``since``, the time when it was so; those that are known.
-        places: Of ``track``, ``plan``, ``goal`` and ``ellipse`` that are known, each (east, north) [m] of points, local frame.
+        name: Name of the vehicle and its mission, otherwise of the result.
+        now_ns: Reference time of ages [ns, UTC].
+        alarms: Alarms.
+        figures: Known answers of ``status --json``: ``position``, ``goal``, ``current``, ``surfacing``, ``command``, ``odds``, ``forecast``
+            and ``fit``, each with its time ``since``.
+        places: Points (east, north) [m, local frame] of ``track``, ``plan``, ``goal`` and ``ellipse``, if known.
     """
 
     name: str
@@ -43,8 +43,8 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
     """Return the status of a result.
 
     Args:
-        held: What it holds.
-        now_ns: The present time [ns, UTC]; None for the last time of the result.
+        held: Data of the result.
+        now_ns: Present time [ns, UTC]; None for the last time of the result.
     """
     now = held.last_ns if now_ns is None else now_ns
     alarms = alarms_of(held, now)
@@ -62,7 +62,7 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
 
 
 def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
-    """Return what a small map shows; see ``Status``."""
+    """Return the points of the small map, see ``Status``."""
     goal, following = figures.goal_of(held), figures.next_surfacing(held)
     legs = plan_legs(figures.statistics_of(held.plans[-1])) if held.plans else []
     known = {
@@ -163,11 +163,11 @@ def _surfacing(held: Held, now_ns: int) -> Values:
 
 
 def _why_first(basis: str, other: Values | None, count: int, planned: bool) -> str:
-    """Return in a few words why a surfacing is the one to believe."""
+    """Return a short reason for the choice between predicted surfacings."""
     if other is None:
         if basis == "plan":
-            return "nothing is known of its dives"
-        return "the plan has no surfacing ahead" if planned else "no plan is flown"
+            return "its dives are unknown"
+        return "the plan has no surfacing left" if planned else "no plan is flown"
     judged = f"{count} surfacing{'s' * (count != 1)}"
     better = "past dives" if basis == "last_dive" else "plans"
     return f"{better} predicted {judged} better" if count else "no surfacing was predicted yet"
@@ -188,7 +188,7 @@ def _by_plan(following: figures.NextSurfacing, now_ns: int) -> Values:
 
 
 def _as_last_dive(following: Mapping[str, Any]) -> Values:
-    """Return the next surfacing of a vehicle that dives as it last did."""
+    """Return the next surfacing by persistence of the last dive."""
     longitude, latitude = following["expected"]
     return {
         "basis": "last_dive",
@@ -259,7 +259,7 @@ def _odds(held: Held, now_ns: int) -> Values:
 
 
 def _time_after(begin_ns: int, seconds: float) -> str | None:
-    """Return the time some seconds later as text; None where they are not finite."""
+    """Return the time after a duration [s] as text; None if not finite."""
     return time_text(begin_ns + round(seconds * _SECOND)) if math.isfinite(seconds) else None
 
 

@@ -30,10 +30,7 @@ def test_a_mission_is_told_against_a_bound_that_it_does_not_beat():
     above = float(plan.statistics["above_bound_percent"])
     assert plan.status == "reached"
     assert 0.0 < above < 8.0
-    assert (
-        f"{above:.1f} % above the earliest arrival that any vehicle of this speed could make"
-        in plan.message
-    )
+    assert f"{above:.1f} % above the lower bound of the arrival time at this speed" in plan.message
     assert plan.duration / 3600.0 == pytest.approx(
         float(plan.statistics["bound_h"]) * (1.0 + above / 100.0)
     )

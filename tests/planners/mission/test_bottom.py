@@ -87,13 +87,13 @@ def test_a_start_or_a_goal_without_room_for_a_dive_cannot_be_asked_for():
     flow, bottom = still_flow(), bathymetry(lambda x, y: np.where(x < 152.5, 25.0, 900.0))
     with pytest.raises(
         PlanError,
-        match="start is where dives to 10 m may not go: the bottom less a clearance of 20 m leaves 5 m",
+        match="start is too shallow for dives to 10 m: the bottom less a clearance of 20 m leaves 5 m",
     ):
         plan_mission(flow, request(flow, -4e3, 6e3, 300.0, bottom))
-    with pytest.raises(PlanError, match="goal is where dives to 10 m"):
+    with pytest.raises(PlanError, match="goal is too shallow for dives to 10 m"):
         plan_mission(flow, request(flow, 6e3, -4e3, 300.0, bottom))
     deep = request(flow, 4e3, 6e3, 300.0, bathymetry(lambda x, y: 100.0 + 0.0 * x))
-    with pytest.raises(PlanError, match="goal is where dives to 90 m may not go"):
+    with pytest.raises(PlanError, match="goal is too shallow for dives to 90 m"):
         plan_mission(flow, replace(deep, goals=(replace(deep.goals[0], depth=90.0),)))
 
 

@@ -171,7 +171,7 @@ def test_a_flow_that_changes_is_planned_in_as_it_will_be():
             replace(SETTINGS, legs=1),
             "2 goals need as many legs",
         ),
-        ((Place(152.5, -40.1, 0.0),), SETTINGS, "goal is where the vehicle may not go: range"),
+        ((Place(152.5, -40.1, 0.0),), SETTINGS, "goal is in a forbidden area: range"),
         ((Place(160.0, -40.0, 0.0),), SETTINGS, "outside the forecast"),
         (
             (Place(152.5, -40.0, 0.0),),

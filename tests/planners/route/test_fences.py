@@ -48,7 +48,7 @@ def test_a_fence_that_excludes_start_or_goal_is_refused(start, goal):
     asked = request_between(
         FLOW, start, goal, settings=SETTINGS, no_go=(replace(OUTER, fence=True),)
     )
-    with pytest.raises(PlanError, match=r"is where the vehicle may not go: range"):
+    with pytest.raises(PlanError, match=r"is in a forbidden area: range"):
         plan_mission(FLOW, asked)
 
 
@@ -58,7 +58,7 @@ def test_a_mission_from_a_hole_to_outside_finds_no_way_and_one_within_it_does():
     out = request_between(FLOW, (0.0, 0.0), (9e3, 0.0), settings=SETTINGS, no_go=(POND,))
     plan = plan_mission(FLOW, out)
     assert plan.status == "unreachable"
-    assert "closes every way" in plan.message
+    assert "closes every route" in plan.message
 
 
 def test_a_fence_of_two_waters_is_refused():

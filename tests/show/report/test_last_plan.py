@@ -125,7 +125,7 @@ def test_the_page_shows_them(contents):
     page = report_html(contents.result)
     rows = dict(table(page, "The last plan"))
     assert (
-        "<strong>uncertain</strong>: the predicted path passes the goal, but fewer samples"
+        "<strong>uncertain</strong>: the predicted path passes the goal, but fewer flights"
         in rows["status"]
     )
     assert ">92 kJ<" in rows["energy"]

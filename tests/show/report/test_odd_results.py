@@ -73,7 +73,7 @@ def test_one_ping_without_an_estimate(write, state, innovation):
     assert list(figures(page)) == ["current-map", "profiles", "innovations"]
     words = text_of(page, "answer")
     assert "without dives" in words
-    assert "What was used is not counted." in words
+    assert "Observations used: unknown." in words
     assert "The result does not hold the counts of messages" in words
     assert "--no-estimate" in words
     assert "Without an estimate, the section shows the difference" in text_of(page, "section")
@@ -206,7 +206,7 @@ def test_a_plan_alone_is_drawn(write, plan):
     assert found["plan-profile"]["tables"]["plan"]["east_km"] == [0.0, 0.5, 1.0]
     west, east = found["current-map"]["map"]["views"]["plan"][:2]
     assert west < 0.0 < 1.0 < east
-    assert "The result holds a plan alone." in text_of(page, "answer")
+    assert "The result holds only a plan." in text_of(page, "answer")
     assert "--no-estimate" not in text_of(page, "answer")
     (cells,) = table(page, "Legs of the last plan")
     shown = [re.sub(r"<[^>]+>", "", cell) for cell in cells]

@@ -183,7 +183,7 @@ def test_both_next_surfacings_are_named_and_first_the_one_that_the_record_says_t
     over = held().outcomes[0]
     over.planned_time.FromNanoseconds(END_NS)
     said, numbers = surfacing(held(outcome=found, outcomes=[over, over]))
-    assert numbers["next"]["why"] == "the plan has no surfacing ahead"
+    assert numbers["next"]["why"] == "the plan has no surfacing left"
     assert all(len(one["why"].split()) <= 6 for one in (numbers["next"],))
     assert surfacing(held(outcomes=[over, over]))[0] == []
 

@@ -211,7 +211,7 @@ def test_a_plan_ends_at_its_horizon_and_says_what_is_left(saved):
     end = cut["legs"][-1]
     left = float(distance(end["longitude"], end["latitude"], GOAL.longitude, GOAL.latitude))
     assert cut["closest_approach_m"][0] == pytest.approx(left)
-    assert f"left to the goal: {left / 1e3:.1f} km" in cut["message"]
+    assert f"{left / 1e3:.1f} km left to the goal" in cut["message"]
     assert f"{kept} of " in cut["message"]
     # samples are compared with where the plan ends
     assert cut["samples"]["miss_median_m"] < 1000.0 < left

@@ -1,1 +1,1 @@
-"""The sections of a report, one a file: each a pure function of the opened result."""
+"""Sections of a report, each a pure function of the opened result."""

@@ -1,4 +1,4 @@
-"""Sections along the track: measured, estimated, their difference and the standard error; mean currents of dives."""
+"""Report section on the track: profiles and DACs, measured, estimated, their difference and standard error."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from replay_kit.show.page.page import Section
 
 
 def along_track_section(contents: Contents) -> Section:
-    """Return depth against time along the track, and the mean currents of the dives."""
+    """Return the report section on profiles along the track and DACs."""
     bins, missing, figures = contents.section, [], []
     if bins.time_ns.size:
         figures.append(section_figure(contents))
@@ -27,7 +27,7 @@ def along_track_section(contents: Contents) -> Section:
     if dives:
         figures.append(dives_figure(contents))
     else:
-        missing.append("The result holds no mean current of a dive that was used.")
+        missing.append("The result holds no DAC (depth-averaged current) that was used.")
     title = "How does it change along the track, with depth and time?"
-    answer = f"{profiles:,} profiles and {dives:,} mean currents of dives beside the estimate."
+    answer = f"{profiles:,} profiles and {dives:,} DACs, compared with the estimate."
     return Section("section", title, "", figures, missing, "Section", answer)

@@ -1,4 +1,4 @@
-"""The answer in words: what was measured, the sentences of the summary, what was not used, what looks wrong, what to do next."""
+"""Report section in words: observations, findings, exclusions, warnings and next steps."""
 
 from collections.abc import Iterator
 from html import escape
@@ -21,7 +21,7 @@ _KINDS = {"stop": "Stop", "care": "Care", "note": "Note"}
 
 
 def warnings_html(contents: Contents) -> str:
-    """Return what a reader should look into, sorted: what stops, what asks for care, what only tells how the log was read."""
+    """Return the alarms, warnings and notes as HTML, in this order."""
     rows = [
         f'<li class="{kind}"><b>{_KINDS[kind]}</b> {text}</li>'
         for wanted in _KINDS
@@ -32,7 +32,7 @@ def warnings_html(contents: Contents) -> str:
 
 
 def found_warnings(contents: Contents) -> list[tuple[str, str]]:
-    """Return what a reader should look into, each with its kind and as an escaped sentence."""
+    """Return the alarms, warnings and notes, each with its kind and an escaped sentence."""
     outcome = contents.outcome
     tests = (_losses, _bias, _rejections, _surfacings)
     notes = outcome.notes
@@ -58,14 +58,14 @@ def found_warnings(contents: Contents) -> list[tuple[str, str]]:
 
 
 def next_steps(contents: Contents) -> list[str]:
-    """Return what to do next, as escaped sentences."""
+    """Return the next steps as escaped sentences."""
     outcome, plans, out = contents.outcome, contents.result.plans, []
     plan = outcome.plan
     if plan and (plan["status"] == "failed" or plan.get("heading_deg") is None):
-        why = "Nothing to steer" if plan["status"] == "reached" else "No plan was found"
+        why = "No command" if plan["status"] == "reached" else "No plan was found"
         out.append(f"{why}: {escape(plan['message'])}.")
     elif not len(plans):
-        out.append("Name a goal with <code>--goal LON,LAT,DEPTH</code> to have the way planned.")
+        out.append("Give a goal with <code>--goal LON,LAT,DEPTH</code> to plan a mission.")
     if doubtful_errors(outcome) and (outcome.nis_per_dof or 0.0) > 1.0:
         # mean currents have no bins whose quality could be tested
         look = (
@@ -75,11 +75,11 @@ def next_steps(contents: Contents) -> list[str]:
         )
         out.append(
             f"{look} the innovations below dive by dive: either the instrument is biased, or the "
-            "ensemble does not fit this place and time. Until then take the standard errors as too small."
+            "ensemble does not fit this region and time. Until then, treat the standard errors as too small."
         )
     if outcome.losses or outcome.late:
         out.append(
-            "Recover the log from the vehicle again if you can: what was lost is named above."
+            "Recover the log from the vehicle again if possible: the losses are listed above."
         )
     if contents.estimate is None and contents.measured.count:
         out.append(
@@ -89,13 +89,13 @@ def next_steps(contents: Contents) -> list[str]:
 
 
 def _advice(outcome: Outcome) -> str:
-    """Return what to do where nothing is missing."""
+    """Return the next step for a complete result."""
     reasons = "; ".join(map(escape, outcome.verdict.reasons))
     return f"Check before use: {reasons}." if reasons else "No action needed."
 
 
 def _sentence(text: str) -> str:
-    """Return a note as a sentence; the name of a file or variable at its beginning stays as it is."""
+    """Return a note as a sentence; a leading name of a file or variable keeps its case."""
     is_name = (
         any(letter in text.split(maxsplit=1)[0] for letter in "._/") if text.strip() else False
     )
@@ -160,7 +160,7 @@ def _surfacings(contents: Contents) -> str:
 
 
 def words_section(contents: Contents) -> Section:
-    """Return the answer in words."""
+    """Return the report section in words."""
     outcome = contents.outcome
     used = estimate_sentences(outcome) if outcome.complete else ()
     parts = {
@@ -184,7 +184,7 @@ def words_section(contents: Contents) -> Section:
 def _in_short(contents: Contents) -> str:
     outcome = contents.outcome
     if not outcome.complete:
-        return "What was used is not counted."
+        return "Observations used: unknown."
     used, rms = outcome.observations, outcome.rms_innovation
     forms = f"{{used}} measurement{'s' * (used['used'] != 1)} of the current used"
     parts = [sentence(forms, used, "observations.").html]
@@ -195,7 +195,7 @@ def _in_short(contents: Contents) -> str:
 
 
 def _measured(contents: Contents) -> str:
-    """Return when and where."""
+    """Return the time span, positions and depths of the observations as text."""
     track, span = contents.track, contents.span_ns
     if span is None:
         return "The result holds neither a position nor a measurement."
@@ -216,10 +216,10 @@ def _depths(depth: Array) -> str:
 
 
 def _found(contents: Contents) -> Iterator[Sentence]:
-    """Yield the speed of the current and its error over the region."""
+    """Yield sentences on current speed and standard error over the region."""
     slices, plans = contents.slices, contents.result.plans
     if slices is None:
-        what = "The result holds a plan alone" if len(plans) else "Nothing was estimated"
+        what = "The result holds only a plan" if len(plans) else "Nothing was estimated"
         yield Sentence([f"{what}."])
         return
     fields = slices.fields[0, -1]
@@ -233,10 +233,10 @@ def _found(contents: Contents) -> Iterator[Sentence]:
 
 
 def _not_used(contents: Contents) -> Iterator[Sentence]:
-    """Yield what of each topic was not used."""
+    """Yield a sentence on the unused messages of each topic."""
     messages = contents.outcome.messages
     if messages is None:
-        why = "it is of an earlier version, or of a run that did not end"
+        why = "an earlier version made it, or the run did not finish"
         yield Sentence([f"The result does not hold the counts of messages: {why}."])
         return
     for k, row in enumerate(messages):

@@ -1,4 +1,4 @@
-"""The plans: where to steer, the depth profile over the bottom, and how predicted surfacings turned out."""
+"""Report section on plans: command, depth profile, and errors of predicted surfacings."""
 
 import json
 from collections.abc import Mapping
@@ -16,9 +16,9 @@ from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_s
 
 _STATUS = {
     "reached": "the predicted path passes the goal within the tolerance",
-    "uncertain": "the predicted path passes the goal, but fewer samples of the estimate than asked for arrive",
-    "partial": "the predicted path ends at the horizon that was asked for, before the goal",
-    "unsafe": "the predicted path, or more samples of the estimate than accepted, violates a constraint",
+    "uncertain": "the predicted path passes the goal, but fewer flights than required arrive",
+    "partial": "the predicted path ends at the requested horizon, before the goal",
+    "unsafe": "the predicted path violates a constraint, or more flights than accepted do",
     "unreachable": "the best path found does not pass the goal within the tolerance",
     "failed": "no usable path was found",
 }
@@ -68,7 +68,7 @@ _PLANS, _TITLE = 30, "How does the plan turn out?"
 
 
 def plan_section(contents: Contents) -> Section:
-    """Return the last plan, the plans before it, and the surfacings that they predicted."""
+    """Return the section on the last plan, earlier plans, and predicted surfacings."""
     plan = contents.last_plan
     if plan is None:
         note = (contents.outcome.plan or {}).get("message", "")
@@ -101,7 +101,7 @@ def plan_section(contents: Contents) -> Section:
 
 
 def _legs_html(plan: LastPlan) -> str:
-    """Return the legs of a mission."""
+    """Return the legs of a plan as an HTML table."""
     forms = {
         **{"heading_deg": ".0f", "glide_angle_deg": ".1f", "depth_m": ".0f"},
         **{"surfacing_s": ".1f", "longitude": ".4f", "latitude": ".4f"},
@@ -126,7 +126,7 @@ def _legs_html(plan: LastPlan) -> str:
 
 
 def _departures_html(contents: Contents) -> str:
-    """Return the departures that were compared; nothing where there was one."""
+    """Return the compared departures as an HTML table; empty for a single one."""
     rows = [json.loads(row) for row in contents.metadata.get("departures", {}).values()]
     cells = [
         [
@@ -146,7 +146,7 @@ def _departures_html(contents: Contents) -> str:
         "arrival (UTC)",
         "duration [h]",
         "energy [kJ]",
-        "samples that arrive",
+        "odds of arriving",
         "",
     ]
     return table_html(heads, cells, "Departures compared") if rows else ""

@@ -1,4 +1,4 @@
-"""Whether the answer can be trusted: innovations, their spread against the stated errors, the error's decrease, the gate."""
+"""Report section on consistency: innovations, calibration, error over time, and gate."""
 
 from html import escape
 from typing import NamedTuple
@@ -22,13 +22,13 @@ _ITSELF = {
 
 
 class Light(NamedTuple):
-    """The answer to a question of trust.
+    """Status light of a consistency test.
 
     Attributes:
-        name: What holds, or does not, in a few words.
-        color: ``good``, ``care``, ``stop`` or ``none`` where nothing tells.
-        text: Why.
-        figures: Keys of the figures that show it.
+        name: Outcome in a few words.
+        color: ``good``, ``care``, ``stop``, or ``none`` if untested.
+        text: Reason.
+        figures: Keys of the supporting figures.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Light(NamedTuple):
 
 
 def lights(contents: Contents) -> tuple[Light, Light, Light]:
-    """Return whether the log fits itself, whether it fits the forecast, and whether the stated errors hold."""
+    """Return the lights for consistency of the log, misfit of the forecast, and calibration of errors."""
     outcome = contents.outcome
     clashes = [one for one in outcome.consistency if one["severity"] != "misfit"]
     words = {severity_word(one["severity"]) for one in clashes}
@@ -58,7 +58,7 @@ def _against_forecast(outcome: Outcome) -> Light:
     rms, outside = outcome.rms_innovation, "; ".join([*outcome.outside, *misfits])
     before, prior = rms["before"], rms["prior"]
     if before is None or not prior:
-        why = Sentence(["No measurement was compared with it."])
+        why = Sentence(["No measurement was compared with the forecast."])
         return Light("forecast not compared", "none", why, ())
     forms = "RMS misfit of the forecast {prior:cm/s}, of the estimate {before:cm/s} cm/s"
     gain = sentence(forms, rms, "rms_innovation.").parts
@@ -74,7 +74,12 @@ def _against_forecast(outcome: Outcome) -> Light:
 def _errors_hold(outcome: Outcome) -> Light:
     nis = outcome.nis_per_dof
     if nis is None:
-        return Light("errors not tested", "none", Sentence(["No measurement tested them."]), ())
+        return Light(
+            "errors not tested",
+            "none",
+            Sentence(["No measurement tested the standard errors."]),
+            (),
+        )
     said, shown, hold = outcome.errors_text, f"{nis:.2f}", errors_hold(outcome)
     before, after = f"{said[:1].upper()}{said[1:]} (NIS/dof ", ", 1 expected)."
     return Light(
@@ -86,7 +91,7 @@ def _errors_hold(outcome: Outcome) -> Light:
 
 
 def trust_section(contents: Contents) -> Section:
-    """Return innovations, calibration, the decrease of the error and the decisions of the gate."""
+    """Return the section on innovations, calibration, error over time and gate decisions."""
     if not contents.measured.count:
         return Section(
             "trust",
@@ -123,8 +128,5 @@ def _gate_html(contents: Contents) -> str:
     notes = [note for note in contents.outcome.notes if "bias" in note]
     biases = "".join(f"<p>{escape(note)}.</p>" for note in notes)
     return (
-        table_html(
-            ["decision of the gate", "measurements"], rows, "What was done with the measurements"
-        )
-        + biases
+        table_html(["decision of the gate", "measurements"], rows, "Decisions of the gate") + biases
     )
