@@ -23,20 +23,20 @@ PRODUCT = ("title", "source", "institution", "product", "challenger")
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Current of a member, or of members along a dimension, in one or two files.
+    """Current of a member or of members along a dimension, in one or two files.
 
     Attributes:
         paths: Paths of the files.
         like: Dataset of the same form.
         look: Reader of a coordinate.
-        load: Reader of the dataset, with ``U`` and ``V`` if joined, and of the assumptions made.
-        argument: Position of the option's argument.
+        load: Reader of the dataset (``U`` and ``V`` if joined) and notes.
+        argument: Position of its argument.
         current: Velocity components, if any.
-        label: Label of the member or members.
+        label: Label of the members.
         member: Dimension of the members; None for one.
-        at: Positions of the time and the members to read.
+        at: Positions of the time and members.
         labels: Origins of the members.
-        extra: Whether it only serves to build members.
+        extra: Whether it only builds members.
     """
 
     paths: tuple[Path, ...]

@@ -39,20 +39,20 @@ AT_CENTRES: Faces = (None, None)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """Horizontal layout of the velocities in a file.
+    """Horizontal layout of a file.
 
     Attributes:
-        kind: Kind of grid, with the names of masks.
-        longitude: Longitude [degrees east], shape (J, I) or (I,).
-        latitude: Latitude, shape (J, I) or (J,).
-        u_dims: Dimensions (y, x) of the first component.
-        v_dims: Dimensions of the second.
+        kind: Kind of grid.
+        longitude: Degrees east, shape (J, I) or (I,).
+        latitude: Degrees north, shape (J, I) or (J,).
+        u_dims: Dimensions (y, x) of u.
+        v_dims: Dimensions of v.
         centre_dims: Dimensions of masks.
-        first_face: Faces before centre 0 along y (v) and x (u), if any.
+        first_face: Face before centre 0 along y (v), x (u), if any.
         rows: Rows used.
-        columns: Columns used, in order in space; two parts across a seam.
-        period: Columns round the globe, for a global grid.
-        axes: Axes of the components.
+        columns: Columns, in spatial order; two across a seam.
+        period: Columns round the globe, if any.
+        axes: Axes of u and v.
         why: Reason for the axes.
         notes: Assumptions.
     """

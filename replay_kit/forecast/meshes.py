@@ -34,7 +34,7 @@ _COMPONENTS = ("u", "ua", "unod", "horizontalVelX", "mesh2d_ucx", "uo")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Triangular mesh and its interpolation weights to a regular grid.
+    """Triangular mesh and weights to a regular grid.
 
     Attributes:
         longitude: Longitude of the grid, shape (I,) [degrees].

@@ -1,7 +1,7 @@
 """Terrain-following levels (ROMS, CROCO): depths, and interpolation of velocities to fixed depths.
 
 Symbols: s and C the stretched coordinate and its stretching, h the depth of the sea bed, hc the critical depth, zeta the surface, z
-upwards from the resting surface. Transform 1: z0 = hc (s - C) + C h, z = z0 + zeta (1 + z0 / h). Transform 2:
+upwards from the surface at rest. Transform 1: z0 = hc (s - C) + C h, z = z0 + zeta (1 + z0 / h). Transform 2:
 S = (hc s + C h) / (hc + h), z = zeta + (zeta + h) S (Shchepetkin and McWilliams, Ocean Modelling, 2005).
 """
 
@@ -116,11 +116,11 @@ def from_s_levels(
     """Return velocities at fixed depths, shape (E, 2, L, J, I), and these depths.
 
     Args:
-        velocity: Velocities on the coordinate's levels, shape (E, 2, Z, J, I); NaN on land.
+        velocity: Velocities on levels, shape (E, 2, Z, J, I); NaN on land.
         coordinate: Coordinate of the levels.
         h: Depth of the sea bed [m], shape (J, I); ignored on land.
         sea_level: Sea surface height [m], shape (E or 1, J, I); None for a surface at rest.
-        wanted: Fixed depths [m]; None for the depths of the deepest column.
+        wanted: Fixed depths [m]; None for those of the deepest column.
         where: The file, for messages.
 
     Raises:

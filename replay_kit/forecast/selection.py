@@ -43,7 +43,7 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
     """Return the selected fields of an ensemble at one time.
 
     Args:
-        found: The files.
+        found: Opened files.
         config: Lead and time, if chosen.
         near_ns: Time of the log [ns, UTC]; None without a log.
 

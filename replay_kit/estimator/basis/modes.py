@@ -242,11 +242,11 @@ def _default_basis(
 ) -> Basis:
     """Return the default basis: hat functions of depth, SVD of velocity anomalies about the ensemble mean, the offset.
 
-    The decomposition includes the mean, scaled by the standard deviation of its amplitude. So the modes span it as well as the anomalies,
+    The decomposition includes the mean, scaled by the standard deviation of its amplitude. So the modes span it like the anomalies,
     and none is spent on it if its amplitude is certain.
 
     With a ``shift`` above 0 [m] it includes copies of the anomalies shifted by that distance. A few lagged forecasts span hardly any
-    other current, and the standard error of an estimate lacks what its basis does not span. The representation error is that of
+    other current, and a standard error lacks what the basis does not span. The representation error is that of
     members shifted by ``apart`` [m].
     """
     grid, nodes, n_levels = series[0].grid, series[0].grid.nodes, series[0].grid.levels.size
@@ -313,8 +313,8 @@ def _embedded(
     The factor of a large region takes most of the memory: it is computed once, then released.
 
     Args:
-        functions: The horizontal functions.
-        nodes: shape (N, 2) [m].
+        functions: Horizontal functions.
+        nodes: Positions of the nodes, shape (N, 2) [m].
         given: Velocities of mean and modes, shape (2N, Z + r) [m/s].
         mean: Velocities of the mean, shape (Z, 2, N) [m/s].
         nugget: See ``embedding``.

@@ -1,9 +1,9 @@
 """Calibration of the prior on members left out: a factor on stated variances, and kernels about members.
 
 Members of one forecast system resemble each other: a member left out alone has a neighbour among the others, unlike a truth. So it is
-left out with all whose anomalies correlate with its own above a bound. Some columns of it are observed, and the errors elsewhere are
+left out with all whose anomalies correlate above a bound. Some columns of it are observed, and the errors elsewhere are
 compared with the stated ones. The factor is the 90 % quantile of the normalised square over that of a normal variable. The kernels
-about members (``update/evidence.py``) describe such neighbours: for them a member is left out alone.
+about members (``update/evidence.py``) seek such neighbours: for them a member is left out alone.
 """
 
 from dataclasses import dataclass

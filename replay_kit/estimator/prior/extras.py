@@ -53,18 +53,18 @@ _UNOBSERVED = 0.95
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extras:
-    """Optional unknowns: u amplitudes at each of K knots, then b errors of the instrument.
+    """Unknowns: u amplitudes at each of K knots, then b instrument errors.
 
     Attributes:
-        knots: Depths of the knots, shape (K,) [m]; empty without oscillations.
-        root: Map from independent unknowns to the knots, shape (K, K) [m/s].
+        knots: Depths, shape (K,) [m]; empty without oscillations.
+        root: Map from unknowns to knots, shape (K, K) [m/s].
         omega: Angular frequencies, shape (u,) [rad/s].
-        cosine: Factors C, local east and north, shape (2, u).
+        cosine: Factors C, east and north, shape (2, u).
         sine: Factors S, shape (2, u).
         scale: Decorrelation time of the phase [s].
         names: Names of the instrument errors.
-        std: Prior standard deviations of the instrument errors, shape (b,) [rad, 1 or 1/s].
-        reference_ns: Reference time of the amplitudes [ns, UTC].
+        std: Their prior standard deviations, shape (b,) [rad, 1 or 1/s].
+        reference_ns: Time of the amplitudes [ns, UTC].
     """
 
     knots: Array

@@ -81,18 +81,18 @@ def process_of(
     mean_variance: float,
     bound: float,
 ) -> tuple[Process, Parts, Array]:
-    """Return the prior process without times, the kinds of its unknowns, and the standard deviation of dropped patterns.
+    """Return the prior process without times, its kinds of unknowns, and the error of dropping patterns.
 
     Args:
-        weights: Weights of the members at each forecast time, shape (T, E, Z, r).
-        modes: Modes with their shift operators.
+        weights: Members' weights at each forecast time, shape (T, E, Z, r).
+        modes: Modes with shift operators.
         settings: Share, shift and radius.
-        mean_weights: Weights of the ensemble mean, shape (Z, r); None if its amplitude is certain.
+        mean_weights: Weights of the ensemble mean, shape (Z, r); None if certain.
         mean_variance: Variance of its amplitude.
-        bound: Upper bound of the standard deviation of all dropped directions together [m/s].
+        bound: Upper bound of the standard deviation of dropped directions [m/s].
 
     Returns:
-        Process with ``times_ns`` and ``tau`` unset; kinds of the unknowns; standard deviation, shape (Z, N) [m/s].
+        Process with ``times_ns`` and ``tau`` unset; kinds; error, shape (Z, N) [m/s].
     """
     n_members, share = weights.shape[1], settings.sample_share
     mean = weights.mean(axis=1)
