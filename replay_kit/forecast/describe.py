@@ -69,7 +69,7 @@ def describe_ensemble(
         with open_collection(path, parse_rule(config.members)) as found:
             return _described(found, files, config, near_ns)
     except NoCurrentError as error:
-        use = f"no current: a file of the grid or of other variables ({error.variables}); give it beside files with velocities"
+        use = f"no current: a file of the grid or of other variables ({error.variables}); give it with files of velocities"
         return Description(_named(files), files, "", None, ("", ""), "", None, use)
 
 

@@ -53,7 +53,7 @@ class Layout:
         columns: Columns, in spatial order; two across a seam.
         period: Columns round the globe, if any.
         axes: Axes of u and v.
-        why: Reason for the axes.
+        why: Reason for axes.
         notes: Assumptions.
     """
 

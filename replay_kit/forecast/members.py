@@ -60,7 +60,9 @@ def parse_rule(text: str | None) -> MemberRule | None:
         try:
             re.compile(name)
         except re.error as error:
-            raise ConfigError(f"--members: '{name}' is no regular expression: {error}") from error
+            raise ConfigError(
+                f"--members: '{name}' is not a regular expression: {error}"
+            ) from error
     return MemberRule(kind, name)  # type: ignore[arg-type]
 
 

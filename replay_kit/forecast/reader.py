@@ -281,5 +281,5 @@ def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
         return ()
     return (
         f"the ensemble was moved: its centre is now at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
-        "it is no forecast for this place",
+        "not a forecast for that region",
     )

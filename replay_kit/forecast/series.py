@@ -124,11 +124,11 @@ def read_changing_truth(
             raise ForecastError(f"{name}: cannot be read: {why}; mend the file")
         if config.lead is not None or (lead is None and config.time is not None):
             raise ForecastError(
-                f"{name}: a truth that changes goes through all leads and times; choose none of them"
+                f"{name}: a changing truth uses all leads and times; remove --lead or forecast.time"
             )
         if len(values) < 2:
             raise ForecastError(
-                f"{name}: a truth that changes needs a dimension of at least two leads or times, got {len(values)}"
+                f"{name}: a changing truth needs a dimension of at least two leads or times, got {len(values)}"
             )
         steps = [{"lead": float(value)} if lead else {"time": str(value)} for value in values]
         first = truth_in(found, spec, config.model_copy(update=steps[0]))

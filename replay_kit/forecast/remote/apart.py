@@ -83,7 +83,7 @@ def apart(function: Callable[..., _Value], *arguments: Any, what: str) -> _Value
                     raise value
                 elif kind == "memory":
                     raise ForecastError(
-                        f"{what}: the server sends more than this machine may hold; it was not read on"
+                        f"{what}: the server sends more than the memory limit; reading was stopped"
                     )
                 else:
                     return value  # type: ignore[no-any-return]

@@ -251,7 +251,7 @@ def _values(cut: Cut, name: str, source: tuple[slice, ...]) -> np.ndarray:
     # a library may raise anything
     except Exception as error:
         raise ForecastError(
-            f"{cut.served.address}: the server gave no whole answer: {in_words(error)}; check the connection, or try again later"
+            f"{cut.served.address}: incomplete answer of the server: {in_words(error)}; check the connection, or try again later"
         ) from error
     return values
 

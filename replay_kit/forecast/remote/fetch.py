@@ -112,7 +112,7 @@ def receive(
     most = _MOST if config.max_download is None else 1e6 * config.max_download
     if total > most:
         raise ForecastError(
-            f"{rows[0]['address']}: {total / 1e6:.4g} MB are to be received, more than --max-download {most / 1e6:.4g} MB; "
+            f"{rows[0]['address']}: {total / 1e6:.4g} MB to download, more than --max-download {most / 1e6:.4g} MB; "
             "choose less with --region, --levels and --start, --end, or allow more"
         )
     if config.max_download is None and total > max(_WASTE * values, _LARGE):

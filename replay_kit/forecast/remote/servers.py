@@ -222,7 +222,7 @@ def _file(address: Address) -> Served | None:
     if head[1:4] != b"HDF":
         if head.lstrip().startswith(b"<"):
             raise ForecastError(
-                f"{address}: expected a forecast, got a page of the web, as of a login or a catalogue; open the address in a browser"
+                f"{address}: expected a forecast, got a web page, such as a login or a catalogue; open the address in a browser"
             )
         return None
     if not file.seekable():
