@@ -1,4 +1,4 @@
-"""Files of forecasts to ``Ensemble`` values: NetCDF and Zarr through xarray."""
+"""Forecasts in NetCDF and Zarr files, read with xarray as ``Ensemble`` values."""
 
 from replay_kit.forecast.describe import describe_ensemble
 from replay_kit.forecast.files import ensemble_files, find_sources

@@ -1,7 +1,7 @@
-"""Whether velocities lie along the axes that their labels say: checked by physics, as files are often labelled wrongly.
+"""Physical test of the axes of velocities, which files often label wrongly.
 
-Two tests, each under both readings (along the grid, or along true east and north): the share of the variance that no divergence-free flow
-can carry, and, where the file has the height of the surface, the angle between the current and the geostrophic one.
+Both readings (along the grid, or along true east and north) are tested by the fraction of the variance that no divergence-free flow
+explains. If the file has the sea surface height, the angle between the current and the geostrophic one is tested too.
 """
 
 from dataclasses import dataclass
@@ -38,13 +38,13 @@ class AxesCheck:
     """Test of the velocity axes.
 
     Attributes:
-        axes: As read.
-        why: What says so.
+        axes: Axes as read.
+        why: Reason for this reading.
         angle: Largest angle between the grid and true axes [degrees].
-        residual: Share of the variance that no divergence-free flow carries, read and turned; None if not tested.
+        residual: Fraction of the variance that no divergence-free flow explains, as read and turned; None if not tested.
         phase: Angle from the geostrophic current to the current [degrees], as read and turned; None if not tested.
         contradicted: Whether the other reading fits better.
-        residual_std: RMS of a component that no divergence-free flow carries, as read [m/s]; 0 if not tested.
+        residual_std: RMS component that no divergence-free flow explains, as read [m/s]; 0 if not tested.
     """
 
     axes: Axes
@@ -57,7 +57,7 @@ class AxesCheck:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know: a contradiction, with the option that mends it."""
+        """Warning of a wrong reading, with the option that corrects it; empty if none was found."""
         if not self.contradicted:
             return ()
         other: Literal["grid", "true"] = "true" if self.axes == "grid" else "grid"
@@ -69,7 +69,7 @@ class AxesCheck:
 
     @property
     def figures(self) -> str:
-        """The tests' figures in words."""
+        """Results of the test as text."""
         found = []
         if self.residual is not None:
             found.append(
@@ -89,14 +89,14 @@ _NAMES = {"grid": "the grid's axes", "true": "true east and north"}
 def check_axes(
     window: Window, layout: Layout, velocity: Values, wet: NDArray[np.bool_], projection: Projection
 ) -> AxesCheck:
-    """Return what physics says of the axes that velocities were read along.
+    """Return the test of the axes along which velocities were read.
 
     Args:
-        window: Of the first file.
-        layout: Of the first file.
-        velocity: Members in the local frame [m/s], shape (E, 2, Z, J, I), as read.
-        wet: shape (Z, J, I).
-        projection: The local frame.
+        window: Window of the first file.
+        layout: Layout of the first file.
+        velocity: Members as read, in the local frame, shape (E, 2, Z, J, I) [m/s].
+        wet: Water points, shape (Z, J, I).
+        projection: Local frame.
     """
     true, grid = (
         turn_to_local(projection, window.longitude, window.latitude, axes)
@@ -137,22 +137,22 @@ def check_axes(
 
 
 def _level(levels: Array, wet: NDArray[np.bool_]) -> int:
-    """Return the level nearest to 50 m, below the wind's own drift, that has water."""
+    """Return the position of the level with water nearest to 50 m, below the wind drift."""
     nearest = np.argsort(np.abs(levels - 50.0))
     return int(next((k for k in nearest if wet[k].sum() >= 0.5 * wet[0].sum()), 0))
 
 
 def divergent_share(east: Array, north: Array, flow: _Complex, wet: NDArray[np.bool_]) -> float:
-    """Return the share of the variance of fields that no flow of a stream function carries.
+    """Return the fraction of the variance of fields that no stream function explains.
 
-    A stream function at the cells' corners is fitted to the current at the nodes by least squares, with a slight penalty on its roughness,
-    without which corners alone would fit noise.
+    A stream function at the cells' corners is fitted to the current at the nodes by least squares. A slight penalty on its roughness
+    avoids a fit of noise.
 
     Args:
-        east: Of the nodes [m], shape (J, I).
-        north: Of the nodes [m], shape (J, I).
+        east: East of the nodes [m], shape (J, I).
+        north: North of the nodes [m], shape (J, I).
         flow: East and north component as one complex number [m/s], shape (E, J, I).
-        wet: shape (J, I).
+        wet: Water points, shape (J, I).
     """
     ny, nx = east.shape
     along_j, along_i = _difference(ny), _difference(nx)
@@ -205,7 +205,7 @@ def _phases(
     other: _Complex,
     wet: NDArray[np.bool_],
 ) -> tuple[float, float] | None:
-    """Return the angles [degrees] from the geostrophic current to the current as read and turned; None where they are not correlated."""
+    """Return the angles from the geostrophic current to the current, as read and turned [degrees]; None if uncorrelated."""
     geostrophic = geostrophic_flow(height, place, latitude)
     used = wet & np.isfinite(geostrophic) & (np.abs(latitude) > 8.0)
     if used.sum() < _LEAST_WET:
@@ -223,12 +223,12 @@ def _phases(
 
 
 def geostrophic_flow(height: Array, place: tuple[Array, Array], latitude: Array) -> _Complex:
-    """Return the geostrophic current of the height of the surface [m/s], east and north component as one complex number, shape (J, I).
+    """Return the geostrophic current of a sea surface height [m/s], east and north component as one complex number, shape (J, I).
 
     Args:
-        height: [m], shape (J, I).
+        height: Sea surface height [m], shape (J, I).
         place: East and north of the nodes [m], each of shape (J, I).
-        latitude: [degrees], shape (J, I).
+        latitude: Latitude [degrees north], shape (J, I).
     """
     (h_j, h_i), (e_j, e_i), (n_j, n_i) = (np.gradient(part) for part in (height, *place))
     determinant = e_i * n_j - e_j * n_i

@@ -1,4 +1,4 @@
-"""Files of an ensemble to its members: which files hold u and v, which hold the grid, which belong together."""
+"""Members of an ensemble from its files: files of u and v, files of the grid, and their grouping."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -57,15 +57,15 @@ Notes = tuple[str, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Collection:
-    """An ensemble's files, opened and put in order.
+    """Opened files of an ensemble, in order.
 
     Attributes:
-        rule: What a member is; None where nothing says it, and there is one field.
-        members: Of each, or of those that are read together, the fields at several times, in order of time.
-        background: The state that anomaly members are about; none for members that are states, or without one.
+        rule: Definition of a member; None if undefined, with a single field.
+        members: Fields of each member, or of members read together, in order of time.
+        background: State to which anomaly members are added; empty for members that are states, or without one.
         grids: Files without velocities.
-        source: The files' names, for messages.
-        notes: What was left out or assumed.
+        source: Names of the files, for messages.
+        notes: Exclusions and assumptions.
     """
 
     rule: MemberRule | None
@@ -78,11 +78,11 @@ class Collection:
 
 @contextmanager
 def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Iterator[Collection]:
-    """Give an ensemble's files in order, as they may be given; each is opened when it is used.
+    """Give an ensemble's files in order; each is opened when used.
 
     Args:
         given: Files, stores, folders, patterns.
-        rule: What a member is; None finds out.
+        rule: Definition of a member; None to detect it.
 
     Raises:
         ForecastError: Files are missing, unreadable, hold no current, or do not belong together.
@@ -120,7 +120,7 @@ def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Ite
 def _identified(
     files: Sequence[Field], rule: MemberRule | None
 ) -> tuple[list[Field], MemberRule | None]:
-    """Return the files with the names of their components; one for each suffix where suffixes are the members."""
+    """Return the files with the names of their components; one field for each suffix if suffixes are members."""
     found: list[Field] = []
     if rule is None and all(len(suffixes(file.like)) > 1 for file in files) and files:
         rule = MemberRule("suffix")
@@ -144,7 +144,7 @@ def _identified(
 
 
 def _checked(file: Field, current: Current | None) -> Callable[[], tuple[xr.Dataset, Notes]]:
-    """Return what opens a file, and refuses one whose components are others than those of its form."""
+    """Return the loader of a file, which rejects components other than those of its form."""
 
     def load() -> tuple[xr.Dataset, Notes]:
         ds, notes = file.load()
@@ -158,7 +158,7 @@ def _checked(file: Field, current: Current | None) -> Callable[[], tuple[xr.Data
 
 
 def _runs(file: Field) -> list[Field]:
-    """Return the runs of a file with a dimension of starts and one of leads; else itself."""
+    """Return the runs of a file with dimensions of starts and leads; otherwise the file itself."""
     if file.current is None or file.lead is None:
         return [file]
     runs = runs_of(file.ds, file.dims)
@@ -210,7 +210,7 @@ def _collected(files: Sequence[Field], rule: MemberRule | None, notes: Notes) ->
 
 
 def _labelled(holders: list[Field], rule: MemberRule | None) -> list[Field]:
-    """Return the files with the members that they belong to."""
+    """Return the files labelled with their members."""
     kind = kind_of(rule)
     if rule is not None and kind == "files":
         labels = label_files([file.paths[0] for file in holders], rule.name)
@@ -249,7 +249,7 @@ def _labelled(holders: list[Field], rule: MemberRule | None) -> list[Field]:
 
 
 def _members(fields: tuple[Field, ...], rule: MemberRule | None) -> list[tuple[Field, ...]]:
-    """Return the members of files that belong together: those of one dimension are read together, files of several times are the same."""
+    """Return the members of files: those along a dimension are read together, files of several times share theirs."""
     if rule is None or rule.kind != "dim":
         return [fields]
     found = []

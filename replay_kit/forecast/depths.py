@@ -1,4 +1,4 @@
-"""The levels of a forecast in metres: its depth axis by the unit that the file states, which levels are used, and values between them."""
+"""Levels of a forecast: conversion of the depth axis to metres, selection, and interpolation between levels."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -42,16 +42,16 @@ _CONVERT = "convert the axis to metres, and set its attribute units to m"
 
 
 def in_metres(axis: xr.DataArray, latitude: float, where: str) -> tuple[Array, tuple[str, ...]]:
-    """Return the values of a depth axis in metres, with the file's own sign, and what a user should know of how they were read.
+    """Return the values of a depth axis in metres, with the file's own sign, and notes on their conversion.
 
     Args:
-        axis: The coordinate, shape (Z,). Pressures are converted with TEOS-10 (``gsw.z_from_p``); an axis without a unit is taken to be
+        axis: Coordinate, shape (Z,). Pressures are converted with TEOS-10 (``gsw.z_from_p``); an axis without a unit is taken to be
             in metres.
-        latitude: Of the region's middle [degrees north], for pressures.
-        where: The file, for messages.
+        latitude: Latitude of the region's centre [degrees north], for pressures.
+        where: Name of the file, for messages.
 
     Raises:
-        ForecastError: The unit is not known, or the axis numbers levels, or scales them to the water's depth.
+        ForecastError: The unit is unknown, or the axis numbers levels or scales them by the water depth.
     """
     values = axis.values.astype(np.float64)
     unit = str(axis.attrs.get("units", "")).strip()
@@ -84,13 +84,13 @@ def in_metres(axis: xr.DataArray, latitude: float, where: str) -> tuple[Array, t
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levels:
-    """The levels of a file that are used.
+    """Levels used of a file.
 
     Attributes:
-        depth: shape (Z,) [m], increasing.
-        position: Of those in the file that are read.
-        within: The least and the greatest depth [m] that all levels of the file do for, see ``reach``.
-        notes: What was chosen or assumed.
+        depth: Depths, increasing, shape (Z,) [m].
+        position: Positions in the file.
+        within: Range of depths that the levels of the file represent [m]; see ``reach``.
+        notes: Choices and assumptions.
     """
 
     depth: Array
@@ -106,14 +106,14 @@ def choose_levels(
     latitude: float,
     where: str,
 ) -> Levels:
-    """Return the levels used; one at 0 m without a depth dimension.
+    """Return the levels to use; one at 0 m without a depth dimension.
 
     Args:
-        ds: The file.
-        dims: Depth dimensions of u and v; None where they have none.
-        config: The levels asked for, of which the nearest are taken.
-        latitude: Of the region's middle [degrees north], for pressures.
-        where: The file, for messages.
+        ds: Dataset of the file.
+        dims: Depth dimensions of u and v; None if absent.
+        config: Requested levels; the nearest are used.
+        latitude: Latitude of the region's centre [degrees north], for pressures.
+        where: Name of the file, for messages.
 
     Raises:
         ForecastError: The file states no depths, other ones for u and v, or depths that are not distinct.
@@ -148,13 +148,13 @@ def choose_levels(
 
 
 def reach_of(levels: Array) -> tuple[float, float]:
-    """Return the least and the greatest depth [m] that levels, shape (Z,), do for."""
+    """Return the range of depths [m] that levels represent, shape (Z,)."""
     least, greatest = reach(levels)
     return float(least), float(greatest)
 
 
 def depths_text(depths: Iterable[float]) -> str:
-    """Return depths in words, such as ``500, 1000 m``."""
+    """Return depths as text, such as ``500, 1000 m``."""
     return f"{some_text([f'{depth:.4g}' for depth in depths])} m"
 
 
@@ -162,7 +162,7 @@ _DEPTH_VARIABLES = ("depth", "Z", "zt", "z", "deptht", "lev", "RC", "z_t", "st_o
 
 
 def _depths(ds: xr.Dataset, dim: str, latitude: float, where: str) -> tuple[Array, tuple[str, ...]]:
-    """Return the depths of a dimension [m], positive down, from its coordinate or from a variable of depths along it."""
+    """Return the depths of a dimension [m], positive down, from its coordinate or a variable along it, and notes."""
     name = (
         dim
         if dim in ds.coords
@@ -194,7 +194,7 @@ def _depths(ds: xr.Dataset, dim: str, latitude: float, where: str) -> tuple[Arra
 
 
 def _bounds(variable: xr.DataArray, levels: int) -> bool:
-    """Return whether a variable holds the depths of the interfaces between so many levels."""
+    """Return whether a variable holds the depths of the interfaces between ``levels`` levels."""
     return (
         variable.ndim == 1
         and variable.size == levels + 1
@@ -204,14 +204,14 @@ def _bounds(variable: xr.DataArray, levels: int) -> bool:
 
 
 def reach(depths: Array, surface: Array | float = 0.0) -> tuple[Array, Array]:
-    """Return between which depths levels say what the current is [m], each of the shape of one level.
+    """Return the least and greatest depth that levels represent [m], each of the shape of one level.
 
-    One level does for 15 m about it. Several do from the surface, where the first of them lies within 15 m or half the first spacing of it,
-    else from the first, down to half the last spacing below the last.
+    One level represents 15 m on either side. Several begin at the surface if the first lies within 15 m or half the first spacing of it,
+    otherwise at the first; they end half the last spacing below the last.
 
     Args:
-        depths: shape (Z, ...) [m], increasing.
-        surface: Height of the surface [m]: levels that move with it do for where they are at rest, too.
+        depths: Depths, increasing, shape (Z, ...) [m].
+        surface: Sea surface height [m]; levels that move with it also represent their depths at rest.
     """
     moved = np.abs(surface) + 1e-6 * depths[-1]
     if len(depths) == 1:
@@ -225,13 +225,13 @@ def reach(depths: Array, surface: Array | float = 0.0) -> tuple[Array, Array]:
 def at_depths(
     values: Values, depths: Values, within: tuple[Array | float, Array | float], wanted: Array
 ) -> Values:
-    """Return values at fixed depths, shape (..., L, J, I): linear between levels, constant beyond the first and last, NaN out of reach.
+    """Return values at fixed depths, shape (..., L, J, I): linear between levels, constant beyond the ends, NaN out of reach.
 
     Args:
-        values: shape (..., Z, J, I).
-        depths: Of the levels [m], shape (Z, J, I) or (Z, 1, 1), increasing.
-        within: The least and the greatest depth that the levels do for [m], shape (J, I) each or the same everywhere, see ``reach``.
-        wanted: shape (L,) [m].
+        values: Values on levels, shape (..., Z, J, I).
+        depths: Depths of the levels [m], shape (Z, J, I) or (Z, 1, 1), increasing.
+        within: Least and greatest depth that the levels represent [m], shape (J, I) each or a number; see ``reach``.
+        wanted: Fixed depths, shape (L,) [m].
     """
     depths = np.broadcast_to(depths, values.shape[-3:])
     found, last = [], len(depths) - 1

@@ -1,4 +1,4 @@
-"""What the files of an ensemble hold, what comes of them, and where their points lie, before an estimate."""
+"""Description of an ensemble's files: contents, interpretation and horizontal grid."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -28,17 +28,17 @@ from replay_kit.forecast.series import dated_choices
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Description:
-    """What an ensemble's files hold.
+    """Description of an ensemble's files.
 
     Attributes:
-        source: The files' names.
-        grids: Files that hold no current: masks, coordinates, angles.
-        rule: What a member is, as the value of ``--members``; empty where nothing says it.
-        ensemble: The members, or the one field; None where no file holds a current.
-        names: The velocity components in the file.
-        arrangement: Grid and staggering in words.
-        check: Of the axes; None without a current.
-        use: What the files can be used for.
+        source: Names of the files.
+        grids: Files without a current: masks, coordinates, angles.
+        rule: Definition of a member as the value of ``--members``; empty if undefined.
+        ensemble: Members, or the single field; None without a current.
+        names: Names of the velocity components.
+        arrangement: Grid and staggering as text.
+        check: Test of the axes; None without a current.
+        use: Possible use of the files.
     """
 
     source: str
@@ -54,22 +54,22 @@ class Description:
 def describe_ensemble(
     path: Paths, config: ForecastConfig, near_ns: int | None = None
 ) -> Description:
-    """Return what files hold, how they were understood, and what can be done with them.
+    """Return the description of an ensemble's files: contents, interpretation and possible use.
 
     Args:
         path: Files, stores, folders or patterns.
-        config: As for ``read_ensemble``.
-        near_ns: A log's time [ns, UTC]; None without a log.
+        config: See ``read_ensemble``.
+        near_ns: Time of the log [ns, UTC]; None without a log.
 
     Raises:
-        ForecastError: The files cannot be read, or do not belong together; files without a current are no error.
+        ForecastError: The files cannot be read, or do not belong together. Files without a current raise no error.
     """
     files = find_sources(path).files
     try:
         with open_collection(path, parse_rule(config.members)) as found:
             return _described(found, files, config, near_ns)
     except NoCurrentError as error:
-        use = f"no current: a file of the grid or of other variables ({error.variables}); give it beside files with velocities"
+        use = f"no current: a file of the grid or of other variables ({error.variables}); give it with files of velocities"
         return Description(_named(files), files, "", None, ("", ""), "", None, use)
 
 
@@ -119,15 +119,15 @@ _FIELDS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extent:
-    """The horizontal grid of a forecast.
+    """Horizontal grid of a forecast.
 
     Attributes:
-        source: The files' names.
-        longitude: [degrees], shape (J, I), or (I,) of a separable grid.
-        latitude: shape (J, I) or (J,) [degrees].
-        found: The files.
-        selection: The fields that become members.
-        config: How they are read.
+        source: Names of the files.
+        longitude: Longitude [degrees east], shape (J, I), or (I,) for a separable grid.
+        latitude: Latitude [degrees north], shape (J, I) or (J,).
+        found: Opened files.
+        selection: Fields that become members.
+        config: Settings of the forecast.
     """
 
     source: str
@@ -144,7 +144,7 @@ class Extent:
 
     @property
     def box(self) -> Region:
-        """The box around the grid's sides, a cell wider; all longitudes of a grid round the globe."""
+        """Bounding box of the grid, widened by a cell; all longitudes for a global grid."""
         x, y = self._places
         sides = [
             np.column_stack([x[side], y[side]])
@@ -162,7 +162,7 @@ class Extent:
 
     @property
     def step(self) -> tuple[float, float]:
-        """The median distance of neighbours towards east and north [degrees]."""
+        """Median spacing of grid points towards east and north [degrees]."""
         by_axis = [
             [(np.diff(values, axis=axis) + 180.0) % 360.0 - 180.0 for axis in (0, 1)]
             for values in self._places
@@ -174,7 +174,7 @@ class Extent:
 
     @property
     def has_several_times(self) -> bool:
-        """Whether ``read_series`` reads the forecast at more than one time."""
+        """Whether ``read_series`` returns more than one time."""
         return (
             self.config.lead is None
             and self.config.time is None
@@ -182,7 +182,7 @@ class Extent:
         )
 
     def shape_in(self, region: Region) -> tuple[int, int]:
-        """Return the number of rows and columns of the block that holds a region; zeros where it holds no point."""
+        """Return the number of rows and columns of the block around a region; zeros if no point lies inside."""
         block = region_block(self.longitude, self.latitude, region)
         if block is None:
             return 0, 0
@@ -190,10 +190,10 @@ class Extent:
         return rows.stop - rows.start, sum(part.stop - part.start for part in columns)
 
     def patch(self, region: Region) -> Ensemble:
-        """Return the first fields of the first level in a region, without what makes members of them.
+        """Return the first fields of the first level in a region, before any change into members.
 
         Raises:
-            ForecastError: As in ``read_ensemble``.
+            ForecastError: See ``read_ensemble``.
         """
         fields, left = list[Field](), _FIELDS
         for field in self.selection.fields:
@@ -220,15 +220,15 @@ class Extent:
 def open_extent(
     path: Paths | Collection, config: ForecastConfig, near_ns: int | None
 ) -> Iterator[Extent | None]:
-    """Give where the points of a forecast lie; None where its files do not say what a member is.
+    """Give the horizontal grid of a forecast; None if its files do not define a member.
 
     Args:
-        path: As in ``read_ensemble``.
-        config: As in ``read_ensemble``; its region does not count.
-        near_ns: As in ``read_ensemble``.
+        path: See ``read_ensemble``.
+        config: See ``read_ensemble``; the region is ignored.
+        near_ns: See ``read_ensemble``.
 
     Raises:
-        ForecastError: As in ``read_ensemble``.
+        ForecastError: See ``read_ensemble``.
     """
     with open_collection(path, parse_rule(config.members)) as found:
         if found.rule is None:

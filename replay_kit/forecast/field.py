@@ -1,4 +1,4 @@
-"""The current in a forecast's files, which are opened when they are used."""
+"""Current in the files of a forecast, which are opened when used."""
 
 from collections.abc import Callable, Hashable, Mapping
 from contextlib import ExitStack
@@ -23,20 +23,20 @@ PRODUCT = ("title", "source", "institution", "product", "challenger")
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """The current of a member, or of members along a dimension, in a file, or in two.
+    """Current of a member or of members along a dimension, in one or two files.
 
     Attributes:
-        paths: The files.
-        like: A dataset of their form.
-        look: Returns a coordinate.
-        load: Returns the dataset, with ``U`` and ``V`` where joined, and what was assumed.
-        argument: Of the option.
-        current: Its components, if any.
-        label: Of the members.
-        member: Their dimension; None for one.
-        at: Positions of the time and of members read.
+        paths: Paths of the files.
+        like: Dataset of the same form.
+        look: Reader of a coordinate.
+        load: Reader of the dataset (``U`` and ``V`` if joined) and notes.
+        argument: Position of its argument.
+        current: Velocity components, if any.
+        label: Label of the members.
+        member: Dimension of the members; None for one.
+        at: Positions of the time and members.
         labels: Origins of the members.
-        extra: Whether it only serves to make members.
+        extra: Whether it only builds members.
     """
 
     paths: tuple[Path, ...]
@@ -53,13 +53,13 @@ class Field:
 
     @cached_property
     def ds(self) -> xr.Dataset:
-        """The dataset at the positions that were chosen."""
+        """Dataset at the chosen positions."""
         whole = self.load()[0]
         return whole if self.at is None else whole.isel(self.at)
 
     @property
     def last_time(self) -> xr.Dataset | None:
-        """The first member at the last of the leads or times, from which one was chosen; None where there is but one."""
+        """First member at the last lead or time; None if there is only one."""
         whole, at = self.load()[0], self.at or {}
         last = {dim: -1 for dim in at if dim != self.member and whole.sizes[dim] > 1}
         if not last:
@@ -68,18 +68,18 @@ class Field:
 
     @property
     def dims(self) -> tuple[Hashable, ...]:
-        """Dimensions of the component, or of the first of both."""
+        """Dimensions of the first component in the file."""
         assert self.current is not None, "asked of files with a current"
         return self.like.variables[self.current.u or self.current.v].dims
 
     @cached_property
     def time(self) -> str | None:
-        """Dimension of the times; None without one."""
+        """Dimension of times; None without one."""
         return find_time(self.like, self.dims)
 
     @property
     def lead(self) -> str | None:
-        """Dimension of the leads; None without one."""
+        """Dimension of leads; None without one."""
         return find_lead(self.like, self.dims)
 
     @property
@@ -89,19 +89,19 @@ class Field:
 
     @cached_property
     def stated_times(self) -> NDArray[Any]:
-        """Times as the files state them, numbers where they have no date; none without a dimension of them."""
+        """Times as stated, numbers if they have no date; empty without a dimension of times."""
         known = self.time is not None and self.time in self.like.coords
         return self.look(str(self.time)).values if known else np.zeros(0)
 
     @cached_property
     def times(self) -> NDArray[np.datetime64]:
-        """Times [ns, UTC]; none without dates."""
+        """Times [ns, UTC]; empty without dates."""
         times = self.stated_times
         return times.astype("M8[ns]") if times.dtype.kind == "M" else np.zeros(0, "M8[ns]")
 
     @property
     def where(self) -> str:
-        """The file, or the first, for messages."""
+        """Path of the first file, for messages."""
         return str(self.paths[0])
 
     @property
@@ -116,20 +116,20 @@ def field_of(path: Path, ds: xr.Dataset, argument: int) -> Field:
 
 
 class Files:
-    """Files, opened when they are first used, and closed together.
+    """Files that are opened on first use and closed together.
 
-    A NetCDF-4 file of the form of one that is open (groups; names, sizes and types of all variables; the product) is not opened before its
-    values are used. Of a year of daily files that is nearly every one.
+    A NetCDF-4 file of the same form as an open one (groups; names, sizes and types of all variables; the product) is opened only when its
+    values are used. That holds for nearly all of a year of daily files.
     """
 
     def __init__(self, stack: ExitStack) -> None:
         self._stack, self._forms = stack, dict[Any, xr.Dataset]()
 
     def field(self, path: Path, argument: int) -> Field:
-        """Return the field of a file, without the names of its components.
+        """Return the field of a file, its components still unnamed.
 
         Raises:
-            ForecastError: It is missing or unreadable.
+            ForecastError: The file is missing or unreadable.
         """
         form, times = _seen(path, self._forms)
         if form is None or form not in self._forms:
@@ -151,7 +151,7 @@ class Files:
 
 
 def _seen(path: Path, forms: Mapping[Any, xr.Dataset]) -> tuple[Any, dict[str, xr.Variable]]:
-    """Return what files of one form share, None of other files than NetCDF-4; and of a form that is known the file's times."""
+    """Return the form of a NetCDF-4 file, None for other files; and its times if the form is known."""
     # of a pipe nothing may ever come
     if isinstance(path, Address) or why_no_input(path):
         return None, {}
@@ -175,7 +175,7 @@ def _seen(path: Path, forms: Mapping[Any, xr.Dataset]) -> tuple[Any, dict[str, x
 
 
 def _times(item: h5py.Dataset, name: str) -> xr.Variable:
-    """Return the times of a file, with dates where they have any."""
+    """Return the times of a file, as dates if possible."""
     about = {
         key: plain_attribute(item.attrs[key])
         for key in ("units", "calendar")

@@ -1,4 +1,4 @@
-"""Arguments of ``--ensemble`` to files, and each file opened: velocities stay on disk, times become dates where they have any."""
+"""Files of the arguments of ``--ensemble``, opened with velocities left on disk and times as dates."""
 
 import glob
 import math
@@ -29,11 +29,11 @@ _RESULTS = (".analysis", ".increment")
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Files of an ensemble.
+    """Files of an ensemble, by argument.
 
     Attributes:
-        arguments: Files of each argument, numbers in their names in the order of counting.
-        notes: What was left out, and why.
+        arguments: Files of each argument, in natural order of the numbers in their names.
+        notes: Excluded files with the reason.
     """
 
     arguments: tuple[tuple[Path, ...], ...]
@@ -46,10 +46,10 @@ class Sources:
 
 
 def find_sources(given: Paths) -> Sources:
-    """Return the files that arguments stand for.
+    """Return the files that match the arguments.
 
-    A folder stands for the NetCDF files and Zarr stores below it. Results of an assimilation (``.analysis``, ``.increment``) are left out
-    of folders and patterns, and said.
+    A folder stands for the NetCDF files and Zarr stores below it. Results of an assimilation (``.analysis``, ``.increment``) in folders
+    and patterns are excluded with a note.
 
     Args:
         given: Files, Zarr stores, folders, and patterns with ``*``, ``?`` or ``[...]``; a sequence of several is one argument.
@@ -76,16 +76,16 @@ def find_sources(given: Paths) -> Sources:
 
 
 def ensemble_files(given: Paths) -> tuple[Path, ...]:
-    """Return the files that the arguments of ``--ensemble`` stand for, in the order in which they are read; see ``find_sources``.
+    """Return the files of the arguments of ``--ensemble``, in reading order; see ``find_sources``.
 
     Raises:
-        ForecastError: As in ``find_sources``.
+        ForecastError: See ``find_sources``.
     """
     return find_sources(given).files
 
 
 def natural(path: Path) -> list[tuple[int, int | str]]:
-    """Return the key that sorts names with numbers in them in the order of counting."""
+    """Return a sort key that orders the numbers in a name by value."""
     return [
         (0, int(part)) if part.isdigit() else (1, part)
         for part in re.split(r"(\d+)", str(path))
@@ -94,7 +94,7 @@ def natural(path: Path) -> list[tuple[int, int | str]]:
 
 
 def _files_of(path: Path) -> tuple[tuple[Path, ...], list[Path]]:
-    """Return the files of one argument, and the results left out."""
+    """Return the files of one argument, and the excluded results."""
     if isinstance(path, Address):
         return (path,), []
     if not path.exists() and glob.has_magic(str(path)):
@@ -142,13 +142,13 @@ _CIVIL = ("standard", "gregorian", "proleptic_gregorian", "")
 
 
 def _open_file(path: Path) -> xr.Dataset:
-    """Return a forecast's file, opened; nothing but small coordinates is read.
+    """Return the dataset of a forecast file; only small coordinates are read.
 
-    Times of every calendar become dates of the same name (31 January stays 31 January); times without an epoch, or with dates that no
-    calendar of ours has, stay numbers.
+    Times of every calendar become dates of the same name (31 January stays 31 January). Times without an epoch, or with dates
+    outside the Gregorian calendar, stay numbers.
 
     Raises:
-        ForecastError: It is missing, or neither NetCDF nor Zarr.
+        ForecastError: The file is missing, or neither NetCDF nor Zarr.
     """
     if isinstance(path, Address):
         # loads a client of servers
@@ -192,9 +192,9 @@ def _open_file(path: Path) -> xr.Dataset:
 
 @contextmanager
 def opened_file(path: Path) -> Iterator[xr.Dataset]:
-    """Give a file, opened; it is closed at the end; errors as of ``_open_file``.
+    """Give the dataset of a file and close it at the end; raises the errors of ``_open_file``.
 
-    Values of NetCDF-3 that something still refers to then stay mapped until nothing does, which is harmless.
+    NetCDF-3 values that are still referenced stay mapped until released, which is harmless.
     """
     ds = _open_file(path)
     try:
@@ -206,7 +206,7 @@ def opened_file(path: Path) -> Iterator[xr.Dataset]:
 
 
 def with_dates(ds: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with dates for its times, where they have any."""
+    """Return a dataset with its times as dates, if they have any."""
     dates = {
         name: found for name in ds.variables if (found := dated(ds.variables[name])) is not None
     }
@@ -229,7 +229,7 @@ def _opened_netcdf(path: Path, engine: str) -> xr.Dataset:
 
 
 def _opened_store(path: Path) -> xr.Dataset:
-    """Return a Zarr store opened."""
+    """Return the dataset of a Zarr store."""
     # its import takes longer than those of a command that reads NetCDF alone
     import zarr
 
@@ -260,7 +260,7 @@ def _opened(source: Any, engine: str, **options: Any) -> xr.Dataset:
 
 
 def _check_coordinates(path: Path, shapes: Sequence[tuple[int, ...]]) -> None:
-    """Raise ForecastError where coordinates, which are read whole, are larger than a file can be meant to hold."""
+    """Raise ForecastError if coordinates, which are read whole, are implausibly large for their file."""
     # arrays of one or two dimensions
     small = [shape for shape in shapes if sum(size > 1 for size in shape) <= 2]
     if why := exceeds_claim(path, _memory(small)):
@@ -271,12 +271,12 @@ def _check_coordinates(path: Path, shapes: Sequence[tuple[int, ...]]) -> None:
 
 
 def _memory(shapes: Sequence[tuple[int, ...]]) -> int:
-    """Return what arrays take in memory [bytes]."""
+    """Return the memory of arrays [bytes]."""
     return sum(8 * math.prod(shape) for shape in shapes)
 
 
 def size_text(size: float) -> str:
-    """Return what is said of arrays that take more than 2 GB in memory [bytes], after a semicolon; nothing of smaller ones."""
+    """Return the clause of a message on arrays above 2 GB in memory [bytes]; empty for smaller ones."""
     return (
         f"; its arrays take {size / 1e9:.1f} GB in memory, of which --region reads a part"
         if size > _LARGE
@@ -285,13 +285,13 @@ def size_text(size: float) -> str:
 
 
 def undated(variable: xr.Variable | xr.DataArray) -> str:
-    """Return why times have no date: the unit and calendar that the file states."""
+    """Return the reason why times have no date: the unit and calendar stated by the file."""
     unit, calendar = variable.attrs.get("units", "none"), variable.attrs.get("calendar", "")
     return f"unit '{unit}'" + (f", calendar {calendar}" if calendar else "")
 
 
 def dated(variable: xr.Variable) -> xr.Variable | None:
-    """Return times as dates; None for what is no time with an epoch."""
+    """Return times as dates; None for a variable that is not a time with an epoch."""
     if (
         " since " not in str(variable.attrs.get("units", ""))
         or variable.ndim > 1

@@ -1,4 +1,4 @@
-"""Members brought together on the first one's grid, as one array, which lies on disk where it is larger than memory."""
+"""Members on the grid of the first as one array, on disk if larger than memory."""
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -36,9 +36,9 @@ _COORDINATES = 4
 
 
 def in_groups(field: Field, layout: Layout) -> list[Field]:
-    """Return members of one file in groups that are read one after the other; in one where they fit into memory.
+    """Return the members of a file in groups that fit into memory, read one after the other.
 
-    What is land by its constant value is found in each group by itself, as in each of several files.
+    Land marked by a constant value is detected in each group separately, as in each of several files.
     """
     if field.member is None or field.extra or (size := window_size(field, layout)) <= IN_MEMORY:
         return [field]
@@ -59,16 +59,16 @@ def together(
     config: ForecastConfig,
     change: Change | None,
 ) -> tuple[Values, list[str]]:
-    """Return the members of fields in the local frame on the grid of the first, and what was done to them.
+    """Return the members of fields in the local frame on the grid of the first, and notes on changes.
 
     Args:
-        fields: In order.
-        layout: The part of the first file.
-        window: What was read there, whose velocities are turned in their place where there are no others.
-        turn: From the first file's axes to the local ones, shape (J, I).
-        projection: The local frame.
+        fields: Fields in order.
+        layout: Used part of the first file.
+        window: Window of the first file; a single field is turned in place.
+        turn: Rotation from the first file's axes to the local ones, shape (J, I).
+        projection: Local frame.
         config: Levels and axes.
-        change: What makes members of the fields.
+        change: Function from fields to members.
     """
     own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
     # what is made of members is computed in double precision, however many they are
@@ -105,7 +105,7 @@ def together(
 
 
 def layout_of(field: Field, config: ForecastConfig) -> Layout:
-    """Return the horizontal arrangement of a file, with the axes of its velocities as the configuration states them."""
+    """Return the horizontal layout of a file, with the configured axes of its velocities."""
     assert field.current is not None
     with _coordinates_of(field):
         layout = lay_out(field.ds, field.current, field.where)
@@ -115,7 +115,7 @@ def layout_of(field: Field, config: ForecastConfig) -> Layout:
 
 
 def _coordinates_of(field: Field) -> AbstractContextManager[None]:
-    """Return the limit of what the coordinates of a file may take, by its bytes: they are a part of them."""
+    """Return a context that limits the memory of coordinates by the size of their file."""
     # what is on a server has limits of its own
     if not all(path.exists() for path in field.paths):
         return nullcontext()
@@ -123,7 +123,7 @@ def _coordinates_of(field: Field) -> AbstractContextManager[None]:
 
 
 def _same_grid(one: Field, other: Field) -> bool:
-    """Return whether two files have the same horizontal grid, by its size and the ends of its coordinates."""
+    """Return whether two files have the same horizontal grid, by size and first and last coordinates."""
     if one.paths == other.paths:
         return True
     with _coordinates_of(other):
@@ -149,7 +149,7 @@ def _same_coordinates(one: xr.Dataset, other: xr.Dataset) -> bool:
 
 
 def region_around(window: Window) -> tuple[float, float, float, float]:
-    """Return the region that other grids are read in: the window and two of its cells around it."""
+    """Return the region to read of other grids: the window with a margin of two cells."""
     middle = centre_longitude(window.longitude)
     x, y = unwrap_longitude(window.longitude, middle), window.latitude
     step = 2.0 * max(
@@ -164,7 +164,7 @@ def region_around(window: Window) -> tuple[float, float, float, float]:
 
 
 def is_alike(one: Window, other: Window) -> bool:
-    """Return whether two windows have the same points, levels and axes."""
+    """Return whether two windows share points, levels and axes."""
     if (
         one.axes != other.axes
         or one.longitude.shape != other.longitude.shape
@@ -180,7 +180,7 @@ def is_alike(one: Window, other: Window) -> bool:
 
 
 def on_grid_of(other: Window, window: Window, projection: Projection) -> Values:
-    """Return another window's velocities, in the local frame, on the grid and levels of the first."""
+    """Return another window's velocities in the local frame, interpolated to the grid and levels of the first."""
     turn = turn_to_local(projection, other.longitude, other.latitude, other.axes)
     values = turned(other.velocity, turn)
     (east, north), (at_east, at_north) = (
@@ -193,7 +193,7 @@ def on_grid_of(other: Window, window: Window, projection: Projection) -> Values:
 
 
 def moved_notes(moved: int, far: Array) -> list[str]:
-    """Return notes on members of other grids, and on the first one's levels [m] that are not near any of theirs."""
+    """Return notes on interpolated members, and on levels of the first [m] far from all of theirs."""
     if not moved:
         return []
     notes = [

@@ -1,4 +1,4 @@
-"""Pure functions on a grid's arrays: the part inside a region, components along the local axes, fields on another grid's points."""
+"""Grid functions: block inside a region, rotation to local axes, interpolation to other points."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from replay_kit.forecast.names import Axes
 
 
 def centre_longitude(longitude: Array) -> float:
-    """Return the longitude [degrees] in the middle of all given, right also across the antimeridian."""
+    """Return the central longitude [degrees], also across the antimeridian."""
     radians = np.deg2rad(longitude)
     mean = np.rad2deg(np.arctan2(np.mean(np.sin(radians)), np.mean(np.cos(radians))))
     unwrapped = unwrap_longitude(longitude, float(mean))
@@ -32,14 +32,14 @@ Block = tuple[slice, tuple[slice, ...]]
 def region_block(
     longitude: Array, latitude: Array, region: tuple[float, float, float, float]
 ) -> Block | None:
-    """Return index slices (J, (I, ...)) of the smallest block that holds every grid point inside the region; None when none is.
+    """Return the slices (J, (I, ...)) of the smallest block with all grid points inside a region; None without any.
 
-    Columns are two slices, in their order in space, where the region crosses the seam of a grid that goes round the globe.
+    Columns are two slices, in their order in space, if the region crosses the seam of a global grid.
 
     Args:
-        longitude: shape (J, I), or (I,) of a separable grid [degrees].
-        latitude: shape (J, I), or (J,) [degrees].
-        region: west, south, east, north [degrees]; west > east crosses the antimeridian.
+        longitude: Longitude [degrees east], shape (J, I), or (I,) for a separable grid.
+        latitude: Latitude [degrees north], shape (J, I) or (J,).
+        region: West, south, east, north [degrees]; west > east crosses the antimeridian.
     """
     west, south, east, north = region
     width = (east - west) % 360.0 or 360.0
@@ -60,12 +60,12 @@ def region_block(
 
 
 def columns_round(longitude: Array) -> int | None:
-    """Return the number of columns that go round the globe; None for a grid that does not.
+    """Return the number of columns round the globe; None for a regional grid.
 
-    The last of them is the neighbour of the first. Columns after it repeat the first ones: ORCA grids have two of these, others one.
+    The last of them adjoins the first. Columns after it repeat the first ones: ORCA grids have two of these, others one.
 
     Args:
-        longitude: shape (J, I), or (I,) of a separable grid [degrees].
+        longitude: Longitude [degrees east], shape (J, I), or (I,) for a separable grid.
     """
     row = longitude if longitude.ndim == 1 else longitude[longitude.shape[0] // 2]
     step = float(np.median((np.diff(row) + 180.0) % 360.0 - 180.0))
@@ -77,7 +77,7 @@ def columns_round(longitude: Array) -> int | None:
 
 
 def projection_of(longitude: Array, latitude: Array) -> Projection:
-    """Return the local frame about the middle of places [degrees]."""
+    """Return the local frame about the centre of positions [degrees]."""
     return Projection(centre_longitude(longitude), 0.5 * float(latitude.min() + latitude.max()))
 
 
@@ -91,11 +91,11 @@ def local_grid(
     """Return the grid in a local frame about its centre.
 
     Args:
-        longitude: shape (J, I) [degrees].
-        latitude: shape (J, I) [degrees].
-        levels: shape (Z,) [m].
-        wet: shape (Z, J, I).
-        place_at: (longitude, latitude) to move the grid's centre to, keeping distances; None leaves it.
+        longitude: Longitude [degrees east], shape (J, I).
+        latitude: Latitude [degrees north], shape (J, I).
+        levels: Depths of the levels [m], shape (Z,).
+        wet: Water points, shape (Z, J, I).
+        place_at: New (longitude, latitude) of the grid's centre, distances kept; None leaves it.
     """
     projection = projection_of(longitude, latitude)
     longitude = unwrap_longitude(longitude, projection.longitude)
@@ -110,10 +110,10 @@ def local_grid(
 def turn_to_local(
     projection: Projection, longitude: Array, latitude: Array, axes: Axes
 ) -> NDArray[np.complex128]:
-    """Return the turn from true east, or from a grid's first axis, to the first local axis as a unit number, shape (J, I).
+    """Return the rotation from true east, or a grid's first axis, to the first local axis, as complex numbers, shape (J, I).
 
-    A grid's first axis is that of growing i; the second stands at a right angle to it, anticlockwise: true for the orthogonal curvilinear
-    grids of ocean models.
+    A grid's first axis is that of growing i; the second is 90 degrees anticlockwise of it, as in the orthogonal curvilinear grids of
+    ocean models.
     """
     if axes == "true":
         clockwise = grid_bearing_of_true_north(projection, longitude, latitude)
@@ -124,7 +124,7 @@ def turn_to_local(
 
 
 def turned(velocity: Values, turn: NDArray[np.complex128], out: Values | None = None) -> Values:
-    """Return velocities, shape (E, 2, Z, J, I), turned in double precision, in an array that is given, which may be their own."""
+    """Return rotated velocities, shape (E, 2, Z, J, I), computed in double precision; ``out`` may be the input itself."""
     out = np.empty_like(velocity) if out is None else out
     cos, sin = turn.real, turn.imag
     for member, found in zip(velocity, out, strict=True):
@@ -133,7 +133,7 @@ def turned(velocity: Values, turn: NDArray[np.complex128], out: Values | None = 
 
 
 def in_frame(ensemble: Ensemble, projection: Projection) -> Ensemble:
-    """Return an ensemble in another local frame: its places and velocities are the same, along the other's axes."""
+    """Return an ensemble in another local frame, with unchanged positions and velocities along its axes."""
     grid = ensemble.grid
     east, north = to_local(projection, grid.longitude, grid.latitude)
     own, other = (
@@ -150,15 +150,15 @@ def in_frame(ensemble: Ensemble, projection: Projection) -> Ensemble:
 def find_cells(
     east: Array, north: Array, at_east: Array, at_north: Array
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return the fractional indices (j, i) of points in a curvilinear grid, and which points lie in it.
+    """Return the fractional indices (j, i) of points in a curvilinear grid, and whether they lie inside.
 
     The nearest node starts a Newton iteration on the bilinear map of the cell.
 
     Args:
-        east: Of the nodes [m], shape (J, I).
-        north: Of the nodes [m], shape (J, I).
-        at_east: Of the points [m], any shape.
-        at_north: Of the points [m], the same shape.
+        east: East of the nodes [m], shape (J, I).
+        north: North of the nodes [m], shape (J, I).
+        at_east: East of the points [m], any shape.
+        at_north: North of the points [m], same shape.
     """
     ny, nx = east.shape
     _, nearest = cKDTree(np.column_stack([east.ravel(), north.ravel()])).query(
@@ -180,7 +180,7 @@ def find_cells(
 
 
 def _mapped(values: Array, j: Array, i: Array) -> tuple[Array, Array, Array]:
-    """Return the bilinear interpolation of values at fractional indices, and its derivatives with them."""
+    """Return bilinearly interpolated values at fractional indices, and their derivatives by j and i."""
     low_j = np.minimum(j.astype(np.intp), values.shape[0] - 2)
     low_i = np.minimum(i.astype(np.intp), values.shape[1] - 2)
     s, t = j - low_j, i - low_i
@@ -194,13 +194,13 @@ def _mapped(values: Array, j: Array, i: Array) -> tuple[Array, Array, Array]:
 
 
 def bilinear(values: Values, j: Array, i: Array, inside: NDArray[np.bool_]) -> Array:
-    """Return fields at fractional indices, shape (..., *points); NaN outside, and where less than half of the cell's weight is water.
+    """Return fields at fractional indices, shape (..., *points); NaN outside, and if water has less than half of the weight.
 
     Args:
-        values: shape (..., J, I), NaN on land.
-        j: Of the points.
-        i: Of the points.
-        inside: Which points lie in the grid.
+        values: Fields, NaN on land, shape (..., J, I).
+        j: Fractional row of the points.
+        i: Fractional column of the points.
+        inside: Whether the points lie in the grid.
     """
     low_j = np.minimum(j.astype(np.intp), values.shape[-2] - 2)
     low_i = np.minimum(i.astype(np.intp), values.shape[-1] - 2)

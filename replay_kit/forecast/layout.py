@@ -1,4 +1,4 @@
-"""Where a file's velocities lie: dimensions, cell centres, staggering, and along which axes."""
+"""Horizontal layout of velocities: dimensions, cell centres, staggering and axes."""
 
 import math
 from dataclasses import dataclass, replace
@@ -39,22 +39,22 @@ AT_CENTRES: Faces = (None, None)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """The horizontal arrangement of a file.
+    """Horizontal layout of a file.
 
     Attributes:
-        kind: With the names of masks.
-        longitude: [degrees], shape (J, I) or (I,).
-        latitude: shape (J, I) or (J,).
-        u_dims: (y, x) of the first component.
-        v_dims: Of the second.
-        centre_dims: Of masks.
-        first_face: Before centre 0 along y (of v) and x (of u), if any.
-        rows: Centres used.
-        columns: In order in space; two parts across a seam.
-        period: Columns round the globe, if they are.
-        axes: Of the components.
-        why: What says so.
-        notes: On it.
+        kind: Kind of grid.
+        longitude: Degrees east, shape (J, I) or (I,).
+        latitude: Degrees north, shape (J, I) or (J,).
+        u_dims: Dimensions (y, x) of u.
+        v_dims: Dimensions of v.
+        centre_dims: Dimensions of masks.
+        first_face: Face before centre 0 along y (v), x (u), if any.
+        rows: Rows used.
+        columns: Columns, in spatial order; two across a seam.
+        period: Columns round the globe, if any.
+        axes: Axes of u and v.
+        why: Reason for axes.
+        notes: Assumptions.
     """
 
     kind: Coordinates
@@ -73,7 +73,7 @@ class Layout:
 
     @property
     def places(self) -> tuple[Array, Array]:
-        """Longitude and latitude of the centres that are used, each once [degrees], shapes as of the file's."""
+        """Longitude and latitude of the centres used, each once [degrees], shaped as in the file."""
         flat = self.longitude.ndim == 1
         x, y = (
             np.concatenate([axis[..., part] for part in self.columns], axis=-1)
@@ -83,7 +83,7 @@ class Layout:
 
     @property
     def points(self) -> tuple[Array, Array]:
-        """Longitude and latitude of all centres that are used [degrees], shape (J, I)."""
+        """Longitude and latitude of all centres used [degrees], shape (J, I)."""
         x, y = self.places
         if x.ndim == 1:
             x, y = np.meshgrid(x, y)
@@ -91,13 +91,13 @@ class Layout:
 
     @property
     def faces(self) -> tuple[Faces, Faces]:
-        """Of the two components: the first faces along their dimensions; None where they lie at the centres."""
+        """First faces of both components along their dimensions; None at the centres."""
         if self.first_face is None:
             return AT_CENTRES, AT_CENTRES
         return (None, self.first_face[1]), (self.first_face[0], None)
 
     def within(self, region: Region | None, where: str) -> "Layout":
-        """Return the part of the smallest block that holds all points inside a region; all of it without one.
+        """Return the layout of the smallest block with all points inside a region; unchanged without a region.
 
         Raises:
             ForecastError: No point lies inside.
@@ -120,7 +120,7 @@ class Layout:
 
     @property
     def name(self) -> str:
-        """The arrangement in words."""
+        """Layout as text."""
         grid = "longitude-latitude grid" if self.longitude.ndim == 1 else "curvilinear grid"
         staggered = (
             "velocities on cell faces (C-grid), averaged to centres"
@@ -131,7 +131,7 @@ class Layout:
 
 
 def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
-    """Return the horizontal arrangement of a dataset with the components ``U`` and ``V`` and what grid files add to them.
+    """Return the horizontal layout of a dataset with the components ``U`` and ``V`` and variables of grid files.
 
     Raises:
         ForecastError: Coordinates are missing, or do not belong to the components.
@@ -194,7 +194,7 @@ def _moved(part: slice, by: int) -> slice:
 
 
 def _check_places(x: Array, y: Array, names: tuple[str, str], where: str, size: int) -> None:
-    """Raise ForecastError where longitudes and latitudes are none, before currents of some size [bytes] are read."""
+    """Raise ForecastError for implausible longitudes or latitudes, before currents of a size [bytes] are read."""
     if not (np.isfinite(x).all() and np.isfinite(y).all() and (np.abs(y) <= 90.0).all()):
         raise ForecastError(
             f"{where}: longitude or latitude holds missing values or latitudes beyond 90 degrees; swapped or damaged coordinates?"
@@ -208,13 +208,13 @@ def _check_places(x: Array, y: Array, names: tuple[str, str], where: str, size: 
 
 
 def _without_times(coordinate: xr.DataArray, dims: tuple[str, ...]) -> xr.DataArray:
-    """Return a coordinate without dimensions of one position, such as that of a mesh file's time, that the components lack."""
+    """Return a coordinate without length-one dimensions that the components lack, such as the time of a mesh file."""
     single = [dim for dim in coordinate.dims if coordinate.sizes[dim] == 1 and dim not in dims]
     return coordinate.isel(dict.fromkeys(single, 0)) if coordinate.ndim > 1 else coordinate
 
 
 def _horizontal(ds: xr.Dataset, component: str, name: str | None, where: str) -> tuple[str, str]:
-    """Return the two dimensions of a component that are neither members, times nor levels."""
+    """Return the two horizontal dimensions of a component: neither members, times nor levels."""
     dims = ds[component].dims
     others = {find(ds, dims) for find in (find_member, find_time, find_lead, find_depth)}
     left = tuple(str(dim) for dim in dims if dim not in others)
@@ -229,7 +229,7 @@ def _horizontal(ds: xr.Dataset, component: str, name: str | None, where: str) ->
 
 
 def _ordered(dims: tuple[str, str], centre: tuple[str, str]) -> tuple[str, str]:
-    """Return two dimensions as (y, x), by the one that the centres have too."""
+    """Return two dimensions as (y, x), by the one shared with the centres."""
     return dims[::-1] if dims[0] == centre[1] or dims[1] == centre[0] else dims
 
 
@@ -239,7 +239,7 @@ def _first_faces(
     dims: tuple[tuple[str, str], tuple[str, str]],
     centre: tuple[str, str],
 ) -> tuple[int, int] | None:
-    """Return the positions, along y and x, of the faces before the first centre; None where nothing is staggered."""
+    """Return the positions along y and x of the faces before the first centre; None without staggering."""
     (_, ux), (vy, _) = dims
     depths = {find_depth(ds, ds[name].dims) for name in (U, V)}
     nemo = kind.dialect == "NEMO" and (
@@ -279,7 +279,7 @@ def _before(values: Array) -> Array:
 
 
 def _filled(x: Array, y: Array) -> tuple[Array, Array, int]:
-    """Return coordinates with those that are missing, NaN or (0, 0), extrapolated from their rows and columns, and how many were."""
+    """Return coordinates with missing ones, NaN or (0, 0), extrapolated from rows and columns, and the number of these."""
     missing = ~(np.isfinite(x) & np.isfinite(y)) | ((x == 0.0) & (y == 0.0))
     count = int(missing.sum())
     if count < 2 or missing.all():
@@ -308,7 +308,7 @@ def _extended(values: Array, missing: Array) -> Array:
 
 
 def _projected(ds: xr.Dataset, dims: tuple[str, str]) -> xr.Dataset:
-    """Return a dataset with longitude and latitude from the coordinates of its map projection, where it states one."""
+    """Return a dataset with longitude and latitude computed from its map projection, if it states one."""
     name = next((name for name in ds.variables if "grid_mapping_name" in ds[name].attrs), None)
     y, x = dims
     if name is None or x not in ds.coords or y not in ds.coords:
@@ -323,7 +323,7 @@ def _projected(ds: xr.Dataset, dims: tuple[str, str]) -> xr.Dataset:
 
 
 def _axes(ds: xr.Dataset, current: Current, staggered: bool) -> tuple[Axes, str]:
-    """Return the axes of the components, and what says it: standard name, then name, then angle, then grid."""
+    """Return the axes of the components and the reason: standard name, then name, then angle, then grid."""
     if current.axes is not None:
         return current.axes, current.why
     long_name = str(ds[U].attrs.get("long_name", "")).lower()

@@ -1,4 +1,4 @@
-"""What a member is: the value of ``--members``, the labels of files, and members seen together: their common water, copies, odd speeds."""
+"""Definition of members (``--members``, labels of files), and their checks: common water, duplicates, unusual speeds."""
 
 import re
 from collections.abc import Sequence
@@ -26,13 +26,13 @@ _BACKGROUND = re.compile(r"^bg[_-]", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class MemberRule:
-    """What a member is.
+    """Definition of a member.
 
     Attributes:
-        kind: ``dim``: a position along a dimension; ``files``: a file, or the files of one label; ``suffix``: a pair of variables;
-            ``lags``: a forecast of another reference time; ``times``: a field of another time; ``models``: another product.
-        name: Dimension of ``dim``, regular expression of ``files``; empty for the usual ones.
-        days: Half the width of the window of ``times`` [days].
+        kind: ``dim``: position along a dimension; ``files``: a file, or the files of one label; ``suffix``: a pair of variables;
+            ``lags``: a forecast with another reference time; ``times``: a field of another time; ``models``: another product.
+        name: Dimension of ``dim``, regular expression of ``files``; empty for the defaults.
+        days: Half width of the window of ``times`` [days].
     """
 
     kind: Kind
@@ -41,15 +41,15 @@ class MemberRule:
 
 
 def kind_of(rule: MemberRule | None) -> str:
-    """Return the kind of a rule; empty for none."""
+    """Return the kind of a rule; empty without a rule."""
     return "" if rule is None else rule.kind
 
 
 def parse_rule(text: str | None) -> MemberRule | None:
-    """Return what ``--members`` says; None where it says nothing.
+    """Return the rule of a value of ``--members``; None if it is empty.
 
     Raises:
-        ConfigError: A regular expression is none.
+        ConfigError: A regular expression is invalid.
     """
     if text is None:
         return None
@@ -60,7 +60,9 @@ def parse_rule(text: str | None) -> MemberRule | None:
         try:
             re.compile(name)
         except re.error as error:
-            raise ConfigError(f"--members: '{name}' is no regular expression: {error}") from error
+            raise ConfigError(
+                f"--members: '{name}' is not a regular expression: {error}"
+            ) from error
     return MemberRule(kind, name)  # type: ignore[arg-type]
 
 
@@ -69,11 +71,11 @@ def label_files(paths: Sequence[Path], expression: str) -> dict[Path, str]:
 
     Args:
         paths: Files with velocities.
-        expression: Regular expression whose first group, or whole match, in a file's path is the member; empty for the usual names, then
-            one folder a member, then one file a member.
+        expression: Regular expression, whose first group or whole match in a path is the member; empty for the usual names, then
+            one folder per member, then one file per member.
 
     Raises:
-        ForecastError: The expression does not fit a file.
+        ForecastError: The expression does not match a file.
     """
     if expression:
         found = {path: re.search(expression, str(path)) for path in paths}
@@ -96,7 +98,7 @@ def label_files(paths: Sequence[Path], expression: str) -> dict[Path, str]:
 def usual_labels(
     paths: Sequence[Path], expressions: Sequence[str] = _SURE
 ) -> dict[Path, str] | None:
-    """Return the members by usual names such as mem001_uv.nc, r1i1p1f1 or ens01/; None where not all files have such a name."""
+    """Return the members by usual names such as mem001_uv.nc, r1i1p1f1 or ens01/; None unless all files have one."""
     for expression in expressions:
         for texts in ([path.name for path in paths], [path.parent.name for path in paths]):
             found = {
@@ -109,7 +111,7 @@ def usual_labels(
 
 
 def is_background(path: Path) -> bool:
-    """Return whether a file is the background of EnKF-C (bg_u.nc), the state that anomaly members are about."""
+    """Return whether a file is a background of EnKF-C (bg_u.nc), to which anomaly members are added."""
     return bool(_BACKGROUND.match(path.name))
 
 
@@ -123,7 +125,7 @@ _ODD_SPEEDS = (0.004, 1.5)
 def common_water(
     velocity: Values, labels: tuple[str, ...], source: str
 ) -> tuple[Values, NDArray[np.bool_], tuple[str, ...]]:
-    """Return velocities where all members have one, NaN being written elsewhere, where that is, and what was lost by it.
+    """Return velocities set to NaN outside the water common to all members, the common water, and notes on lost points.
 
     Raises:
         ForecastError: No water is left at the first level.
@@ -159,7 +161,7 @@ def common_water(
 
 
 def no_water(source: str) -> ForecastError:
-    """Return the error for a forecast without a current."""
+    """Return the error of a forecast without any water."""
     return ForecastError(
         f"{source}: every point of the first level is land, or the current is 0 everywhere; check the region, the time and the variables' "
         "missing values"
@@ -167,10 +169,10 @@ def no_water(source: str) -> ForecastError:
 
 
 def unusual_members(velocity: Values, labels: tuple[str, ...], source: str) -> tuple[str, ...]:
-    """Return warnings of members that are the same, of speeds that no current has, and of anomalies without a state.
+    """Return warnings of duplicate members, implausible speeds, and anomalies without a background.
 
     Raises:
-        ForecastError: All members are the same.
+        ForecastError: All members are identical.
     """
     speeds = member_speeds(velocity)
     notes, found, rms = [], copies(velocity, speeds), float(np.sqrt(np.mean(np.square(speeds))))
@@ -200,12 +202,12 @@ def unusual_members(velocity: Values, labels: tuple[str, ...], source: str) -> t
 
 
 def member_speeds(velocity: Values) -> list[float]:
-    """Return the root mean square of a component of each member [m/s]."""
+    """Return the RMS velocity component of each member [m/s]."""
     return [component_rms(member[None]) for member in one_by_one(velocity)]
 
 
 def copies(velocity: Values, speeds: Sequence[float]) -> dict[int, int]:
-    """Return the members, shape (E, ...), that are the same as an earlier one, with the first of those; those of other speeds are not."""
+    """Return the members equal to an earlier one, each with the first such; only members of equal speed are compared."""
     found, first = dict[int, int](), dict[float, list[int]]()
     for k, speed in enumerate(speeds):
         alike = first.setdefault(speed, [])
@@ -218,7 +220,7 @@ def copies(velocity: Values, speeds: Sequence[float]) -> dict[int, int]:
 
 
 def without_copies(series: Sequence[Ensemble]) -> tuple[Ensemble, ...]:
-    """Return a forecast at its times with members once that are the same at all of them; at least two stay."""
+    """Return a series without members that are duplicates at all times; at least two stay."""
     first, found = series[0], list[dict[int, int]]()
     for part in series:
         found.append(copies(part.velocity, member_speeds(part.velocity)))

@@ -1,8 +1,8 @@
-"""Unstructured meshes (FVCOM, SCHISM, FESOM, Delft3D FM, UGRID) on a regular grid of their mean spacing, linear on the triangles.
+"""Unstructured meshes (FVCOM, SCHISM, FESOM, Delft3D FM, UGRID), interpolated linearly to a regular grid of their mean spacing.
 
-Values at faces are averaged to their corners by area first. Nothing is carried across the coast or beyond the mesh: a point in no triangle
-is dry. Values are read when they are used. Terrain-following layers become the s-levels of ``s_levels``, layers whose heights are stated
-at each node come to the depths of the deepest one.
+Values at faces are first averaged to their corners by area. There is no extrapolation across the coast or beyond the mesh: a point in no
+triangle is dry. Values are read when used. Terrain-following layers become the s-levels of ``s_levels``. Layers with heights stated
+at each node are interpolated to the depths of the deepest node.
 """
 
 from collections.abc import Mapping
@@ -34,18 +34,18 @@ _COMPONENTS = ("u", "ua", "unod", "horizontalVelX", "mesh2d_ucx", "uo")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """Triangles, and what carries values to a regular grid.
+    """Triangular mesh and weights to a regular grid.
 
     Attributes:
-        longitude: Of the grid, shape (I,) [degrees].
-        latitude: shape (J,) [degrees].
+        longitude: Longitude of the grid, shape (I,) [degrees].
+        latitude: Latitude of the grid, shape (J,) [degrees].
         from_nodes: Weights of values at nodes, shape (J * I, N).
-        from_faces: Of values at faces, shape (J * I, F).
+        from_faces: Weights of values at faces, shape (J * I, F).
         dry: Points in no triangle, shape (J, I).
         nodes: Longitude and latitude of the nodes, shape (N, 2).
-        faces: Of the middles of the faces, shape (F, 2).
-        triangles: How many.
-        spacing: Of the grid [m].
+        faces: Longitude and latitude of the faces' centres, shape (F, 2).
+        triangles: Number of triangles.
+        spacing: Spacing of the grid [m].
     """
 
     longitude: Array
@@ -61,12 +61,12 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Layers:
-    """Layers whose heights are stated at each node.
+    """Layers with heights stated at each node.
 
     Attributes:
-        heights: Of them [m].
-        dim: Along which they lie.
-        depths: To which they come [m], shape (Z,).
+        heights: Heights of the layers [m].
+        dim: Dimension of the layers.
+        depths: Depths after interpolation [m], shape (Z,).
     """
 
     heights: xr.Variable
@@ -75,15 +75,15 @@ class _Layers:
 
 
 def on_grid(ds: xr.Dataset, names: tuple[str, str, str], where: str) -> xr.Dataset:
-    """Return a dataset of a mesh on a regular grid.
+    """Return the dataset of a mesh, interpolated to a regular grid.
 
     Args:
-        ds: The dataset.
-        names: As of ``find_mesh``.
-        where: The file, for messages.
+        ds: Dataset on the mesh.
+        names: See ``find_mesh``.
+        where: Name of the file, for messages.
 
     Raises:
-        ForecastError: The mesh has no degrees, or layers that differ from node to node without their heights.
+        ForecastError: The mesh is not in degrees, or its layers vary from node to node without stated heights.
     """
     corners, x, y = names
     node, face = ds[x].dims[0], _face_dim(ds[corners])
@@ -125,7 +125,7 @@ def _degrees(ds: xr.Dataset, x: str, y: str, where: str) -> Array:
 
 
 def _corners(corners: xr.DataArray, n: int) -> NDArray[np.int64]:
-    """Return the corners of each face, shape (F, 3 or 4), -1 where a face has fewer."""
+    """Return the corners of each face, shape (F, 3 or 4), padded with -1."""
     values = np.asarray(corners.transpose(_face_dim(corners), ...).values, np.float64)
     known = np.isfinite(values) & (values >= 0) & (values <= n)
     first = corners.attrs.get("start_index", values[known].min())
@@ -177,7 +177,7 @@ def _mesh(places: Array, corners: NDArray[np.int64], where: str) -> Mesh:
 def _linear(
     places: Array, three: NDArray[np.int64], points: Array
 ) -> tuple[csr_matrix, NDArray[np.bool_]]:
-    """Return the weights of nodes at points, linear on the triangles, shape (P, N), and which points are in no triangle."""
+    """Return the weights of linear interpolation from nodes to points, shape (P, N), and whether points lie in no triangle."""
     ring = places[three][:, [0, 1, 2, 0]]
     inside, at = shapely.STRtree(shapely.points(points)).query(
         shapely.polygons(ring), predicate="intersects"
@@ -201,7 +201,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _layers(heights: xr.Variable, node: Any) -> _Layers:
-    """Return the layers of a mesh, which come to their depths at the deepest node, at the first time."""
+    """Return the layers of a mesh, with their depths at the deepest node at the first time."""
     layer = next(name for name in heights.dims[::-1] if name != node)
     first = heights.isel({name: 0 for name in heights.dims if name not in (layer, node)})
     depth = -np.asarray(first.transpose(node, layer).values, np.float64)
@@ -226,7 +226,7 @@ def _gridded(
 
 
 class _OnGrid(BackendArray):
-    """A variable of a mesh on the regular grid."""
+    """Variable of a mesh, interpolated to the regular grid when read."""
 
     def __init__(
         self,
@@ -254,7 +254,7 @@ class _OnGrid(BackendArray):
         return np.where(self._dry, np.nan, points).astype(self.dtype)[..., rows, columns]
 
     def _values(self, key: tuple[int | slice, ...]) -> Values:
-        """Return values with the nodes last."""
+        """Return values with nodes along the last axis."""
         names = [name for name in self._variable.dims if name != self._dim]
         at = dict(zip(names, key, strict=True))
         if self._layers is None:
@@ -273,7 +273,7 @@ class _OnGrid(BackendArray):
 
 
 def _at_depths(values: Values, depth: Values, levels: Array) -> Values:
-    """Return values of layers (last axis) at fixed depths, the levels first; NaN below the deepest layer."""
+    """Return values of layers (last axis) at fixed depths (first axis); NaN below the deepest layer."""
     if np.nanmean(depth[..., 0]) > np.nanmean(depth[..., -1]):
         values, depth = values[..., ::-1], depth[..., ::-1]
     layered, deep = (np.moveaxis(of, -1, 0).reshape(of.shape[-1], 1, -1) for of in (values, depth))
@@ -282,7 +282,7 @@ def _at_depths(values: Values, depth: Values, levels: Array) -> Values:
 
 
 def _sigma(ds: xr.Dataset, found: xr.Dataset, where: str) -> xr.Dataset:
-    """Return layers that follow the bottom as s-levels: of one stretching that is the coordinate itself, in the second transform."""
+    """Return bottom-following layers as s-levels of the second transform, with the coordinate itself as stretching."""
     sigmas = [name for name in ds.variables if ds[name].attrs.get("standard_name") == _SIGMA]
     sigma = next((name for name in sigmas if set(ds[name].dims[:1]) & set(found.dims)), None)
     if sigma is None:
@@ -316,7 +316,7 @@ def _sigma(ds: xr.Dataset, found: xr.Dataset, where: str) -> xr.Dataset:
 
 
 def _named(found: xr.Dataset) -> xr.Dataset:
-    """Return velocities with the standard names that their models leave out."""
+    """Return velocities with the standard names that their models omit."""
     for names, towards in ((_EAST, "eastward"), (_NORTH, "northward")):
         for name in names:
             if name in found.variables:
@@ -325,7 +325,7 @@ def _named(found: xr.Dataset) -> xr.Dataset:
 
 
 def _note(ds: xr.Dataset, node: Any, face: Any, mesh: Mesh) -> str:
-    """Return what was done, and by how much the current on the grid, taken back to the mesh, differs from that there."""
+    """Return a note on the interpolation, with the RMS difference after interpolation back to the mesh."""
     done = f"unstructured mesh of {mesh.triangles:,} triangles interpolated to a grid of {mesh.spacing / 1e3:.3g} km, its mean spacing"
     name = next((name for name in _COMPONENTS if name in ds.variables), None)
     if name is None:

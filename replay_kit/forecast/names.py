@@ -1,4 +1,4 @@
-"""The tables: which variable, dimension or coordinate is which, by CF standard names first, then by the names that producers use."""
+"""Identification of variables, dimensions and coordinates, by CF standard names first, then by the names that producers use."""
 
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -74,16 +74,16 @@ _NO_MEMBERS = ("mean", "std", "stdev", "spread", "var", "min", "max", "anom")
 
 @dataclass(frozen=True, slots=True)
 class Coordinates:
-    """Names of the longitude and latitude of one kind of grid, and of what else it keeps there.
+    """Names of the coordinates and masks of one kind of grid.
 
     Attributes:
-        dialect: Name of the kind of file.
-        longitude: Of the points where the current is wanted: cell centres, or the corners of a B-grid.
-        latitude: Of the same points.
-        mask: Variables that are above 0 in water at cell centres.
-        mask_u: The same at faces of u.
-        mask_v: The same at faces of v.
-        face: Where u[i] lies on a C-grid: +1 east of the centre i, -1 west of it.
+        dialect: Name of the kind of files.
+        longitude: Longitude of the current's final points: cell centres, or the corners of a B-grid.
+        latitude: Latitude of the same points.
+        mask: Variables above 0 in water at cell centres.
+        mask_u: Variables above 0 in water at faces of u.
+        mask_v: Variables above 0 in water at faces of v.
+        face: Side of the centre i on which u[i] lies on a C-grid: +1 east, -1 west.
     """
 
     dialect: str
@@ -152,15 +152,15 @@ def _by_standard_name(ds: xr.Dataset, standard_name: str) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Current:
-    """The velocity components of a file.
+    """Velocity components of a file.
 
     Attributes:
-        u: Name of the first; None where the file holds the second alone.
-        v: Name of the second.
-        axes: Along which axes they lie; None where no name says it.
-        why: What says it.
-        direction: Of a current that is stated as speed, which is both components, and direction: the name of the latter.
-        turn: What is added to the direction to have where the current goes to [degrees].
+        u: Name of the first component; None if the file holds only the second.
+        v: Name of the second component.
+        axes: Axes of the components; None if no name states them.
+        why: Reason for the axes.
+        direction: Name of the direction of a current stated as speed, for which both components stand, and direction.
+        turn: Offset added to obtain the direction towards which the current flows [degrees].
     """
 
     u: str | None
@@ -172,10 +172,10 @@ class Current:
 
 
 def find_current(ds: xr.Dataset, where: str) -> Current | None:
-    """Return the velocity components of a file; None where it holds none.
+    """Return the velocity components of a file; None if there are none.
 
     Raises:
-        ForecastError: Several variables have the same standard name, and no usual short name chooses one.
+        ForecastError: Several variables have the same standard name, and none has a usual short name.
     """
     pairs: list[Current] = []
     short = {name for u, v, _ in _VELOCITY_SHORT_NAMES for name in (u, v)}
@@ -206,7 +206,7 @@ def find_current(ds: xr.Dataset, where: str) -> Current | None:
 
 
 def suffixes(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
-    """Return the components of members that differ by the suffix of their names, by suffix; statistics are left out."""
+    """Return the components of members by the suffix of their names, without statistics."""
     return {
         ending: pair
         for ending, pair in _with_suffix(ds).items()
@@ -215,7 +215,7 @@ def suffixes(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
 
 
 def without_partner(ds: xr.Dataset) -> list[str]:
-    """Return names of components whose suffix the other component has not, where suffixes distinguish several members."""
+    """Return the names of components with a suffix that the other component lacks, if suffixes distinguish members."""
     pairs = _with_suffix(ds).values() if len(suffixes(ds)) > 1 else ()
     return [
         f"{name} without {other}"
@@ -226,7 +226,7 @@ def without_partner(ds: xr.Dataset) -> list[str]:
 
 
 def _with_suffix(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
-    """Return the names of both components by suffix, where one of them is in a file."""
+    """Return the names of both components by suffix, if the file holds at least one."""
     found: dict[str, tuple[str, str]] = {}
     for pair in ((u, v) for u, v, _ in _VELOCITY_SHORT_NAMES):
         for name in map(str, ds.data_vars):
@@ -243,12 +243,12 @@ def _with_suffix(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
 
 
 def sizes_text(held: xr.Dataset | xr.DataArray) -> str:
-    """Return dimensions with their sizes, such as ``depth = 4, lat = 5``."""
+    """Return dimensions and sizes as text, such as ``depth = 4, lat = 5``."""
     return ", ".join(f"{dim} = {size}" for dim, size in held.sizes.items())
 
 
 class NoCurrentError(ForecastError):
-    """No file holds a current: what was expected, and which variables there are."""
+    """Error for files without a current: expected names and existing variables."""
 
     def __init__(self, datasets: Sequence[xr.Dataset], where: str) -> None:
         names = {str(name) for ds in datasets for name in ds.data_vars}
@@ -263,15 +263,15 @@ class NoCurrentError(ForecastError):
 def find_coordinates(
     ds: xr.Dataset, dims: Iterable[Hashable], where: str
 ) -> tuple[str, str, Coordinates]:
-    """Return the names of longitude and latitude in one or two dimensions, and the kind of grid.
+    """Return the names of longitude and latitude, in one or two dimensions, and the kind of grid.
 
     Args:
-        ds: A file, with what grid files add to it.
-        dims: Of both velocity components; coordinates of one alone, as those of u on a C-grid, are not those of the centres.
-        where: The file, for messages.
+        ds: Dataset of a file, with variables of grid files.
+        dims: Dimensions of both velocity components; coordinates of one alone, as of u on a C-grid, are not at the centres.
+        where: Name of the file, for messages.
 
     Raises:
-        ForecastError: There are none.
+        ForecastError: The coordinates are missing.
     """
     cf = COORDINATES[-1]
     for longitude in _by_standard_name(ds, "longitude"):
@@ -308,7 +308,7 @@ def find_dimension(
     standard_names: tuple[str, ...],
     names: tuple[str, ...],
 ) -> str | None:
-    """Return the dimension that has one of the standard names on its coordinate, else one of the short names, else None."""
+    """Return the dimension with a coordinate of a standard name, else one with a short name, else None."""
     found = [str(dim) for dim in dims]
     for dim in found:
         if dim in ds.variables and ds.variables[dim].attrs.get("standard_name") in standard_names:
@@ -357,7 +357,7 @@ _MESHES = (
 
 
 def find_mesh(ds: xr.Dataset) -> tuple[str, str, str] | None:
-    """Return the names of the corners of the faces of an unstructured mesh, and of its nodes' longitude and latitude; None without one.
+    """Return the names of face corners and node longitude and latitude of an unstructured mesh; None without a mesh.
 
     Source: UGRID conventions 1.0, two-dimensional flexible mesh.
     """

@@ -1,4 +1,4 @@
-"""Files that hold one component, both, or only the grid, joined to datasets with both components and the grid."""
+"""Files of one component, both, or only the grid, joined to datasets with both components and the grid."""
 
 from collections.abc import Hashable, Sequence
 from dataclasses import replace
@@ -22,10 +22,10 @@ _AXES = ("lon", "lat", "longitude", "latitude", "nav_lon", "nav_lat")
 
 
 def _without_repeats(ds: xr.Dataset, where: str) -> tuple[xr.Dataset, tuple[str, ...]]:
-    """Return a dataset with each of its longitudes and latitudes once, and what was repeated.
+    """Return a dataset without repeated longitudes and latitudes, and notes on these.
 
     Raises:
-        ForecastError: A repeated coordinate has other values the second time, or coordinates are not monotonic.
+        ForecastError: Values at a repeated coordinate differ, or coordinates are not monotonic.
     """
     notes = [note for note in (ds.attrs.get(MESH),) if note]
     for axis in _axes(ds):
@@ -71,7 +71,7 @@ def _axes(ds: xr.Dataset) -> list[xr.DataArray]:
 
 
 def _once(ds: xr.Dataset, dim: Hashable, again: NDArray[np.intp], repeats: str) -> xr.Dataset:
-    """Return a dataset without positions of a dimension that repeat those before them; ``repeats`` says what, for errors."""
+    """Return a dataset without repeated positions of a dimension; ``repeats`` describes them in errors."""
     for held in (ds[U], ds[V]):
         if dim not in held.dims or not np.array_equal(
             held.isel({dim: again}), held.isel({dim: again - 1}), equal_nan=True
@@ -83,7 +83,7 @@ def _once(ds: xr.Dataset, dim: Hashable, again: NDArray[np.intp], repeats: str) 
 
 
 def pair_files(files: Sequence[Field], grids: Sequence[Field]) -> tuple[Field, ...]:
-    """Return files of both components, or of u and v each, in order of time, each joined with the grid when it is opened."""
+    """Return the fields of files of both components, or of u and v, in order of time, joined with the grid when opened."""
     both = [file for file in files if file.current and file.current.u and file.current.v]
     us = [file for file in files if file.current and file.current.u and not file.current.v]
     vs = [file for file in files if file.current and file.current.v and not file.current.u]
@@ -104,7 +104,7 @@ def pair_files(files: Sequence[Field], grids: Sequence[Field]) -> tuple[Field, .
 
 
 def _pair(u: Field, v: Field, grids: Sequence[Field]) -> Field:
-    """Return the field of a file of u and one of v, which may be the same."""
+    """Return the field of a file of u and a file of v, which may be the same."""
     assert u.current is not None
     assert v.current is not None
     current = replace(u.current, v=v.current.v, axes=u.current.axes or v.current.axes)
@@ -116,7 +116,7 @@ def _pair(u: Field, v: Field, grids: Sequence[Field]) -> Field:
 def _joined(
     u: Field, v: Field, current: Current, grids: Sequence[Field]
 ) -> tuple[xr.Dataset, tuple[str, ...]]:
-    """Return one dataset of the files of two components and of the grid, and what was assumed, or does not fit."""
+    """Return one dataset of the files of two components and of the grid, and notes on assumptions and unused files."""
     first = ds = u.load()[0]
     second = v.load()[0][current.v].variable
     if v is not u:
@@ -141,7 +141,7 @@ def _joined(
 
 
 def _assumptions(ds: xr.Dataset, current: Current) -> tuple[str, ...]:
-    """Return what was assumed of a file's calendar and of coordinates that it names and lacks."""
+    """Return the assumptions on a file's calendar and on coordinates that it names but lacks."""
     variable = ds[current.u]
     time = find_time(ds, variable.dims)
     calendar = (
@@ -171,7 +171,7 @@ def _assumptions(ds: xr.Dataset, current: Current) -> tuple[str, ...]:
 
 
 def _marked(variable: xr.Variable, name: str | None) -> xr.Variable:
-    """Return a component with its name and, if packed, what the packed value 0 stands for."""
+    """Return a component with its name and, if packed, the unpacked value of 0."""
     offset = variable.encoding.get("add_offset", 0.0)
     marked = variable.copy(deep=False)
     marked.attrs = {
@@ -185,7 +185,7 @@ def _marked(variable: xr.Variable, name: str | None) -> xr.Variable:
 def _with_second(
     ds: xr.Dataset, file: Field, second: xr.Variable, where: str
 ) -> tuple[xr.Variable, xr.Dataset]:
-    """Return v's variable on dimensions that do not conflict with those of u's file, and that file with v's own coordinates."""
+    """Return the variable of v on dimensions without conflicts with the file of u, and that file with v's coordinates."""
     other = file.ds
     renamed = {
         dim: f"{dim}_of_v"
@@ -215,7 +215,7 @@ def _with_second(
 
 
 def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:
-    """Return a dataset with the variables of a grid file that it lacks and that fit its dimensions, and whether any does."""
+    """Return a dataset with missing variables of a grid file that match its dimensions, and whether any does."""
     added, fitting = {}, False
     for name, variable in _without_supergrid(ds, grid).variables.items():
         single = [dim for dim in variable.dims if variable.sizes[dim] == 1 and dim not in ds.sizes]
@@ -233,9 +233,9 @@ def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:
 
 
 def _without_supergrid(ds: xr.Dataset, grid: xr.Dataset) -> xr.Dataset:
-    """Return a grid file with the places where a dataset's currents are wanted instead of a supergrid of MOM (``ocean_hgrid.nc``).
+    """Return a grid file with the positions of a dataset's currents instead of a supergrid of MOM (``ocean_hgrid.nc``).
 
-    A supergrid has points at corners, faces and centres of the cells: every second one from the second on is a centre, from the third
+    A supergrid has points at corners, faces and centres of the cells. Every second one from the second on is a centre, from the third
     on the corner after it, where a B-grid has both components.
     """
     if not {"nyp", "nxp"} <= set(grid.sizes) or not {"x", "y"} <= set(grid.variables):

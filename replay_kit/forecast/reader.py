@@ -1,4 +1,4 @@
-"""Ensemble and truth files (CF and native NetCDF, Zarr) to ``Ensemble`` values."""
+"""Reader of ensembles and truths (CF and native NetCDF, Zarr) as ``Ensemble`` values."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,16 +34,16 @@ from replay_kit.forecast.window import Window, read_window, window_size
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """An ensemble, and how its files were understood.
+    """Ensemble and the interpretation of its files.
 
     Attributes:
-        ensemble: The members.
-        layout: Arrangement of the first file.
-        check: Of the axes.
-        field: The first file.
-        window: The part of it that was read, without velocities.
-        projection: The local frame that velocities lie along.
-        turn: From the file's axes to the local ones, shape (J, I).
+        ensemble: Members.
+        layout: Layout of the first file.
+        check: Test of the axes.
+        field: First file.
+        window: Window read of it, without velocities.
+        projection: Local frame of the velocities.
+        turn: Rotation from the file's axes to the local ones, shape (J, I).
     """
 
     ensemble: Ensemble
@@ -66,13 +66,13 @@ def read_ensemble(
 
     Args:
         path: NetCDF files, Zarr stores, folders or patterns.
-        config: What a member is, region, levels, lead, time and axes.
-        near_ns: The log's middle time [ns, UTC], to which the nearest time is taken unless one is chosen.
-        place_at: (longitude, latitude) to move the ensemble's centre to.
+        config: Definition of a member, region, levels, lead, time and axes.
+        near_ns: Middle time of the log [ns, UTC]; by default the nearest time of the forecast is read.
+        place_at: New (longitude, latitude) of the ensemble's centre.
 
     Raises:
-        ForecastError: A file is missing or unreadable, nothing says what the members are, there is no current, there are no coordinates,
-            or nothing is inside the region.
+        ForecastError: A file is missing or unreadable, members are undefined, the current or its coordinates are missing, or the
+            region holds no point.
     """
     with open_collection(path, parse_rule(config.members)) as found:
         return without_copies((read_members(found, config, near_ns, place_at).ensemble,))[0]
@@ -86,18 +86,18 @@ def read_members(
     times: int = 1,
     first: Reading | None = None,
 ) -> Reading:
-    """Return the chosen part of an opened ensemble, and how it was understood; see ``read_ensemble``.
+    """Return the chosen part of an opened ensemble, and the interpretation of its files; see ``read_ensemble``.
 
     Args:
-        found: The files.
-        config: As in ``read_ensemble``.
-        near_ns: As in ``read_ensemble``.
-        place_at: As in ``read_ensemble``.
-        times: How many times are read, of which this is one.
-        first: The first of them, whose grid and axes others share.
+        found: Opened files.
+        config: See ``read_ensemble``.
+        near_ns: See ``read_ensemble``.
+        place_at: See ``read_ensemble``.
+        times: Number of times to be read, including this one.
+        first: Reading of the first time, with the grid and axes for the others.
 
     Raises:
-        ForecastError: As in ``read_ensemble``.
+        ForecastError: See ``read_ensemble``.
     """
     if found.rule is None:
         raise _nothing_says(found)
@@ -119,16 +119,16 @@ def read_truth(
     near_ns: int | None = None,
     place_at: tuple[float, float] | None = None,
 ) -> Ensemble:
-    """Return a truth, an ensemble of one, from ``PATH`` or ``PATH#MEMBER``.
+    """Return a truth, an ensemble of one member, from ``PATH`` or ``PATH#MEMBER``.
 
     Args:
-        spec: Path; the part after ``#`` is a member's label, or its position from 0 where the file has no labels.
-        config: As in ``read_ensemble``.
-        near_ns: As in ``read_ensemble``.
-        place_at: As in ``read_ensemble``.
+        spec: Path; the part after ``#`` is a member's label, or its position from 0 in a file without labels.
+        config: See ``read_ensemble``.
+        near_ns: See ``read_ensemble``.
+        place_at: See ``read_ensemble``.
 
     Raises:
-        ForecastError: As in ``read_ensemble``, or the member is not there, or is needed and not named.
+        ForecastError: See ``read_ensemble``; or the member is absent, or required but not named.
     """
     with open_collection(Path(spec.partition("#")[0]), None) as found:
         return truth_in(found, spec, config, near_ns, place_at)
@@ -170,7 +170,7 @@ def _nothing_says(found: Collection) -> ForecastError:
 
 
 def ways(found: Collection) -> str:
-    """Return the values of --members that could make members of the files."""
+    """Return the clause of a message with values of --members that suit the files."""
     fields = [field for member in found.members for field in member]
     times = sum(field.times.size for field in fields)
     ways = [f"--members files: {len(fields)} files, each a member"] if len(fields) > 1 else []
@@ -185,7 +185,7 @@ def ways(found: Collection) -> str:
 
 
 def _one_member(field: Field, label: str) -> Field:
-    """Return the field of one of its members."""
+    """Return the field of the member with a label."""
     (ds, notes), dim = field.load(), field.member
     labels = (
         [str(value) for value in ds[dim].values]
@@ -209,10 +209,10 @@ def read_selection(
     times: int = 1,
     before: Reading | None = None,
 ) -> Reading:
-    """Return the fields of a selection as members on the grid of the first; ``times`` and ``before`` as in ``read_members``.
+    """Return the fields of a selection as members on the grid of the first; for ``times`` see ``read_members``.
 
     Raises:
-        ForecastError: As in ``read_ensemble``.
+        ForecastError: See ``read_ensemble``.
     """
     field, where = selection.fields[0], selection.fields[0].where
     layout = layout_of(field, config).within(config.region, where)
@@ -260,7 +260,7 @@ def read_selection(
 
 
 def _size(selection: Selection, layout: Layout, config: ForecastConfig) -> float:
-    """Return what the currents of a selection take in memory [bytes], as if all its files were like the first."""
+    """Return the memory of the currents of a selection [bytes], estimated from the first file."""
     first, count = selection.fields[0], sum(len(field.labels) for field in selection.fields)
     size = window_size(first, layout) * count / len(first.labels)
     if config.levels is not None and (depth := find_depth(first.ds, first.ds[U].dims)) is not None:
@@ -269,7 +269,7 @@ def _size(selection: Selection, layout: Layout, config: ForecastConfig) -> float
 
 
 def _large(size: float) -> tuple[str, ...]:
-    """Return a note on currents that take much memory [bytes], and announce it before they are read; nothing of others."""
+    """Return a note on currents that need much memory [bytes], also logged before reading; empty for small ones."""
     if not (said := size_text(size)):
         return ()
     announce(f"reading the forecast{said}")
@@ -281,5 +281,5 @@ def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
         return ()
     return (
         f"the ensemble was moved: its centre is now at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
-        "it is no forecast for this place",
+        "not a forecast for that region",
     )

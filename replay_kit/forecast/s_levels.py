@@ -1,8 +1,8 @@
-"""Terrain-following levels (ROMS, CROCO): their depths, and velocities at fixed depths.
+"""Terrain-following levels (ROMS, CROCO): depths, and interpolation of velocities to fixed depths.
 
-With s and C the stretched coordinate and its stretching, h the depth of the sea bed, hc the critical depth and zeta the surface,
-transform 1 is z0 = hc (s - C) + C h, z = z0 + zeta (1 + z0 / h), and transform 2 is S = (hc s + C h) / (hc + h), z = zeta + (zeta + h) S,
-with z upwards from the resting surface (Shchepetkin and McWilliams, Ocean Modelling, 2005).
+Symbols: s and C the stretched coordinate and its stretching, h the depth of the sea bed, hc the critical depth, zeta the surface, z
+upwards from the surface at rest. Transform 1: z0 = hc (s - C) + C h, z = z0 + zeta (1 + z0 / h). Transform 2:
+S = (hc s + C h) / (hc + h), z = zeta + (zeta + h) S (Shchepetkin and McWilliams, Ocean Modelling, 2005).
 """
 
 from collections.abc import Sequence
@@ -32,14 +32,14 @@ _NAMES = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SCoordinate:
-    """What the depths of terrain-following levels follow from.
+    """Vertical coordinate of terrain-following levels.
 
     Attributes:
-        s: shape (Z,), -1 at the sea bed to 0.
-        c: shape (Z,), the stretching.
+        s: Stretched coordinate, from -1 at the sea bed to 0, shape (Z,).
+        c: Stretching, shape (Z,).
         hc: Critical depth [m].
         h: Name of the variable of the sea bed's depth.
-        transform: 1 or 2.
+        transform: Number of the transform, 1 or 2.
     """
 
     s: Array
@@ -50,7 +50,7 @@ class SCoordinate:
 
     @property
     def ends_at_sea_bed(self) -> bool:
-        """Whether the water below the deepest level is that level's: none is missing between it and the sea bed."""
+        """Whether the deepest level represents the water down to the sea bed."""
         s = np.sort(self.s)
         return bool(s.size > 1 and 1.0 + s[0] < 1.001 * (s[1] - s[0]))
 
@@ -59,7 +59,7 @@ class SCoordinate:
 
         Args:
             h: Depth of the sea bed [m], shape (J, I).
-            surface: Height of the surface [m], shape (J, I).
+            surface: Sea surface height [m], shape (J, I).
         """
         s, c = self.s[:, None, None], self.c[:, None, None]
         if self.transform == 1:
@@ -72,7 +72,7 @@ def find_s_coordinate(ds: xr.Dataset, dim: str, where: str) -> SCoordinate | Non
     """Return the coordinate of a dimension of terrain-following levels; None for another dimension.
 
     Raises:
-        ForecastError: It is one, but something is missing that its depths follow from.
+        ForecastError: A variable that defines the depths of its levels is missing.
     """
     found = {
         key: next((name for name in names if name in ds.variables), None)
@@ -113,14 +113,14 @@ def from_s_levels(
     wanted: Sequence[float] | None,
     where: str,
 ) -> tuple[Values, Levels]:
-    """Return velocities at fixed depths, shape (E, 2, L, J, I), and those depths.
+    """Return velocities at fixed depths, shape (E, 2, L, J, I), and these depths.
 
     Args:
-        velocity: On the coordinate's levels, shape (E, 2, Z, J, I); NaN on land.
-        coordinate: Of the levels.
-        h: Depth of the sea bed [m], shape (J, I), of no meaning on land.
-        sea_level: Height of the surface [m], shape (E or 1, J, I); None for a surface at rest.
-        wanted: The depths [m]; None for those of the deepest column.
+        velocity: Velocities on levels, shape (E, 2, Z, J, I); NaN on land.
+        coordinate: Coordinate of the levels.
+        h: Depth of the sea bed [m], shape (J, I); ignored on land.
+        sea_level: Sea surface height [m], shape (E or 1, J, I); None for a surface at rest.
+        wanted: Fixed depths [m]; None for those of the deepest column.
         where: The file, for messages.
 
     Raises:
@@ -169,7 +169,7 @@ def from_s_levels(
 def _at_depths(
     velocity: Values, coordinate: SCoordinate, h: Array, surface: Array, levels: Array
 ) -> tuple[Values, NDArray[np.bool_]]:
-    """Return velocities at fixed depths, and where in the water no level is near, shape (L, J, I)."""
+    """Return velocities at fixed depths, and the mask of water without a near level, shape (L, J, I)."""
     # s says which level is the upper one, as the depths of columns on land may be none
     down = slice(None, None, -1) if coordinate.s[0] < coordinate.s[-1] else slice(None)
     found, at, beyond = [], levels[:, None, None], np.zeros((levels.size, *h.shape), dtype=bool)

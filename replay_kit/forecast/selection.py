@@ -1,4 +1,4 @@
-"""Which fields of an ensemble's files become members, at which time, and what is made of them."""
+"""Selection of the fields that become members, at one time, and their change into members."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,13 +24,13 @@ Change = Callable[[Values], tuple[Values, tuple[str, ...]]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:
-    """Fields to be read, and what makes members of them.
+    """Fields to be read and their change into members.
 
     Attributes:
-        fields: In order; those that are ``extra`` last.
-        time_ns: Time of the ensemble [ns, UTC]; None where the files give none.
-        change: What makes members of the fields; None where they are members.
-        notes: What was chosen.
+        fields: Fields in order, ``extra`` ones last.
+        time_ns: Time of the ensemble [ns, UTC]; None if the files state none.
+        change: Function from fields to members; None if they are members.
+        notes: Choices made.
     """
 
     fields: tuple[Field, ...]
@@ -40,15 +40,15 @@ class Selection:
 
 
 def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Selection:
-    """Return the fields of an ensemble that are used at one time.
+    """Return the selected fields of an ensemble at one time.
 
     Args:
-        found: The files.
-        config: Lead and time, where chosen.
-        near_ns: The log's time [ns, UTC]; None without a log.
+        found: Opened files.
+        config: Lead and time, if chosen.
+        near_ns: Time of the log [ns, UTC]; None without a log.
 
     Raises:
-        ForecastError: The files do not hold what the rule of the members needs.
+        ForecastError: The files lack fields that the definition of a member requires.
     """
     kind = kind_of(found.rule)
     if kind == "lags":
@@ -77,7 +77,7 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
 def _at_time(
     member: Sequence[Field], config: ForecastConfig, near_ns: int | None
 ) -> tuple[Field, int | None, tuple[str, ...]]:
-    """Return the field at the time chosen of those of a member, or of members that are read together."""
+    """Return the field of a member, or of members read together, at the chosen time."""
     field = member[0]
     if len(member) > 1:
         wanted = wanted_time(config, near_ns)
@@ -93,7 +93,7 @@ def _at_time(
 
 
 def _unequal_times(fields: Sequence[Field], times: Sequence[int | None]) -> list[str]:
-    """Return warnings of members of different times, and of members without a date among others that have one."""
+    """Return warnings of members of different times, and of undated members among dated ones."""
     notes, dated = [], [time for time in times if time is not None]
     if len(set(dated)) > 1:
         first, last = (date_text(np.datetime64(time, "ns")) for time in (min(dated), max(dated)))
@@ -110,7 +110,7 @@ def _unequal_times(fields: Sequence[Field], times: Sequence[int | None]) -> list
 
 
 def _labels(field: Field) -> tuple[str, ...]:
-    """Return where each member of a file comes from."""
+    """Return the origin of each member of a file."""
     names, label, member, ds = field.names, field.label, field.member, field.ds
     if member is None:
         return (f"{names} {label}".strip() if label and label not in names else names,)
@@ -127,7 +127,7 @@ def _all_times(found: Collection, need: str) -> tuple[Field, ...]:
     """Return the fields of all files.
 
     Raises:
-        ForecastError: One has no times.
+        ForecastError: A file has no dated times.
     """
     fields = tuple(field for member in found.members for field in member)
     for field in fields:
@@ -148,7 +148,7 @@ def _one_time(field: Field, time: np.datetime64, label: str, extra: bool = False
 
 
 def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> Selection:
-    """Return forecasts of several reference times, all valid at one time that all have."""
+    """Return the forecasts of several reference times, valid at a common time."""
     _all_times(found, "--members lags")
     by_run = [np.concatenate([field.times for field in run]) for run in found.members]
     labels = [run[0].label for run in found.members]
@@ -179,7 +179,7 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
 
 
 def _time_of_lead(found: Collection, lead: float, common: NDArray[np.datetime64]) -> int:
-    """Return the time [ns, UTC] for which a lead of the newest run is valid, which all runs must hold."""
+    """Return the valid time of a lead of the newest run [ns, UTC], which all runs must hold."""
     run = found.members[-1][0].ds
     if "lead" not in run.coords:
         raise ForecastError(
@@ -197,7 +197,7 @@ def _time_of_lead(found: Collection, lead: float, common: NDArray[np.datetime64]
 def _of_season(
     found: Collection, days: float, config: ForecastConfig, near_ns: int | None
 ) -> Selection:
-    """Return fields of the forecast's season of any year, to be used as anomalies about the forecast."""
+    """Return the fields of the forecast's season in any year, for use as anomalies about the forecast."""
     files = _all_times(found, f"--members times:{days:g}d")
     known = np.concatenate([file.times for file in files])
     forecast = nearest_time(known, wanted_time(config, near_ns))
@@ -229,13 +229,13 @@ def _of_season(
 
 
 def _about_forecast(velocity: Values) -> tuple[Values, tuple[str, ...]]:
-    """Return the fields' anomalies about their mean, added to the forecast, the last field."""
+    """Return the anomalies of fields about their mean, added to the forecast, which is the last field."""
     fields, forecast = velocity[:-1], velocity[-1]
     return forecast + (fields - fields.mean(axis=0)), ()
 
 
 def _about_background(velocity: Values) -> tuple[Values, tuple[str, ...]]:
-    """Return anomalies added to the background, the last field; states as they are."""
+    """Return anomalies added to the background, which is the last field; states unchanged."""
     members, background = velocity[:-1], velocity[-1]
     wet = np.isfinite(velocity).all(axis=0)
     mean = members.mean(axis=0)[wet]
@@ -246,7 +246,7 @@ def _about_background(velocity: Values) -> tuple[Values, tuple[str, ...]]:
 
 
 def _fields_of_all_times(model: Sequence[Field]) -> list[Field]:
-    """Return all times of a model, file by file, for its mean; none where they are too few."""
+    """Return the fields of all times of a model, file by file, for its mean; empty if they are too few."""
     fields = [
         replace(
             field,
@@ -260,10 +260,10 @@ def _fields_of_all_times(model: Sequence[Field]) -> list[Field]:
 
 
 def _without_bias(counts: list[list[int]]) -> Change:
-    """Return the change that takes the mean of each model from it, and gives all the mean of the models' means.
+    """Return the change that replaces each model's mean by the mean over models.
 
     Args:
-        counts: For each model the numbers of times in its files; none for one whose mean is that over the region, level by level.
+        counts: Numbers of times in the files of each model; empty for a model with its mean over the region, level by level.
     """
 
     def change(velocity: Values) -> tuple[Values, tuple[str, ...]]:

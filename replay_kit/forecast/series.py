@@ -1,4 +1,4 @@
-"""A forecast, or a truth, at all of its dated times: leads after a reference time, or times of a file."""
+"""Forecast or truth at all dated times: leads after a reference time, or times of a file."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -28,16 +28,16 @@ def read_series(
     near_ns: int | None = None,
     place_at: tuple[float, float] | None = None,
 ) -> tuple[Ensemble, ...]:
-    """Return the forecast at each of its dated times, in order; one alone where it has no more, or where one was chosen.
+    """Return the forecast at each of its dated times, in order; a single one if it has no more or one was chosen.
 
     Args:
         path: NetCDF files, Zarr stores, folders or patterns.
-        config: Region and levels; a lead or a time chosen here leaves one alone.
-        near_ns: As in ``read_ensemble``.
-        place_at: As in ``read_ensemble``.
+        config: Region and levels; a chosen lead or time leaves a single one.
+        near_ns: See ``read_ensemble``.
+        place_at: See ``read_ensemble``.
 
     Raises:
-        ForecastError: As in ``read_ensemble``, or land is not the same at all times.
+        ForecastError: See ``read_ensemble``; or land differs between times.
     """
     if config.lead is not None or config.time is not None:
         return (read_ensemble(path, config, near_ns=near_ns, place_at=place_at),)
@@ -80,7 +80,7 @@ def read_series(
 
 
 def dated_choices(found: Collection, config: ForecastConfig) -> list[dict[str, object]]:
-    """Return the settings that choose each dated time in turn, in order; none where the members are of several times themselves."""
+    """Return the settings that choose each dated time, in order; empty if members are themselves of several times."""
     fields = found.members[0]
     ds, dims = fields[0].ds, [dim for dim in fields[0].ds[U].dims if dim != fields[0].member]
     lead, time = find_lead(ds, dims), find_time(ds, dims)
@@ -105,15 +105,15 @@ def dated_choices(found: Collection, config: ForecastConfig) -> list[dict[str, o
 def read_changing_truth(
     spec: str, config: ForecastConfig, reference_time: str
 ) -> tuple[Ensemble, ...]:
-    """Return a truth at each lead of its file, or at each time where it has no leads, in their order.
+    """Return a truth at each lead of its file, or at each time if it has no leads, in order.
 
     Args:
-        spec: As in ``read_truth``.
-        config: As in ``read_truth``; it chooses no lead, and the first of several times when the file has leads too.
-        reference_time: Time of lead 0, ISO 8601 UTC, where neither the file nor the configuration states one.
+        spec: See ``read_truth``.
+        config: See ``read_truth``; the lead is not used, nor all but the first time of a file with leads.
+        reference_time: Time of lead 0, ISO 8601 UTC, used if neither file nor configuration states one.
 
     Raises:
-        ForecastError: As in ``read_truth``; or the file has one time only, or leads without a unit of time.
+        ForecastError: See ``read_truth``; or the file has a single time, or leads without a unit of time.
     """
     name = spec.partition("#")[0]
     with open_collection(Path(name), None) as found:
@@ -124,11 +124,11 @@ def read_changing_truth(
             raise ForecastError(f"{name}: cannot be read: {why}; mend the file")
         if config.lead is not None or (lead is None and config.time is not None):
             raise ForecastError(
-                f"{name}: a truth that changes goes through all leads and times; choose none of them"
+                f"{name}: a changing truth uses all leads and times; remove --lead or forecast.time"
             )
         if len(values) < 2:
             raise ForecastError(
-                f"{name}: a truth that changes needs a dimension of at least two leads or times, got {len(values)}"
+                f"{name}: a changing truth needs a dimension of at least two leads or times, got {len(values)}"
             )
         steps = [{"lead": float(value)} if lead else {"time": str(value)} for value in values]
         first = truth_in(found, spec, config.model_copy(update=steps[0]))

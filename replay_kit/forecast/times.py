@@ -1,4 +1,4 @@
-"""When forecasts were started, and one time of a forecast that has several: by lead, by time, or nearest to the log."""
+"""Reference times of forecasts, and the choice of a time: by lead, by time, or nearest to the log."""
 
 from collections.abc import Hashable, Sequence
 from functools import reduce
@@ -21,17 +21,17 @@ _DAY_NS = 86_400 * 10**9
 
 
 def date_text(time: np.datetime64) -> str:
-    """Return a time to the minute, such as ``2020-01-03T12:00Z``."""
+    """Return a time as text to the minute, such as ``2020-01-03T12:00Z``."""
     return f"{_minute(time)}Z"
 
 
 def wanted_time(config: ForecastConfig, near_ns: int | None) -> int | None:
-    """Return the time that is chosen, or that of the log [ns, UTC]; None without either."""
+    """Return the chosen time, else that of the log [ns, UTC]; None without either."""
     return parse_time(config.time) if config.time else near_ns
 
 
 def nearest_time(times: NDArray[np.datetime64], wanted: int | None) -> np.datetime64:
-    """Return the time nearest to one that is wanted [ns, UTC]; the last without one."""
+    """Return the time nearest to a wanted one [ns, UTC]; the last if None."""
     at = np.argmax(times) if wanted is None else np.argmin(np.abs(times.astype(np.int64) - wanted))
     found: np.datetime64 = times[at]
     return found
@@ -40,15 +40,15 @@ def nearest_time(times: NDArray[np.datetime64], wanted: int | None) -> np.dateti
 def choose_time(
     field: Field, config: ForecastConfig, near_ns: int | None
 ) -> tuple[dict[str, int], int | None, tuple[str, ...]]:
-    """Return the positions of one lead and time, its time [ns, UTC] if known, and what a user should know of the choice.
+    """Return the positions of the chosen lead and time, their time [ns, UTC] if known, and notes on the choice.
 
     Args:
-        field: Of any leads and times.
-        config: ``lead``, ``time`` and ``reference_time`` decide where they are given.
-        near_ns: Else the time nearest to this is taken [ns, UTC]; without it, or where leads have no date, the last lead, the first time.
+        field: Field with any leads and times.
+        config: Settings, of which ``lead``, ``time`` and ``reference_time`` have priority.
+        near_ns: Otherwise the nearest time to this [ns, UTC]; if None, or for leads without dates, the last lead and first time.
 
     Raises:
-        ForecastError: An option is given that the file has no use for.
+        ForecastError: A setting does not apply to the file.
     """
     ds, where = field.ds, field.where
     dims = [dim for dim in ds[U].dims if dim != field.member]
@@ -89,7 +89,7 @@ def choose_time(
 def _undated(
     ds: xr.Dataset, time: str, config: ForecastConfig, where: str, alone: bool
 ) -> tuple[int, str]:
-    """Return the position of one of the times without dates, ``alone`` where there are no leads, and what is said of it."""
+    """Return the position of one of the undated times, ``alone`` without leads, and a note on it."""
     since, unit = _since_first(ds, time)
     ways = f"--lead takes another by its {unit} since the first, 0 to {since[-1]:g}"
     if config.time is not None:
@@ -107,7 +107,7 @@ def _undated(
 
 
 def _since_first(ds: xr.Dataset, time: str) -> tuple[NDArray[np.float64], str]:
-    """Return how long after the first each time without a date is, and the unit: the file's, or the number of times."""
+    """Return the undated times since the first, and their unit: the file's, or the number of times."""
     count = np.arange(ds.sizes[time], dtype=np.float64)
     if time not in ds.coords or ds[time].dtype.kind not in "iuf":
         return count, "number of times"
@@ -118,7 +118,7 @@ def _since_first(ds: xr.Dataset, time: str) -> tuple[NDArray[np.float64], str]:
 
 
 def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple[float, int]]:
-    """Return each lead with the time it is valid for [ns, UTC]; none where no reference time is known."""
+    """Return each lead with its valid time [ns, UTC]; empty without a reference time."""
     reference = _reference(ds, config)
     valid = None if reference is None else _periods_ns(ds[lead])
     if valid is None or reference is None:
@@ -130,11 +130,11 @@ def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple
 
 
 def runs_of(ds: xr.Dataset, dims: Sequence[Hashable]) -> list[xr.Dataset]:
-    """Return the runs of a dataset with a dimension of starts and one of leads, each with its times and their ``lead``; else itself.
+    """Return the runs of a dataset with dimensions of starts and leads, each with times and ``lead``; otherwise the dataset.
 
     Args:
-        ds: Its dates are decoded.
-        dims: Of its velocities.
+        ds: Dataset with decoded dates.
+        dims: Dimensions of its velocities.
     """
     found = valid_times(ds, dims)
     if found is None:
@@ -157,7 +157,7 @@ def runs_of(ds: xr.Dataset, dims: Sequence[Hashable]) -> list[xr.Dataset]:
 def valid_times(
     ds: xr.Dataset, dims: Sequence[Hashable]
 ) -> tuple[NDArray[np.int64], tuple[str, str]] | None:
-    """Return the times that leads of several starts are valid for [ns, UTC], shape (starts, leads), and the dimensions; None without."""
+    """Return the valid times of leads of several starts [ns, UTC], shape (starts, leads), and the dimensions; None without starts."""
     start = find_dimension(ds, dims, ("forecast_reference_time",), _STARTS) or find_time(ds, dims)
     lead = find_lead(ds, dims)
     if start is None or lead is None or start not in ds.coords or ds[start].dtype.kind != "M":
@@ -168,7 +168,7 @@ def valid_times(
 
 
 def _reference(ds: xr.Dataset, config: ForecastConfig) -> int | None:
-    """Return the time of lead 0 [ns, UTC]: configured, or stated; None without either."""
+    """Return the time of lead 0 [ns, UTC]: configured, else stated; None without either."""
     if config.reference_time:
         return parse_time(config.reference_time)
     return scalar_time(ds, "forecast_reference_time")
@@ -177,7 +177,7 @@ def _reference(ds: xr.Dataset, config: ForecastConfig) -> int | None:
 def _choose_lead(
     lead: xr.DataArray, config: ForecastConfig, reference: int | None, near_ns: int | None
 ) -> tuple[int, int | None]:
-    """Return the lead's position and the time it is valid for [ns, UTC]."""
+    """Return the position of the lead and its valid time [ns, UTC]."""
     valid = None if reference is None else _periods_ns(lead)
     if valid is not None and reference is not None:
         valid = reference + valid
@@ -191,7 +191,7 @@ def _choose_lead(
 
 
 def _notes(time_ns: int | None, near_ns: int | None, among: str) -> tuple[str, ...]:
-    """Return the time taken, when it was a choice or lies more than a day from the log."""
+    """Return a note on the time used, if there was a choice or it lies more than a day from the log."""
     if time_ns is None:
         return ()
     note = f"the forecast is of {date_text(np.datetime64(time_ns, 'ns'))}"
@@ -204,7 +204,7 @@ def _notes(time_ns: int | None, near_ns: int | None, among: str) -> tuple[str, .
 
 
 def scalar_time(ds: xr.Dataset, standard_name: str) -> int | None:
-    """Return the single time of a variable with a name or standard name [ns, UTC]; None without one."""
+    """Return the single time of a variable, by its name or standard name [ns, UTC]; None if absent."""
     for name, variable in ds.variables.items():
         known = standard_name in (variable.attrs.get("standard_name"), name)
         if known and variable.size == 1 and np.issubdtype(variable.dtype, np.datetime64):
@@ -226,10 +226,10 @@ _LEAST_COMMON = 2
 
 
 def start_of(file: Field) -> str:
-    """Return when a forecast was started: stated, or its first time.
+    """Return the start of a forecast: stated, else its first time.
 
     Raises:
-        ForecastError: It has no date.
+        ForecastError: The forecast has no date.
     """
     times = file.times
     if (stated := _stated_start(file)) is None and not times.size:
@@ -240,9 +240,9 @@ def start_of(file: Field) -> str:
 
 
 def rule_of(holders: Sequence[Field]) -> tuple[MemberRule | None, tuple[str, ...]]:
-    """Return what a member is of files with currents, and a note on it; None where they may be of one run, or of several products.
+    """Return the definition of a member for files with currents, and a note; None if they may be one run, or several products.
 
-    Files of one grid that hold the same times are members. So are forecasts of several starts that hold a time in common.
+    Files of one grid with the same times are members. So are forecasts of several starts with a common time.
     """
     files = [file for file in holders if file.current and file.current.u]
     if len(files) < 2 or len({_form(file) for file in files}) > 1:
@@ -268,7 +268,7 @@ def rule_of(holders: Sequence[Field]) -> tuple[MemberRule | None, tuple[str, ...
 
 
 def _form(file: Field) -> tuple[object, ...]:
-    """Return what files of one product share: attributes, the name of the component, and its dimensions but for that of times."""
+    """Return the properties that files of one product share: attributes, component name, dimensions other than time."""
     assert file.current is not None
     sizes = file.like[file.current.u or file.current.v].sizes
     product = tuple(str(file.like.attrs.get(name, "")) for name in PRODUCT)
@@ -280,7 +280,7 @@ def _minute(time: np.datetime64) -> str:
 
 
 def _stated_start(file: Field) -> str | None:
-    """Return the start that a file states: its reference time, its bulletin's date, or the hours since the analysis (HYCOM's tau)."""
+    """Return the start stated by a file: reference time, bulletin date, or hours since the analysis (HYCOM's tau)."""
     stated = scalar_time(file.like, "forecast_reference_time") is not None
     if not stated and "bulletin_date" not in file.like.attrs and "tau" not in file.like.variables:
         return None

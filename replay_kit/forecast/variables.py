@@ -1,4 +1,4 @@
-"""Variables of a file in the part of it that is used, their dimensions in one order; which values are land, and which none."""
+"""Values of variables in the used part of a file, in one order of dimensions; detection of land and missing values."""
 
 import math
 import os
@@ -21,14 +21,14 @@ _Levels = tuple[str, NDArray[np.int64]] | None
 
 
 def component(field: Field, ds: xr.Dataset, layout: Layout, name: str, levels: _Levels) -> Values:
-    """Return the component ``U`` or ``V`` where it lies, shape (E, Z, J, I), on some levels, in the file's precision.
+    """Return the component ``U`` or ``V`` at its own points, shape (E, Z, J, I), on some levels, in the file's precision.
 
     Args:
-        field: Of the file.
-        ds: Its dataset at one time.
-        layout: Of the file.
-        name: Of the component.
-        levels: Their dimension and positions.
+        field: Field of the file.
+        ds: Dataset of the file at one time.
+        layout: Layout of the file.
+        name: Name of the component.
+        levels: Dimension and positions of the levels.
     """
     dims, faces = (layout.v_dims if name == V else layout.u_dims), layout.faces[name == V]
     values = _stored(field, ds, layout, name, dims, faces, levels)
@@ -39,13 +39,13 @@ def component(field: Field, ds: xr.Dataset, layout: Layout, name: str, levels: _
 
 
 def first_of(field: Field, names: Iterable[str], dims: tuple[str, str]) -> str | None:
-    """Return the first of some variables that a file holds on two horizontal dimensions; None without any."""
+    """Return the first of some variables on two horizontal dimensions in a file; None if all are absent."""
     there = (name for name in names if name in field.ds.variables)
     return next((name for name in there if set(dims) <= set(_on(field.ds, name, dims).dims)), None)
 
 
 def _on(ds: xr.Dataset, name: str, dims: tuple[str, str]) -> xr.DataArray:
-    """Return a variable on two horizontal dimensions: those of other names are the same where position and length are.
+    """Return a variable on two horizontal dimensions, identified by position and length if names differ.
 
     CROCO's history has u on the rows of the centres (eta_rho, xi_u), the file of its grid mask_u on rows of its own (eta_u, xi_u).
     """
@@ -66,14 +66,14 @@ def read(
     faces: Faces = AT_CENTRES,
     levels: _Levels = None,
 ) -> Array:
-    """Return a variable's part, shape (E, Z, J, I); E or Z is 1 where it has no such dimension.
+    """Return the used part of a variable, shape (E, Z, J, I); E or Z is 1 without such a dimension.
 
     Args:
-        field: Of the file.
-        layout: Which rows and columns.
-        name: Of the variable.
-        dims: Its horizontal dimensions.
-        faces: Position of the face before centre 0 along each; None where it lies at the centres.
+        field: Field of the file.
+        layout: Layout with the rows and columns used.
+        name: Name of the variable.
+        dims: Horizontal dimensions of the variable.
+        faces: Position of the face before centre 0 along each dimension; None at the centres.
         levels: Dimension and positions of the levels.
     """
     return _stored(field, field.ds, layout, name, dims, faces, levels).astype(np.float64)
@@ -118,7 +118,7 @@ def _stored(
 
 
 def _columns(layout: Layout, first: int | None) -> Sequence[slice]:
-    """Return the ranges of columns to read, in their order in space; with faces, those on both sides, also round the globe."""
+    """Return the ranges of columns to read, in their order in space; with faces on both sides, also round the globe."""
     parts, period = layout.columns, layout.period
     if first is None or period is None:
         return [_with_faces(part, first) for part in parts]
@@ -131,7 +131,7 @@ def _columns(layout: Layout, first: int | None) -> Sequence[slice]:
 
 
 def chunk_bytes(part: xr.DataArray) -> int:
-    """Return what one chunk of a variable takes in memory [bytes], which is unpacked for any part of it."""
+    """Return the memory of one chunk of a variable [bytes], which is unpacked for any part of it."""
     return 8 * math.prod(part.encoding.get("chunksizes") or part.encoding.get("chunks") or ())
 
 
@@ -140,15 +140,15 @@ _MANY = 1 << 24
 
 
 def precision(variable: xr.DataArray, count: int) -> np.dtype[np.floating]:
-    """Return the precision in which so many values of a variable are kept: double, but single where it has no more and they are many."""
+    """Return the precision for ``count`` values of a variable: double, but single for many values of single precision."""
     single = variable.dtype.kind == "f" and variable.dtype.itemsize <= 4 and 8 * count > _MANY
     return np.dtype(np.float32 if single else np.float64)
 
 
 def unpacked(part: xr.DataArray) -> Values:
-    """Return the values of a part of a variable in the precision of ``precision``, which may be written to.
+    """Return the unpacked values of a part of a variable as a writable array; for its type see ``precision``.
 
-    The decoder may take no more memory than these and its chunks need.
+    The decoder's memory is limited to the needs of these values and its chunks.
     """
     # several threads decode a Zarr store
     threads = 0 if "chunksizes" in part.encoding else min(32, (os.cpu_count() or 1) + 4)
@@ -157,12 +157,12 @@ def unpacked(part: xr.DataArray) -> Values:
 
 
 def _with_faces(part: slice, first: int | None) -> slice:
-    """Return the faces on both sides of a range of centres; the range itself where values lie at the centres."""
+    """Return the faces on both sides of a range of centres; the range itself for values at the centres."""
     return part if first is None else slice(part.start + first, part.stop + first + 1)
 
 
 def _as_slice(order: NDArray[np.int64]) -> slice | NDArray[np.int64]:
-    """Return positions as a slice where they follow each other, which is read faster."""
+    """Return positions as a slice, which is read faster, if they are consecutive."""
     if order.size > 1 and np.all(np.diff(order) == 1):
         return slice(int(order[0]), int(order[-1]) + 1)
     return order
@@ -171,12 +171,12 @@ def _as_slice(order: NDArray[np.int64]) -> slice | NDArray[np.int64]:
 def to_centres(
     faces: Values, valid: NDArray[np.bool_], axis: int
 ) -> tuple[Values, NDArray[np.bool_]]:
-    """Return the mean of a component at the two faces of each cell, weighted by which of them are water, and whether any is.
+    """Return the mean of a component over the wet faces of each cell, and whether any is wet.
 
     Args:
-        faces: shape (..., n + 1, ...) [m/s]; values on dry faces count for nothing.
-        valid: Water, of the same shape.
-        axis: Of the faces.
+        faces: Component at the faces, shape (..., n + 1, ...) [m/s]; dry faces are ignored.
+        valid: Wet faces, same shape.
+        axis: Axis of the faces.
     """
     first, last = (
         np.take(np.where(valid, faces, 0.0), _range(faces, axis, k), axis) for k in (0, 1)
@@ -191,13 +191,13 @@ def _range(faces: Values, axis: int, first: int) -> NDArray[np.intp]:
 
 
 def never_changing(values: Values, constants: Iterable[float]) -> NDArray[np.bool_]:
-    """Return where all members have the same one of some constants, shape (Z, J, I).
+    """Return the mask of points at which all members equal one of some constants, shape (Z, J, I).
 
-    Zeros count from the sea bed up, in columns that are dry there: a level that is at rest everywhere is no land.
+    Zeros count from the sea bed up, in columns that are dry there: a level at rest everywhere is not land.
 
     Args:
-        values: shape (E, Z, J, I), of which one member after the other is looked at.
-        constants: 0, and what a fill value becomes that packing cannot hold.
+        values: Values, shape (E, Z, J, I), processed member by member.
+        constants: 0, and the unpacked value of a fill value that packing cannot hold.
     """
     found = np.zeros(values.shape[1:], dtype=bool)
     for constant in constants:
@@ -218,7 +218,7 @@ def never_changing(values: Values, constants: Iterable[float]) -> NDArray[np.boo
 def mask_at_centres(
     field: Field, layout: Layout, levels: _Levels
 ) -> tuple[NDArray[np.bool_] | None, bool]:
-    """Return where mask variables at cell centres have water, shape (1 or Z, J, I), and whether level by level; None without any."""
+    """Return the water of mask variables at cell centres, shape (1 or Z, J, I), and whether per level; None without masks."""
     centre = layout.centre_dims
     if (name := first_of(field, layout.kind.mask, centre)) is not None:
         wet = read(field, layout, name, centre, levels=levels)[0] > 0.0
@@ -237,17 +237,17 @@ def constant_land(
     levels: Sequence[_Levels],
     masked: bool,
 ) -> list[NDArray[np.bool_]]:
-    """Return where each component has a constant that stands for land in all members, shape (Z, J, I).
+    """Return the mask of each component's points with a constant for land in all members, shape (Z, J, I).
 
-    Where the current is at rest everywhere, as at the beginning of a run, zeros say nothing: then those of the file's last time count; if
-    that is at rest too, or there is none, a mask alone says what is land.
+    Zeros are ambiguous if the current is 0 everywhere, as at the start of a run: then the file's last time is used. If that is at rest too,
+    or absent, only a mask defines land.
 
     Args:
-        field: Of the file.
-        layout: Of the file.
-        components: Their values, shape (E, Z, J, I).
-        levels: Of each.
-        masked: Whether a mask says what is land on each level.
+        field: Field of the file.
+        layout: Layout of the file.
+        components: Values of the components, shape (E, Z, J, I).
+        levels: Levels of each component.
+        masked: Whether a mask defines land on each level.
     """
     if not _moves(components):
         if (last := field.last_time) is not None:
@@ -276,13 +276,13 @@ _IN_WATER, _PART, _CHUNK = 32, 1 << 23, 1 << 26
 
 
 def check_content(fields: Sequence[Field], layout: Layout, size: float, times: int) -> None:
-    """Raise ForecastError where members are more than their files can tell: bytes that repeat take a thousandth of their room.
+    """Raise ForecastError if members are implausibly large for their files, as repeated bytes compress a thousandfold.
 
     Args:
-        fields: The members at one time.
-        layout: The part of the first file.
-        size: What their currents take in memory [bytes].
-        times: How many such are read, in all.
+        fields: Members at one time.
+        layout: Used part of the first file.
+        size: Memory of their currents [bytes].
+        times: Number of times to be read.
     """
     parts = {field.paths: field.load()[0][U].size for field in fields}
     paths = {path for part in parts for path in part}
@@ -303,7 +303,7 @@ def check_content(fields: Sequence[Field], layout: Layout, size: float, times: i
 
 
 def _why_repeated(fields: Sequence[Field], layout: Layout, stored: int) -> str:
-    """Return why members cannot be told by so many bytes; empty where most of them is land, which takes no room."""
+    """Return the reason why stored bytes are too few for the members; empty if most points are land, which needs no room."""
     water = 0
     for field in fields:
         for name, dims in ((U, layout.u_dims), (V, layout.v_dims)):
@@ -324,7 +324,7 @@ def _why_repeated(fields: Sequence[Field], layout: Layout, stored: int) -> str:
 
 
 def _parts(values: xr.DataArray, most: int) -> Iterator[xr.DataArray]:
-    """Yield a variable in parts of no more than so many bytes in memory, along its first dimensions."""
+    """Yield the parts of a variable along its first dimensions, each of at most ``most`` bytes in memory."""
     dim = next((dim for dim in values.dims if values.sizes[dim] > 1), None)
     if 8 * values.size <= most or dim is None:
         yield values

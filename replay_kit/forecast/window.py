@@ -1,4 +1,4 @@
-"""The part of one file that is used: only the window is read, and both components come to cell centres and fixed depths."""
+"""Window of one file: both components at cell centres and fixed depths; nothing else is read."""
 
 import math
 from collections.abc import Sequence
@@ -35,17 +35,17 @@ _NO_SPEED = 1e3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """Members of one file in the part used.
+    """Members of one file in the window read.
 
     Attributes:
-        longitude: shape (J, I) [degrees].
-        latitude: shape (J, I) [degrees].
-        levels: shape (Z,) [m].
-        within: The least and the greatest depth that the levels of the file do for [m].
-        velocity: shape (E, 2, Z, J, I) [m/s], NaN on land, in the file's precision.
-        axes: Along which axes the components lie.
-        sea_level: Height of the surface of the first member [m], shape (J, I); None where the file has none.
-        notes: What was chosen or assumed.
+        longitude: Longitude, shape (J, I) [degrees east].
+        latitude: Latitude, shape (J, I) [degrees north].
+        levels: Depths of the levels, shape (Z,) [m].
+        within: Range of depths that the levels of the file represent [m].
+        velocity: Velocities in the file's precision, NaN on land, shape (E, 2, Z, J, I) [m/s].
+        axes: Axes of the components.
+        sea_level: Sea surface height of the first member [m], shape (J, I); None if absent.
+        notes: Choices and assumptions.
     """
 
     longitude: Array
@@ -59,15 +59,15 @@ class Window:
 
 
 def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
-    """Return the members of a file at one time, in a part of it, on the chosen levels.
+    """Return the members of a file at one time, in its used part, on the chosen levels.
 
     Args:
-        field: The members.
-        layout: The part of the file.
-        config: Levels.
+        field: Members of the file.
+        layout: Used part of the file.
+        config: Requested levels.
 
     Raises:
-        ForecastError: Units, depths or dimensions are not those expected.
+        ForecastError: Units, depths or dimensions are not as expected.
     """
     ds, where = field.ds, field.where
     _check_size(field, layout)
@@ -114,7 +114,7 @@ def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
 
 
 def window_size(field: Field, layout: Layout) -> int:
-    """Return what the velocities of a part of a file take in memory [bytes], in double precision."""
+    """Return the memory of the velocities in the used part of a file [bytes], in double precision."""
     sizes = field.ds[U].sizes.items()
     return 16 * _count(layout) * math.prod(n for dim, n in sizes if dim not in layout.u_dims)
 
@@ -126,7 +126,7 @@ def _count(layout: Layout) -> int:
 
 
 def _check_size(field: Field, layout: Layout) -> None:
-    """Refuse velocities that are no numbers, or more than the file can be meant to hold."""
+    """Raise ForecastError for velocities that are not numeric, or implausibly many for their file."""
     for name, dims in ((U, layout.u_dims), (V, layout.v_dims)):
         part = field.ds[name]
         fields = math.prod(size for dim, size in part.sizes.items() if dim not in dims)
@@ -148,7 +148,7 @@ def _at_centres(
     levels: Sequence[tuple[str, NDArray[np.int64]] | None],
     masked: bool,
 ) -> tuple[Values, tuple[str, ...]]:
-    """Return both components at cell centres [m/s], shape (E, 2, Z, J, I), NaN on land, and what was taken for land."""
+    """Return both components at cell centres [m/s], shape (E, 2, Z, J, I), NaN on land, and notes on assumed land."""
     raw, odd = [], 0
     for name, of in zip((U, V), levels, strict=True):
         values, undeclared = _speeds(component(field, field.ds, layout, name, of), field, name)
@@ -192,7 +192,7 @@ def _at_centres(
 
 
 def _speeds(values: Values, field: Field, component: str) -> tuple[Values, int]:
-    """Return velocities in m/s, NaN where they cannot be any, and how many of these the file does not declare."""
+    """Return velocities in m/s, implausible ones as NaN, and the number of these not declared missing."""
     about = field.ds[component].attrs
     unit = str(about.get("units", "")).strip()
     scale = metres_per_second(unit) if unit else 1.0
@@ -213,7 +213,7 @@ def _speeds(values: Values, field: Field, component: str) -> tuple[Values, int]:
 
 
 def _surface(field: Field, layout: Layout) -> Array | None:
-    """Return the height of the surface [m], shape (E or 1, J, I); None where the file has none at cell centres."""
+    """Return the sea surface height [m], shape (E or 1, J, I); None if absent at cell centres."""
     name = first_of(field, SEA_LEVEL, layout.centre_dims)
     if name is None:
         return None

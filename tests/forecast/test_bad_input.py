@@ -73,14 +73,14 @@ def test_what_does_not_belong_together_is_refused_in_words(tmp_path):
         [tmp_path / "one.nc"],
         members="suffix",
     )
-    # a name is no regular expression
+    # a name is not a regular expression
     refused(
         r"no member dimension ens\(0; expected one of", [tmp_path / "one.nc"], members="dim:ens(0"
     )
     refused(
         r"no member dimension cycle; expected one of", [tmp_path / "one.nc"], members="dim:cycle"
     )
-    with pytest.raises(ConfigError, match="is no regular expression"):
+    with pytest.raises(ConfigError, match="is not a regular expression"):
         read_with([tmp_path / "one.nc"], members="files:mem(")
     for wrong in ("times:fortnight", "time:3", "dim:", "suffixes", "xlags"):
         with pytest.raises(
@@ -215,7 +215,7 @@ def test_long_lists_of_variables_are_shortened(tmp_path):
     path = save(grid, tmp_path / "mesh.nc")
     use = describe_ensemble(path, ForecastConfig()).use
     assert use.startswith(
-        "no current: a file of the grid or of other variables (e0, e1, e2, e3, e4, e5 and 3 more); give it beside"
+        "no current: a file of the grid or of other variables (e0, e1, e2, e3, e4, e5 and 3 more); give it with"
     )
     refused(r"no current found; .*; got e0, e1, e2, e3, e4, e5 and 3 more$", path)
 

@@ -1,1 +1,1 @@
-"""Basis flows, and what an observation measures of them."""
+"""Basis flows of an ensemble and the weights of its members."""

@@ -1,14 +1,14 @@
-"""From velocities at nodes to a flow everywhere: latent values of the horizontal functions.
+"""Kernel embedding: latent values of the flow that fits velocities at nodes.
 
 With the kernel matrix K of the nodes and a nugget n the flow's velocities at the nodes are K (K + n I)^-1 v. For the columns of the kernel
 the latent velocities are (K + n I)^-1 v, by its eigenvectors. On a lattice, where K = a G G', the same flow has the coefficients c with
 
     (G'G + n/a I) c = G'v    (push-through: a G' (a G G' + n I)^-1 = (G'G + n/a I)^-1 G'),
 
-scalar unknowns with a banded matrix, half as many as the velocities and whatever the nodes. The nugget is a share of the largest
-eigenvalue of K, and so is n/a of that of G'G. The flows of both ways differ by what the cut of the Gaussians leaves.
+scalar unknowns with a banded matrix, half as many as the velocities for any nodes. The nugget is relative to the largest
+eigenvalue of K, as n/a is to that of G'G. The two flows differ only by the truncation of the Gaussians.
 
-A factor larger than 150 MB is made in single precision, and its solution refined with residuals in double precision.
+A factor larger than 150 MB has single precision; its solution is refined with residuals in double precision.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,7 +28,7 @@ Band = NDArray[np.floating]
 
 
 def factored(band: Band) -> Band:
-    """Return the lower Cholesky factor in the place of a symmetric positive definite band.
+    """Return the lower Cholesky factor of a symmetric positive definite band matrix, which it overwrites.
 
     Raises:
         EstimatorError: The matrix is not positive definite.
@@ -49,7 +49,7 @@ def factored(band: Band) -> Band:
 
 
 def solve(factor: Band, right: Array) -> Array:
-    """Return the solution, shape (n, k), of L L' x = right, from the factor that ``factored`` returns; in its precision."""
+    """Return the solution of L L' x = right, shape (n, k), in the precision of the factor L; see ``factored``."""
     x = np.array(right, dtype=factor.dtype).reshape(len(factor), factor.shape[2], -1)
     for i, column in enumerate(factor):
         after = x[i + 1 : i + len(column)]
@@ -71,7 +71,7 @@ def _solved(lower: Band, right: Band, transposed: int = 0) -> Band:
 
 
 def times(band: Band, x: Array) -> Array:
-    """Return the product of a symmetric band, of which all of the diagonal's blocks count, with a vector, shape (n,)."""
+    """Return the product of a symmetric band matrix with a vector, shape (n,); diagonal blocks are stored whole."""
     given = x.reshape(len(band), -1)
     out = np.zeros_like(given)
     for i, column in enumerate(band):
@@ -101,15 +101,15 @@ def embed(functions: HorizontalFunctions, nodes: Array, velocity: Array, nugget:
 def embedding(
     functions: HorizontalFunctions, nodes: Array, nugget: float
 ) -> Callable[[Array], Array]:
-    """Return what returns the latent values, shape (M, m), of flows with given velocities at nodes, shape (2N, m) [m/s].
+    """Return the map from velocities at nodes, shape (2N, m) [m/s], to latent values of their flows, shape (M, m).
 
     Args:
-        functions: The horizontal functions; M of them.
-        nodes: shape (N, 2) [m].
-        nugget: Share of the kernel matrix's largest eigenvalue added to its diagonal.
+        functions: Horizontal functions; M of them.
+        nodes: Positions of the nodes, shape (N, 2) [m].
+        nugget: Fraction of the kernel matrix's largest eigenvalue added to its diagonal.
 
     Raises:
-        EstimatorError: The nugget is too small for the equations of a lattice.
+        EstimatorError: The nugget is too small for the normal equations of a lattice.
     """
     if isinstance(functions, NodeKernel):
         values, vectors = np.linalg.eigh(velocity_kernel(functions.kernel, nodes, nodes))
@@ -122,7 +122,7 @@ def embedding(
 def _on_lattice(
     lattice: StreamFunctionLattice, nodes: Array, nugget: float
 ) -> Callable[[Array], Array]:
-    """Return what returns the coefficients, shape (size, m), from the normal equations."""
+    """Return the map from velocities to lattice coefficients, shape (size, m), by the normal equations."""
     equations = NormalEquations(lattice, nodes)
     single = (
         equations.size * WINDOW * equations.shape[1] * 8 > _DOUBLE
@@ -164,11 +164,11 @@ def _largest_eigenvalue(band: Band) -> float:
 
 
 class NormalEquations:
-    """G'G of a lattice and nodes, with the unknowns along the lattice's shorter side first, so that the band is narrow.
+    """Normal equations G'G of a lattice and nodes, unknowns ordered along the shorter side for a narrow band.
 
     Attributes:
         size: Number of unknowns.
-        shape: Rows of the lattice, and points in each; those of ``WINDOW`` rows see each other.
+        shape: Rows of the lattice and points per row; points within ``WINDOW`` rows are coupled.
     """
 
     def __init__(self, lattice: StreamFunctionLattice, nodes: Array) -> None:
@@ -207,7 +207,7 @@ class NormalEquations:
         return band
 
     def by_east(self, coefficients: Array) -> Array:
-        """Return coefficients, shape (size, m), in the order of the lattice."""
+        """Return coefficients in the lattice's own order, shape (size, m)."""
         if not self._turned:
             return coefficients
         return np.ascontiguousarray(coefficients.reshape(*self.shape, -1).swapaxes(0, 1)).reshape(
@@ -215,7 +215,7 @@ class NormalEquations:
         )
 
     def _tiles(self) -> Iterator[tuple[NDArray[np.intp], slice, slice, Array]]:
-        """Yield nodes, the part of the lattice around them and G there, all east then all north, shape (2P, n)."""
+        """Yield tiles: nodes, the rows and columns of the lattice around them, and G, east then north, shape (2P, n)."""
         for tile in self._lattice.tiles(self._nodes):
             rows, columns, design = tile.east, tile.north, tile.design
             if self._turned:

@@ -1,11 +1,11 @@
-"""From ensemble members to a basis: kernel embedding, singular value decomposition, weights of each member.
+"""Basis of an ensemble: kernel embedding, singular value decomposition and member weights.
 
 Stacked vectors hold all east, then all north components at the N wet nodes of a level; in matrices of slices the levels of a
 member are adjacent columns, member after member: column e Z + z.
 
-On a grid that is a product in depth the kernel matrix is K_z (x) K_h, so beta = K_h^-1 F K_z^-T: one symmetric system of 2N instead of 2NZ
-unknowns, solved for all members at once by the eigenvectors of K_h. For hat functions K_z at the levels is the identity. With the paper's
-l_z = 100 m the Gaussian factor is nearly singular where levels are closer, and sags where they are farther.
+On a grid that is a product in depth the kernel matrix is K_z (x) K_h, so beta = K_h^-1 F K_z^-T. This symmetric system has 2N instead of
+2NZ unknowns; the eigenvectors of K_h solve it for all members at once. For hat functions K_z at the levels is the identity. With
+the paper's l_z = 100 m the Gaussian factor is nearly singular where levels are closer, and sags where they are farther.
 """
 
 from collections.abc import Iterator, Sequence
@@ -62,20 +62,20 @@ _MOST_FUNCTIONS, _MOST_FUNCTIONS_A_NODE = 4096, 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Basis:
-    """Basis flows of a region, and the members in them.
+    """Basis flows of a region and the members' weights.
 
     Attributes:
-        grid: The ensemble's grid; its wet top points are the nodes.
-        horizontal: The horizontal functions; M of them.
-        depth_functions: How levels combine.
-        offset: shape (M, Z), latent values of the flow whose weights are zero.
-        modes: shape (M, r), latent values of the basis flows, the same at every level.
-        singular_values: shape (R,), of all modes, R >= r.
-        member_weights: shape (E, Z, r).
-        mean_weights: shape (Z, r), of the ensemble mean, as far as the modes span it; None where its amplitude is certain.
-        representation: shape (Z, N) [m/s], error of what the basis leaves of currents like the members, at the nodes; or as stated.
-        potential: shape (M, Z), latent values whose gradient is what the basis loses of the ensemble mean: no flow of it diverges; None
-            where that counts for nothing.
+        grid: Grid of the ensemble; its wet points at the first level are the nodes.
+        horizontal: Horizontal functions; M of them.
+        depth_functions: Vertical functions of the levels.
+        offset: Latent values of the flow with zero weights, shape (M, Z).
+        modes: Latent values of the basis flows, shape (M, r), equal at every level.
+        singular_values: Singular values of all modes, shape (R,), R >= r.
+        member_weights: Weights of the members, shape (E, Z, r).
+        mean_weights: Weights of the ensemble mean's projection, shape (Z, r); None if its amplitude is certain.
+        representation: Representation error at the nodes, shape (Z, N) [m/s]; configured, or estimated from members.
+        potential: Latent values of a potential, shape (M, Z), with the divergent part of the ensemble mean as its gradient; None
+            if negligible.
     """
 
     grid: Grid
@@ -91,28 +91,28 @@ class Basis:
 
     @property
     def n_modes(self) -> int:
-        """Number of modes r for each level."""
+        """Number of modes per level, r."""
         return int(self.modes.shape[1])
 
     @property
     def at_nodes(self) -> Array:
-        """The modes' velocities at the nodes, shape (2N, r) [m/s for a weight of one]."""
+        """Velocities of the modes at the nodes, shape (2N, r) [m/s per unit weight]."""
         at_nodes = self.horizontal.velocity(self.grid.nodes, self.modes)
         return at_nodes.reshape(-1, self.n_modes)
 
     def depth_weights(self, depth: Array) -> Array:
-        """Return the weights of the levels at depths [m], shape (n, Z)."""
+        """Return the interpolation weights of the levels at depths [m], shape (n, Z)."""
         return depth_weights(self.depth_functions, depth, self.grid.levels)
 
     def span_residual(self, points: Array, depth: Array, velocity: Array) -> Array:
-        """Return a velocity minus its least-squares fit by the basis, shape (P, 2) [m/s].
+        """Return the residual of velocities fitted by the basis with least squares, shape (P, 2) [m/s].
 
-        Every level has weights of its own, so each depth is fitted alone: exact at the basis's levels, a lower bound elsewhere.
+        Weights differ from level to level, so each depth is fitted separately: exact at the levels, a lower bound elsewhere.
 
         Args:
-            points: shape (P, 2) [m], local east and north.
-            depth: shape (P,) [m].
-            velocity: shape (P, 2) [m/s], local axes.
+            points: Local east and north, shape (P, 2) [m].
+            depth: Depths of the points, shape (P,) [m].
+            velocity: Velocities on local axes, shape (P, 2) [m/s].
         """
         out = np.empty_like(velocity)
         for value in np.unique(depth):
@@ -125,7 +125,7 @@ class Basis:
 
 
 def mean_variance(config: EstimatorConfig) -> float:
-    """Return the variance of the amplitude of the ensemble mean: the configured one, else 0.1, which a constant estimate averages over."""
+    """Return the prior variance of the ensemble mean's amplitude: configured, or 0.1, over which a constant estimate averages."""
     return _MEAN_VARIANCE if config.mean_variance is None else config.mean_variance
 
 
@@ -135,12 +135,12 @@ def build_basis(
     """Return the basis of the configuration's preset.
 
     Args:
-        series: The forecast at its times, of the same members on the same grid; the paper's preset takes the first.
+        series: Forecast at each time, same members and grid; the paper's preset uses the first.
         config: Preset and basis.
-        length: The members' correlation length [m], where it is known.
+        length: Correlation length of the members [m], if known.
 
     Raises:
-        EstimatorError: The paper's vertical functions cannot be told apart at the levels.
+        EstimatorError: The paper's vertical functions are nearly dependent at the levels.
     """
     first = series[0]
     if config.preset == "paper":
@@ -154,7 +154,7 @@ def build_basis(
 
 
 def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> FlowEstimate:
-    """Return one member, or a truth, as a flow without uncertainty: hats in depth, the default kernel."""
+    """Return a member, or a truth, as an estimate without uncertainty: hat functions of depth, default kernel."""
     alone = replace(ensemble, velocity=ensemble.velocity[member : member + 1])
     functions = default_functions(ensemble.grid, config, config.speed or surface_speed(alone))
     latent = embed(functions, ensemble.grid.nodes, ensemble_slices(alone)[0].T, config.nugget)
@@ -171,11 +171,11 @@ def embed_member(ensemble: Ensemble, member: int, config: EstimatorConfig) -> Fl
 def default_functions(
     grid: Grid, config: EstimatorConfig, speed: float = 1.0
 ) -> HorizontalFunctions:
-    """Return the default preset's horizontal functions, which interpolate a velocity from the nodes to other places.
+    """Return the default preset's horizontal functions, which interpolate velocities between nodes.
 
     Args:
-        grid: Its cells give the lengths.
-        config: May state a length instead.
+        grid: Grid, whose cell size sets the length.
+        config: Settings, which may state a length instead.
         speed: Amplitude [m/s].
     """
     if config.length_horizontal is not None:
@@ -193,13 +193,13 @@ def default_functions(
 
 
 def fit_residual(design: Array, values: Array) -> Array:
-    """Return values, shape (n,), minus their least-squares fit by the columns of a design, shape (n, m)."""
+    """Return the residual of a least-squares fit, shape (n,), of values by the columns of a design matrix, shape (n, m)."""
     solution = scipy.linalg.lstsq(design, values, cond=1e-10, lapack_driver="gelsd")[0]
     return np.asarray(values - design @ solution)
 
 
 def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
-    """The paper's: latents of the product kernel K_z x K_h without a nugget, SVD of all latent slices, weights about zero."""
+    """Return the paper's basis: product kernel K_z x K_h without a nugget, SVD of all latent slices, weights about zero."""
     grid, slices = ensemble.grid, ensemble_slices(ensemble)
     length = config.length_horizontal or 10_000.0
     functions = NodeKernel(
@@ -232,7 +232,7 @@ def _paper_basis(ensemble: Ensemble, config: EstimatorConfig) -> Basis:
 
 
 def _n_corners(wet: NDArray[np.bool_]) -> int:
-    """Return how many corners wet cells, shape (J, I), have: the values of a stream function that they see."""
+    """Return the number of corners of wet cells, shape (J, I): values of a stream function that affect them."""
     cells = np.pad(wet, 1)
     return int(np.count_nonzero(cells[1:, 1:] | cells[:-1, 1:] | cells[1:, :-1] | cells[:-1, :-1]))
 
@@ -240,14 +240,14 @@ def _n_corners(wet: NDArray[np.bool_]) -> int:
 def _default_basis(
     series: Sequence[Ensemble], config: EstimatorConfig, apart: float, shift: float
 ) -> Basis:
-    """Hat functions of depth; SVD of the velocity anomalies about the ensemble mean, which is the offset.
+    """Return the default basis: hat functions of depth, SVD of velocity anomalies about the ensemble mean, the offset.
 
-    The mean is among what is decomposed, in the size that the variance of its amplitude gives it beside the members' anomalies: so it is
-    as well spanned as these, and no mode is spent on it where its amplitude is certain.
+    The decomposition includes the mean, scaled by the standard deviation of its amplitude. So the modes span it like the anomalies,
+    and none is spent on it if its amplitude is certain.
 
-    With a ``shift`` above 0 [m], copies of the anomalies shifted by it are among them: a few lagged forecasts span hardly any current but
-    their own, and what a basis does not span, the estimate's standard error does not contain. What is left is measured on members shifted
-    by ``apart`` [m].
+    With a ``shift`` above 0 [m] it includes copies of the anomalies shifted by that distance. A few lagged forecasts span hardly any
+    other current, and a standard error lacks what the basis does not span. The representation error is that of
+    members shifted by ``apart`` [m].
     """
     grid, nodes, n_levels = series[0].grid, series[0].grid.nodes, series[0].grid.levels.size
     functions = default_functions(grid, config, config.speed or surface_speed(*series))
@@ -255,7 +255,7 @@ def _default_basis(
     mean_scale = float(np.sqrt(mean_variance(config) * n_fields))
 
     def fields() -> Iterator[tuple[slice, Array]]:
-        """Yield nodes, and there the anomalies and the mean in its size, shape (T E + 1, Z, 2, n)."""
+        """Yield blocks of nodes with anomalies and the scaled mean, shape (T E + 1, Z, 2, n)."""
         for part, block in slice_blocks(series):
             here = mean[..., part] = block.mean(axis=0)
             yield part, np.concatenate([block - here, mean_scale * here[None]])
@@ -308,16 +308,16 @@ def _default_basis(
 def _embedded(
     functions: HorizontalFunctions, nodes: Array, given: Array, mean: Array, nugget: float
 ) -> tuple[Array, Array]:
-    """Return the latent values of the ensemble mean and the modes, shape (M, Z + r), and the potential, shape (M, Z), as of ``Basis``.
+    """Return the latent values of the ensemble mean and the modes, shape (M, Z + r), and the potential, shape (M, Z); see ``Basis``.
 
-    The factor of a large region takes most of the memory: it is made once, and let go.
+    The factor of a large region takes most of the memory: it is computed once, then released.
 
     Args:
-        functions: The horizontal functions.
-        nodes: shape (N, 2) [m].
-        given: shape (2N, Z + r) [m/s], mean and modes.
-        mean: shape (Z, 2, N) [m/s].
-        nugget: As of ``embedding``.
+        functions: Horizontal functions.
+        nodes: Positions of the nodes, shape (N, 2) [m].
+        given: Velocities of mean and modes, shape (2N, Z + r) [m/s].
+        mean: Velocities of the mean, shape (Z, 2, N) [m/s].
+        nugget: See ``embedding``.
     """
     latent_of = embedding(functions, nodes, nugget)
     latents = latent_of(given)

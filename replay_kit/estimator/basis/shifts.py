@@ -1,9 +1,9 @@
-"""Copies of fields shifted to the four sides, and what a basis does not represent of them at each node.
+"""Shifted copies of ensemble members, and the representation error that a basis leaves of them.
 
-What members show at one place is possible nearby. The members that a basis was made of it represents far better than a truth: with 80 modes
-of the North Atlantic set it leaves 0.5 cm/s of them at the first level, and 1.9 cm/s of copies of them that are shifted by a correlation
-length, which are possible currents too and none of which it was made of. What is left varies over the region by several times: most where
-currents are strong and vary within a few cells. The part that no flow without divergence carries is in it.
+A current that members show at one position is possible nearby. A basis represents its own members far better than a truth. With 80 modes
+of the North Atlantic set their residual at the first level is 0.5 cm/s. Copies shifted by a correlation length leave 1.9 cm/s: they are
+possible currents too, but the basis was not built from them. The residual varies severalfold over the region, largest where currents are
+strong and vary within a few cells. It includes the divergent part.
 """
 
 from collections.abc import Sequence
@@ -27,13 +27,13 @@ _WELL_CONDITIONED = 1e-8
 def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
     """Return fields and their copies shifted east, west, north and south, weighted: shape (5 E, Z, 2N).
 
-    Their Gram matrix is a mean, in which a field itself counts as much as two of its copies. A copy has at each node
-    what the field has at the node nearest to the shifted place, so at the edge it repeats the edge.
+    Their Gram matrix is a mean in which a field has the weight of two copies. A copy takes each node's value from the
+    node nearest to the shifted position, so it repeats the edge beyond it.
 
     Args:
-        fields: shape (E, Z, 2N).
-        nodes: shape (N, 2) [m].
-        shift: [m].
+        fields: Fields at the nodes, shape (E, Z, 2N).
+        nodes: Positions of the nodes, shape (N, 2) [m].
+        shift: Distance [m].
     """
     return np.concatenate(
         [
@@ -45,16 +45,16 @@ def shifted_copies(fields: Array, nodes: Array, shift: float) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShiftedModes:
-    """The modes at the nodes, and what shifts fields in them: the same for all members.
+    """Modes at the nodes and the operators that shift fields, common to all members.
 
-    A copy at a node is the field at another node, so copy k of the modes V is V with its rows exchanged, and its weights are
-    those times the projector: exactly the copies' projection on the modes, without a field.
+    A copy at a node is the field at another node, so copy k of the modes V is V with its rows exchanged. Its projection on V
+    gives the operator on weights, exactly and without any field.
 
     Attributes:
-        velocity_modes: shape (2N, r) [m/s for a weight of one], V.
-        nodes: shape (N, 2) [m], east and north.
-        operators: shape (5, r, r): weights times operator k are those of copy k of ``shifted_copies``; the identity alone, shape
-            (1, r, r), without a shift.
+        velocity_modes: Modes V at the nodes, shape (2N, r) [m/s per unit weight].
+        nodes: East and north of the nodes, shape (N, 2) [m].
+        operators: Operators on weights, one for each copy of ``shifted_copies``, shape (5, r, r); without a shift the identity,
+            shape (1, r, r).
     """
 
     velocity_modes: Array
@@ -63,7 +63,7 @@ class ShiftedModes:
 
     @classmethod
     def by(cls, modes: Array, nodes: Array, shift: float) -> "ShiftedModes":
-        """Return the same for copies that are shifted by a distance [m]; 0 makes none."""
+        """Return the modes with the operators for copies shifted by a distance [m]; 0 makes none."""
         operators = np.eye(modes.shape[1])[None]
         if shift > 0.0:
             to_modes = projector(modes)
@@ -74,19 +74,19 @@ class ShiftedModes:
         return cls(modes, nodes, operators)
 
     def copies(self, anomalies: Array) -> Array:
-        """Return anomalies, shape (E, Z, r), and their shifted copies, weighted, in modes: shape (5 E, Z, r)."""
+        """Return the weighted anomalies and shifted copies in modes, shape (5 E, Z, r), of anomalies, shape (E, Z, r)."""
         _, n_levels, n_modes = anomalies.shape
         copies = np.matmul(anomalies.reshape(1, -1, n_modes), self.operators)
         return np.asarray(copies.reshape(-1, n_levels, n_modes))
 
 
 def projector(velocity_modes: Array) -> Array:
-    """Return the pseudo-inverse of modes at the nodes, shape (r, 2N): least squares, as a kernel's nugget leaves them not orthonormal.
+    """Return the pseudo-inverse of the modes at the nodes, shape (r, 2N); the nugget makes them non-orthonormal.
 
-    Well-conditioned modes, the rule, are solved by their normal equations, an r x r system; others by a QR factorisation.
+    Well-conditioned modes, the usual case, are solved by normal equations, an r x r system; others by QR factorisation.
 
     Args:
-        velocity_modes: shape (2N, r).
+        velocity_modes: Modes at the nodes, shape (2N, r).
     """
     gram = velocity_modes.T @ velocity_modes
     values = np.linalg.eigvalsh(gram)
@@ -99,7 +99,7 @@ def projector(velocity_modes: Array) -> Array:
 
 
 def shift_sources(nodes: Array, shift: float) -> NDArray[np.intp]:
-    """Return for each copy the row of a field, shape (2N,), that each of its rows repeats, shape (5, 2N)."""
+    """Return the row of a field that each row of its copies repeats, shape (5, 2N)."""
     offsets = shift * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     _, source = cKDTree(nodes).query(nodes[None] + offsets[:, None])
     return np.concatenate([source, source + nodes.shape[0]], axis=1)
@@ -112,15 +112,15 @@ _MEMBERS, _LEVELS = 12, 8
 def shifted_residual(
     series: Sequence[Ensemble], mean: Array, velocity_modes: Array, shift: float
 ) -> Array:
-    """Return the root mean square over components of what the modes leave of members shifted to four sides, shape (Z, N) [m/s].
+    """Return the RMS residual per component of shifted members fitted by the modes, shape (Z, N) [m/s].
 
-    Some members, evenly spread over the times and members, are enough, and one at a time is in memory.
+    A sample spread evenly over times and members suffices; one member at a time is in memory.
 
     Args:
-        series: The members at each time.
-        mean: shape (Z, 2N) [m/s], of all members.
-        velocity_modes: shape (2N, r) [m/s for a weight of one], the modes at the nodes.
-        shift: [m]; 0 for the members themselves.
+        series: Members at each time.
+        mean: Mean of all members, shape (Z, 2N) [m/s].
+        velocity_modes: Modes at the nodes, shape (2N, r) [m/s per unit weight].
+        shift: Distance [m]; 0 for the members themselves.
     """
     to_modes, sources = projector(velocity_modes), shift_sources(series[0].grid.nodes, shift)[1:]
     square, n_members = np.zeros_like(mean), series[0].n_members

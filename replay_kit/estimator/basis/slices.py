@@ -1,16 +1,16 @@
-"""Members as slices of velocities at the kernel's nodes, the scales of grid and members, and the slices' leading directions.
+"""Velocity slices of ensemble members at the nodes: length and speed scales, singular value decomposition.
 
-Everything that a basis needs of an ensemble is a sum over nodes, so members are read by blocks of grid rows: an ensemble on disk is never
+All that a basis needs of an ensemble are sums over nodes, so members are read by blocks of grid rows. An ensemble on disk is never
 in memory as a whole.
 
 **Decomposition.** With A (2N, M), one column a slice, A'A = V S^2 V' is M x M whatever the grid's size, and U = A V S^-1. The first pass
 over blocks of nodes adds up A'A, the second makes U, so A itself is never in memory. Squaring loses the directions below 1e-7 of the
-largest, which are taken for rounding. What it costs the others in orthogonality, one Cholesky QR step restores: with U'U = L L', U <- U
-L'^-1 (Yamamoto et al. 2015, Electronic Transactions on Numerical Analysis 44, 306-326). A small A, and one of
-more slices than nodes' components, is decomposed itself.
+largest, which count as rounding. One Cholesky QR step restores the orthogonality of the others: with U'U = L L', U <- U
+L'^-1 (Yamamoto et al. 2015, Electronic Transactions on Numerical Analysis 44, 306-326). A small A, or one with more columns than rows, is
+decomposed directly.
 
-Where not all directions are asked for, those below 2e-4 of the largest are left out too. Which they are is chance: members rounded to 1e-5
-m/s have others. As all span the localised covariance alike, however weak, they would move an estimate by several percent.
+If fewer directions are requested, all below 2e-4 of the largest are dropped too. They are chance: members rounded to 1e-5 m/s have
+others. As all span the localised covariance alike, however weak, they would change an estimate by several percent.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -32,13 +32,13 @@ def ensemble_slices(ensemble: Ensemble) -> Array:
 
 
 def slice_blocks(series: Sequence[Ensemble]) -> Iterator[tuple[slice, Array]]:
-    """Yield which nodes, and the members' velocities at them, shape (T E, Z, 2, n) [m/s], until all nodes were given.
+    """Yield blocks of nodes and the members' velocities there, shape (T E, Z, 2, n) [m/s].
 
     Below the sea floor a column keeps the velocity of its deepest wet level, so that modes have no jump there; the grid's mask
     keeps such points out of every result.
 
     Args:
-        series: The forecast at its T times, of the same members on the same grid.
+        series: Forecast at T times, same members and grid.
     """
     first, fields, whole = 0, len(series) * series[0].n_members, series[0].grid.wet
     step = max(1, _BLOCK_VALUES // (2 * fields * whole[:, 0].size))
@@ -55,7 +55,7 @@ def slice_blocks(series: Sequence[Ensemble]) -> Iterator[tuple[slice, Array]]:
 
 
 def surface_speed(*series: Ensemble) -> float:
-    """Return the root mean square of a component of all members at the nodes of the first level [m/s], at all times."""
+    """Return the RMS velocity component over nodes, members and times at the first level [m/s]."""
     top = series[0].grid.wet[0]
     squares = [
         np.mean(member[:, 0, top] ** 2, dtype=float)
@@ -66,7 +66,7 @@ def surface_speed(*series: Ensemble) -> float:
 
 
 def cell_size(grid: Grid) -> tuple[float, float]:
-    """Return the median spacing of grid points [m] along its two directions, the one nearer to east-west first."""
+    """Return the median spacing of grid points along both grid axes [m], the axis nearer to east-west first."""
     sizes = float(np.median(grid.steps(1))), float(np.median(grid.steps(0)))
     i_is_east = np.median(np.abs(np.diff(grid.east, axis=1))) >= np.median(
         np.abs(np.diff(grid.north, axis=1))
@@ -75,10 +75,10 @@ def cell_size(grid: Grid) -> tuple[float, float]:
 
 
 def correlation_length(*series: Ensemble) -> float:
-    """Return the correlation length of the members' anomalies [m], at all times: the standard deviation over that of the gradient.
+    """Return the correlation length of the members' anomalies [m]: their standard deviation over that of their gradient.
 
     That is the scale of the correlation's parabola at zero distance (Daley 1991, Atmospheric Data Analysis, section 4.3), pooled over
-    components, levels and both directions of the grid. It is at least one cell, the resolution of the grid.
+    times, components, levels and both directions of the grid. It is at least one cell, the resolution of the grid.
     """
     square, *slopes = mean_squares(*series).tolist()
     cell, slope = float(np.sqrt(np.prod(cell_size(series[0].grid)))), np.mean(slopes)
@@ -86,11 +86,11 @@ def correlation_length(*series: Ensemble) -> float:
 
 
 def mean_squares(*series: Ensemble, about_mean: bool = True) -> Array:
-    """Return the mean squares of a component of the members [m^2/s^2], and of its slopes along both axes of the grid [1/s^2], shape (3,).
+    """Return the mean squares of a velocity component [m^2/s^2] and of its slopes along both grid axes [1/s^2], shape (3,).
 
     Args:
-        series: The members at each time, one at a time in memory.
-        about_mean: Whether those of their anomalies.
+        series: Members at each time, one at a time in memory.
+        about_mean: Whether to subtract the ensemble mean.
     """
     grid, total, mean = series[0].grid, np.zeros(3), np.zeros((2, *series[0].grid.wet.shape))
     neighbours = grid.wet[:, 1:] & grid.wet[:, :-1], grid.wet[..., 1:] & grid.wet[..., :-1]
@@ -126,11 +126,11 @@ SliceBlocks = Callable[[], Iterable[tuple[slice, Array]]]
 
 
 def strongest_functions(fields: SliceBlocks, count: int) -> Array:
-    """Return the vertical functions that hold most of the variance of fields, so many at most, shape (K, Z), orthonormal rows.
+    """Return the vertical functions with most of the variance of fields, orthonormal rows, shape (K, Z).
 
     Args:
-        fields: As slices, of shape (F, Z, 2, n).
-        count: At most; as many as there are levels, or more, give the levels themselves.
+        fields: Blocks of slices, shape (F, Z, 2, n).
+        count: Largest number K; the number of levels or more gives the levels themselves.
     """
     n_levels = next(iter(fields()))[1].shape[1]
     if count >= n_levels:
@@ -143,15 +143,15 @@ def strongest_functions(fields: SliceBlocks, count: int) -> Array:
 
 
 def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[Array, Array]:
-    """Return the leading directions of slices; see the module.
+    """Return the leading left singular vectors of slices, and their singular values; see the module.
 
     Args:
-        blocks: The slices.
+        blocks: Blocks of slices.
         n_nodes: Number of nodes N.
-        n_modes: Number of clear directions at most; None for as many as the slices have.
+        n_modes: Largest number of directions; None for all of the slices.
 
     Returns:
-        shape (2N, r), orthonormal columns; shape (min(M, 2N),), singular values of all directions, decreasing.
+        Orthonormal columns, shape (2N, r); singular values of all directions, decreasing, shape (min(M, 2N),).
     """
     n_slices = len(next(iter(blocks()))[1])
     if 2 * n_nodes * n_slices <= _SMALL or n_slices > 2 * n_nodes:
@@ -164,7 +164,7 @@ def decompose(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[A
 
 
 def products(blocks: SliceBlocks, vectors: Array) -> Array:
-    """Return the products of each slice with vectors, shape (2N, r): shape (M, r)."""
+    """Return the products of slices with vectors, shape (M, r); the vectors have shape (2N, r)."""
     by_component = vectors.reshape(2, -1, vectors.shape[1])
     parts = (
         _flat(block) @ by_component[:, nodes].reshape(-1, vectors.shape[1])
@@ -187,7 +187,7 @@ def gathered(blocks: SliceBlocks, n_nodes: int) -> Array:
 
 
 def _by_slices(blocks: SliceBlocks, n_nodes: int, n_modes: int | None) -> tuple[Array, Array]:
-    """Return vectors and singular values, by A'A."""
+    """Return the left singular vectors and all singular values, from A'A."""
     gram = sum(_flat(block) @ _flat(block).T for _, block in blocks())
     squares, right = scipy.linalg.eigh(gram, overwrite_a=True, check_finite=False, driver="evd")
     values = np.sqrt(np.maximum(squares[::-1], 0.0))

@@ -1,1 +1,1 @@
-"""What is known before any observation, and how it is fitted to an ensemble."""
+"""Prior of the current, fitted to an ensemble."""

@@ -1,9 +1,9 @@
-"""What members left out say of the prior: how much larger errors are than stated, and how near the current is to one of the members.
+"""Calibration of the prior on members left out: a factor on stated variances, and kernels about members.
 
-Members of one forecast system resemble each other: of a member left out alone the others still hold a neighbour, which a truth has not. So
-for the errors a member is left out with all whose anomaly correlates with its own above a bound, some columns of it are measured, and the
-errors of the rest are held against the stated ones. The 90 % quantile of the normalised square over that of a normal variable is the
-factor. For the kernels about the members (``update/evidence.py``) a neighbour is what is asked after: it is left out alone.
+Members of one forecast system resemble each other: a member left out alone has a neighbour among the others, unlike a truth. So it is
+left out with all whose anomalies correlate above a bound. Some columns of it are observed, and the errors elsewhere are
+compared with the stated ones. The factor is the 90 % quantile of the normalised square over that of a normal variable. The kernels
+about members (``update/evidence.py``) seek such neighbours: for them a member is left out alone.
 """
 
 from dataclasses import dataclass
@@ -35,14 +35,14 @@ _STEPS = 50
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MembersPrior:
-    """The prior of an ensemble in few modes.
+    """Prior of an ensemble in few modes.
 
     Attributes:
-        members: All of the ensemble.
-        loading: shape (k, K, r), patterns of the unknowns.
-        functions: shape (K, Z).
-        parts: Which unknowns are what.
-        error: shape (Z, N) [m/s], of what is dropped.
+        members: All members of the ensemble.
+        loading: Patterns of the unknowns, shape (k, K, r).
+        functions: Vertical functions, shape (K, Z).
+        parts: Kinds of the unknowns.
+        error: Standard deviation of the dropped patterns, shape (Z, N) [m/s].
     """
 
     members: Members
@@ -53,25 +53,25 @@ class MembersPrior:
 
     @staticmethod
     def of(members: Members, settings: PriorSettings, bound: float) -> "MembersPrior":
-        """Return it of members in few modes; settings and bound as of ``process_of``."""
+        """Return the prior of members in few modes; for settings and bound see ``process_of``."""
         modes = ShiftedModes.by(members.velocity_modes, members.nodes, settings.shift)
         process, parts, error = process_of(members.weights[None], modes, settings, None, 0.0, bound)
         return MembersPrior(members, process.loading(0), process.functions, parts, error)
 
     @property
     def noise(self) -> Array:
-        """Error of what is measured of each function, shape (K,) [m/s]: one for all nodes, as that of what is dropped is much smaller."""
+        """Observation error of each vertical function, shape (K,) [m/s]: equal at all nodes, as dropped patterns are much weaker."""
         dropped = np.sqrt(np.mean(self.functions**2 @ self.error**2, axis=1))
         return np.asarray(np.hypot(LEVEL_ERROR_STD, dropped))
 
     def without(self, gone: NDArray[np.intp], member: int) -> tuple[Array, Array, Array]:
-        """Return the prior without some members, and one of these about the others' mean.
+        """Return the prior without some members, and the anomaly of one of them about the others' mean.
 
-        Without the unknowns of those left out, and with the others' in proportion, the prior is that of the others: their mean differs by
-        a combination of the same patterns.
+        Removing their unknowns and rescaling the rest gives the prior of the other members: its mean differs by a combination of
+        the same patterns.
 
         Returns:
-            shape (F, K, r), patterns of the others and their copies; shape (B, K, r), local ones; shape (K, r), the member's anomaly.
+            Patterns of the others and their copies, shape (F, K, r); local patterns, shape (B, K, r); the anomaly, shape (K, r).
         """
         weights, sample = self.members.weights, self.parts.sample
         n, kept = len(weights), np.setdiff1d(np.arange(len(weights)), gone)
@@ -84,11 +84,11 @@ class MembersPrior:
 
 
 def alike(weights: Array, velocity_modes: Array) -> list[NDArray[np.intp]]:
-    """Return for each member the positions of those like it, its own included.
+    """Return the positions of the members that resemble each member, its own included.
 
     Args:
-        weights: shape (E, Z, r).
-        velocity_modes: shape (2N, r), at the nodes.
+        weights: Weights of the members, shape (E, Z, r).
+        velocity_modes: Modes at the nodes, shape (2N, r).
     """
     anomalies = weights - weights.mean(axis=0)
     gram = velocity_modes.T @ velocity_modes
@@ -104,7 +104,7 @@ def alike(weights: Array, velocity_modes: Array) -> list[NDArray[np.intp]]:
 
 
 def calibration(prior: MembersPrior) -> float:
-    """Return the factor on stated variances, at least 1; 1 with too few members to leave out any."""
+    """Return the factor on stated variances, at least 1; 1 if there are too few members to leave one out."""
     members, (some, modes) = prior.members, prior.members.some(_SCORED)
     stated = np.tile(prior.functions**2 @ prior.error[:, some] ** 2, 2)
     groups, quantiles = alike(members.weights, members.velocity_modes), []
@@ -121,9 +121,9 @@ def calibration(prior: MembersPrior) -> float:
 
 
 def fitted_kernels(prior: MembersPrior) -> Array:
-    """Return the probabilities of the kernels about members, shape (H,), under which members left out are most likely.
+    """Return the maximum-likelihood probabilities of the kernels about members, shape (H,), for members left out.
 
-    Forecasts that are alike put them on narrow kernels, fields of a climatology on the prior itself. By expectation and maximisation.
+    Similar forecasts favour narrow kernels, fields of a climatology the prior itself. Method: expectation-maximisation.
     """
     probability = np.asarray(_BEFORE / _BEFORE.sum())
     likelihoods = np.array([_of_kernels(prior, i) for i in prior.members.left_out(_OF_KERNELS)])
@@ -135,7 +135,7 @@ def fitted_kernels(prior: MembersPrior) -> Array:
 
 
 def _of_kernels(prior: MembersPrior, member: int) -> Array:
-    """Return the logarithm of the likelihood of each kernel about the others for what is measured of a member, shape (H,)."""
+    """Return the log likelihood of each kernel about the other members, shape (H,), given observations of one."""
     *patterns, anomaly = prior.without(np.array([member]), member)
     rows, others = prior.members.columns(_FEW_COLUMNS, member), len(prior.members.weights) - 1
 

@@ -1,4 +1,4 @@
-"""Unknowns beside those of the slow current, where they are asked for: oscillations over the region, systematic errors of an instrument.
+"""Optional unknowns besides the slow current: oscillations over the region, and systematic errors of an instrument.
 
 **Oscillations** are uniform in the horizontal and linear between knots in depth. An unknown is an amplitude at one reference time; t
 seconds later its current is C cos(omega t) + S sin(omega t). An inertial one turns as a vector, clockwise in the north; a tide has an
@@ -7,11 +7,11 @@ ellipse, two amplitudes for each component. Their phase is forgotten over a deco
 **Errors of an instrument** that are not part of the state are absorbed by the current where possible, but a turning vehicle shows the same
 error along another direction. They are proportional to the profile's mean velocity relative to the platform: with each bin's own velocity
 its noise would look like a scale error. ``heading``: the compass reads too high [rad], which turns the relative velocity clockwise.
-``scale``: it is too large, by a share. ``shear``: an error along the motion through water that grows with the distance from the
+``scale``: it is too large by a fraction. ``shear``: an error along the motion through water that grows with the distance from the
 instrument (Todd et al. 2017, JTECH 34).
 
-A scale error is special, because its effect is made of the measurement: with z = (1 + s)(v - p) the density of the logged values has a
-factor (1 + s)^-1 for each component of the mean, less the share of the platform velocity's error: that moves the estimate by -P g after
+A scale error is special: its effect depends on the observation. With z = (1 + s)(v - p) the density of the logged values has a
+factor (1 + s)^-1 for each component of the mean, less the share of the platform velocity's error. That moves the estimate by -P g after
 each profile, with g the gradient of the factor's logarithm.
 """
 
@@ -53,18 +53,18 @@ _UNOBSERVED = 0.95
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extras:
-    """The unknowns: u amplitudes at each of K knots, then b errors of the instrument.
+    """Unknowns: u amplitudes at each of K knots, then b instrument errors.
 
     Attributes:
-        knots: shape (K,) [m]; empty without oscillations.
-        root: shape (K, K) [m/s], maps independent unknowns to the knots.
-        omega: shape (u,) [rad/s].
-        cosine: shape (2, u), C: local east and north.
-        sine: shape (2, u), S.
-        scale: Time over which the phase is forgotten [s].
-        names: Of the errors of the instrument.
-        std: shape (b,), their prior standard deviations: rad, 1, 1/s.
-        reference_ns: For which the amplitudes are given [ns, UTC].
+        knots: Depths, shape (K,) [m]; empty without oscillations.
+        root: Map from unknowns to knots, shape (K, K) [m/s].
+        omega: Angular frequencies, shape (u,) [rad/s].
+        cosine: Factors C, east and north, shape (2, u).
+        sine: Factors S, shape (2, u).
+        scale: Decorrelation time of the phase [s].
+        names: Names of the instrument errors.
+        std: Their prior standard deviations, shape (b,) [rad, 1 or 1/s].
+        reference_ns: Time of the amplitudes [ns, UTC].
     """
 
     knots: Array
@@ -88,7 +88,7 @@ class Extras:
         return np.repeat([self.scale, np.inf], [self.size - self.std.size, self.std.size])
 
     def functions(self, depth: Array) -> Array:
-        """Return the functions of depth that both components share, shape (n, K or K + 2): hats, one and the depth below the first bin."""
+        """Return the vertical functions of both components, shape (n, K or K + 2): hats, one, depth below the first bin."""
         errors = np.column_stack([np.ones(depth.size), np.abs(depth - depth[0])])
         return np.hstack([self._hats(depth), errors[:, : 2 * bool(self.names)]])
 
@@ -96,8 +96,8 @@ class Extras:
         """Return the effect of one unit of each unknown on the functions' amplitudes, shape (2, K or K + 2, size).
 
         Args:
-            time_ns: [ns, UTC].
-            relative: shape (2,) [m/s], mean velocity relative to the platform, local axes; None where the log does not state it.
+            time_ns: Time of the profile [ns, UTC].
+            relative: Mean velocity relative to the platform, local axes, shape (2,) [m/s]; None if not logged.
         """
         n, of_errors = self.knots.size, self.size - self.std.size
         out = np.zeros((2, n + 2 * bool(self.names), self.size))
@@ -108,12 +108,12 @@ class Extras:
         return out
 
     def sums(self, weights: Array, depth: Array, times_ns: NDArray[np.int64]) -> Array:
-        """Return the effect of one unit of each unknown on sums over points, shape (2, n, size); errors of an instrument have none.
+        """Return the effect of one unit of each unknown on weighted sums over points, shape (2, n, size); 0 for instrument errors.
 
         Args:
-            weights: shape (n, P).
-            depth: shape (P,) [m].
-            times_ns: shape (P,) [ns, UTC].
+            weights: Weights of the points, shape (n, P).
+            depth: Depths of the points, shape (P,) [m].
+            times_ns: Times of the points, shape (P,) [ns, UTC].
         """
         at_points = self._hats(depth) @ self.root
         rows = np.einsum("np,pcu,pm->cnum", weights, self._turned(times_ns)[0], at_points)
@@ -124,12 +124,12 @@ class Extras:
         return out
 
     def known(self, x: Array, levels: Array, time_ns: int) -> Oscillation | None:
-        """Return what oscillates as later times need it; None where nothing does.
+        """Return the estimated oscillation for later times; None without oscillations.
 
         Args:
-            x: shape (size,), mean of the unknowns.
-            levels: shape (Z,) [m].
-            time_ns: When that is [ns, UTC].
+            x: Mean of the unknowns, shape (size,).
+            levels: Depths of the levels, shape (Z,) [m].
+            time_ns: Time of the mean [ns, UTC].
         """
         if not self.omega.any():
             return None
@@ -143,11 +143,11 @@ class Extras:
         return Oscillation(self.omega[::2], cosine, sine, self.scale, time_ns)
 
     def remarks(self, mean: Array, std: Array) -> list[str]:
-        """Return notes on the estimated errors of the instrument, and on those of which the log says nothing.
+        """Return notes on the estimated instrument errors, and on errors that the log does not constrain.
 
         Args:
-            mean: shape (b,), of their unknowns.
-            std: shape (b,), of these.
+            mean: Mean of their unknowns, shape (b,).
+            std: Standard deviation of their unknowns, shape (b,).
         """
         seen = std < _UNOBSERVED
         each = zip(self.names, self.std * mean, self.std * std, strict=True)
@@ -189,13 +189,13 @@ class Extras:
 
 
 def extras_of(config: TimeConfig, latitude: float, deepest: float, reference_ns: int) -> Extras:
-    """Return the configured unknowns.
+    """Return the configured optional unknowns.
 
     Args:
         config: Names, standard deviations and correlation lengths in depth.
-        latitude: Of the region's centre [degrees north], for the inertial frequency.
-        deepest: [m].
-        reference_ns: As of ``Extras``.
+        latitude: Latitude of the region's centre [degrees north], for the inertial frequency.
+        deepest: Greatest depth [m].
+        reference_ns: See ``Extras``.
     """
     parts = [(np.empty(0), np.empty((2, 0)), np.empty((2, 0)))]
     for name in config.oscillators:
@@ -223,6 +223,6 @@ def extras_of(config: TimeConfig, latitude: float, deepest: float, reference_ns:
 
 
 def in_words(name: str, estimate: float, std: float) -> str:
-    """Return an error of the instrument as text for people."""
+    """Return an estimated instrument error as text."""
     factor, digits, unit = _IN_WORDS[name]
     return f"{name} {factor * estimate:+.{digits}f} +- {factor * std:.{digits}f} {unit}"

@@ -1,13 +1,13 @@
-"""The prior of the unknowns: members, their shifted copies, local directions, and the amplitude of the ensemble mean.
+"""Hybrid prior: members, their shifted copies, local directions, and the amplitude of the ensemble mean.
 
-Every member is used unshifted and, with half the weight each, shifted to the four sides: the shape of eddies in the members holds for
+Every member is used unshifted and, with half the weight each, shifted to the four sides. The shape of eddies in the members holds for
 eddies nearby too (spatial averages of covariances, Berre and Desroziers 2010, Mon. Wea. Rev. 138; valid-space shifting, Xu et al. 2011).
 The sample covariance of so many members still has chance correlations between distant places, and low rank. The localised part (hybrid
 covariance, Hamill and Snyder 2000) has full rank and no distant correlations (``localised.py``).
 
-The hybrid covariance a cov(members and shifted copies) + (1 - a) localised is written as the sum of outer products of patterns, one an
-unknown of unit variance (``core/flow/process.py``). Of the localised part only the directions above a bound are kept, and of the depth
-structure only the vertical functions above another: what is dropped is part of the stated error, place by place.
+The hybrid covariance a cov(members and shifted copies) + (1 - a) localised is the sum of outer products of patterns, each with an
+unknown of unit variance (``core/flow/process.py``). The localised part keeps the directions above a bound, the depth structure the
+vertical functions above another. The dropped variance is part of the stated error, point by point.
 """
 
 from bisect import bisect_right
@@ -31,12 +31,12 @@ _NODES = 600
 
 @dataclass(frozen=True, slots=True)
 class PriorSettings:
-    """The settings of a hybrid prior.
+    """Settings of a hybrid prior.
 
     Attributes:
-        sample_share: Of the sample covariance; the localised one has the rest.
+        sample_share: Share of the sample covariance; the localised one has the rest.
         shift: Distance of the shifted copies [m]; 0 makes none.
-        radius: Where the localised part's taper reaches zero [m].
+        radius: Distance at which the localised part's taper reaches zero [m].
     """
 
     sample_share: float
@@ -44,20 +44,20 @@ class PriorSettings:
     radius: float
 
     def __str__(self) -> str:
-        """Return the settings in words."""
+        """Return the settings as text."""
         shift, radius = self.shift / 1e3, self.radius / 1e3
         return f"sample share {self.sample_share:.2f}, members shifted by {shift:.1f} km, taper to zero at {radius:.1f} km"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parts:
-    """Which unknowns are what.
+    """Kinds of the prior's unknowns.
 
     Attributes:
-        members: Number of members E; the first unknowns of the sample are theirs.
-        sample: Of members and copies.
+        members: Number of members E, whose unknowns are the first of the sample.
+        sample: Unknowns of members and copies.
         has_amplitude: Whether the first unknown is the ensemble mean's amplitude.
-        anomaly: Value of a member's own unknown in its anomaly.
+        anomaly: Value of a member's unknown for its own anomaly.
         amplitude_variance: Prior variance of the amplitude.
     """
 
@@ -69,7 +69,7 @@ class Parts:
 
     @property
     def scaled(self) -> slice:
-        """Unknowns whose prior variance the log may scale: those of members and local directions."""
+        """Unknowns with a prior variance that the log may scale: members and local directions."""
         return slice(int(self.has_amplitude), None)
 
 
@@ -81,18 +81,18 @@ def process_of(
     mean_variance: float,
     bound: float,
 ) -> tuple[Process, Parts, Array]:
-    """Return the prior's process without times, its parts, and the standard deviation of what is dropped.
+    """Return the prior process without times, its kinds of unknowns, and the error of dropping patterns.
 
     Args:
-        weights: shape (T, E, Z, r), of the members at each forecast time.
-        modes: With what shifts fields in them.
+        weights: Members' weights at each forecast time, shape (T, E, Z, r).
+        modes: Modes with shift operators.
         settings: Share, shift and radius.
-        mean_weights: shape (Z, r), of the ensemble mean; None where its amplitude is certain.
-        mean_variance: Of its amplitude.
-        bound: Standard deviation below which the directions dropped together stay everywhere [m/s].
+        mean_weights: Weights of the ensemble mean, shape (Z, r); None if certain.
+        mean_variance: Variance of its amplitude.
+        bound: Upper bound of the standard deviation of dropped directions [m/s].
 
     Returns:
-        The process, of which ``times_ns`` and ``tau`` are still to be set; the parts; shape (Z, N) [m/s].
+        Process with ``times_ns`` and ``tau`` unset; kinds; error, shape (Z, N) [m/s].
     """
     n_members, share = weights.shape[1], settings.sample_share
     mean = weights.mean(axis=1)
@@ -133,17 +133,17 @@ def process_of(
 def local_directions(
     copies: Array, spread: Array, modes: ShiftedModes, settings: PriorSettings, bound: float
 ) -> tuple[Array, Array, Array]:
-    """Return the directions of the localised covariance for a spread of one, and what is dropped.
+    """Return the directions of the localised covariance at unit spread, and the standard deviation of dropped ones.
 
     Args:
-        copies: shape (T, F, Z, r), anomalies of members and copies.
-        spread: shape (T,), of the members.
-        modes: At the nodes.
+        copies: Anomalies of members and copies, shape (T, F, Z, r).
+        spread: Spread of the members, shape (T,).
+        modes: Modes at the nodes.
         settings: Share and radius.
-        bound: As of ``process_of``.
+        bound: See ``process_of``.
 
     Returns:
-        shape (B, Z), the vertical function of each direction; shape (B, r), its weights, by which that is multiplied; shape (Z, N) [m/s].
+        Vertical function of each direction, shape (B, Z); its mode weights, a factor, shape (B, r); standard deviation, shape (Z, N) [m/s].
     """
     apart = times_with_spread(spread)
     normalised = copies[apart] / spread[apart, None, None, None] / np.sqrt(apart.size)
@@ -164,7 +164,7 @@ def local_directions(
     groups = [np.flatnonzero(group == g) for g in range(len(directions))]
 
     def of_levels(n: int) -> list[Array]:
-        """Return what the n smallest of each group count for at each level, shapes (Z, r)."""
+        """Return the share of the n smallest directions at each level, by group, shapes (Z, r)."""
         return [height[own].T @ (order[own] < n) for own in groups]
 
     def largest(n: int) -> float:
@@ -182,7 +182,7 @@ def local_directions(
 
 
 def some_nodes(velocity_modes: Array) -> Array:
-    """Return the modes at some nodes, evenly spread among them: enough to find the largest of a smooth variance, shape (2P, r)."""
+    """Return the modes at an even subset of nodes, shape (2P, r), enough to find the maximum of a smooth variance."""
     by_component = velocity_modes.reshape(2, -1, velocity_modes.shape[1])
     step = -(-by_component.shape[1] // _NODES)
     return by_component[:, ::step].reshape(-1, velocity_modes.shape[1])
@@ -191,13 +191,13 @@ def some_nodes(velocity_modes: Array) -> Array:
 def vertical_functions(
     moving: Array, fixed: tuple[Array, Array], velocity_modes: Array, bound: float
 ) -> tuple[Array, Array]:
-    """Return the vertical functions that patterns need, shape (K, Z), orthonormal, and the error without the others, shape (Z,) [m/s].
+    """Return the leading orthonormal vertical functions of patterns, shape (K, Z), and the error without the others, shape (Z,) [m/s].
 
     Args:
-        moving: shape (T, F, Z, r), patterns at each time.
-        fixed: shapes (B, Z) and (B, r), vertical functions and weights of patterns beside these at any time.
-        velocity_modes: shape (2P, r) [m/s for a weight of one], at some nodes.
-        bound: Of the standard deviation that those dropped have together [m/s].
+        moving: Patterns at each time, shape (T, F, Z, r).
+        fixed: Vertical functions, shape (B, Z), and mode weights, shape (B, r), of the constant patterns.
+        velocity_modes: Modes at some nodes, shape (2P, r) [m/s per unit weight].
+        bound: Upper bound of the standard deviation of all dropped functions together [m/s].
     """
     heights, directions = fixed
     scaled = heights * np.linalg.norm(directions, axis=1)[:, None]
@@ -223,5 +223,5 @@ def vertical_functions(
 
 
 def times_with_spread(spread: Array) -> NDArray[np.intp]:
-    """Return the times at which the members differ: they may all start from one analysis."""
+    """Return the positions of the times at which members differ; all may start from one analysis."""
     return np.flatnonzero(spread > _LEAST_SPREAD * spread.max())

@@ -1,14 +1,14 @@
-"""Settings of the prior, fitted by leaving members of the ensemble out: never on a truth, never on the log.
+"""Settings of the prior, fitted by cross-validation over ensemble members, never on a truth or the log.
 
-A member is left out, a few columns of it are measured with noise, and the prior of the others predicts the rest of it.
+A member is left out, a few columns of it are observed with noise, and the prior of the others predicts the rest of it.
 The best settings have the least mean continuous ranked probability score, which measures error and stated uncertainty together.
 
-With R'R the precision that is measured of a level's weights, H = N^-1 (x) R with N the error of each level, and P - W'W the posterior
-covariance, W = L^-1 H P, L L' = I + H P H'. Six members in turn and six shares take about a second in the leading 50 modes, the leading 8
-functions of depth and at 1,200 nodes, whatever the region's size, so the default is fitted whenever it is built; ``replay-kit fit`` also
-tries more shifts and radii, with more members. Shifts of one correlation length came out best on most ensembles, of half of it on others:
-the default tries the second with the share that suits the first. Farther ones are now and then chosen on members left out and err more on
-truths, and radii from 4.5 to 9 hardly differ, so the default does not fit these.
+With R'R the precision of the observed weights of a level, H = N^-1 (x) R with N the error of each level, and P - W'W the posterior
+covariance, W = L^-1 H P, L L' = I + H P H'. With 50 modes, 8 functions of depth and 1,200 nodes, six members and six shares take about a
+second for any region. So the default is fitted whenever it is built; ``replay-kit fit`` also tries more shifts and radii, with more
+members. Shifts of one correlation length were best on most ensembles, of half of it on others: the default tries the second with the
+best share of the first. Longer shifts are sometimes chosen on members but err more on truths, and radii from 4.5 to 9 hardly differ: the
+default fits neither.
 """
 
 from collections.abc import Callable, Sequence
@@ -53,12 +53,12 @@ _SHARE_OF_FEW = 2 / 3
 
 @dataclass(frozen=True, slots=True)
 class FitRow:
-    """The score of settings on the members left out.
+    """Score of settings on the members left out.
 
     Attributes:
-        settings: What was tried.
+        settings: Candidate settings.
         score: Mean over members and numbers of columns of the logarithm of CRPS over the mean absolute anomaly; less is better.
-        coverage90: Share of components inside their 90 % interval.
+        coverage90: Fraction of components inside their 90 % interval.
     """
 
     settings: PriorSettings
@@ -68,12 +68,12 @@ class FitRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Members:
-    """The members in few modes of their basis.
+    """Ensemble members in few modes of their basis.
 
     Attributes:
-        weights: shape (E, Z, r).
-        velocity_modes: shape (2N, r) [m/s for a weight of one], the modes at the nodes.
-        nodes: shape (N, 2) [m].
+        weights: Weights of the members, shape (E, Z, r).
+        velocity_modes: Modes at the nodes, shape (2N, r) [m/s per unit weight].
+        nodes: Positions of the nodes, shape (N, 2) [m].
     """
 
     weights: Array
@@ -82,11 +82,11 @@ class Members:
 
     @staticmethod
     def leading(weights: Array, velocity_modes: Array, nodes: Array) -> "Members":
-        """Return members in the leading modes, at fewer nodes, evenly spread, and in the leading functions of depth instead of many levels.
+        """Return the members in the leading modes and vertical functions, at an even subset of nodes.
 
-        The functions are orthonormal, so white noise of every level is white noise of every function. What was given in another order,
-        turned or mirrored, comes out alike: members from the nearest to their mean to the farthest, and nodes in the order of tiles of
-        their own frame, in which neighbours follow each other.
+        The functions are orthonormal, so white noise of every level is white noise of every function. Order, rotation and reflection of
+        the input have no effect. Members are sorted by distance from their mean, nodes by tiles of their own frame, in which
+        neighbours follow each other.
         """
         weights, at_nodes = weights[..., :_MODES], velocity_modes[:, :_MODES]
         anomalies = weights - weights.mean(axis=0)
@@ -100,17 +100,17 @@ class Members:
         return Members(weights[by_distance], at_nodes[both], nodes[some])
 
     def columns(self, count: int, member: int) -> Array:
-        """Return rows that say what columns at nodes do of the weights of each level, shape (m, r): at most as many as there are modes.
+        """Return the observation matrix of columns at nodes for the weights of a level, shape (m, r), m <= r.
 
         Args:
             count: Number of columns, evenly spread over the order of the nodes.
-            member: Its position; each is measured at other places, by the golden section.
+            member: Position of the member; each has other columns, by the golden section.
         """
         at = evenly(count, len(self.nodes), (0.5 + member * _GOLDEN) % 1.0)
         return np.asarray(np.linalg.qr(self.at(at), mode="r"))
 
     def some(self, count: int) -> tuple[NDArray[np.intp], Array]:
-        """Return so many nodes at most, evenly spread, and the modes there, shape (2 n, r)."""
+        """Return an even subset of at most ``count`` nodes, and the modes there, shape (2 n, r)."""
         nodes = evenly(min(count, len(self.nodes)), len(self.nodes))
         return nodes, self.at(nodes)
 
@@ -119,22 +119,22 @@ class Members:
         return np.asarray(self.velocity_modes[np.concatenate([nodes, nodes + len(self.nodes)])])
 
     def left_out(self, count: int) -> list[int]:
-        """Return the positions of members that are left out in turn, so many, or all; none of fewer than four."""
+        """Return the positions of at most ``count`` members to leave out in turn; empty below four members."""
         n = len(self.weights)
         return [int(member) for member in evenly(min(count, n), n)] if n > 3 else []
 
 
 def evenly(count: int, total: int, first: float = 0.5) -> NDArray[np.intp]:
-    """Return so many positions among a total, evenly spread, the first at a share of the distance between two."""
+    """Return evenly spaced positions among a total, the first at a fraction of the spacing."""
     return ((np.arange(count) + first) * (total / count)).astype(np.intp)
 
 
 def _own_frame(nodes: Array, energy: Array) -> Array:
-    """Return nodes in a frame that turns and mirrors with them, shape (N, 2) [m]: along the main axes of their energy.
+    """Return the nodes along the principal axes of their energy, shape (N, 2) [m]; rotation and reflection have no effect.
 
     Args:
-        nodes: shape (N, 2) [m].
-        energy: shape (N,), the weight of each.
+        nodes: Positions of the nodes, shape (N, 2) [m].
+        energy: Weight of each node, shape (N,).
     """
     offset = nodes - energy @ nodes / energy.sum()
     along = offset @ np.linalg.eigh((offset.T * energy) @ offset)[1]
@@ -150,12 +150,12 @@ def _energy(anomalies: Array, velocity_modes: Array) -> Array:
 
 
 def choose_settings(members: Members, length: float, config: EstimatorConfig) -> PriorSettings:
-    """Return the settings of the configuration, with what it leaves open: distances from the ensemble's length, the share fitted.
+    """Return the configured settings; by default the ensemble's length sets the distances and the share is fitted.
 
     Args:
-        members: All of the ensemble.
+        members: All members of the ensemble.
         length: Correlation length [m].
-        config: Settings that are ``None`` are chosen here.
+        config: Configuration; settings that are ``None`` are chosen here.
     """
     shift = length if config.shift_distance is None else config.shift_distance
     radius = config.localisation_radius or RADIUS_IN_LENGTHS * length
@@ -184,10 +184,10 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
 
 
 def fit_settings(members: Members, length: float, count: int) -> tuple[FitRow, ...]:
-    """Return rows of all candidates: shares for each shift, then for the best shift with other radii; none with fewer than four members.
+    """Return the scores of all candidates: shares for each shift, then other radii for the best; empty below four members.
 
     Args:
-        members: All of the ensemble.
+        members: All members of the ensemble.
         length: Correlation length [m].
         count: Number of members left out in turn.
     """
@@ -205,7 +205,7 @@ def fit_settings(members: Members, length: float, count: int) -> tuple[FitRow, .
 
 
 def best(rows: Sequence[FitRow]) -> PriorSettings:
-    """Return the settings of the least score."""
+    """Return the settings with the lowest score."""
     return min(rows, key=lambda row: row.score).settings
 
 
@@ -215,7 +215,7 @@ def scored(
     left_out: Sequence[int],
     advance: Callable[[], None] = lambda: None,
 ) -> list[FitRow]:
-    """Return one row for each share of the sample covariance, from the same columns of the same members; arguments as of ``_scores``."""
+    """Return the score of each share of the sample covariance, on the same columns and members; for arguments see ``_scores``."""
     means = _scores(members, settings, SHARES, left_out, advance).mean(axis=0)
     return [
         FitRow(replace(settings, sample_share=share), *each)
@@ -233,10 +233,10 @@ def _scores(
     """Return the logarithmic score and the coverage of each member left out, shape (members, 2, shares).
 
     Args:
-        members: All, in few modes.
-        settings: Shift and radius; its share is not used.
-        shares: Of the sample covariance, to try.
-        left_out: The members' positions.
+        members: All members, in few modes.
+        settings: Shift and radius; the share is not used.
+        shares: Candidate shares of the sample covariance.
+        left_out: Positions of the members left out.
         advance: Called after each member.
     """
     found, modes = [], ShiftedModes.by(members.velocity_modes, members.nodes, settings.shift)
@@ -274,13 +274,13 @@ def _score_member(
 def score_withheld(
     members: Members, truth: Array, prior: Array, rows: Array
 ) -> tuple[float, float]:
-    """Return the logarithm of CRPS over the mean absolute anomaly, over some nodes, and the coverage of 90 % intervals.
+    """Return the logarithm of CRPS over the mean absolute anomaly at some nodes, and the coverage of 90 % intervals.
 
     Args:
-        members: Their modes.
-        truth: As of ``predicted``.
-        prior: Alike.
-        rows: Alike, of one error for all levels.
+        members: Members, whose modes are used.
+        truth: See ``predicted``.
+        prior: See ``predicted``.
+        rows: See ``predicted``; one observation error for all levels.
     """
     _, modes = members.some(_SCORED)
     noise = np.full(len(truth), LEVEL_ERROR_STD)
@@ -293,16 +293,16 @@ def score_withheld(
 def predicted(
     truth: Array, prior: Array, rows: Array, noise: Array, modes: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the error of a truth's currents after measurements, their variance, and what the noise adds to the error's; shapes (Z, n).
+    """Return the error of currents estimated from observations, their variance, and the error variance due to noise; shapes (Z, n).
 
     Both are averaged over the noise: with the posterior covariance P and the rows H, the noise n has the part P H' n in the estimate.
 
     Args:
-        truth: shape (Z, r), weights about the prior's mean.
-        prior: shape (Z r, Z r), covariance.
-        rows: shape (m, r), what is measured of each level's weights.
-        noise: shape (Z,), error of the rows of each level.
-        modes: shape (n, r), of the currents.
+        truth: Weights about the prior's mean, shape (Z, r).
+        prior: Prior covariance, shape (Z r, Z r).
+        rows: Observation matrix of each level's weights, shape (m, r).
+        noise: Observation error of each level, shape (Z,).
+        modes: Modes of the currents, shape (n, r).
     """
     (n_levels, n_modes), size = truth.shape, len(rows) * len(truth)
     by_level = prior.reshape(n_levels, n_modes, n_levels, n_modes)

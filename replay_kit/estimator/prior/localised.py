@@ -1,10 +1,10 @@
-"""The localised covariance of the modes, from pairs of tiles of nodes within reach of each other.
+"""Localised covariance of the modes, from pairs of tiles of nodes within reach of each other.
 
 With V (2N, r) the modes at the nodes, P its pseudo-inverse, C the covariance of the modes' amplitudes and T the taper, the localised
-covariance is H = P (T o V C V') P'. T is zero for most pairs of nodes of a large region: nodes are sorted into compact tiles, and H is the
-sum over pairs of tiles within the taper's radius of P_i (T_ij o F_i F_j') P_j', with F F' = V C V'. The sum is symmetric, so each pair
+covariance is H = P (T o V C V') P'. T is zero for most pairs of nodes of a large region. So nodes are sorted into compact tiles, and H is
+the sum over pairs of tiles within the radius of P_i (T_ij o F_i F_j') P_j', with F F' = V C V'. The sum is symmetric, so each pair
 counts once, and no N x N matrix is made. In large regions the products are in single precision, whose error, some 1e-7 of the sum,
-cancels out over the nodes. Of many nodes for each mode, those near each other are taken as one: modes and taper hardly differ there, and
+cancels out over the nodes. If nodes far outnumber modes, neighbours are merged: modes and taper hardly differ there, and
 the work grows with the square of the nodes.
 """
 
@@ -32,16 +32,16 @@ _LEAST_APART, _APART = 8, 0.999
 
 
 def vertical_functions(anomalies: Array) -> tuple[Array, int]:
-    """Return the empirical orthogonal functions of depth, of decreasing variance, and how many have a covariance of their own.
+    """Return the empirical orthogonal functions of depth, by decreasing variance, and the number with separate covariances.
 
     Each row times its own amplitude's covariance is a part of the localised covariance. The weak ones share one amplitude covariance,
     the mean of theirs; their rows are scaled to their share in it, so that their squares sum to one.
 
     Args:
-        anomalies: shape (F, Z, r); their outer products sum to the covariance.
+        anomalies: Anomalies, shape (F, Z, r), whose outer products sum to the covariance.
 
     Returns:
-        shape (Z, Z), and a number of at most Z.
+        Functions, shape (Z, Z), and a number of at most Z.
     """
     variance, vectors = np.linalg.eigh(
         np.einsum("ezr,eyr->zy", anomalies, anomalies, optimize=True)
@@ -59,14 +59,14 @@ def vertical_functions(anomalies: Array) -> tuple[Array, int]:
 
 
 def localised_part(anomalies: Array, modes: ShiftedModes, radius: float) -> tuple[Array, Array]:
-    """Return the covariance of anomalies, tapered, in their vertical functions: shapes (q, Z) and (g, r, r), g <= q.
+    """Return the vertical functions of anomalies, shape (q, Z), and their tapered covariances, shape (g, r, r), g <= q.
 
-    Functions from the g-th on have the last covariance.
+    Functions from the g-th on share the last covariance.
 
     Args:
-        anomalies: shape (F, Z, r); their outer products sum to the covariance.
-        modes: The modes.
-        radius: Where the taper reaches zero [m].
+        anomalies: Anomalies, shape (F, Z, r), whose outer products sum to the covariance.
+        modes: Modes at the nodes.
+        radius: Distance at which the taper reaches zero [m].
     """
     functions, apart = vertical_functions(anomalies)
     unit = functions / np.maximum(
@@ -84,12 +84,12 @@ def localised_part(anomalies: Array, modes: ShiftedModes, radius: float) -> tupl
 
 
 def in_groups(velocity_modes: Array, nodes: Array, most: int) -> tuple[Array, Array]:
-    """Return the means of modes over groups of neighbouring nodes, shape (2 n, r), and of their places, shape (n, 2) [m].
+    """Return the means of modes over groups of neighbouring nodes, shape (2 n, r), and mean positions, shape (n, 2) [m].
 
     Args:
-        velocity_modes: shape (2N, r).
-        nodes: shape (N, 2) [m].
-        most: Nodes of a group are as few as make so many groups; halving may make twice as many.
+        velocity_modes: Modes at the nodes, shape (2N, r).
+        nodes: Positions of the nodes, shape (N, 2) [m].
+        most: Target number of groups; halving may make twice as many.
     """
     if len(nodes) <= most:
         return velocity_modes, nodes
@@ -105,10 +105,10 @@ def localised(covariances: Array, velocity_modes: Array, nodes: Array, radius: f
     """Return covariances of the modes' amplitudes after tapering over the nodes, shape (g, r, r); see the module.
 
     Args:
-        covariances: shape (g, r, r).
-        velocity_modes: shape (2N, r).
-        nodes: shape (N, 2) [m].
-        radius: Where the taper reaches zero [m].
+        covariances: Covariances of the amplitudes, shape (g, r, r).
+        velocity_modes: Modes at the nodes, shape (2N, r).
+        nodes: Positions of the nodes, shape (N, 2) [m].
+        radius: Distance at which the taper reaches zero [m].
     """
     n_nodes = len(nodes)
     precision: Any = np.float64 if n_nodes <= _FEW_NODES else np.float32
@@ -139,11 +139,11 @@ def _half(
     """Return half of each sum over pairs of tiles, shape (g, r, r); with its transpose it is the whole.
 
     Args:
-        fields: shape (g, N, 2, f), F at the nodes in the order of the tiles.
-        back: shape (N, 2, r), P' there.
-        places: shape (N, 2) [m], the nodes.
-        ends: Of the tiles.
-        radius: Where the taper reaches zero [m].
+        fields: F at the nodes in the order of the tiles, shape (g, N, 2, f).
+        back: P' at the nodes, shape (N, 2, r).
+        places: Positions of the nodes, shape (N, 2) [m].
+        ends: Ends of the tiles.
+        radius: Distance at which the taper reaches zero [m].
     """
     (n_groups, *_), n_modes = fields.shape, back.shape[2]
     half, starts = np.zeros((n_groups, n_modes, n_modes)), np.append(0, ends[:-1])
@@ -174,8 +174,8 @@ def tiles(nodes: Array, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     A tile is half of a larger one, cut across its longer side, so land and curvilinear grids need nothing special.
 
     Args:
-        nodes: shape (N, 2) [m].
-        size: Of a tile at most.
+        nodes: Positions of the nodes, shape (N, 2) [m].
+        size: Largest number of nodes in a tile.
     """
     done, left = [], [np.arange(len(nodes))]
     while left:
@@ -191,7 +191,7 @@ def tiles(nodes: Array, size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def _factors(covariances: Array) -> Array:
-    """Return factors of covariances, shape (g, r, f), without the directions that hold next to nothing."""
+    """Return the factors of covariances, shape (g, r, f), without directions of negligible variance."""
     values, vectors = np.linalg.eigh(covariances)
     values = np.maximum(values, 0.0)
     needed = np.sum(
@@ -202,7 +202,7 @@ def _factors(covariances: Array) -> Array:
 
 
 def _positive(covariances: Array) -> Array:
-    """Return covariances without the negative eigenvalues that rounding leaves."""
+    """Return the covariances without negative eigenvalues due to rounding."""
     for number, covariance in enumerate(covariances):
         try:
             np.linalg.cholesky(covariance)
@@ -213,10 +213,10 @@ def _positive(covariances: Array) -> Array:
 
 
 def gaspari_cohn(distance: Array, radius: float) -> Array:
-    """Return the fifth-order taper of Gaspari and Cohn (1999, eq. 4.10): 1 at no distance, 0 from ``radius`` on.
+    """Return the fifth-order taper of Gaspari and Cohn (1999, eq. 4.10): 1 at distance 0, 0 from ``radius`` on.
 
     Args:
-        distance: [m], any shape.
+        distance: Distance [m], any shape.
         radius: Twice the function's half-width c [m].
     """
     r, out = 2.0 * np.abs(distance) / radius, np.zeros(np.shape(distance))

@@ -1,1 +1,1 @@
-"""Forecasts on servers: opened by their address, cut to what is needed, and kept here with a record of where they came from."""
+"""Forecasts on servers: opened by address, cut to the required part, and cached with their provenance."""

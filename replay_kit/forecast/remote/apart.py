@@ -1,4 +1,4 @@
-"""A call in a process of its own, which is ended when it is late: libraries that speak to servers may hang or crash."""
+"""Call in a separate process with a timeout, as libraries for servers may hang or crash."""
 
 import logging
 import os
@@ -29,13 +29,13 @@ _ASKING: ContextVar[bool] = ContextVar("asking", default=False)
 
 
 def may_ask() -> bool:
-    """Return whether servers may be asked here: in a process of its own."""
+    """Return whether this process may contact servers: only a separate one may."""
     return _ASKING.get()
 
 
 @contextmanager
 def asking() -> Iterator[None]:
-    """Let servers be asked in this context."""
+    """Allow contact with servers in this context."""
     token = _ASKING.set(True)
     try:
         yield
@@ -44,16 +44,16 @@ def asking() -> Iterator[None]:
 
 
 def apart(function: Callable[..., _Value], *arguments: Any, what: str) -> _Value:
-    """Return the value of a call in a process of its own; progress and log come from it.
+    """Return the value of a call in a separate process, whose progress and log messages are passed on.
 
     Args:
-        function: Of a module, so that it can be found by its name; its arguments and its value can be pickled.
-        arguments: Of it.
-        what: What is asked, for errors.
+        function: Function at module level; its arguments and value can be pickled.
+        arguments: Arguments of the function.
+        what: Subject of the call, for errors.
 
     Raises:
-        ForecastError: It was silent for too long, or the process died.
-        ReplayKitError: As the function raises it.
+        ForecastError: The process was silent for too long, or died.
+        ReplayKitError: Error raised by the function.
     """
     # what libraries write there is no word of ours
     errors = tempfile.TemporaryFile()  # noqa: SIM115
@@ -83,7 +83,7 @@ def apart(function: Callable[..., _Value], *arguments: Any, what: str) -> _Value
                     raise value
                 elif kind == "memory":
                     raise ForecastError(
-                        f"{what}: the server sends more than this machine may hold; it was not read on"
+                        f"{what}: the server sends more than the memory limit; reading was stopped"
                     )
                 else:
                     return value  # type: ignore[no-any-return]
@@ -114,7 +114,7 @@ class _Forward(logging.Handler):
 
 
 def main() -> None:
-    """Make the call that standard input holds, and say on standard output what comes of it."""
+    """Execute the call read from standard input, and write its result to standard output."""
     sys.path[:], function, arguments = pickle.load(sys.stdin.buffer)
     said = Connection(os.dup(1), readable=False)
     # what a library prints is no word of ours
@@ -139,7 +139,7 @@ def main() -> None:
 
 
 def _limit_memory() -> None:
-    """Bound what a server's answers may take, where the system can."""
+    """Limit the memory of a server's answers, if the system supports it."""
     if sys.platform == "linux":
         with open("/proc/self/statm", encoding="ascii") as file:
             now = int(file.read().split()[0]) * resource.getpagesize()

@@ -1,4 +1,4 @@
-"""The part of a data set that is received: its variables and bytes; piece by piece into a NetCDF file, and checked."""
+"""Part of a remote data set to receive: variables and size, written piece by piece to a NetCDF file and checked."""
 
 import hashlib
 import json
@@ -33,13 +33,13 @@ _SMALL = 100_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cut:
-    """The part of one data set that is received.
+    """Part of one data set to receive.
 
     Attributes:
-        served: The data set.
-        parts: Of its dimensions.
-        names: Of the variables that are taken.
-        current: Of them the velocities.
+        served: Data set.
+        parts: Parts of its dimensions.
+        names: Names of the variables.
+        current: Names of the velocities among them.
     """
 
     served: Served
@@ -48,7 +48,7 @@ class Cut:
     current: tuple[str, ...]
 
     def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of what is taken of a variable."""
+        """Return the shape of the part of a variable."""
         variable = self.served.ds.variables[name]
         return tuple(_length(self._taken(dim, size)) for dim, size in variable.sizes.items())
 
@@ -57,14 +57,14 @@ class Cut:
 
     @property
     def values(self) -> int:
-        """Bytes of the values."""
+        """Size of the values [bytes]."""
         variables = self.served.ds.variables
         return sum(
             math.prod(self.shape(name)) * variables[name].dtype.itemsize for name in self.names
         )
 
     def _first_chunk(self, name: str) -> tuple[int, ...]:
-        """Return the position of the first chunk of a variable that is received."""
+        """Return the position of the first chunk of a variable to receive."""
         chunks, sizes = self.served.chunks(name) or (), self.served.ds.variables[name].sizes
         return tuple(
             self._taken(dim, size)[0].start // chunk
@@ -72,7 +72,7 @@ class Cut:
         )
 
     def fingerprint(self) -> str:
-        """Return a hash of what shows that a data set was changed: description, small coordinates, a chunk of each velocity."""
+        """Return a hash that detects changes of a data set, from metadata, small coordinates and a chunk of each velocity."""
         ds, digest = self.served.ds, hashlib.sha256()
         for name in sorted(map(str, ds.variables)):
             variable = ds.variables[name]
@@ -87,7 +87,7 @@ class Cut:
 
     @property
     def received(self) -> float:
-        """Bytes that the server is expected to send, from the size of one chunk of each large variable."""
+        """Expected download [bytes], from the size of one chunk of each large variable."""
         total, variables = 0.0, self.served.ds.variables
         for name in self.names:
             size = float(math.prod(self.shape(name)) * variables[name].dtype.itemsize)
@@ -105,7 +105,7 @@ class Cut:
         return total
 
     def pieces(self, name: str) -> Iterator[tuple[tuple[slice, ...], tuple[slice, ...]]]:
-        """Yield parts of a variable that are received at once: where in the data set, and where in the file."""
+        """Yield the pieces of a variable to receive: position in the data set, and position in the file."""
         variable = self.served.ds.variables[name]
         chunks = self.served.chunks(name) or (1,) * variable.ndim
         axes = []
@@ -126,10 +126,10 @@ class Cut:
 
 
 def plan_cuts(found: Collection, wanted: Wanted, config: ForecastConfig) -> tuple[Cut, ...]:
-    """Return the parts of the data sets of an opened forecast that are needed; nothing but coordinates is received.
+    """Return the required parts of the data sets of an opened forecast; only coordinates are received.
 
     Raises:
-        ForecastError: The forecast is of another place or time.
+        ForecastError: The forecast covers another region or time.
     """
     fields = [field for member in (*found.members, found.background) for field in member]
     kind, alone = kind_of(found.rule), len({field.paths for field in fields}) == 1
@@ -157,7 +157,7 @@ def plan_cuts(found: Collection, wanted: Wanted, config: ForecastConfig) -> tupl
 
 
 def _names(ds: xr.Dataset, parts: Parts, current: Sequence[str]) -> tuple[str, ...]:
-    """Return the velocities, what of the grid belongs to them, and the height of the surface."""
+    """Return the names of the velocities, their grid variables, and the sea surface height."""
     dims = {dim for name in current for dim in ds.variables[name].dims}
     grid = {dim for name in current for dim in ds.variables[name].dims[-2:]}
     changing = dims - grid - {find_depth(ds, dims)}
@@ -178,14 +178,14 @@ def write_cut(
     """Receive a cut into a NetCDF-4 file, piece by piece.
 
     Args:
-        cut: What is received.
-        out: The file, which is written beside and renamed by the caller.
-        record: Where it comes from.
-        done: Bytes of values received before [bytes].
-        total: Of all [bytes].
+        cut: Part to receive.
+        out: Temporary file, which the caller renames.
+        record: Provenance of the values.
+        done: Size of the values received before [bytes].
+        total: Size of the values of all parts [bytes].
 
     Returns:
-        ``done`` after it.
+        ``done`` including this part.
 
     Raises:
         ForecastError: The server fails.
@@ -222,7 +222,7 @@ def write_cut(
 
 
 def _set(attributes: Any, name: str, value: object) -> None:
-    """Set an attribute, but for those that HDF5 keeps for itself and those that no file can hold."""
+    """Set an attribute, except those reserved by HDF5 or not storable in a file."""
     if name in (
         "DIMENSION_LIST",
         "REFERENCE_LIST",
@@ -239,7 +239,7 @@ def _set(attributes: Any, name: str, value: object) -> None:
 
 
 def _values(cut: Cut, name: str, source: tuple[slice, ...]) -> np.ndarray:
-    """Return a piece of a variable.
+    """Return the values of a piece of a variable.
 
     Raises:
         ForecastError: The server fails.
@@ -251,7 +251,7 @@ def _values(cut: Cut, name: str, source: tuple[slice, ...]) -> np.ndarray:
     # a library may raise anything
     except Exception as error:
         raise ForecastError(
-            f"{cut.served.address}: the server gave no whole answer: {in_words(error)}; check the connection, or try again later"
+            f"{cut.served.address}: incomplete answer of the server: {in_words(error)}; check the connection, or try again later"
         ) from error
     return values
 
@@ -261,12 +261,12 @@ def _length(parts: Sequence[slice]) -> int:
 
 
 def _ends(part: slice, chunk: int) -> range:
-    """Return an index in each chunk that a part touches."""
+    """Return one index in each chunk that a part touches."""
     return range(part.start // chunk * chunk, part.stop, chunk)
 
 
 def _steps(part: slice, most: int, chunk: int) -> Iterator[tuple[int, int]]:
-    """Yield the ends of pieces of a part that do not divide a chunk."""
+    """Yield the ends of pieces of a part that split no chunk."""
     first = part.start // chunk * chunk
     marks = [part.start, *range(first + most, part.stop, most), part.stop]
     yield from pairwise(marks)

@@ -1,4 +1,4 @@
-"""Forecasts fetched: what it costs is said first, then received, checked and kept."""
+"""Download of forecasts: cost estimate, transfer, check and cache."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -30,12 +30,12 @@ _WASTE, _LARGE = 10.0, 5e7
 
 
 def cache_of(config: ForecastConfig) -> Kept:
-    """Return where fetched forecasts are kept."""
+    """Return the cache of fetched forecasts."""
     return Kept(CACHE if config.cache is None else Path(config.cache))
 
 
 def with_files(given: Paths, files: dict[Address, Path]) -> tuple[tuple[Path, ...], ...]:
-    """Return arguments with files instead of addresses."""
+    """Return the arguments with files instead of addresses."""
     return tuple(
         tuple(files[path] if isinstance(path, Address) else path for path in group)
         for group in as_groups(given, "ensemble")
@@ -43,10 +43,10 @@ def with_files(given: Paths, files: dict[Address, Path]) -> tuple[tuple[Path, ..
 
 
 def cuts_of(given: Paths, wanted: Wanted, config: ForecastConfig) -> tuple[Cut, ...]:
-    """Return what of the addresses of an ensemble is received, in their order.
+    """Return the parts to receive of an ensemble's addresses, in order.
 
     Raises:
-        ForecastError: The forecast cannot be used, or is of another place or time.
+        ForecastError: The forecast cannot be used, or covers another region or time.
     """
     with open_collection(given, parse_rule(config.members)) as found:
         cuts = {cut.served.address: cut for cut in plan_cuts(found, wanted, config)}
@@ -54,7 +54,7 @@ def cuts_of(given: Paths, wanted: Wanted, config: ForecastConfig) -> tuple[Cut, 
 
 
 def cost(cuts: Sequence[Cut]) -> list[dict[str, Any]]:
-    """Return what each cut holds and costs."""
+    """Return the contents and cost of each cut."""
     rows: list[dict[str, Any]] = []
     for cut in cuts:
         name = (cut.current or cut.names)[0]
@@ -74,7 +74,7 @@ def cost(cuts: Sequence[Cut]) -> list[dict[str, Any]]:
 
 
 def cost_text(row: dict[str, Any]) -> str:
-    """Return what a cut holds and costs, in words."""
+    """Return the contents and cost of a cut as text."""
     shape = " x ".join(f"{size} {dim}" for dim, size in row["shape"].items())
     ratio, chunks = row["download_bytes"] / max(row["bytes"], 1), ""
     if row["chunks"] and ratio > 2.0:
@@ -93,17 +93,17 @@ def receive(
     kept: Kept,
     why: Mapping[str, object],
 ) -> tuple[Path, ...]:
-    """Return the files of cuts, received and kept.
+    """Return the files of cuts after download into the cache.
 
     Args:
-        cuts: What is received.
-        wanted: What was asked for.
+        cuts: Parts to receive.
+        wanted: Requested part.
         config: Settings of the forecast.
-        kept: Where.
-        why: What the records repeat of the request.
+        kept: Cache.
+        why: Properties of the request for the records.
 
     Raises:
-        ForecastError: It is more than is allowed, or the server fails.
+        ForecastError: The download exceeds the allowed size, or the server fails.
     """
     rows = cost(cuts)
     values, total = (sum(row[key] for row in rows) for key in ("bytes", "download_bytes"))
@@ -112,7 +112,7 @@ def receive(
     most = _MOST if config.max_download is None else 1e6 * config.max_download
     if total > most:
         raise ForecastError(
-            f"{rows[0]['address']}: {total / 1e6:.4g} MB are to be received, more than --max-download {most / 1e6:.4g} MB; "
+            f"{rows[0]['address']}: {total / 1e6:.4g} MB to download, more than --max-download {most / 1e6:.4g} MB; "
             "choose less with --region, --levels and --start, --end, or allow more"
         )
     if config.max_download is None and total > max(_WASTE * values, _LARGE):
@@ -140,7 +140,7 @@ def covers(
     deepest: float | None,
     span: tuple[int | None, int | None],
 ) -> bool:
-    """Return whether a fetched file, by its record, holds places, a depth [m] and a span of time [ns, UTC]."""
+    """Return whether the record of a fetched file covers positions, a depth [m] and a time span [ns, UTC]."""
     try:
         wanted, times = record["wanted"], record["times"]
         region = wanted["region"]
@@ -157,7 +157,7 @@ def covers(
 
 
 def _at_once(cut: Cut) -> int:
-    """Return how many chunks are received at once."""
+    """Return the number of chunks received at once."""
     sizes = [
         np.prod(chunks) * cut.served.ds.variables[name].dtype.itemsize
         for name in cut.names
@@ -167,14 +167,14 @@ def _at_once(cut: Cut) -> int:
 
 
 def _readable(cut: Cut) -> str:
-    """Return a name for the file of a cut: the host and the last part of the address."""
+    """Return the file name of a cut: the host and the last part of the address."""
     text = str(cut.served.address).partition("://")[2] or str(cut.served.address)
     host, _, path = text.partition("/")
     return f"{host.partition(':')[0]}-{path.rstrip('/').rpartition('/')[2] or path}"
 
 
 def _record(cut: Cut, wanted: Wanted, config: ForecastConfig) -> dict[str, object]:
-    """Return where the values of a cut come from."""
+    """Return the provenance of the values of a cut."""
     ds, times = cut.served.ds, None
     dims = ds.variables[cut.current[0]].dims if cut.current else ()
     time = find_time(ds, dims)

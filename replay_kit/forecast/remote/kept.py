@@ -1,6 +1,6 @@
-"""Forecasts that were fetched, each under the hash of its contents, with a record of where it came from, when, what of it, and for whom.
+"""Cache of fetched forecasts, each under the hash of its contents, with a record of its source, time, extent and request.
 
-The folder holds ``NAME-HASH.nc``, each whole or absent. The record is an attribute of the file, which every result that used it repeats.
+The folder holds ``NAME-HASH.nc``, each whole or absent. The record is an attribute of the file, repeated in every result that used it.
 """
 
 import hashlib
@@ -30,17 +30,17 @@ Copy = tuple[Path, dict[str, Any]]
 
 
 class Kept:
-    """A folder of fetched forecasts.
+    """Cache of fetched forecasts in a folder.
 
     Args:
-        folder: The folder; made when something is kept.
+        folder: Folder, created when the first file is added.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def find(self, addresses: Sequence[Address], request: str) -> tuple[Copy, ...] | None:
-        """Return the newest files of addresses that a request was answered with; None where one is gone or damaged."""
+        """Return the newest files of addresses that answered a request; None if one is missing or damaged."""
         found = [
             next(
                 (
@@ -56,7 +56,7 @@ class Kept:
         return None if None in found else tuple(copy for copy in found if copy is not None)
 
     def copies(self, address: Address) -> list[Copy]:
-        """Return the files of an address with their records, the newest first."""
+        """Return the files of an address with their records, newest first."""
         each = ((path, record_of(path)) for path in self.folder.glob("*.nc"))
         found = [
             (path, record)
@@ -66,11 +66,11 @@ class Kept:
         return sorted(found, key=lambda copy: (str(copy[1].get("fetched")), copy[0]), reverse=True)
 
     def add(self, name: str, write: Callable[[Path], None]) -> Path:
-        """Return a file that a function has written, under the hash of its contents; a failure leaves nothing.
+        """Return the path of a file written by a function, named by the hash of its contents; a failure leaves no file.
 
         Args:
-            name: What it is of.
-            write: Writes it.
+            name: Readable part of the file's name.
+            write: Function that writes the file.
         """
         readable = "".join(c if c.isalnum() or c in "._-" else "-" for c in name)[:60].strip(".-")
         try:
@@ -93,7 +93,7 @@ class Kept:
 
 
 def record_of(path: Path) -> dict[str, Any] | None:
-    """Return where a file was fetched from, when, and what of it; None for a file that was not."""
+    """Return the record of a fetched file: source, time and extent; None for any other file."""
     try:
         found = json.loads(attributes_of(path).get(RECORD, "null"))
     except ValueError:
@@ -102,7 +102,7 @@ def record_of(path: Path) -> dict[str, Any] | None:
 
 
 def attributes_of(path: Path) -> dict[str, str]:
-    """Return the global attributes of a NetCDF file that are texts; none of a file of another kind."""
+    """Return the global text attributes of a NetCDF file; empty for a file of another kind."""
     try:
         with path.open("rb") as stream:
             mark = stream.read(4)
@@ -123,7 +123,7 @@ def attributes_of(path: Path) -> dict[str, str]:
 
 
 def key_of(address: Address) -> str:
-    """Return what tells an address from others without showing what it holds."""
+    """Return a hash that identifies an address without revealing it."""
     without_login = re.sub(r"(?<=//)[^/?#]*@", "", address.url)
     return hashlib.sha256(without_login.encode()).hexdigest()[:16]
 

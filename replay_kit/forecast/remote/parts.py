@@ -1,4 +1,4 @@
-"""Which part of a forecast is needed: rows, columns, levels and times, from its coordinates alone."""
+"""Required part of a forecast: rows, columns, levels and times, from its coordinates alone."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -32,13 +32,13 @@ Parts = Mapping[str, tuple[slice, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What is needed of a forecast.
+    """Required region, depths and times of a forecast.
 
     Attributes:
-        region: West, south, east, north [degrees]; None for everywhere.
-        deepest: Depth [m] below which nothing is needed; None for all depths.
-        first_ns: First time [ns, UTC]; None for all times.
-        last_ns: Last time [ns, UTC]; None for all times.
+        region: West, south, east, north [degrees]; None for all points.
+        deepest: Greatest required depth [m]; None for all depths.
+        first_ns: First required time [ns, UTC]; None for all times.
+        last_ns: Last required time [ns, UTC]; None for all times.
     """
 
     region: Region | None = None
@@ -50,17 +50,17 @@ class Wanted:
 def parts_of(
     field: Field, wanted: Wanted, config: ForecastConfig, kind: str, alone: bool
 ) -> dict[str, tuple[slice, ...]]:
-    """Return which indices of each dimension of a file, or of a pair of files, are needed.
+    """Return the required indices of each dimension of a file, or of a pair of files.
 
     Args:
-        field: Of the file; nothing but its coordinates is received.
-        wanted: What is needed.
-        config: Levels, lead and time, where they are chosen.
-        kind: Of the rule of the members.
-        alone: Whether no other file has members, which would be interpolated to this one's grid.
+        field: Field of the file; only its coordinates are received.
+        wanted: Required part.
+        config: Levels, lead and time, if chosen.
+        kind: Kind of the definition of a member.
+        alone: Whether no other file has members, to be interpolated to this one's grid.
 
     Raises:
-        ForecastError: The forecast is of another place or time.
+        ForecastError: The forecast covers another region or time.
     """
     (first, *_), where, ds = field.paths, field.where, field.ds
     assert field.current is not None
@@ -85,7 +85,7 @@ def parts_of(
 
 
 def _of_depths(depth: np.ndarray, deepest: float | None, levels: tuple[float, ...] | None) -> slice:
-    """Return which levels are needed, in order of depth: one more on each side of those asked for."""
+    """Return the range of required levels by depth, with one more on each side of those requested."""
     if levels is not None:
         nearest = [int(np.argmin(np.abs(depth - level))) for level in levels]
         return slice(max(0, min(nearest) - 1), max(nearest) + 2)
@@ -97,7 +97,7 @@ def _of_depths(depth: np.ndarray, deepest: float | None, levels: tuple[float, ..
 def _of_region(
     layout: Layout, ds: Any, region: Region, alone: bool, where: str
 ) -> dict[str, tuple[slice, ...]]:
-    """Return the rows and columns that hold a region and a margin, of each of the staggered dimensions."""
+    """Return the rows and columns around a region with a margin, for each staggered dimension."""
     cut = layout.within(region, where)
     margin = 0 if alone and layout.first_face is None else _MARGIN
     taken: dict[str, tuple[slice, ...]] = {}
@@ -118,7 +118,7 @@ def _of_region(
 
 
 def _round(low: int, high: int, period: int) -> tuple[slice, ...]:
-    """Return columns of a grid that goes round the globe, in their order in space."""
+    """Return the columns of a global grid in their order in space."""
     if high - low >= period:
         return (slice(0, period),)
     low, high = low % period, high % period or period
@@ -130,10 +130,10 @@ def _round(low: int, high: int, period: int) -> tuple[slice, ...]:
 def _of_times(
     ds: Any, dims: tuple[Any, ...], wanted: Wanted, config: ForecastConfig, kind: str, where: str
 ) -> dict[str, tuple[slice, ...]]:
-    """Return the times, or leads, from the last before the first time needed to the first after the last one.
+    """Return the times or leads from the last before the first required time to the first after the last.
 
     Raises:
-        ForecastError: The forecast is of other times.
+        ForecastError: The forecast covers other times.
     """
     lead, time = find_lead(ds, dims), find_time(ds, dims)
     if time is not None and (time not in ds.coords or ds[time].dtype.kind != "M"):
@@ -182,7 +182,7 @@ def _of_times(
 def _of_runs(
     valid: np.ndarray, dims: tuple[str, str], span: tuple[int | None, int | None]
 ) -> dict[str, tuple[slice, ...]]:
-    """Return the starts and leads of which a time valid then is needed, or is the nearest to one that is."""
+    """Return the starts and leads with a valid time in the required span, or nearest to it."""
     first, last = span
     if first is None or last is None:
         return {}

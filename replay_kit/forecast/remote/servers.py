@@ -1,6 +1,6 @@
-"""What an address stands for, opened by the libraries that speak to servers: Zarr and NetCDF over https by fsspec, OPeNDAP by netCDF4.
+"""Data sets on servers, opened by address: Zarr and NetCDF over https by fsspec, OPeNDAP by netCDF4.
 
-Values are received when they are used. All of it happens in a process of its own (``apart``), as a library may hang or crash.
+Values are received when used. All access happens in a separate process (``apart``), as a library may hang or crash.
 """
 
 import asyncio
@@ -34,7 +34,7 @@ _ATTEMPTS, _PAUSE = 4, 0.5
 
 
 class _Store(FsspecStore):
-    """A store on a server, whose chunks are asked for again where an answer breaks off."""
+    """Store on a server that requests a chunk again if an answer breaks off."""
 
     async def get(self, *key: Any, **part: Any) -> Buffer | None:
         for attempt in range(_ATTEMPTS - 1):
@@ -48,13 +48,13 @@ class _Store(FsspecStore):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Served:
-    """A data set on a server.
+    """Data set on a server.
 
     Attributes:
-        address: Its address.
-        ds: Its variables as the server holds them, packed and with times as numbers.
-        form: In words.
-        files: The file system that its objects lie in; None where another client knows them.
+        address: Address of the data set.
+        ds: Variables as on the server, packed and with times as numbers.
+        form: Format as text.
+        files: File system of its objects; None if another client reads them.
         url_of: Address of the object that holds a chunk, from variable and position.
     """
 
@@ -65,13 +65,13 @@ class Served:
     url_of: Callable[[str, tuple[int, ...]], str] | None = None
 
     def chunks(self, name: str) -> tuple[int, ...] | None:
-        """Return the shape of the parts that a variable is received in; None where any part can be asked for."""
+        """Return the chunk shape of a variable; None if any part can be requested."""
         encoding = self.ds.variables[name].encoding
         found = encoding.get("chunks") or encoding.get("chunksizes")
         return None if not found or self.form != "Zarr" else tuple(found)
 
     def state(self, name: str, position: tuple[int, ...]) -> tuple[int | None, str]:
-        """Return the bytes of the object that holds a chunk, and what says whether it changed; None and empty where that is not stated."""
+        """Return the size of a chunk's object [bytes] and its version tag; None and empty if not stated."""
         if self.url_of is None:
             return None, ""
         try:
@@ -86,7 +86,7 @@ def open_address(address: Address) -> xr.Dataset:
     """Return the data set of an address with unpacked values.
 
     Raises:
-        ForecastError: It cannot be read; or this command asks no servers.
+        ForecastError: The data set cannot be read, or this command does not contact servers.
     """
     if not may_ask():
         raise ForecastError(
@@ -97,10 +97,10 @@ def open_address(address: Address) -> xr.Dataset:
 
 @cache
 def served(address: Address) -> Served:
-    """Return the data set of an address, opened once in a process.
+    """Return the data set of an address, opened once per process.
 
     Raises:
-        ForecastError: There is none that can be read.
+        ForecastError: The address has no readable data set.
     """
     url = address.url
     if url.lower().startswith(_CMEMS):
@@ -137,16 +137,16 @@ def served(address: Address) -> Served:
 
 
 def in_words(error: BaseException) -> str:
-    """Return what a library says, in a line and without addresses, which may hold a login."""
+    """Return a library's error as one line, without addresses, which may hold a login."""
     text = re.sub(r"\S+://\S+", "(an address)", " ".join(str(error).split()))
     return text[:200] or type(error).__name__
 
 
 def _files(asynchronous: bool = False) -> Any:
-    """Return the file system of the web.
+    """Return the file system for https.
 
     Raises:
-        ForecastError: It is not installed.
+        ForecastError: Its library is not installed.
     """
     try:
         import aiohttp
@@ -222,7 +222,7 @@ def _file(address: Address) -> Served | None:
     if head[1:4] != b"HDF":
         if head.lstrip().startswith(b"<"):
             raise ForecastError(
-                f"{address}: expected a forecast, got a page of the web, as of a login or a catalogue; open the address in a browser"
+                f"{address}: expected a forecast, got a web page, such as a login or a catalogue; open the address in a browser"
             )
         return None
     if not file.seekable():
@@ -234,10 +234,10 @@ def _file(address: Address) -> Served | None:
 
 
 def _cmems(address: Address, name: str) -> xr.Dataset:
-    """Return a data set of Copernicus Marine, by the provider's own client, which keeps the login; times are numbers, as in a file.
+    """Return a data set of Copernicus Marine from the provider's client, which keeps the login; times are numbers.
 
     Raises:
-        ForecastError: The client is not installed, or refuses.
+        ForecastError: The client is not installed, or fails.
     """
     try:
         import copernicusmarine

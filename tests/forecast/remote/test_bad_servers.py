@@ -59,7 +59,7 @@ def test_a_faulty_server_is_an_error_in_words(asker, served, fault, monkeypatch)
         # round and round
         files.redirect = files.url + "/uo/0"
         words = refused(asker, files.url + path)
-    assert words.startswith(f"{files.url}{path}: the server gave no whole answer: ")
+    assert words.startswith(f"{files.url}{path}: incomplete answer of the server: ")
     assert "; check the connection" in words
     assert not left_over(asker.folder)
 
@@ -93,7 +93,7 @@ def test_a_login_goes_to_its_own_server_and_is_shown_nowhere(asker, objects):
 def test_a_page_and_nothing_at_all(asker):
     page = b"<!DOCTYPE html><html><title>Login</title></html>"
     with serving(Files(lambda path: page)) as files:
-        assert "got a page of the web" in refused(asker, files.url + "/x")
+        assert "got a web page" in refused(asker, files.url + "/x")
     with serving(Files({})) as files:
         assert "expected a Zarr store with consolidated metadata" in refused(asker, files.url)
     assert "the server cannot be reached: Connection refused" in refused(
@@ -159,7 +159,7 @@ def test_a_call_apart_gives_its_value_its_progress_and_its_error():
     [
         (calls.hangs, 1.0, "x: the server was silent for 1 s"),
         (calls.dies, 20.0, "x: reading from the server ended with status 3"),
-        (calls.takes_all, 20.0, "x: the server sends more than this machine may hold"),
+        (calls.takes_all, 20.0, "x: the server sends more than the memory limit"),
     ],
 )
 def test_a_call_that_hangs_dies_or_takes_all_memory_is_ended(call, silence, words, monkeypatch):
