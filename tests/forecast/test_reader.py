@@ -96,7 +96,7 @@ def test_placing_moves_the_grid_and_says_so(tmp_path):
     assert_allclose(there.grid.east, here.grid.east, atol=1e-6)
     assert_array_equal(there.velocity, here.velocity)
     assert abs(there.grid.longitude.mean() - 86.0) < 0.05
-    assert "no forecast" in there.notes[0]
+    assert "not a forecast" in there.notes[0]
 
 
 def test_truth_of_one_field_or_of_a_named_member(tmp_path):

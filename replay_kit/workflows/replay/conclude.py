@@ -50,7 +50,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 # Measurements times vehicles up to which the estimate is made without each: it takes as many updates.
 _MOST_DENIED = 20_000
 # In a note on a forecast that is not of the log's place or time.
-_OUTSIDE = re.compile("outside|is no forecast")
+_OUTSIDE = re.compile("outside|not a forecast")
 _NOT_DENIED = (
     "the estimate without each vehicle was not computed: too many vehicles and observations"
 )

@@ -251,7 +251,7 @@ def test_a_log_of_another_place(ocean, tmp_path):
         config=load_config(None, {"forecast": {"place": True}}),
     )
     assert summary.observations["used"] > 0
-    assert any("no forecast" in note for note in summary.notes)
+    assert any("not a forecast" in note for note in summary.notes)
     assert any(note.startswith("prior: sample share 0.") for note in summary.notes)
     assert abs(flow.grid.longitude.mean() - 152.3) < 0.3
 

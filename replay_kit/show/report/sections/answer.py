@@ -42,12 +42,16 @@ def found_warnings(contents: Contents) -> list[tuple[str, str]]:
     said = [text for text in told if text not in notes]
     care += [escape(_sentence(text)) for text in said]
     severity = {one["name"]: severity_word(one["severity"]) for one in outcome.consistency}
+    whole = {
+        one["name"]: f"{one['name']}: {one['evidence']}; {one['set']}"
+        for one in outcome.consistency
+    }
     alarms = [
         (
             "stop"
             if one.about in ("unsafe", "failed") or severity.get(one.about) == "contradiction"
             else "care",
-            escape(_sentence(one.text)),
+            escape(_sentence(whole.get(one.about, one.text))),
         )
         for one in outcome.alarms
         # what was found with the last message alone is no event
