@@ -59,23 +59,21 @@ def severity_word(severity: str) -> str:
     return severity if severity in ("warning", "misfit") else "contradiction"
 
 
-def finding_text(found: Mapping[str, Any]) -> str:
+def finding_text(found: Mapping[str, Any], evidence: bool = True) -> str:
     """Return a finding as a sentence.
 
     Args:
         found: Finding in the form of ``finding_json``.
+        evidence: Whether the sentence includes the evidence.
     """
     since = f" (since {found['since']})" if found["since"] else ""
-    return f"{found['name']}{since}: {found['evidence']}; likely cause: {found['likely_cause']}; {found['set']}"
+    why = f"{found['evidence']}; " if evidence else ""
+    return f"{found['name']}{since}: {why}likely cause: {found['likely_cause']}; {found['set']}"
 
 
-def finding_line(found: Mapping[str, Any]) -> str:
-    """Return a finding as a line on the terminal.
-
-    Args:
-        found: Finding in the form of ``finding_json``.
-    """
-    return f"{severity_word(found['severity']).upper()}: {finding_text(found)}"
+def finding_line(found: Mapping[str, Any], evidence: bool = True) -> str:
+    """Return a finding as a line on the terminal; the arguments are those of ``finding_text``."""
+    return f"{severity_word(found['severity']).upper()}: {finding_text(found, evidence)}"
 
 
 class ReplayKitError(Exception):

@@ -63,7 +63,9 @@ def print_summary(
         _print_tables(outcome, console)
     else:
         found = outcome.consistency
-        print_lines(console, (finding_line(one) for one in found if one["severity"] != "warning"))
+        severe = (one for one in found if one["severity"] != "warning")
+        # evidence has the terms of statistics
+        print_lines(console, (finding_line(one, evidence=False) for one in severe))
         asked = truth_sentences(outcome.truth) if outcome.truth is not None else ()
         print_lines(console, map(str, asked))
         compared = outcome.comparison

@@ -266,7 +266,7 @@ def import_check_json(found: ImportCheck) -> dict[str, Any]:
 def print_import_check(found: ImportCheck, console: Console) -> None:
     """Print the result of a check."""
     for finding in found.findings:
-        console.print(finding_line(finding_json(finding)))
+        console.print(finding_line(finding_json(finding), evidence=False))
     if found.profiles and not found.findings:
         console.print(f"Import check: {found.profiles} profiles look sound against the ensemble")
     if found.undetermined:

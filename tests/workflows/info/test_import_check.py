@@ -249,10 +249,7 @@ def test_info_with_an_ensemble(tmp_path, surveys):
     options = f"--config {tmp_path}/run.toml --ensemble {SAMPLES}/ensemble.nc"
     done = succeed(f"info {tmp_path}/wrong.mcap {options}")
     said = done.stdout
-    assert (
-        "WARNING: log and ensemble contradict each other: with this undone the profiles are e^"
-        in said
-    )
+    assert "WARNING: log and ensemble contradict each other: likely cause: " in said
     assert "likely cause: the declination was applied twice; check whether the instrument" in said
 
 
