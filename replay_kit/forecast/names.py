@@ -172,7 +172,7 @@ class Current:
 
 
 def find_current(ds: xr.Dataset, where: str) -> Current | None:
-    """Return the velocity components of a file; None if there are none.
+    """Return the velocity components of a file; None without a current.
 
     Raises:
         ForecastError: Several variables have the same standard name, and none has a usual short name.
