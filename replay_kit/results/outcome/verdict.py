@@ -113,8 +113,8 @@ def plan_alarm(plan: Mapping[str, Any] | None) -> RunAlarm | None:
         count = odds["n_samples"]
         why = f"{round(odds['reached'] * count)} of {count:.0f} simulated flights arrive"
     about = status if status in _ACTIONS else "no simulated flight arrives"
-    said = {"failed": "the plan failed", "reached": "the plan arrives in the mean current alone"}
-    first = said.get(status, f"the plan is {status}")
+    in_mean = "the plan arrives in the mean current alone"
+    first = in_mean if status == "reached" else _plan_reason(plan)
     return RunAlarm("plan", f"{first}: {why}: {_ACTIONS.get(status, _CLOSER)}", about)
 
 
