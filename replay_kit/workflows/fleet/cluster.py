@@ -278,9 +278,21 @@ def _lacking(
     found = {name: _size(Path(name)) for name in sizes}
     if missing := [name for name, size in found.items() if size is None or size != sizes[name]]:
         return f"sees another file as {missing[0]}, or none; put the data where all see it"
-    if token is not None and not (token.exists() and os.access(token.parent, os.W_OK)):
+    if token is not None and not _is_shared(token):
         return f"cannot write to {token.parent}; choose a folder on a disk that all workers share"
     return ""
+
+
+def _is_shared(token: Path) -> bool:
+    """Return whether a file of the client is seen here and its folder can be written."""
+    own = token.with_name(f"{token.name}-{uuid.uuid4().hex}")
+    try:
+        # permissions do not show what a mounted disk allows
+        own.touch()
+        own.unlink()
+    except OSError:
+        return False
+    return token.exists()
 
 
 def _size(path: Path) -> int | None:

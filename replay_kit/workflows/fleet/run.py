@@ -94,6 +94,7 @@ def _run(mission: Mission, identity: str) -> Outcome:
         "replay_kit": __version__,
         **answer,
     }
+    record["record_sha256"] = _digest(record)
     # after the result: a record says that the result is complete
     write_whole(mission.record, json.dumps(record, indent=1, allow_nan=False) + "\n")
     return Outcome(mission.name, answer, digest, exit_code=outcome.exit_code)
@@ -110,14 +111,19 @@ def _identity(mission: Mission) -> str:
         run_settings_toml(mission.config),
         package_versions(),
     ]
-    return hashlib.sha256(json.dumps(text, sort_keys=True).encode()).hexdigest()
+    return _digest(text)
+
+
+def _digest(value: object) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 def _kept(mission: Mission, identity: str) -> Outcome | None:
     """Return the outcome of an existing intact result of the same inputs; None without one."""
     try:
         record = json.loads(mission.record.read_bytes())
-        same = record["inputs_sha256"] == identity
+        same = record.pop("record_sha256") == _digest(record)
+        same = same and record["inputs_sha256"] == identity
         if not same or record["sha256"] != file_hash(mission.result):
             return None
         return Outcome(mission.name, record, record["sha256"], True, exit_code=record["exit_code"])

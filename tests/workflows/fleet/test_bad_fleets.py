@@ -1,6 +1,6 @@
 """What would cost hours is refused before they are spent: tables, schedulers, workers."""
 
-import os
+from pathlib import Path
 
 import pytest
 
@@ -137,8 +137,14 @@ def test_workers_are_asked_for_their_versions_and_what_they_see(
     asked(table)
     with pytest.raises(ConfigError, match=r"sees another file as .*gone.nc, or none"):
         asked(table, tmp_path / "gone.nc")
+
+    def refuse(path):
+        raise PermissionError(path)
+
+    # the command's own file, then that of the worker
+    touches = iter((Path.touch, refuse))
     with monkeypatch.context() as patched:
-        patched.setattr(os, "access", lambda *_: False)
+        patched.setattr(Path, "touch", lambda path: next(touches)(path))
         with pytest.raises(ConfigError, match=f"cannot write to {tmp_path}; choose a folder on"):
             asked()
     # the workers are threads of this process: what is asked first are the versions here

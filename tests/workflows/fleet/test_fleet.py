@@ -85,6 +85,11 @@ def test_what_is_done_is_not_done_again_unless_its_inputs_or_its_result_are_othe
     again = last(run_fleet(missions, cluster, False))
     assert [outcome.kept for outcome in again] == [False, True]
     assert [outcome.sha256 for outcome in again] == [outcome.sha256 for outcome in first]
+    # a record in which a number was changed is not believed
+    record = missions[1].record.read_text()
+    assert '"exit_code": 0' in record
+    missions[1].record.write_text(record.replace('"exit_code": 0', '"exit_code": 4'))
+    assert [one.kept for one in last(run_fleet(missions, cluster, False))] == [True, False]
     shutil.copy(folder / "twin00.mcap", folder / "twin01.mcap")
     changed = last(run_fleet(missions, cluster, False))
     assert [outcome.kept for outcome in changed] == [True, False]
