@@ -16,7 +16,9 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, TypedDict, Unpack
 
+from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import ConfigError, ReplayKitError, finding_text
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
@@ -289,7 +291,7 @@ def _vehicles(logs: Mapping[str, Any], goal: Any, held: _Held) -> tuple[Vehicle,
 def plan(
     estimate: FlowEstimate, start: At, goal: At, *, time: Any = None, settings: Settings = None
 ) -> Plan:
-    """Return the best glide found on an estimate, or mission if ``planner.kind`` is ``mission``.
+    """Return the best mission found on an estimate, with its odds, or glide if ``planner.kind`` is ``glide``.
 
     Args:
         estimate: The current.
@@ -306,16 +308,31 @@ def plan(
         raise ConfigError(
             f"estimate: expected a FlowEstimate, got {got}; open one with open_estimate, or take that of a result"
         )
-    config = settings_of(settings).planner
-    planner, begin, end = (
-        planner_of(config, estimate.grid),
-        place_of(start, "start"),
-        place_of(goal, "goal"),
-    )
-    planner.check(estimate, end)
+    config = settings_of(settings).planner.resolved(of_glider=True)
     start_ns = (estimate.time_ns or 0) if time is None else int(to_time_ns(time))
-    KnownCurrent((estimate,), config.flow_step).check_time("time", start_ns)
-    return planner.with_odds().plan(estimate, PlanQuery(begin, end, start_ns)).plan
+    query = PlanQuery(place_of(start, "start"), place_of(goal, "goal"), start_ns)
+    return planned(estimate, query, config, None)
+
+
+def planned(
+    estimate: FlowEstimate, query: PlanQuery, config: PlannerConfig, flown: AsFlown | None
+) -> Plan:
+    """Return the best plan found on an estimate, with its odds.
+
+    Args:
+        estimate: The current.
+        query: Start, goal and time.
+        config: ``[planner]``.
+        flown: Flight parameters of the dives so far; None without any.
+
+    Raises:
+        PlanError: Start or goal is outside the region or on land, or the time outside the forecast.
+    """
+    planner = planner_of(config, estimate.grid)
+    planner.check(estimate, query.goal)
+    KnownCurrent((estimate,), config.flow_step).check_time("time", query.start_time_ns)
+    known = planner if flown is None else planner.as_flown(flown)
+    return known.with_odds().plan(estimate, query).plan
 
 
 def open_ensemble(ensemble: Forecast, *, settings: Settings = None) -> Ensemble:

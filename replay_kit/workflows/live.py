@@ -24,12 +24,13 @@ from replay_kit.core.paths import Paths, as_groups
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.progress import Stopwatch
 from replay_kit.measurements.region import for_region
-from replay_kit.workflows.library import At, Settings, plan, settings_of
+from replay_kit.workflows.library import At, Settings, place_of, planned, settings_of
 from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
+from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.replay.state import Setup
 
 
@@ -93,7 +94,9 @@ class Live:
         return self._run.position
 
     def plan(self, goal: At, *, start: At | None = None) -> Plan:
-        """Return the best plan to a goal on the present estimate; see ``replay_kit.plan``.
+        """Return the best plan to a goal on the present estimate, as a replay of these messages ends with.
+
+        A glider, which is a vehicle whose messages state mean currents of dives, is given a mission of dives as flown so far.
 
         Args:
             goal: Goal.
@@ -107,5 +110,7 @@ class Live:
             if (at := self.position) is None:
                 raise ConfigError("start: expected a place, as no message had a position, got none")
             start = Place(at.longitude, at.latitude, at.depth)
-        estimate = self.estimate
-        return plan(estimate, start, goal, time=estimate.time_ns, settings=self._run.config)
+        estimate, known = self.estimate, self._run.of[0].forecasts
+        query = PlanQuery(place_of(start, "start"), place_of(goal, "goal"), estimate.time_ns or 0)
+        config = self._run.config.planner.resolved(known.states_means)
+        return planned(estimate, query, config, known.as_flown)

@@ -46,22 +46,16 @@ def test_before_a_message_it_knows_the_forecast_alone(ocean):
         now.plan((152.6, -40.0, 0.0))
 
 
-def test_it_plans_from_the_last_position_on_what_is_known_then():
-    settings = {**SETTINGS, "forecast": {"levels": [5, 150, 500]}}
-    now = rk.live(SAMPLES / "ensemble.nc", settings=settings)
-    with rk.open_log(SAMPLES / "glider.mcap") as log:
-        messages = [message for message, _ in zip(log.messages(), range(100), strict=False)]
-    now.feed(messages)
-    position, goal = now.position, (152.6, -40.0, 0.0)
-    found, expected = (
-        now.plan(goal),
-        rk.plan(
-            now.estimate,
-            (position.longitude, position.latitude, position.depth),
-            goal,
-            time=messages[-1].time_ns,
-            settings=settings,
-        ),
-    )
-    assert found.start == expected.start
-    assert found.duration == expected.duration
+def test_it_plans_what_a_replay_of_the_same_messages_ends_with(ocean):
+    goal = (152.3, -39.8, 150.0)
+    now = rk.live(ocean / "ensemble.nc", settings=SETTINGS)
+    with rk.open_log(ocean / "glider.mcap") as log:
+        now.feed(log.messages())
+    now.feed([], last=True)
+    found = now.plan(goal)
+    whole = rk.replay(ocean / "glider.mcap", ocean / "ensemble.nc", settings=SETTINGS, goal=goal)
+    last = whole.plans.iloc[-1]
+    assert "as flown" in found.message
+    assert (found.status, found.speed) == (last["status"], last["speed"])
+    assert found.heading_deg == pytest.approx(last["heading_deg"], abs=0.1)
+    assert found.duration == pytest.approx(last["duration"], rel=1e-3)

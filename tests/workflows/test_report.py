@@ -38,7 +38,7 @@ def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path):
     more = f"--truth {SAMPLES}/truth.nc --json {tmp_path}/out.json --report"
     outcome = succeed(f"replay {logs} -o {out} {SHORT} {more}")
     assert "Wrote      " in outcome.stdout
-    assert f"{out}, out.html" in outcome.stdout
+    assert f"{out}, {tmp_path}/out.html" in outcome.stdout.replace("\n", "")
     made, summary = (
         (tmp_path / "out.html").read_text(),
         json.loads((tmp_path / "out.json").read_text()),

@@ -237,8 +237,7 @@ def _answer(outputs: Outputs, outcome: "Outcome", console: "Console") -> None:
 
         report(outputs.out, outputs.page, outputs.overwrite, outcome)
         written.append(outputs.page)
-    _, *others = (path.name for path in written if path is not None)
-    names = ", ".join([str(outputs.out), *others])
+    wrote = f"Wrote      {', '.join(str(path) for path in written if path is not None)}"
     more = "" if outputs.verbose else " (-v: evidence, dives, notes)"
-    console.print(f"Wrote      {names}{more}")
+    console.print(wrote + more * (len(wrote + more) <= 80))
     write_json(outputs.json_file, outcome.to_json())

@@ -32,7 +32,7 @@ JUDGING = 100
 _AHEAD = 2.0
 
 
-def planner_of(config: PlannerConfig, region: Grid) -> Planner:
+def planner_of(config: PlannerConfig, region: Grid) -> "MissionPlanner":
     """Return the planner of a configuration; unresolved kind ``auto`` gives a glide planner.
 
     Args:
