@@ -7,7 +7,6 @@ import pytest
 
 import replay_kit as rk
 from replay_kit.core.errors import ConfigError
-from tests.places import SAMPLES
 from tests.workflows.replay.interrupted import make_ocean
 
 SETTINGS = {

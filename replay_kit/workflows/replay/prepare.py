@@ -154,6 +154,15 @@ def prepare(
         speeds = checked_speeds(ensemble, config)
         truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
     firsts = first_windows(job, forecasts)
+    # goals out of reach are refused before the basis is computed
+    owns = [
+        with_planner_kind(vehicle, of_vehicle, config)
+        for vehicle, of_vehicle in zip(job.each_vehicle, logs.by_vehicle, strict=True)
+    ]
+    problems = [
+        _problem(job, vehicle.goal, own, ensemble, planner_of, logs)
+        for vehicle, own in zip(job.each_vehicle, owns, strict=True)
+    ]
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         if estimator is None:
@@ -161,22 +170,12 @@ def prepare(
             estimator = make(forecasts, with_planner_kind(job, logs.all, config))
         prior_flow = estimator.flow(estimator.initial())
     setups, speeds_of = list[Setup](), _speeds_of(firsts, forecasts, config, speeds)
-    for number, (vehicle, of_vehicle) in enumerate(
-        zip(job.each_vehicle, logs.by_vehicle, strict=True)
-    ):
-        own = with_planner_kind(vehicle, of_vehicle, config)
-        problem = None
-        if vehicle.goal is not None and planner_of is not None:
-            planner = planner_of(own.planner, ensemble.grid)
-            check_goal(planner, ensemble, vehicle.goal, logs)
-            goals = () if job.following is None else job.following.goals
-            surface = own.measurements.surface_depth
-            problem = PlanningProblem(planner, vehicle.goal, own.planner, surface, goals)
+    for number, vehicle in enumerate(job.each_vehicle):
         follows = estimator
         if vehicle.name in speeds_of:
             follows = estimator.of_vehicle(number, firsts[vehicle.name])
             speeds = speeds_of[vehicle.name]
-        setups.append(Setup(follows, own, problem, speeds, vehicle.name))
+        setups.append(Setup(follows, owns[number], problems[number], speeds, vehicle.name))
     # without a goal nothing reads the bathymetry
     bathymetry = config.planner.bathymetry_path if any(one.problem for one in setups) else None
     metadata = _metadata(job, forecasts, logs.all, prior_flow, bathymetry)
@@ -184,6 +183,24 @@ def prepare(
     owners = [number for number, of_vehicle in enumerate(logs.by_vehicle) for _ in of_vehicle]
     run = Run(setups, measured_by, clock, owners)
     return run, Prepared(job, logs, forecasts, prior_flow, truth, metadata)
+
+
+def _problem(
+    job: ReplayJob,
+    goal: Place | None,
+    config: RunConfig,
+    ensemble: Ensemble,
+    planner_of: PlannerFactory | None,
+    logs: Logs,
+) -> PlanningProblem | None:
+    """Return the planning problem of a vehicle; None without a goal or a planner."""
+    if goal is None or planner_of is None:
+        return None
+    planner = planner_of(config.planner, ensemble.grid)
+    check_goal(planner, ensemble, goal, logs)
+    goals = () if job.following is None else job.following.goals
+    surface = config.measurements.surface_depth
+    return PlanningProblem(planner, goal, config.planner, surface, goals)
 
 
 def _speeds_of(
