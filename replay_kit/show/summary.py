@@ -102,7 +102,8 @@ def _print_tables(outcome: Outcome, console: Console) -> None:
         print_lines(console, [f"Time: {', '.join(each)}"])
     print_lines(console, (f"Note: {note}" for note in outcome.notes))
     for name, own in outcome.vehicles.items():
-        console.print(f"\n{name}")
+        console.print()
+        console.print(name)
         _print_tables(own, console)
 
 

@@ -259,7 +259,9 @@ class Follower:
             self._say(f"not replayed, the previous result is kept: {error}", once=True)
             return
         assert self._made is not None
-        took, dives = self._clock.idle_s() - began, count_text(len(self._made.by_dive), "dive")
+        each = self._made.vehicles.values() or (self._made,)
+        dives = count_text(sum(len(one.by_dive) for one in each), "dive")
+        took = self._clock.idle_s() - began
         self._options.tell(
             f"{count_text(len(self._memory.used), 'file')}, {dives} replayed in {took:.1f} s: {self._out}"
         )

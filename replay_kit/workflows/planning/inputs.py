@@ -1,7 +1,7 @@
 """Inputs of a plan: estimates, no-go areas, bathymetry."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,7 +35,7 @@ class PlannedOn:
 
     Attributes:
         known: Current.
-        flown: Flight parameters of the vehicle; None if unknown.
+        flown: Known flight parameters by vehicle name, empty for a single one.
         no_go: No-go areas.
         bathymetry: Bottom depth; None without one.
         notes: Notes on the files.
@@ -43,7 +43,7 @@ class PlannedOn:
     """
 
     known: "KnownCurrent"
-    flown: AsFlown | None
+    flown: Mapping[str, AsFlown]
     no_go: "tuple[NoGo, ...]"
     bathymetry: "Bathymetry | None"
     notes: tuple[str, ...]
@@ -94,29 +94,30 @@ class FlowFile:
 
     Attributes:
         flow: The estimate.
-        held: Other content of a result; None for a pure estimate.
+        held: Other content of a result by vehicle, see ``ends_of``; empty for a pure estimate.
         notes: Losses of the file, or a missing checksum.
         exit_code: Exit code of a command that uses it: 4 if something was lost, else 0.
     """
 
     flow: FlowEstimate
-    held: "Held | None"
+    held: "Mapping[str, Held]"
     notes: tuple[str, ...]
     exit_code: int = 0
 
     @property
-    def flown(self) -> AsFlown | None:
-        """Flight parameters of the vehicle; None if absent from the file."""
-        if self.held is not None:
-            return AsFlown.in_metadata(self.held.metadata)
-        saved = self.flow.about.get(AS_FLOWN)
-        return AsFlown.in_metadata({AS_FLOWN: json.loads(saved)} if saved else {})
+    def flown(self) -> dict[str, AsFlown]:
+        """Flight parameters in the file by vehicle name, empty for a single one."""
+        metadata = {name: held.metadata for name, held in self.held.items()}
+        if saved := self.flow.about.get(AS_FLOWN):
+            metadata[""] = {AS_FLOWN: json.loads(saved)}
+        found = {name: AsFlown.in_metadata(records) for name, records in metadata.items()}
+        return {name: flown for name, flown in found.items() if flown is not None}
 
 
 def read_known(
     files: Sequence[tuple[Path, FlowFile]], flow_step: float
-) -> "tuple[KnownCurrent, AsFlown | None]":
-    """Return the current in one or more files, and the latest flight parameters in them, None without.
+) -> "tuple[KnownCurrent, dict[str, AsFlown]]":
+    """Return the current in one or more files, and the latest flight parameters in them by vehicle name.
 
     The time of the last fix is known for a single result.
 
@@ -131,9 +132,10 @@ def read_known(
 
     known = known_current([(path, file.flow) for path, file in files], flow_step)
     each = [file for _, file in files]
-    if len(each) == 1 and each[0].held is not None and each[0].held.fixes:
-        known = replace(known, last_fix_ns=each[0].held.fixes[-1].time_ns)
-    return known, next(filter(None, (file.flown for file in reversed(each))), None)
+    ends = [held.fixes[-1].time_ns for held in each[0].held.values() if held.fixes]
+    if len(each) == 1 and ends:
+        known = replace(known, last_fix_ns=max(ends))
+    return known, {name: flown for file in each for name, flown in file.flown.items()}
 
 
 def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
@@ -147,25 +149,28 @@ def read_flow(path: Path, places: Sequence[Place] = ()) -> FlowFile:
         ReplayKitError: The file is missing or has no estimate.
     """
     if _is_result(path):
-        from replay_kit.show.status.held import read_held
-
         with _opened(path) as (sound, reader):
-            flow, held = reader.estimate(), read_held(reader)
+            flow, held = reader.estimate(), _ends(reader)
             if not _holds(flow, places):
                 flows = reversed(reader.estimates())
                 flow = next((one for one in flows if _holds(one, places)), flow)
         return FlowFile(flow, held, sound.lines, sound.exit_code)
-    return FlowFile(load(path), None, ())
+    return FlowFile(load(path), {}, ())
 
 
-def held_of(path: Path) -> "Held | None":
-    """Return the end of a result, with last fix and goal; None for a pure estimate, or for several vehicles."""
+def ends_of(path: Path) -> "dict[str, Held]":
+    """Return the end of a result, with last fix and goal, by vehicle name, empty for a single one; none of a pure estimate."""
     if not _is_result(path):
-        return None
+        return {}
+    with _opened(path) as (_, reader):
+        return _ends(reader)
+
+
+def _ends(reader: "ResultReader") -> "dict[str, Held]":
     from replay_kit.show.status.held import read_held
 
-    with _opened(path) as (_, reader):
-        return None if reader.vehicles else read_held(reader)
+    names = [vehicle.name for vehicle in reader.vehicles] or [""]
+    return {name: read_held(reader.part(name)) for name in names}
 
 
 @contextmanager

@@ -77,7 +77,8 @@ def print_plans(
         _print_together(made, console)
     for name, planned in made.planned.items():
         if name:
-            console.print(f"\n{name}", style="bold")
+            console.print()
+            console.print(name, style="bold")
         _print_mission(planned, console, battery)
         if name in withheld:
             whose = f"file of {name}" if name else "other file"

@@ -18,23 +18,40 @@ if TYPE_CHECKING:
 def completed(request: PlanRequest) -> PlanRequest:
     """Return a request with a missing start and goal from its result: the last fix, and the goal of the run.
 
+    Of a result of several vehicles those with a goal are planned together, each from its last fix.
+
     Raises:
         ReplayKitError: The result cannot be read.
     """
     if request.glider or not request.flows or (request.start is not None and request.goal):
         return request
     from replay_kit.show.status.figures import goal_of
-    from replay_kit.workflows.planning.inputs import held_of
+    from replay_kit.workflows.planning.inputs import ends_of
 
-    held = held_of(request.flows[-1])
-    if held is None:
-        return request
-    found: dict[str, Any] = {}
-    if request.start is None and held.fixes:
-        fix = held.fixes[-1]
-        found["start"] = f"{fix.longitude},{fix.latitude},0"
-    if not request.goal and (goal := goal_of(held)) is not None:
-        found["goal"] = (",".join(map(str, goal)),)
+    starts, goals = dict[str, str](), dict[str, str]()
+    for name, held in ends_of(request.flows[-1]).items():
+        if held.fixes:
+            starts[name] = f"{held.fixes[-1].longitude},{held.fixes[-1].latitude},0"
+        if (goal := goal_of(held)) is not None:
+            goals[name] = ",".join(map(str, goal))
+    if set(starts) | set(goals) <= {""}:
+        found: dict[str, Any] = {}
+        if request.start is None and starts:
+            found["start"] = starts[""]
+        if not request.goal and goals:
+            found["goal"] = (goals[""],)
+        return request.model_copy(update=found)
+    if request.start is not None or request.goal:
+        names = ", ".join(starts)
+        raise ConfigError(
+            f"--start and --goal: expected both, or neither, for a result of several vehicles ({names}), got one of them"
+        )
+    going = [name for name in starts if name in goals]
+    if len(going) == 1:
+        found = {"start": starts[going[0]], "goal": (goals[going[0]],)}
+    else:
+        both = [(f"{name}={starts[name]}", f"{name}={goals[name]}") for name in going]
+        found = {"glider": tuple(one for one, _ in both), "goal": tuple(one for _, one in both)}
     return request.model_copy(update=found)
 
 

@@ -128,8 +128,8 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
         longest = min(request.settings.max_duration, latest)
         settings = replace(request.settings, arrive_by=latest, max_duration=longest)
         request = replace(request, settings=settings)
-    if origin and on.flown is not None:
-        notes += on.flown.notes()
+    if origin and (flown := on.flown.get("")) is not None:
+        notes += flown.notes()
     level, depth = float(on.region.levels[-1]), request.settings.depth
     if depth > level:
         notes += (
@@ -170,10 +170,13 @@ def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Toget
     known, starts, named = on.known, job.glider_places, job.goals_of_gliders
     goals, names = tuple(place for _, place in named), tuple(starts)
     begin_ns, notes = known.begin(job.start_time_ns)
-    first, origin = mission_planner(job, config, on).request(
-        on.region, starts[names[0]], goals, begin_ns, on.no_go
-    )
-    each = [replace(first, start=start) for start in starts.values()]
+    made = {
+        name: mission_planner(job, config, on, name).request(
+            on.region, start, goals, begin_ns, on.no_go
+        )
+        for name, start in starts.items()
+    }
+    each = [request for request, _ in made.values()]
     seconds = max(span_of(replace(one, goals=(goal,))) for one in each for goal in goals)
     count, flow = sample_count(known.first, config.samples), known.flow(begin_ns, seconds)
     # shares that ways were chosen by are too low: they are stated in other samples
@@ -192,10 +195,10 @@ def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Toget
     ]
     announce("planning the missions")
     joint = plan_missions(flow, searched if apart else (), requests, apart, job.accepted_risk)
-    asked = _Asked(job, on, flow, drawn, origin)
+    asked = _Asked(job, on, flow, drawn, "")
     planned = {
-        name: _judged(asked, request, made, (*notes, *on.notes))
-        for name, made, request in zip(going, joint.plans, joint.requests, strict=True)
+        name: _judged(replace(asked, origin=made[name][1]), request, plan, (*notes, *on.notes))
+        for name, plan, request in zip(going, joint.plans, joint.requests, strict=True)
     }
     return Together(
         planned,
@@ -205,10 +208,12 @@ def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Toget
     )
 
 
-def mission_planner(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> MissionPlanner:
-    """Return the planner of independent missions."""
+def mission_planner(
+    job: PlanRequest, config: PlannerConfig, on: PlannedOn, vehicle: str = ""
+) -> MissionPlanner:
+    """Return the planner of independent missions of a vehicle."""
     more = mission_settings(job, config)
-    return MissionPlanner(config, flown=on.flown, bathymetry=on.bathymetry, more=more)
+    return MissionPlanner(config, flown=on.flown.get(vehicle), bathymetry=on.bathymetry, more=more)
 
 
 def mission_settings(job: PlanRequest, config: PlannerConfig) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
+from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.observation import PathMean
@@ -15,6 +16,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.slices import depth_slices
+from replay_kit.workflows.planning.request import completed
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.replay import replay
@@ -50,7 +52,7 @@ def logs(tmp_path_factory, truth):
 @pytest.fixture(scope="module")
 def result(tmp_path_factory, logs):
     out = tmp_path_factory.mktemp("array") / "array.mcap"
-    goal = {"sg2": (152.4, -40.1, 100.0)}
+    goal = {"sg2": (152.4, -40.1, 100.0), "sg3": (152.4, -40.1, 100.0)}
     return rk.replay(logs, ENSEMBLE, out=out, settings=SETTINGS, goal=goal)
 
 
@@ -203,13 +205,27 @@ def test_a_vehicle_without_a_fix_is_named_and_a_late_clock_is_said(logs, tmp_pat
     )
 
 
+def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
+    done = succeed(f"plan {result.path} --samples 0 --json -")
+    vehicles = json.loads(done.stdout)["vehicles"]
+    assert list(vehicles) == ["sg2", "sg3"]
+    asked = completed(PlanRequest(flows=(result.path,)))
+    for name, made in vehicles.items():
+        fix = result.vehicles[name].fixes.iloc[-1]
+        start = asked.glider_places[name]
+        assert (start.longitude, start.latitude) == (fix["longitude"], fix["latitude"])
+        assert "; as flown: " in made["message"]
+    refused = invoke(f"plan {result.path} --goal=152.4,-40.1,100")
+    assert "result of several vehicles (sg1, sg2, sg3)" in str(refused.exception)
+
+
 @pytest.mark.full
 def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
     out = tmp_path / "array.mcap"
     shutil.copy(result.path, out)
     shown = succeed(f"status {out} --json {tmp_path / 's.json'} --html {tmp_path / 's.html'}")
-    assert shown.stdout.startswith("vehicle")
-    assert shown.stdout.index("array.sg1.mcap") < shown.stdout.index("array.sg3.mcap")
+    assert shown.stdout.startswith("Vehicles")
+    assert shown.stdout.index("array.sg1") < shown.stdout.index("array.sg3")
     assert list(json.loads((tmp_path / "s.json").read_text())["vehicles"]) == ["sg1", "sg2", "sg3"]
     succeed(f"report {out}")
     page = (tmp_path / "array.html").read_text()
