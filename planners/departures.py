@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 
 from planners.plan import plan_mission
+from planners.program.words import horizon_text
 from planners.request import Found, MissionPlan, MissionRequest
 from planners.simulation.currents import Flow
 from planners.task import apogee_depths
-from planners.words import horizon_text
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection

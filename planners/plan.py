@@ -14,10 +14,10 @@ from planners.program.starts import (
     search,
     staying,
 )
+from planners.program.words import outcome_text, tried_text
 from planners.request import Line, MissionPlan, MissionRequest, Mooring
 from planners.simulation.currents import Flow
 from planners.task import Task, task_of, yo_depths
-from planners.words import outcome_text, tried_text
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.plan import PlanStatus
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from planners.clearance import clearances
 from planners.odds.steer import Begin, Route, steer
+from planners.program.words import arrival_text, odds_text, violations_text
 from planners.request import MissionPlan, MissionRequest, MissionSettings, Mooring
 from planners.simulation.currents import (
     Currents,
@@ -25,7 +26,6 @@ from planners.simulation.currents import (
 )
 from planners.simulation.fly import Flights
 from planners.task import Task, YoDepths, task_of
-from planners.words import arrival_text, odds_text, violations_text
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate

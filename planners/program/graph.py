@@ -20,8 +20,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from planners.program.water import HOUR, KM, Water
 from planners.vehicle import Glider
-from planners.water import HOUR, KM, Water
 from replay_kit.core.arrays import Array
 
 #: Half-planes of each segment, and the offset of one that forbids nothing [km].

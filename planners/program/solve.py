@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from planners.clearance import Violation, check
 from planners.program.graph import PLANES, Program, Shape, program
 from planners.program.walls import Segments, Walls
+from planners.program.water import HOUR, KM, Water
 from planners.request import Line, Mooring
 from planners.simulation.fly import COARSE, DRIFT_STEPS, TURN, Flight, Legs, Path, fly_leg
 from planners.task import Task, apogee_depths, yo_depths
 from planners.vehicle import Glider
-from planners.water import HOUR, KM, Water
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import true_north_halfway
 

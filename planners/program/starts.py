@@ -7,6 +7,7 @@ import numpy as np
 
 from planners.hazards.bottom import DEPTH_TOLERANCE
 from planners.program.solve import Solution, Solver, Start, again
+from planners.program.water import HOUR, KM
 from planners.request import Found, Line, MissionPlan, Mooring
 from planners.route.bound import Bound, Limit, bound_of
 from planners.route.current import Route
@@ -21,7 +22,6 @@ from planners.route.passage import (
 )
 from planners.simulation.fly import Flight, Legs
 from planners.task import LEAST_DIVE, Task, yo_depths
-from planners.water import HOUR, KM
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local

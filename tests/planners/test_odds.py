@@ -15,8 +15,8 @@ from planners import (
     plan_by_odds,
     plan_mission,
 )
-from planners.flights import fly_mission
 from planners.odds.aim import aim
+from planners.odds.flights import fly_mission
 from planners.odds.mission import currents_of_estimate
 from planners.odds.rank import most_violations_allowed, passes_binomial_test
 from planners.vehicle import Glider

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, closest_approach, plan_mission
+from planners.program.water import HOUR, KM, Water
 from planners.route.passage import by_rays, mean_current, passage
 from planners.task import task_of
-from planners.water import HOUR, KM, Water
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import (
     eddying_flow,

@@ -9,8 +9,8 @@ import numpy as np
 
 import planners
 from planners.departures import first_legs
-from planners.flights import fly_mission
 from planners.hazards.domain import Region, locate
+from planners.odds.flights import fly_mission
 from planners.output.mission import as_plan
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.config.planner import PlannerConfig

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from planners.assignment import assign, times_to_goals
 from planners.departures import best_departure, cut_at_horizon, plan_departures, to_its_end
-from planners.flights import fly_mission
+from planners.odds.flights import fly_mission
 from planners.odds.mission import MissionOdds, mission_odds, with_odds
 from planners.odds.rank import plan_by_odds
 from planners.plan import plan_mission
 from planners.request import MissionPlan, MissionRequest, MissionSettings, Mooring
-from planners.separation import JointMissions, plan_missions, share_of_nearer
+from planners.several.assignment import assign, times_to_goals
+from planners.several.separation import JointMissions, plan_missions, share_of_nearer
 from planners.simulation.currents import Flow, Sample, local_notes
 from planners.waypoints import Waypoints, waypoints_of
 from replay_kit.config.plan import PlanRequest

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, plan_mission
-from planners.flights import fly_mission
+from planners.odds.flights import fly_mission
 from planners.odds.mission import ellipse_factor, ellipses_of
 from planners.output.mission import (
     as_plan,

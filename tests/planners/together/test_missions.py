@@ -8,8 +8,8 @@ import pytest
 import shapely
 
 from planners import MissionRequest, MissionSettings, plan_mission
-from planners.assignment import assign, times_to_goals
-from planners.separation import (
+from planners.several.assignment import assign, times_to_goals
+from planners.several.separation import (
     Motion,
     area_between,
     motion_of,

@@ -17,7 +17,7 @@ from planners import (
     plan_mission,
 )
 from planners.departures import first_legs
-from planners.flights import fly_mission
+from planners.odds.flights import fly_mission
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.plan import departures_of
 from replay_kit.config.run import EstimatorConfig

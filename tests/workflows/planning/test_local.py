@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planners import MissionRequest, MissionSettings, mission_odds, plan_mission
-from planners.flights import fly_mission
+from planners.odds.flights import fly_mission
 from planners.odds.mission import currents_of_estimate as currents_around
 from planners.simulation.currents import (
     LocalSample,

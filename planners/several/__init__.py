@@ -1,0 +1,1 @@
+"""Several vehicles: who goes to which goal, and missions that keep apart."""
