@@ -8,7 +8,7 @@ import xarray as xr
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Observation, Source
-from replay_kit.forecast.grid import local_grid, turn_to_local, turned
+from replay_kit.forecast.grids.horizontal import local_grid, turn_to_local, turned
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 

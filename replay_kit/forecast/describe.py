@@ -13,16 +13,16 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
 from replay_kit.core.region import DEGREE, Region, around
-from replay_kit.forecast.axes import AxesCheck
-from replay_kit.forecast.collection import Collection, open_collection
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import find_sources
 from replay_kit.forecast.gather import layout_of
-from replay_kit.forecast.grid import region_block
-from replay_kit.forecast.members import MemberRule, parse_rule
+from replay_kit.forecast.grids.axes import AxesCheck
+from replay_kit.forecast.grids.horizontal import region_block
+from replay_kit.forecast.members.collection import Collection, open_collection
+from replay_kit.forecast.members.rules import MemberRule, parse_rule
+from replay_kit.forecast.members.selection import Selection, select
 from replay_kit.forecast.names import NoCurrentError
 from replay_kit.forecast.reader import read_members, read_selection, ways
-from replay_kit.forecast.selection import Selection, select
 from replay_kit.forecast.series import dated_choices
 
 

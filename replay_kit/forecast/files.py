@@ -184,7 +184,7 @@ def _open_file(path: Path) -> xr.Dataset:
         raise ForecastError(f"{path}: cannot be read as {engine}: {error}; {_HINT}") from error
     if (mesh := find_mesh(ds)) is not None:
         # takes a while to load
-        from replay_kit.forecast.meshes import on_grid
+        from replay_kit.forecast.grids.meshes import on_grid
 
         ds = on_grid(ds, mesh, str(path))
     return with_dates(ds)

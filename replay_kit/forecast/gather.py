@@ -15,17 +15,17 @@ from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import held, unpacking
 from replay_kit.core.text import count_text
-from replay_kit.forecast.depths import at_depths, depths_text
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.grid import (
+from replay_kit.forecast.grids.depths import at_depths, depths_text
+from replay_kit.forecast.grids.horizontal import (
     bilinear,
     centre_longitude,
     find_cells,
     turn_to_local,
     turned,
 )
-from replay_kit.forecast.layout import Layout, U, lay_out
-from replay_kit.forecast.selection import Change
+from replay_kit.forecast.grids.layout import Layout, U, lay_out
+from replay_kit.forecast.members.selection import Change
 from replay_kit.forecast.variables import precision
 from replay_kit.forecast.window import Window, read_window, window_size
 

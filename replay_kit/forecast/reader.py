@@ -11,14 +11,14 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.paths import Paths
 from replay_kit.core.progress import announce
-from replay_kit.forecast.axes import AxesCheck, check_axes
-from replay_kit.forecast.collection import Collection, open_collection
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import size_text
 from replay_kit.forecast.gather import in_groups, is_alike, layout_of, together
-from replay_kit.forecast.grid import local_grid, projection_of, turn_to_local
-from replay_kit.forecast.layout import Layout, U
-from replay_kit.forecast.members import (
+from replay_kit.forecast.grids.axes import AxesCheck, check_axes
+from replay_kit.forecast.grids.horizontal import local_grid, projection_of, turn_to_local
+from replay_kit.forecast.grids.layout import Layout, U
+from replay_kit.forecast.members.collection import Collection, open_collection
+from replay_kit.forecast.members.rules import (
     MADE,
     MemberRule,
     common_water,
@@ -26,8 +26,8 @@ from replay_kit.forecast.members import (
     unusual_members,
     without_copies,
 )
+from replay_kit.forecast.members.selection import Selection, select
 from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
-from replay_kit.forecast.selection import Selection, select
 from replay_kit.forecast.variables import check_content
 from replay_kit.forecast.window import Window, read_window, window_size
 

@@ -11,12 +11,12 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.inputs import exceeds_claim
 from replay_kit.core.paths import Paths
-from replay_kit.forecast.collection import Collection, open_collection
-from replay_kit.forecast.layout import U
-from replay_kit.forecast.members import MADE, kind_of, parse_rule, without_copies
+from replay_kit.forecast.grids.layout import U
+from replay_kit.forecast.members.collection import Collection, open_collection
+from replay_kit.forecast.members.rules import MADE, kind_of, parse_rule, without_copies
+from replay_kit.forecast.members.times import date_text, dated_leads
 from replay_kit.forecast.names import find_lead, find_time
 from replay_kit.forecast.reader import read_ensemble, read_members, truth_in
-from replay_kit.forecast.times import date_text, dated_leads
 
 _DAY_NS = 86_400 * 10**9
 

@@ -12,8 +12,8 @@ from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.inputs import claim_text, held, unpacking
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.layout import AT_CENTRES, DIRECTION, Faces, Layout, U, V
-from replay_kit.forecast.members import no_water
+from replay_kit.forecast.grids.layout import AT_CENTRES, DIRECTION, Faces, Layout, U, V
+from replay_kit.forecast.members.rules import no_water
 from replay_kit.forecast.names import LEVEL_COUNTS, sizes_text
 
 # Dimension and positions of levels.

@@ -13,12 +13,12 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.inputs import exceeds_claim
 from replay_kit.core.quantities import metres, metres_per_second
 from replay_kit.core.text import count_text
-from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.layout import Layout, U, V
-from replay_kit.forecast.members import WARNING
+from replay_kit.forecast.grids.depths import choose_levels
+from replay_kit.forecast.grids.layout import Layout, U, V
+from replay_kit.forecast.grids.s_levels import LEFT_DRY, find_s_coordinate, from_s_levels
+from replay_kit.forecast.members.rules import WARNING
 from replay_kit.forecast.names import SEA_LEVEL, Axes, find_depth
-from replay_kit.forecast.s_levels import LEFT_DRY, find_s_coordinate, from_s_levels
 from replay_kit.forecast.variables import (
     chunk_bytes,
     component,

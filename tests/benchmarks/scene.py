@@ -10,7 +10,7 @@ import numpy as np
 
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation import Observation
-from replay_kit.forecast.grid import local_grid
+from replay_kit.forecast.grids.horizontal import local_grid
 from tests import synthetic
 
 _CELL = 1.0 / 12.0

@@ -26,7 +26,7 @@ from replay_kit.core.region import Region, around
 from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.filter import WindowedEstimator
-from replay_kit.forecast.grid import in_frame
+from replay_kit.forecast.grids.horizontal import in_frame
 from replay_kit.studies.twins.field import build_field
 from tests import synthetic
 from tests.benchmarks.measure import Row, peak_mb, row

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.forecast.depths import at_depths, reach
-from replay_kit.forecast.grid import bilinear, find_cells, region_block
-from replay_kit.forecast.s_levels import SCoordinate
+from replay_kit.forecast.grids.depths import at_depths, reach
+from replay_kit.forecast.grids.horizontal import bilinear, find_cells, region_block
+from replay_kit.forecast.grids.s_levels import SCoordinate
 from replay_kit.forecast.variables import never_changing, to_centres
 
 

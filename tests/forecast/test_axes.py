@@ -12,7 +12,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.forecast import axes, describe_ensemble
-from replay_kit.forecast.axes import divergent_share, geostrophic_flow
+from replay_kit.forecast.grids.axes import divergent_share, geostrophic_flow
 from tests.forecast import forms
 from tests.forecast.forms import read_with, save
 from tests.places import DATA

@@ -7,7 +7,7 @@ import xarray as xr
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError
 from replay_kit.forecast.describe import describe_ensemble
-from replay_kit.forecast.members import unusual_members
+from replay_kit.forecast.members.rules import unusual_members
 from tests import synthetic
 from tests.forecast import forms
 from tests.forecast.forms import read_with, refused, save

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.forecast.grid import columns_round
+from replay_kit.forecast.grids.horizontal import columns_round
 from tests.forecast.forms import read_with, save, true_components
 
 LEVELS = np.array([5.0, 100.0])

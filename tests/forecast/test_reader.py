@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.forecast.grid import centre_longitude, region_block
+from replay_kit.forecast.grids.horizontal import centre_longitude, region_block
 from tests import synthetic
 from tests.forecast.forms import noted, read_with, refused, save
 

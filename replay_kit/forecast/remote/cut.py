@@ -18,8 +18,8 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError, ReplayKitError
 from replay_kit.core.paths import Address
 from replay_kit.core.progress import announce
-from replay_kit.forecast.collection import Collection
-from replay_kit.forecast.members import kind_of
+from replay_kit.forecast.members.collection import Collection
+from replay_kit.forecast.members.rules import kind_of
 from replay_kit.forecast.names import SEA_LEVEL, find_depth
 from replay_kit.forecast.remote.kept import RECORD
 from replay_kit.forecast.remote.parts import Parts, Wanted, parts_of

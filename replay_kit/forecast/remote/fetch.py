@@ -14,9 +14,9 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.paths import Address, Paths, addresses_in, as_groups
 from replay_kit.core.region import inside
-from replay_kit.forecast.collection import open_collection
 from replay_kit.forecast.files import with_dates
-from replay_kit.forecast.members import parse_rule
+from replay_kit.forecast.members.collection import open_collection
+from replay_kit.forecast.members.rules import parse_rule
 from replay_kit.forecast.names import find_time
 from replay_kit.forecast.remote.cut import Cut, plan_cuts, write_cut
 from replay_kit.forecast.remote.kept import CACHE, Kept, key_of

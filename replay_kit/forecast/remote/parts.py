@@ -12,15 +12,15 @@ from replay_kit.core.paths import Address
 from replay_kit.core.quantities import parse_time
 from replay_kit.core.region import Region
 from replay_kit.core.text import time_text
-from replay_kit.forecast.depths import choose_levels
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import with_dates
-from replay_kit.forecast.layout import Layout, U, V, lay_out
-from replay_kit.forecast.members import MADE
+from replay_kit.forecast.grids.depths import choose_levels
+from replay_kit.forecast.grids.layout import Layout, U, V, lay_out
+from replay_kit.forecast.grids.s_levels import find_s_coordinate
+from replay_kit.forecast.members.rules import MADE
+from replay_kit.forecast.members.times import dated_leads, valid_times
 from replay_kit.forecast.names import find_depth, find_lead, find_time
 from replay_kit.forecast.remote.servers import open_address
-from replay_kit.forecast.s_levels import find_s_coordinate
-from replay_kit.forecast.times import dated_leads, valid_times
 
 # Cells beyond the box on each side of staggered grids, and of members that are interpolated to the grid of the first.
 _MARGIN = 2

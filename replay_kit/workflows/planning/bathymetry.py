@@ -202,7 +202,7 @@ def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array
 
 def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
     """Return the rows and columns in and around a region, ordered across the file's seam; all if none lies in it."""
-    from replay_kit.forecast.grid import region_block
+    from replay_kit.forecast.grids.horizontal import region_block
 
     ends = []
     for values, of_region in ((longitude, region.longitude), (latitude, region.latitude)):
@@ -292,7 +292,7 @@ def depth_at(bathymetry: Bathymetry, projection: Projection, east: Array, north:
         north: Local north of the places [m].
     """
     # loads slowly, and a plan without a bathymetry needs none
-    from replay_kit.forecast.grid import bilinear, find_cells
+    from replay_kit.forecast.grids.horizontal import bilinear, find_cells
 
     found = np.full(east.shape, np.nan)
     if east.size == 0:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.forecast.collection import open_collection
+from replay_kit.forecast.members.collection import open_collection
 from replay_kit.forecast.remote import cut as module
 from replay_kit.forecast.remote.cut import Cut
 from replay_kit.forecast.remote.parts import Wanted, parts_of

@@ -14,9 +14,9 @@ from replay_kit.core.paths import Paths
 from replay_kit.core.region import Region, bounds_of
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.forecast import read_ensemble, read_series
-from replay_kit.forecast.collection import Collection
-from replay_kit.forecast.grid import in_frame
-from replay_kit.forecast.members import WARNING
+from replay_kit.forecast.grids.horizontal import in_frame
+from replay_kit.forecast.members.collection import Collection
+from replay_kit.forecast.members.rules import WARNING
 from replay_kit.workflows.replay.inputs.region import FoundRegion
 
 #: Name of the project's own estimator; the others are baselines.

@@ -14,8 +14,8 @@ from replay_kit.core.plan import Place
 from replay_kit.core.region import Region
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files, read_truth
-from replay_kit.forecast.collection import open_collection
-from replay_kit.forecast.members import parse_rule
+from replay_kit.forecast.members.collection import open_collection
+from replay_kit.forecast.members.rules import parse_rule
 from replay_kit.logs import open_logs
 from replay_kit.logs.opening import logs_in
 from replay_kit.results.mcap_writer import ResultWriter

@@ -24,8 +24,8 @@ from replay_kit.core.region import (
 )
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.windows.placing import moved_into
-from replay_kit.forecast.collection import Collection
 from replay_kit.forecast.describe import Extent, open_extent
+from replay_kit.forecast.members.collection import Collection
 
 #: Name of the metadata record of a result that holds it.
 REGION_RECORD = "replay_kit.found_region"

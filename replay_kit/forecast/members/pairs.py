@@ -12,7 +12,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, some_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import natural
-from replay_kit.forecast.layout import DIRECTION, STAGGERED, U, V
+from replay_kit.forecast.grids.layout import DIRECTION, STAGGERED, U, V
 from replay_kit.forecast.names import MESH, Current, find_time
 
 _TIMES_OF_GRIDS = ("time", "time_counter", "time_steps", "ocean_time")

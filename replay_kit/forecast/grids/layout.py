@@ -12,7 +12,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import Region
 from replay_kit.core.text import count_text
 from replay_kit.forecast.files import size_text
-from replay_kit.forecast.grid import columns_round, region_block
+from replay_kit.forecast.grids.horizontal import columns_round, region_block
 from replay_kit.forecast.names import (
     ANGLES,
     Axes,

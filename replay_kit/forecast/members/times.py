@@ -12,8 +12,8 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.quantities import parse_time, seconds
 from replay_kit.forecast.field import PRODUCT, Field
 from replay_kit.forecast.files import undated
-from replay_kit.forecast.layout import U
-from replay_kit.forecast.members import MemberRule
+from replay_kit.forecast.grids.layout import U
+from replay_kit.forecast.members.rules import MemberRule
 from replay_kit.forecast.names import find_dimension, find_lead, find_time
 
 _STARTS = ("forecast_reference_time", "reference_time", "init_time", "run")

@@ -15,8 +15,8 @@ from scipy.sparse.linalg import spsolve
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.forecast.grid import turn_to_local
-from replay_kit.forecast.layout import Layout
+from replay_kit.forecast.grids.horizontal import turn_to_local
+from replay_kit.forecast.grids.layout import Layout
 from replay_kit.forecast.names import Axes
 from replay_kit.forecast.window import Window
 

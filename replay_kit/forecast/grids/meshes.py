@@ -21,7 +21,7 @@ from xarray.core import indexing
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import DEGREE
-from replay_kit.forecast.depths import at_depths
+from replay_kit.forecast.grids.depths import at_depths
 from replay_kit.forecast.names import MESH
 
 # Velocities without standard names, and heights of layers at each node.

@@ -13,8 +13,9 @@ from replay_kit.core.paths import Paths
 from replay_kit.core.text import some_text
 from replay_kit.forecast.field import Field, Files, field_of
 from replay_kit.forecast.files import find_sources, natural
-from replay_kit.forecast.layout import U, V
-from replay_kit.forecast.members import (
+from replay_kit.forecast.grids.layout import U, V
+from replay_kit.forecast.members.pairs import pair_files
+from replay_kit.forecast.members.rules import (
     WARNING,
     MemberRule,
     is_background,
@@ -22,6 +23,7 @@ from replay_kit.forecast.members import (
     label_files,
     usual_labels,
 )
+from replay_kit.forecast.members.times import rule_of, runs_of, start_of
 from replay_kit.forecast.names import (
     MEMBER_NAMES,
     Axes,
@@ -34,8 +36,6 @@ from replay_kit.forecast.names import (
     suffixes,
     without_partner,
 )
-from replay_kit.forecast.pairs import pair_files
-from replay_kit.forecast.times import rule_of, runs_of, start_of
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
 _FOREIGN = (

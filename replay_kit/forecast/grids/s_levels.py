@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, span_text
-from replay_kit.forecast.depths import Levels, at_depths, depths_text, reach, reach_of
-from replay_kit.forecast.members import WARNING, no_water
+from replay_kit.forecast.grids.depths import Levels, at_depths, depths_text, reach, reach_of
+from replay_kit.forecast.members.rules import WARNING, no_water
 
 #: Begins the note on water that no level is near.
 LEFT_DRY = "left dry: "

@@ -11,10 +11,10 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
-from replay_kit.forecast.collection import Collection
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.members import WARNING, kind_of
-from replay_kit.forecast.times import choose_time, date_text, nearest_time, wanted_time
+from replay_kit.forecast.members.collection import Collection
+from replay_kit.forecast.members.rules import WARNING, kind_of
+from replay_kit.forecast.members.times import choose_time, date_text, nearest_time, wanted_time
 
 _YEAR = np.timedelta64(365, "D") + np.timedelta64(6, "h")
 _LEAST_TIMES = 5

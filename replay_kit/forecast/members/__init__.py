@@ -1,0 +1,1 @@
+"""Members of an ensemble: which fields of which files they are, at which time."""
