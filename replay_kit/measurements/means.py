@@ -17,10 +17,10 @@ from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.table import Columns, Integers, Rows, Table, chosen
-from replay_kit.measurements.dives import dive_begins
-from replay_kit.measurements.pings import COMPUTED, OWN, padded
-from replay_kit.measurements.positions import NEVER
+from replay_kit.measurements.profiles.pings import COMPUTED, OWN, padded
 from replay_kit.measurements.step import Step
+from replay_kit.measurements.track.dives import dive_begins
+from replay_kit.measurements.track.positions import NEVER
 
 # m and s; a longer stretch counts as several, because a current is not linear in depth or along the way
 _LONGEST_DEPTH, _LONGEST_S = 10.0, 300.0

@@ -13,16 +13,16 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.block import Block
 from replay_kit.core.table import Columns, Integers, Rows, Table, chosen
-from replay_kit.measurements import pings
-from replay_kit.measurements.dives import depth_of, depths_of, no_depths
-from replay_kit.measurements.dvl import attitudes_of, motions_of
-from replay_kit.measurements.earth import no_triples, to_earth
 from replay_kit.measurements.means import Ways, means_of
-from replay_kit.measurements.navigation import Depth, Frames, Sender, located, of_sender
-from replay_kit.measurements.positions import as_of, beside, joined, no_rows, recent
-from replay_kit.measurements.reach import THROWN, Reach, within_reach
+from replay_kit.measurements.profiles import pings
+from replay_kit.measurements.profiles.dvl import attitudes_of, motions_of
+from replay_kit.measurements.profiles.earth import no_triples, to_earth
 from replay_kit.measurements.step import Found, Step
-from replay_kit.measurements.surface import DrifterFix, of_others
+from replay_kit.measurements.surface.vectors import DrifterFix, of_others
+from replay_kit.measurements.track.dives import depth_of, depths_of, no_depths
+from replay_kit.measurements.track.navigation import Depth, Frames, Sender, located, of_sender
+from replay_kit.measurements.track.positions import as_of, beside, joined, no_rows, recent
+from replay_kit.measurements.track.reach import THROWN, Reach, within_reach
 
 _NONE = np.empty(0, np.int64)
 _NO_NAMES: Mapping[str, Any] = {}

@@ -10,8 +10,8 @@ from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
 from replay_kit.measurements.checks import instrument, pairs, place, profile, sensors
-from replay_kit.measurements.frames import teledyne_rotation
-from replay_kit.measurements.reach import DISPLACED
+from replay_kit.measurements.profiles.frames import teledyne_rotation
+from replay_kit.measurements.track.reach import DISPLACED
 
 Edit = Callable[[Iterator[Message]], Iterator[Message]]
 

@@ -11,7 +11,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.table import Table
 from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.schemas import tables_of
-from replay_kit.measurements.earth import no_triples, to_earth
+from replay_kit.measurements.profiles.earth import no_triples, to_earth
 
 CONFIG, NO_ATTITUDE = MeasurementConfig(), no_triples()
 

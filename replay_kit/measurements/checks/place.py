@@ -16,7 +16,7 @@ from replay_kit.core.arrays import Mask
 from replay_kit.core.table import Columns
 from replay_kit.core.text import place_text, time_text
 from replay_kit.measurements.checks.fold import Found, Judged, Memory, Rows
-from replay_kit.measurements.reach import COLUMNS, Place, places, short_steps
+from replay_kit.measurements.track.reach import COLUMNS, Place, places, short_steps
 
 FROZEN = "frozen positions"
 REPEATED = "the last fix repeated under water"

@@ -14,9 +14,9 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.table import Columns
 from replay_kit.measurements.ctd.sections import Profile, at_levels
-from replay_kit.measurements.dives import legs_of
 from replay_kit.measurements.means import Spot
-from replay_kit.measurements.positions import LONG_AGO
+from replay_kit.measurements.track.dives import legs_of
+from replay_kit.measurements.track.positions import LONG_AGO
 
 # m; layers over which samples are averaged, and a shorter leg is no profile
 _LAYER, _LEG = 4.0, 40.0

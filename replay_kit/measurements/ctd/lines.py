@@ -25,10 +25,10 @@ from replay_kit.measurements.ctd.casts import (
 )
 from replay_kit.measurements.ctd.sections import Profile, Section, section_of
 from replay_kit.measurements.ctd.thermal_wind import EQUATOR, radius_of, shear_of
-from replay_kit.measurements.dives import depth_of
 from replay_kit.measurements.means import spot
-from replay_kit.measurements.positions import LONG_AGO, NEVER, as_of, beside, in_order
 from replay_kit.measurements.step import Found, Step, left_out_reason
+from replay_kit.measurements.track.dives import depth_of
+from replay_kit.measurements.track.positions import LONG_AGO, NEVER, as_of, beside, in_order
 
 #: Rossby radii: a line as long is complete, and one shorter tells less than an ensemble knows.
 COMPLETE, LEAST = 1.0, 0.3

@@ -24,7 +24,7 @@ from replay_kit.logs.shared.times import doubtful_times
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.logs.tables.suggest import NAMED, sample_key, suggested_entries
 from replay_kit.measurements.observed import begun, blocks, taken
-from replay_kit.measurements.pings import NO_POSITION
+from replay_kit.measurements.profiles.pings import NO_POSITION
 from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
 
 

@@ -28,7 +28,7 @@ from replay_kit.core.observation import (
 )
 from replay_kit.core.table import Columns, chosen
 from replay_kit.estimator.update.grouping import Grouping
-from replay_kit.measurements.pings import MISSING, padded
+from replay_kit.measurements.profiles.pings import MISSING, padded
 
 _OF_POSITION = (
     *("time", "longitude", "latitude", "depth", "dead_reckoned"),

@@ -6,7 +6,7 @@ import pytest
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.measurements.checks.place import FROZEN, PLACES, REPEATED
 from replay_kit.measurements.observed import blocks
-from replay_kit.measurements.reach import DISPLACED
+from replay_kit.measurements.track.reach import DISPLACED
 from tests.measurements.checks.made import fix, judged, names, ping
 from tests.measurements.samples import fix as position
 

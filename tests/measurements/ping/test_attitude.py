@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from replay_kit.measurements.frames import attitude_of
 from replay_kit.measurements.observed import Stream, taken
+from replay_kit.measurements.profiles.frames import attitude_of
 from tests.measurements.foreign import pose
 from tests.measurements.samples import CONFIG, fix, logged, ping
 from tests.measurements.turned import turned

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.measurements import frames
+from replay_kit.measurements.profiles import frames
 from tests.reference import frames as slow
 
 ANGLE = st.floats(-180.0, 360.0)

@@ -8,7 +8,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Observation
-from replay_kit.measurements import dvl
+from replay_kit.measurements.profiles import dvl
 from tests.measurements.samples import (
     CONFIG,
     fix,

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replay_kit.measurements import qartod as quality
-from replay_kit.measurements.frames import tilt
+from replay_kit.measurements.profiles.frames import tilt
 from tests.reference import quality as slow
 
 NUMBERS = st.one_of(st.floats(-100.0, 100.0), st.just(np.nan))

@@ -8,8 +8,8 @@ import pytest
 from replay_kit.config.quality import QualityConfig
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, Reason
-from replay_kit.measurements import frames
 from replay_kit.measurements.observed import blocks, observation
+from replay_kit.measurements.profiles import frames
 from tests.measurements.samples import fix, in_order, only, ping, run
 from tests.reference import frames as slow
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from replay_kit.measurements.dives import depths_of, no_depths
+from replay_kit.measurements.track.dives import depths_of, no_depths
 
 
 def states(depths):

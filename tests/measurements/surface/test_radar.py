@@ -6,8 +6,8 @@ import pytest
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Label, Source
-from replay_kit.measurements.residual_field import ResidualField
-from replay_kit.measurements.surface import superobservations
+from replay_kit.measurements.surface.residual_field import ResidualField
+from replay_kit.measurements.surface.vectors import superobservations
 
 TRUE = ResidualField(0.07, 20e3, 0.3)
 LABEL = Label(0, Source(0, "/radar", 0, 0), kind="radar")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from replay_kit.measurements.dives import legs_of
+from replay_kit.measurements.track.dives import legs_of
 from tests.reference.segments import way_of
 
 LEG, GAP, SURFACE = 10.0, 600.0, 3.0

@@ -9,7 +9,7 @@ from scipy.stats import linregress
 
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.measurements import positions
+from replay_kit.measurements.track import positions
 
 SECOND = 10**9
 HOME = Projection(152.0, -40.0)

@@ -22,7 +22,7 @@ from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place, plan_legs
 from replay_kit.core.surfacing import Ellipse, Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
-from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
+from replay_kit.measurements.track.surfacings import SurfacingState, detect_surfacing
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.map import Chosen, plan_figure

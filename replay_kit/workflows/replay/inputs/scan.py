@@ -19,7 +19,7 @@ from replay_kit.logs.merge import Merge
 from replay_kit.logs.tables.frames import SCHEMA
 from replay_kit.logs.tables.schemas import SENDERS
 from replay_kit.measurements.observed import begun, taken
-from replay_kit.measurements.positions import joined, no_rows
+from replay_kit.measurements.track.positions import joined, no_rows
 from replay_kit.results.losses import iso_time
 
 #: What a MAVLink reader needs to decode for measurements.

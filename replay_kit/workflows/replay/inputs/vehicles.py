@@ -17,7 +17,7 @@ from replay_kit.logs.opening import logs_in
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.place import LogTracks
-from replay_kit.measurements.positions import joined
+from replay_kit.measurements.track.positions import joined
 from replay_kit.results.vehicles import RESERVED
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle

@@ -24,7 +24,7 @@ from replay_kit.measurements.checks.profile import (
     odd_ensemble_speeds,
 )
 from replay_kit.measurements.means import TOO_FAST
-from replay_kit.measurements.reach import COLUMNS
+from replay_kit.measurements.track.reach import COLUMNS
 from replay_kit.workflows.replay.stages.counts import Counts
 from replay_kit.workflows.replay.stages.estimation import Dive, Step, assimilate
 from replay_kit.workflows.replay.stages.forecast_file import FileCheck

@@ -23,7 +23,7 @@ from replay_kit.core.observation import Fix, Profiles, VehicleState
 from replay_kit.core.surfacing import Basis, DiveForecast, DiveOutcome, forecast_place
 from replay_kit.estimator.next_dive.process import FIXES_STD, DiveMean, MeanCurrentProcess
 from replay_kit.measurements.means import Path, Spot, begun, extended, path_mean
-from replay_kit.measurements.surfacings import SurfacingState, detect_surfacing
+from replay_kit.measurements.track.surfacings import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.events import Track
 from replay_kit.workflows.replay.surfacings.outcomes import Before
 

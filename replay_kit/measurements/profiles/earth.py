@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, every
 from replay_kit.core.table import Columns, Rows, Table
-from replay_kit.measurements import frames
-from replay_kit.measurements.positions import as_of
+from replay_kit.measurements.profiles import frames
+from replay_kit.measurements.track.positions import as_of
 
 # m/s; of a bottom-track ping that states none: makers state 3 to 30 mm/s for a single one
 _BOTTOM_STD = 0.03

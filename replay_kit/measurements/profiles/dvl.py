@@ -9,10 +9,10 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.table import Columns, Raw, Rows, Table
 from replay_kit.logs.tables.instruments import pings
-from replay_kit.measurements.earth import ATTITUDE_AGE, BOTTOM_AGE, Words, last_triple
-from replay_kit.measurements.frames import attitude_of, nortek_rotation, turned
-from replay_kit.measurements.positions import in_order
+from replay_kit.measurements.profiles.earth import ATTITUDE_AGE, BOTTOM_AGE, Words, last_triple
+from replay_kit.measurements.profiles.frames import attitude_of, nortek_rotation, turned
 from replay_kit.measurements.step import Step
+from replay_kit.measurements.track.positions import in_order
 
 _KEPT = "attitude: kept for pings without their own"
 

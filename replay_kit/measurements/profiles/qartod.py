@@ -18,8 +18,8 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, Indices, every
 from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.measurements.earth import Words
-from replay_kit.measurements.frames import tilt
+from replay_kit.measurements.profiles.earth import Words
+from replay_kit.measurements.profiles.frames import tilt
 
 Flags = NDArray[np.int8]
 _GOOD, _NOT_EVALUATED, _SUSPECT, _FAIL, _MISSING = (

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.table import Columns, Integers, Rows, chosen
-from replay_kit.measurements.positions import in_order
+from replay_kit.measurements.track.positions import in_order
 
 # degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most
 _LATITUDE_ASSUMED = 45.0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from replay_kit.core.arrays import replace
 from replay_kit.core.observation import Measurement, Observation, Profiles, VehicleState
-from replay_kit.measurements.dives import dive_begins
+from replay_kit.measurements.track.dives import dive_begins
 
 
 @dataclass(frozen=True, slots=True)

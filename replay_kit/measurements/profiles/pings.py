@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag
 from replay_kit.core.table import Integers, Rows, Table, chosen
-from replay_kit.measurements.dives import depth_of
-from replay_kit.measurements.positions import (
+from replay_kit.measurements.profiles.qartod import tested
+from replay_kit.measurements.step import Step
+from replay_kit.measurements.track.dives import depth_of
+from replay_kit.measurements.track.positions import (
     LONG_AGO,
     NEVER,
     WINDOW,
@@ -21,8 +23,6 @@ from replay_kit.measurements.positions import (
     placed,
     vessel_velocity,
 )
-from replay_kit.measurements.qartod import tested
-from replay_kit.measurements.step import Step
 
 RELATIVE = "velocity relative to the platform, whose motion is unknown"
 NO_POSITION = "no position within"

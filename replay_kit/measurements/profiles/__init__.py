@@ -1,0 +1,1 @@
+"""Profiles: pings turned to true axes, made absolute, and flagged."""

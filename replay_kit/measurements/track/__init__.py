@@ -1,0 +1,1 @@
+"""The vehicle: positions, depths, dives and surfacings."""
