@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from replay_kit.logs import open_log
     from replay_kit.measurements import observations
     from replay_kit.show.notebook import Result
-    from replay_kit.workflows.library import open_ensemble, plan, replay
-    from replay_kit.workflows.live import live
+    from replay_kit.workflows.library.calls import open_ensemble, plan, replay
+    from replay_kit.workflows.library.live import live
     from replay_kit.workflows.sound import open_result
 
 __all__ = [

@@ -12,7 +12,7 @@ import replay_kit as rk
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.workflows.library import settings_of
+from replay_kit.workflows.library.calls import settings_of
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from tests.places import ROOT, SAMPLES
 

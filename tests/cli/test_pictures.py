@@ -94,7 +94,7 @@ def test_the_script_of_the_next_three_days(folder, capsys):
 
 def test_the_script_that_feeds_a_log_as_it_comes(tmp_path, capsys):
     ocean = make_ocean(tmp_path, rk.RunConfig(), 45)
-    files, goal = (ocean / "glider.mcap", ocean / "ensemble.nc"), "152.5,-40.0,0"
+    files, goal = (ocean / "glider.mcap", ocean / "ensemble.nc"), "152.5,-39.9,0"
     lines = script(capsys, "as_it_comes.py", *files, goal)
     assert lines
     assert all(re.search(r"at 100 m .* m/s  steer +\d+ degrees", line) for line in lines)

@@ -8,7 +8,7 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.observation import Flag, Reason
-from replay_kit.workflows.qc import check_quality
+from replay_kit.workflows.info.qc import check_quality
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay

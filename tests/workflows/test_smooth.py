@@ -13,7 +13,7 @@ from replay_kit.forecast import read_series
 from replay_kit.logs import open_log
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.status.held import read_held
-from replay_kit.workflows.library import settings_of
+from replay_kit.workflows.library.calls import settings_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corrected, with_block

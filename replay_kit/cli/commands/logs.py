@@ -142,7 +142,7 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
     check_paths([*logs, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
-    from replay_kit.workflows.qc import check_quality, print_quality, quality_json
+    from replay_kit.workflows.info.qc import check_quality, print_quality, quality_json
 
     with progress() as advance:
         report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))

@@ -15,7 +15,7 @@ from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.show.page.page import Section, items_html, page_html, table_html
 from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
-from replay_kit.workflows.replay.checks import DryRun
+from replay_kit.workflows.replay.inputs.checks import DryRun
 
 TABLE, PAGE = "fleet.csv", "index.html"
 _COLUMNS = (

@@ -14,7 +14,7 @@ from replay_kit.core.version import __version__
 from replay_kit.workflows.fleet.cluster import Workers
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.checks import DryRun, dry_run
+from replay_kit.workflows.replay.inputs.checks import DryRun, dry_run
 from replay_kit.workflows.replay.inputs.provenance import (
     file_hash,
     package_versions,

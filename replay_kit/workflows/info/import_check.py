@@ -50,7 +50,7 @@ from replay_kit.measurements.checks.slips import (
     direction_faults,
 )
 from replay_kit.measurements.observed import blocks, rows
-from replay_kit.workflows.replay.checks import check_inputs
+from replay_kit.workflows.replay.inputs.checks import check_inputs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.region import find_region
 from replay_kit.workflows.replay.inputs.scan import Logs, open_readers

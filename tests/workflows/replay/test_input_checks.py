@@ -12,7 +12,7 @@ from replay_kit.measurements.checks.concluded import TRACKS
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import expected_of
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.checks import check_inputs, dry_run
+from replay_kit.workflows.replay.inputs.checks import check_inputs, dry_run
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth

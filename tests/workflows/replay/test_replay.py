@@ -20,7 +20,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay import checks
+from replay_kit.workflows.replay.inputs import checks
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.prepare import with_planner_kind

@@ -32,8 +32,8 @@ from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.names import MEMBER_NAMES
 from replay_kit.show.notebook import Result, as_pooled
-from replay_kit.workflows.in_memory.observations import is_observed, write_observed
-from replay_kit.workflows.in_memory.parts import (
+from replay_kit.workflows.library.observations import is_observed, write_observed
+from replay_kit.workflows.library.parts import (
     EstimatorBuilder,
     PriorBuilder,
     given,

@@ -24,7 +24,7 @@ from replay_kit.core.paths import Paths, as_groups
 from replay_kit.core.plan import Place, Plan
 from replay_kit.core.progress import Stopwatch
 from replay_kit.measurements.region import for_region
-from replay_kit.workflows.library import At, Settings, place_of, planned, settings_of
+from replay_kit.workflows.library.calls import At, Settings, place_of, planned, settings_of
 from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts

@@ -15,7 +15,7 @@ from replay_kit.logs.netcdf.pings import TOPIC, Asked, ping_of, profiles_in_memo
 from replay_kit.logs.netcdf.surface import RADAR
 from replay_kit.logs.netcdf.variables import Stored
 from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
-from replay_kit.workflows.in_memory.parts import dataset_of, is_table
+from replay_kit.workflows.library.parts import dataset_of, is_table
 
 #: What a person states: a profile, a mean current, a single component.
 Stated = Observation | PathMean | LinearMeasurement

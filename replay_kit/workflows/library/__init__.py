@@ -1,0 +1,1 @@
+"""What ``import replay_kit`` offers to scripts."""
