@@ -11,7 +11,8 @@ from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.estimator.basis.modes import build_basis
-from replay_kit.forecast import axes, describe_ensemble
+from replay_kit.forecast import describe_ensemble
+from replay_kit.forecast.grids import axes
 from replay_kit.forecast.grids.axes import divergent_share, geostrophic_flow
 from tests.forecast import forms
 from tests.forecast.forms import read_with, save

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.measurements import qartod as quality
+from replay_kit.measurements.profiles import qartod as quality
 from replay_kit.measurements.profiles.frames import tilt
 from tests.reference import quality as slow
 
