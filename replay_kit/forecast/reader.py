@@ -11,6 +11,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.paths import Paths
 from replay_kit.core.progress import announce
+from replay_kit.core.text import place_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import size_text
 from replay_kit.forecast.gather import in_groups, is_alike, layout_of, together
@@ -280,6 +281,5 @@ def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
     if place_at is None:
         return ()
     return (
-        f"the ensemble was moved: its centre is now at {place_at[1]:.4f} N, {place_at[0]:.4f} E: "
-        "not a forecast for that region",
+        f"the ensemble was moved: not a forecast for this region; its centre is at {place_text(*place_at)}",
     )
