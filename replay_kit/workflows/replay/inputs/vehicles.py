@@ -13,7 +13,7 @@ from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.region import Region, bounds_of, inside
 from replay_kit.core.table import Columns, chosen
 from replay_kit.core.text import some_text, time_text
-from replay_kit.logs.opening import logs_in
+from replay_kit.logs.opening import in_folder, logs_in
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.place import LogTracks
@@ -62,10 +62,10 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
 
 
 def _in_order(vehicle: Vehicle) -> Vehicle:
-    """Return a vehicle with its logs in order of name and content, however given."""
+    """Return a vehicle with its logs in the order of a folder with them, then of content, however given."""
     if len(vehicle.logs) < 2:
         return vehicle
-    logs = sorted(vehicle.logs, key=lambda path: (path.name, file_hash(path)))
+    logs = sorted(vehicle.logs, key=lambda path: (in_folder(path), file_hash(path)))
     return replace(vehicle, logs=tuple(logs))
 
 
