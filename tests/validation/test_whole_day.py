@@ -1,4 +1,4 @@
-"""The whole at once: a ship at 1 Hz for a day, two gliders with goals, a radar, and a forecast by address; no screen contradicts another."""
+"""The whole at once: a day of a ship at 1 Hz, gliders with goals, a radar, a forecast by address: no screen contradicts another."""
 
 import json
 import re
