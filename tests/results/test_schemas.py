@@ -6,12 +6,9 @@ import pytest
 import replay_kit.results
 from replay_kit.core.observation import Reason
 from replay_kit.results.schemas import CONTRACT_VERSION, MESSAGES
-from tests.places import SAMPLES
 
 FOLDER = Path(replay_kit.results.__file__).parent
-CHANNELS, SHOWN = (
-    (FOLDER / name).read_text(encoding="utf-8") for name in ("CHANNELS.md", "../show/README.md")
-)
+CHANNELS = (FOLDER / "CHANNELS.md").read_text(encoding="utf-8")
 
 
 def documented(message: str) -> list[tuple[str, str]]:
@@ -39,13 +36,3 @@ def test_the_contract_names_the_contract_version():
 def test_the_contract_lists_every_reason():
     listed = dict(re.findall(r"\b(\d+) \| ([a-z_]+) (?=\|)", CHANNELS))
     assert listed == {str(reason.value): str(reason.name).lower() for reason in Reason if reason}
-
-
-def test_examples_run(capsys, monkeypatch, tmp_path):
-    (tmp_path / "sample_logs").symlink_to(SAMPLES)
-    monkeypatch.chdir(tmp_path)
-    for text in (SHOWN, CHANNELS):
-        for block in re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL):
-            exec(compile(block, "a README", "exec"), {"__name__": "__readme__"})
-    assert capsys.readouterr().out
-    assert (tmp_path / "map.pdf").stat().st_size > 10_000
