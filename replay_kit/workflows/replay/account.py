@@ -300,5 +300,5 @@ def _describe(rows: Sequence[Mapping[str, Any]]) -> str:
 def _is_relevant(row: Mapping[str, Any]) -> bool:
     """Return whether a message of a topic was used, or skipped because of its contents."""
     return row["used"] > 0 or any(
-        not reason.startswith(("not needed", "not a kind")) for reason in row["reasons"]
+        not reason.startswith(("not needed", NOT_A_KIND)) for reason in row["reasons"]
     )

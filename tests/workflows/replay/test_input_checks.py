@@ -6,8 +6,10 @@ import pytest
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError, MeasurementError
+from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.logs import open_log
+from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks.concluded import TRACKS
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import expected_of
@@ -140,3 +142,16 @@ def test_a_follower_sets_the_log_of_another_vehicle_aside(ocean, tmp_path):
         for text in sea.told
     )
     assert summary.exit_code == 0
+
+
+def test_a_log_without_currents_names_positions_before_topics_of_other_kinds(ocean, tmp_path):
+    with open_log(ocean / "glider.mcap") as log:
+        begin = next(one for one in log.messages() if one.topic == "/vehicle/fix")
+    others = [
+        Message(begin.time_ns + k, f"/camera/{k % 12}", "my.Camera", {"shutter": k}, 0, k)
+        for k in range(240)
+    ]
+    write_mcap_log(tmp_path / "log.mcap", [begin, *others])
+    words = refused(ocean, ReplayJob((tmp_path / "log.mcap",), ocean / "ensemble.nc"))
+    assert "/vehicle/fix (1)" in words
+    assert words.index("/vehicle/fix") < words.index("/camera/")
