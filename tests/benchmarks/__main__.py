@@ -10,7 +10,6 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from tests.benchmarks import (
-    array,
     atsea,
     dives,
     estimator,
@@ -30,7 +29,6 @@ from tests.benchmarks import (
 from tests.benchmarks.measure import environment, limits
 
 BENCHMARKS: dict[str, Callable[[bool], list[dict[str, Any]]]] = {
-    "array": array.rows,
     "atsea": atsea.rows,
     "dives": dives.rows,
     "estimator": estimator.rows,
