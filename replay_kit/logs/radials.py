@@ -16,7 +16,8 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Message
 from replay_kit.core.text import count_text
-from replay_kit.logs.netcdf.surface import LIGHT, RADAR, depth_of, is_failed, worst_flag
+from replay_kit.logs.netcdf.quality import is_failed, worst_flag
+from replay_kit.logs.netcdf.surface import LIGHT, RADAR, depth_of
 from replay_kit.logs.reader import LogFile, unreadable
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import numbers, stamp

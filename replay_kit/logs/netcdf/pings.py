@@ -171,7 +171,7 @@ def ping_of(profile: Observation, ordinal: int) -> dict[str, Any]:
 
 
 # what is too fast or too deep is flagged later, and counted
-_SPEED, _DEPTH = (replace(each, low=-np.inf, high=np.inf) for each in (units.SPEED, units.LENGTH))
+_SPEED, _DEPTH = (each._replace(low=-np.inf, high=np.inf) for each in (units.SPEED, units.LENGTH))
 PINGS = Dialect(
     "table",
     "Table of pings",
@@ -192,8 +192,6 @@ PINGS = Dialect(
         "error": "eastward_sea_water_velocity standard_error",
     },
     quantities={
-        "longitude": units.LONGITUDE,
-        "latitude": units.LATITUDE,
         "depth": _DEPTH,
         **dict.fromkeys(("u", "v", "error"), _SPEED),
     },

@@ -77,6 +77,11 @@ class Stored:
         return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
     @property
+    def standard(self) -> str:
+        """Standard name; empty without one."""
+        return self.text("standard_name")
+
+    @property
     def packing(self) -> tuple[float, float]:
         """Scale factor and offset of the values; 1 and 0 by default."""
         factor, offset = (

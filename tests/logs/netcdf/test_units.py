@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.netcdf import units
+from replay_kit.logs.netcdf import quality, units
 from replay_kit.logs.netcdf.variables import Stored
 
 FILE = "a.nc"
@@ -19,20 +19,20 @@ def _stored(values, **attributes: Any):
 @pytest.mark.parametrize(
     ("unit", "quantity", "value", "expected", "note"),
     [
-        ("m s-1", units.SPEED, 0.5, 0.5, None),
-        ("cm/s", units.SPEED, 50.0, 0.5, "x: converted from cm/s to m/s"),
-        ("knots", units.SPEED, 1.0, 1852.0 / 3600.0, "x: converted from knots to m/s"),
-        ("Pa", units.PRESSURE, 1e6, 100.0, "x: converted from Pa to dbar"),
-        ("rad", units.ANGLE, np.pi, 180.0, "x: converted from rad to degrees"),
-        ("cm", units.LENGTH, 250.0, 2.5, "x: converted from cm to m"),
-        ("furlong", units.LENGTH, 2.0, 2.0, "x: unit 'furlong' is not known, taken as m"),
-        ("", units.SPEED, 0.25, 0.25, "x: states no unit, taken as m/s"),
-        ("1", units.NUMBER, 7.0, 7.0, None),
+        ("m s-1", "east", 0.5, 0.5, None),
+        ("cm/s", "east", 50.0, 0.5, "x: converted from cm/s to m/s"),
+        ("knots", "east", 1.0, 1852.0 / 3600.0, "x: converted from knots to m/s"),
+        ("Pa", "pressure", 1e6, 100.0, "x: converted from Pa to dbar"),
+        ("rad", "heading", np.pi, 180.0, "x: converted from rad to degrees"),
+        ("cm", "depth", 250.0, 2.5, "x: converted from cm to m"),
+        ("furlong", "depth", 2.0, 2.0, "x: unit 'furlong' is not known, taken as m"),
+        ("", "east", 0.25, 0.25, "x: states no unit, taken as m/s"),
+        ("1", "dive", 7.0, 7.0, None),
     ],
 )
 def test_units(unit, quantity, value, expected, note):
     notes: list[str] = []
-    (found,) = units.in_si("x", _stored([value], units=unit), quantity, notes)
+    (found,) = units.in_si("x", _stored([value], units=unit), units.quantity_of(quantity), notes)
     assert found == pytest.approx(expected, rel=1e-12)
     assert notes == ([] if note is None else [note])
 
@@ -40,7 +40,11 @@ def test_units(unit, quantity, value, expected, note):
 def test_degrees_and_minutes_south_and_west():
     notes: list[str] = []
     found = units.in_si(
-        "lat", _stored([-4530.0, 1015.6, 69_696_969.0]), units.LATITUDE, notes, "nmea"
+        "lat",
+        _stored([-4530.0, 1015.6, 69_696_969.0]),
+        units.quantity_of("latitude"),
+        notes,
+        "nmea",
     )
     np.testing.assert_allclose(found, [-45.5, 10.26, np.nan], atol=1e-12)
     assert notes[-1] == "lat: 1 values outside -90..90 degrees taken as missing"
@@ -92,7 +96,7 @@ MEANINGS = {"flag_values": np.array([1, 2, 3, 4, 9], np.int8)}
 )
 def test_flags_are_read_by_their_meanings(meanings, bad):
     notes: list[str] = []
-    found = units.flagged_bad(
+    found = quality.flagged_bad(
         "q",
         _stored(np.array([1, 2, 3, 4, 9], np.int8), **MEANINGS, flag_meanings=meanings),
         "",
@@ -108,11 +112,11 @@ def test_flags_as_text_and_values_as_text():
         flag_values="0b, 1b, 4b, 8b",
         flag_meanings="none good bad interpolated",
     )
-    assert units.flagged_bad("q", flags, "", []).tolist() == [False, True, False]
+    assert quality.flagged_bad("q", flags, "", []).tolist() == [False, True, False]
     # a file that states no meanings is read by its dialect's; without those, nothing is bad
     bare = _stored(np.array([b"1", b"4"]))
-    assert units.flagged_bad("q", bare, "4 QC_BAD", []).tolist() == [False, True]
-    assert units.flagged_bad("q", bare, "", []).tolist() == [False, False]
+    assert quality.flagged_bad("q", bare, "4 QC_BAD", []).tolist() == [False, True]
+    assert quality.flagged_bad("q", bare, "", []).tolist() == [False, False]
 
 
 @pytest.mark.parametrize(("largest", "turned"), [(6.2, True), (6.4, False)])
