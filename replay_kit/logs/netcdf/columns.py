@@ -1,8 +1,7 @@
 """Columns of a file in SI units, and those of a glider as tables: samples along the track, fixes, mean currents, absolute profiles."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import gsw
 import numpy as np
@@ -20,8 +19,7 @@ Table = dict[str, NDArray[Any]]
 _LATITUDE = 45.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Columns:
+class Columns(NamedTuple):
     """Contents of a file, or of the files of one log; the columns of a table have one length.
 
     Attributes:
@@ -76,10 +74,13 @@ def read_values(
             # a drogue without a date was not lost
             if not known.all() and key != "lost_time":
                 notes.append(f"{name}: {int((~known).sum())} values without a time, excluded")
+        elif key == "id":
+            texts = stored.texts() or [f"{value:.0f}" for value in stored.unpacked().ravel()]
+            values[key] = np.array(texts)
         elif quantity := dialect.quantity_of(key):
             unit = forced.get(key, "") if dialect.raw or not stored.units else ""
             values[key] = units.in_si(name, stored, quantity, notes, unit)
-    sizes, dims = profile_sizes(file)
+    sizes, dims = _profile_sizes(file)
     if dims:
         for key, found in values.items():
             if found.size == sizes.size and file.variables[chosen[key]].dims == dims:
@@ -101,7 +102,7 @@ def _words(key: str) -> str:
     return key.replace("_", " ").replace("dac ", "mean current ").replace("gps ", "GPS ")
 
 
-def profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+def _profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Return the number of samples of each profile of a ragged array and its dimension; no dimension for other files."""
     for name, stored in file.variables.items():
         if stored.text("sample_dimension") or name.lower() in SIZES:
@@ -189,14 +190,13 @@ def _tables(values: Table) -> Columns:
     """Return quantities as tables; columns as long as the samples' times, and scalars, belong to the samples."""
     time = values.get("time", np.empty(0, np.int64)).ravel()
     n = time.size
+    order = np.argsort(time, kind="stable")
+    order = order[time[order] > 0]
     samples = {
-        key: np.broadcast_to(found.ravel(), (n,))
+        key: np.broadcast_to(found.ravel(), n)[order]
         for key, found in values.items()
         if n and found.size in (1, n) and not key.startswith(("gps_", "profile_"))
     }
-    order = np.argsort(time, kind="stable")
-    order = order[time[order] > 0]
-    samples = {key: found[order] for key, found in samples.items()}
     dac = {} if "dac_east" in samples else _alike(values, ("dac_", "dive"), "dac_east")
     gps = dict(values)
     if gps.get("gps_longitude", np.empty(0)).size == n:
@@ -246,22 +246,18 @@ def joined(parts: Sequence[Columns]) -> Columns:
     """
     if len(parts) == 1:
         return parts[0]
-    profiles = [part.profile for part in parts if part.profile]
-    if len(profiles) > 1:
+    if sum(bool(part.profile) for part in parts) > 1:
         raise LogError(
             "expected one file with absolute profiles in a log, got several; give them one by one"
         )
-    samples, gps, dac = (
-        _stacked([getattr(part, name) for part in parts]) for name in ("samples", "gps", "dac")
-    )
-    order = np.argsort(samples.get("time", np.empty(0)), kind="stable")
-    samples = {key: found[order] for key, found in samples.items()}
-    return Columns(samples, gps, dac, profiles[0] if profiles else {})
+    columns = Columns(*(_stacked([t for t in tables if t]) for tables in zip(*parts, strict=True)))
+    order = np.argsort(columns.samples.get("time", np.empty(0)), kind="stable")
+    return columns._replace(samples={key: v[order] for key, v in columns.samples.items()})
 
 
 def _stacked(tables: Sequence[Table]) -> Table:
     """Return concatenated tables; missing columns are unknown."""
-    sizes = [len(next(iter(table.values()), ())) for table in tables]
+    sizes = [len(next(iter(table.values()))) for table in tables]
     keys = dict.fromkeys(key for table in tables for key in table)
     return {
         key: np.concatenate(

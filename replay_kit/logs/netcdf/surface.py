@@ -2,19 +2,18 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import profile_sizes, read_values
+from replay_kit.logs.netcdf.columns import Table, read_values
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.quality import as_qartod, is_failed, worst_flag
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
@@ -206,56 +205,45 @@ def _drifters(
         LogError: Columns have different lengths.
     """
     del config
-    columns = [_columns(file, dialect, told.notes) for file in files]
-    return lambda: [(), *map(_fixes, columns)]
+    tables = [_drifter_fixes(file, dialect, told.notes) for file in files]
+    return lambda: [(), *map(_fixes, tables)]
 
 
-def _fixes(columns: Mapping[str, NDArray[Any]]) -> Iterator[Entry]:
-    """Yield the fixes in order of time."""
-    times = columns["time"]
-    found = np.flatnonzero(np.isfinite(columns["longitude"] + columns["latitude"]) & (times > 0))
-    for k in found[np.argsort(times[found], kind="stable")].tolist():
-        row = {name: column[k].item() for name, column in columns.items()}
-        time_ns = row.pop("time")
-        row["error"] = number(row["error"])
-        yield time_ns, _DRIFTERS, _FIX, {"stamp": stamp(time_ns), **row}
-
-
-def _columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> dict[str, NDArray[Any]]:
-    """Return the columns of the fixes; values per drifter are repeated."""
+def _drifter_fixes(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Table:
+    """Return the columns of the fixes."""
     chosen = dialect.chosen(file.variables)
-    values = read_values(file, dialect, chosen, notes)
+    values = {"id": np.array(file.path.stem)} | read_values(file, dialect, chosen, notes)
+    n = values["time"].size
     if "depth" not in values:
         notes.append(f"depth of the drogues is not stated: {_DROGUE:g} m taken")
-    names = [file.path.stem]
-    if "id" in chosen:
-        stored = file.variables[chosen["id"]]
-        names = stored.texts() or [f"{value:.0f}" for value in np.ravel(stored.unpacked())]
-    time, columns = values["time"].ravel(), {"id": np.array(names)}
-    columns |= {key: values[key] for key in ("longitude", "latitude")}
-    columns |= {
-        "depth": values.get("depth", np.array(_DROGUE)),
-        "error": _DEGREE * values.get("latitude_error", np.array(np.nan)),
-    }
-    if "drogued" in values:
-        columns["drogued"] = values["drogued"] == 1.0
-    else:
-        columns["lost_time"] = values.get("lost_time", np.array(0))
-    sizes, _ = profile_sizes(file)
-    for key, found in columns.items():
-        own = np.ravel(found)
-        if own.size == sizes.size and sizes.sum() == time.size:
-            own = np.repeat(own, sizes)
-        if own.size not in (1, time.size):
+        values["depth"] = np.array(_DROGUE)
+    for key, found in values.items():
+        if found.size not in (1, n):
             raise LogError(
-                f"{file.path}: {chosen.get(key, key)}: expected a value for each of {time.size} fixes or each drifter, got {own.size}; "
+                f"{file.path}: {chosen[key]}: expected a value for each of {n} fixes or each drifter, got {found.size}; "
                 "write the file again"
             )
-        columns[key] = np.broadcast_to(own, time.shape)
-    if (lost := columns.pop("lost_time", None)) is not None:
-        # a drifter whose drogue was not lost has no date, or that of the epoch
-        columns["drogued"] = (lost == 0) | (time < lost)
-    return {"time": time, **columns}
+        values[key] = np.broadcast_to(found.ravel(), n)
+    lost = values.get("lost_time", np.zeros(n))
+    # a drifter whose drogue was not lost has no date, or that of the epoch
+    with_drogue = (lost == 0) | (values["time"] < lost)
+    return {
+        **{key: values[key] for key in ("time", "id", "longitude", "latitude", "depth")},
+        "drogued": values["drogued"] == 1.0 if "drogued" in values else with_drogue,
+        "error": _DEGREE * values.get("latitude_error", np.full(n, np.nan)),
+    }
+
+
+def _fixes(table: Table) -> Iterator[Entry]:
+    """Yield the fixes in order of time."""
+    times = table["time"]
+    known = np.isfinite(table["longitude"] + table["latitude"]) & (times > 0)
+    for k in np.argsort(times, kind="stable").tolist():
+        if known[k]:
+            row = {name: column[k].item() for name, column in table.items()}
+            row["error"] = number(row["error"])
+            time_ns = row.pop("time")
+            yield time_ns, _DRIFTERS, _FIX, {"stamp": stamp(time_ns), **row}
 
 
 #: The Global Drifter Program, of one drifter or of several as a ragged array, or as a table of ERDDAP.
