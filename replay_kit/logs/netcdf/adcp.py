@@ -1,16 +1,4 @@
-"""Glider ADCPs as ``replay_kit.AdcpPing``: Seaglider, Nortek AD2CP exported by MIDAS, SeaExplorer in real time, absolute profiles.
-
-Properties that Seaglider files do not state, and their evidence:
-
-* ``ad2cp_velX, velY, velZ`` are not along the instrument's axes: the basestation takes them as east, north and up, and on real dives velZ
-  equals the vertical speed from pressure at pitches of 35 degrees. East and north are magnetic: they deviate from the track by the
-  declination, which is thus not applied.
-* The first cell's centre is one blanking and one cell from the instrument, which looks up or down (``orientation``).
-* ``ad2cp_soundspeed`` is in tenths of m/s and ``ad2cp_temperature`` in tenths of a degree, whatever their units attribute states.
-
-The beams of Nortek's glider head: 1 fore and 3 aft at 47.5 degrees from its axis, 2 and 4 abeam at 25 degrees (bastienqueste/gliderad2cp,
-``process_shear.py``). Ranges are distances along the axis; velocities are positive away from the instrument.
-"""
+"""Glider ADCPs as ``replay_kit.AdcpPing``: Seaglider, Nortek AD2CP exported by MIDAS, SeaExplorer in real time, absolute profiles."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -77,6 +65,10 @@ def _pings(
     return entries(topic, PING, held, np.flatnonzero(columns["time"]), fields)
 
 
+# What Seaglider files do not state, and the evidence: these velocities are not along the instrument's axes. The basestation takes them as
+# east, north and up, and on real dives velZ equals the vertical speed from pressure at pitches of 35 degrees. East and north are magnetic:
+# they deviate from the track by the declination, which is thus not applied. The first cell's centre is one blanking and one cell from the
+# instrument, which looks up or down (``orientation``). Sound speed and temperature are in tenths, whatever their units attribute states.
 _VELOCITY = ("ad2cp_velX", "ad2cp_velY", "ad2cp_velZ")
 _ENU = 0.0  # of ad2cp_coordinateSystem; 1 along the instrument's axes, 2 along its beams
 _FASTEST_SOUND = 2000.0  # m/s; more than this is stated in tenths
@@ -348,6 +340,8 @@ def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
     return np.asarray(np.stack(by_ping, axis=-1))
 
 
+# Beams of Nortek's glider head: 1 fore and 3 aft at 47.5 degrees from its axis, 2 and 4 abeam at 25 degrees (bastienqueste/gliderad2cp,
+# ``process_shear.py``). Ranges are distances along the axis; velocities are positive away from the instrument.
 _FORE, _SIDE = np.deg2rad(47.5), np.deg2rad(25.0)
 _BEAMS = np.array(
     [

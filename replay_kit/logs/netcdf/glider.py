@@ -28,9 +28,8 @@ _DAC = "replay_kit.DepthAveragedCurrent"
 def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
     """Return the messages of a glider's files, which are read whole.
 
-    ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with depth, once a minute. ``/adcp``: velocity relative to
-    the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: see ``_INSTRUMENTS``. ``/adcp/inverted``,
-    ``/adcp/absolute``: absolute profiles. ``/dac``: mean current of each dive, at the fix after it.
+    ``/vehicle/fix``: GPS. ``/vehicle/position``: once a minute. ``/adcp``: velocity relative to the glider. ``/adcp/inverted``,
+    ``/adcp/absolute``: absolute profiles. ``/dac``: mean current of each dive, at the fix after it. Others: see ``_INSTRUMENTS``.
 
     Args:
         files: Files of one log, in order of time.
