@@ -16,6 +16,8 @@ _WORDS = (
     (re.compile(r"bad|fail|miss|unsampled|reject|spike|stuck", re.IGNORECASE), Flag.FAIL),
     (re.compile(r"unknown|not_", re.IGNORECASE), Flag.NOT_EVALUATED),
 )
+# rank of a test that was passed: more than one that was not made
+_PASSED = Flag.NOT_EVALUATED + 0.5
 
 
 def flagged_bad(name: str, stored: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
@@ -51,12 +53,9 @@ def as_qartod(stored: Stored) -> NDArray[np.int8]:
 
 def worst_flag(flags: Sequence[NDArray[np.int8]], shape: tuple[int, ...]) -> NDArray[np.int8]:
     """Return the worst QARTOD flag of each value; not evaluated without flags."""
-    ranked = np.stack([np.full(shape, Flag.NOT_EVALUATED, np.float64), *flags])
-    # a test that was passed is more than one that was not made
-    passed = Flag.NOT_EVALUATED + 0.5
-    ranked[ranked == Flag.GOOD] = passed
-    worst = ranked.max(axis=0)
-    return np.where(worst == passed, Flag.GOOD, worst).astype(np.int8)
+    held = np.stack([np.full(shape, Flag.NOT_EVALUATED, np.int8), *flags])
+    worst = np.where(held == Flag.GOOD, _PASSED, held).max(axis=0)
+    return np.where(worst == _PASSED, Flag.GOOD, worst).astype(np.int8)
 
 
 def is_failed(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
