@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import LogReport, Message
 from replay_kit.logs import open_logs
@@ -23,6 +25,15 @@ class Said(NamedTuple):
         """Return the number of messages of each topic."""
         topics = [message.topic for message in self.messages]
         return {topic: topics.count(topic) for topic in topics}
+
+    def fixes(self) -> np.ndarray:
+        """Return time [s since 1970], longitude and latitude of the fixes, shape (n, 3)."""
+        rows = [
+            (message.time_ns * 1e-9, message.payload["longitude"], message.payload["latitude"])
+            for message in self.messages
+            if message.topic == "/vehicle/fix"
+        ]
+        return np.array(rows).reshape(-1, 3)
 
     def noted(self, words: str) -> bool:
         """Return whether a note holds some words."""

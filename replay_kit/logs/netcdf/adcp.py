@@ -1,45 +1,32 @@
-"""Glider ADCPs as ``replay_kit.AdcpPing``: Seaglider, Nortek AD2CP exported by MIDAS, and SeaExplorer in real time.
+"""Glider ADCPs as ``replay_kit.AdcpPing``: Seaglider, Nortek AD2CP exported by MIDAS, SeaExplorer in real time, absolute profiles."""
 
-Properties that Seaglider files do not state, and their evidence:
-
-* ``ad2cp_velX, velY, velZ`` are not along the instrument's axes: the basestation takes them as east, north and up, and on real dives velZ
-  equals the vertical speed from pressure at pitches of 35 degrees. East and north are magnetic: they deviate from the track by the
-  declination, which is thus not applied.
-* The first cell's centre is one blanking and one cell from the instrument, which looks up or down (``orientation``).
-* ``ad2cp_soundspeed`` is in tenths of m/s and ``ad2cp_temperature`` in tenths of a degree, whatever their units attribute states.
-
-The beams of Nortek's glider head: 1 fore and 3 aft at 47.5 degrees from its axis, 2 and 4 abeam at 25 degrees (bastienqueste/gliderad2cp,
-``process_shear.py``). Ranges are distances along the axis; velocities are positive away from the instrument.
-"""
-
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
+from replay_kit.core.quantities import metres
 from replay_kit.logs.netcdf import units
+from replay_kit.logs.netcdf.columns import Columns, Table, entries
+from replay_kit.logs.netcdf.currents import DiveMean
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
+from replay_kit.logs.shared.payloads import PING, number
 
-_UNKNOWN = (
-    *(
-        "beam_unit_vectors",
-        "velocity_std",
-        "amplitude",
-        "correlation",
-        "percent_good",
-        "sound_speed",
-        "temperature",
-    ),
-    *("heading", "pitch", "roll", "magnetic_declination", "bottom_track"),
+#: Topics of profiles that were computed from a dive's own pings, and of those of a whole mission.
+INVERTED, PROFILES = "/adcp/inverted", "/adcp/absolute"
+_UNKNOWN = dict.fromkeys(
+    (
+        *("beam_unit_vectors", "velocity_std", "amplitude", "correlation", "percent_good"),
+        *("sound_speed", "temperature", "heading", "pitch", "roll"),
+        *("magnetic_declination", "bottom_track"),
+    )
 )
-
-
-#: Of a profile that was computed from others and begins at the surface, not at the glider: its levels are depths.
-FROM_SURFACE = {
+# of a profile that was computed from others and begins at the surface, not at the glider: its levels are depths
+_FROM_SURFACE = {
     "reference": "earth",
     "orientation": "down",
     "bin_mapped": True,
@@ -47,38 +34,43 @@ FROM_SURFACE = {
     "declination_applied": True,
     "derived": True,
 }
+_RELATIVE = {"reference": "platform", "bin_mapped": False, "declination_applied": False}
 
 
-def earth_ping(
-    time_ns: int, ordinal: int, dive: int | None, velocity: Array, cells: tuple[float | None, float]
-) -> dict[str, Any]:
-    """Return a ping in earth coordinates, also as a template for others; unknown fields are null.
+def _pings(
+    topic: str, columns: Table, cells: tuple[float | None, float], common: Mapping[str, Any]
+) -> Iterator[Entry]:
+    """Yield the pings of a topic in earth coordinates if nothing else is stated; unknown fields are null.
 
     Args:
-        time_ns: [ns, UTC].
-        ordinal: Ordinal of the ping.
-        dive: Number of its dive; None when unknown.
-        velocity: shape (n_cells, k) [m/s], east, north, perhaps up; NaN where missing.
+        topic: Their topic.
+        columns: Fields of each ping, shape (n, ...): ``time`` [ns, UTC], 0 for pings that are excluded, and ``velocity``, shape
+            (n, n_cells, k) [m/s]: east, north, perhaps up.
         cells: Cell size, None if unknown, and distance of the first cell's centre [m].
+        common: Fields of all pings.
     """
-    return {
-        "stamp": stamp(time_ns),
+    n, n_cells = columns["velocity"].shape[:2]
+    fields = {
         "frame_id": "adcp",
-        "ping": ordinal,
-        **({} if dive is None else {"dive": dive}),
         "coordinate_system": "earth",
-        "n_cells": len(velocity),
+        "n_cells": n_cells,
         "cell_size": cells[0],
         "bin0_distance": cells[1],
         "transducer_depth": 0.0,
-        "velocity": numbers(np.round(velocity, 6)),
-        **dict.fromkeys(_UNKNOWN),
+        **_UNKNOWN,
+        **common,
     }
+    rounded = {"velocity": np.round(columns["velocity"], 6)}
+    held = {"ping": np.arange(n)} | columns | rounded
+    time_ns = columns["time"]
+    return entries((topic, PING), time_ns, held, np.flatnonzero(time_ns), fields)
 
 
-#: Topic of the absolute profiles.
-INVERTED = "/adcp/inverted"
-_METRES = {"m": 1.0, "meter": 1.0, "meters": 1.0, "cm": 0.01, "mm": 0.001}
+# What Seaglider files do not state, and the evidence: these velocities are not along the instrument's axes. The basestation takes them as
+# east, north and up, and on real dives velZ equals the vertical speed from pressure at pitches of 35 degrees. East and north are magnetic:
+# they deviate from the track by the declination, which is thus not applied. The first cell's centre is one blanking and one cell from the
+# instrument, which looks up or down (``orientation``). Sound speed and temperature are in tenths, whatever their units attribute states.
+_VELOCITY = ("ad2cp_velX", "ad2cp_velY", "ad2cp_velZ")
 _ENU = 0.0  # of ad2cp_coordinateSystem; 1 along the instrument's axes, 2 along its beams
 _FASTEST_SOUND = 2000.0  # m/s; more than this is stated in tenths
 
@@ -94,25 +86,20 @@ def seaglider_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         LogError: The unit of a variable is unknown.
     """
     inverted = list(_inverted(file))
-    for entry in _relative(file, notes):
-        if inverted:
-            entry[3]["also_in"] = INVERTED
-        yield entry
+    yield from _relative(file, {"also_in": INVERTED} if inverted else {}, notes)
     yield from inverted
 
 
-def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
-    if not file.has(
-        "ad2cp_time", "ad2cp_velX", "ad2cp_velY", "ad2cp_velZ", "ad2cp_cellSize", "ad2cp_blanking"
-    ):
+def _relative(file: NetcdfFile, common: dict[str, Any], notes: list[str]) -> Iterator[Entry]:
+    if not file.has("ad2cp_time", *_VELOCITY, "ad2cp_cellSize", "ad2cp_blanking"):
         return
     if file.has("ad2cp_coordinateSystem") and file.scalar("ad2cp_coordinateSystem") != _ENU:
         notes.append(
             "ADCP: not read, because its velocities are not east, north and up (ad2cp_coordinateSystem)"
         )
         return
-    time_ns, known = units.time_ns("ad2cp_time", file.variables["ad2cp_time"], file.path, notes)
-    velocity = np.stack([file.array(f"ad2cp_vel{axis}") for axis in "XYZ"], axis=-1)
+    time_ns = units.times_of(file, "ad2cp_time", notes)
+    velocity = np.stack([file.array(name) for name in _VELOCITY], axis=-1)
     cell_size = _metres(file, "ad2cp_cellSize")
     bin0_distance = _metres(file, "ad2cp_blanking") + cell_size
     sound = file.scalar("ad2cp_soundspeed")
@@ -123,29 +110,22 @@ def _relative(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     notes.append(
         f"ADCP: headings are magnetic; the declination used is {declination} degrees, by magnetic_variation"
     )
-    names = ("pressure", "heading", "pitch", "roll", "temperature")
+    unknown = np.full(time_ns.size, np.nan)
     sensors = {
-        name: file.array(f"ad2cp_{name}")
-        if file.has(f"ad2cp_{name}")
-        else np.full(time_ns.size, np.nan)
-        for name in names
+        name: file.array(f"ad2cp_{name}") if file.has(f"ad2cp_{name}") else unknown
+        for name in ("pressure", "heading", "pitch", "roll", "temperature")
     }
     sensors["temperature"] = sensors["temperature"] * tenths
     distance = bin0_distance + cell_size * np.arange(velocity.shape[1], dtype=np.float64)
-    looks = orientation(velocity[..., :2], sensors["pressure"], distance, notes)
-    dive = file.dive_number or 0
-    for k in np.flatnonzero(known).tolist():
-        payload = earth_ping(int(time_ns[k]), k, dive, velocity[k], (cell_size, bin0_distance))
-        payload |= {
-            "reference": "platform",
-            "orientation": looks,
-            "bin_mapped": False,
-            "sound_speed": number(round(sound * tenths, 3)),
-            "magnetic_declination": declination,
-            "declination_applied": False,
-            **{name: number(round(float(values[k]), 4)) for name, values in sensors.items()},
-        }
-        yield int(time_ns[k]), "/adcp", PING, payload
+    common |= _RELATIVE | {
+        "dive": file.dive_number or 0,
+        "orientation": orientation(velocity[..., :2], sensors["pressure"], distance, notes),
+        "sound_speed": number(round(sound * tenths, 3)),
+        "magnetic_declination": declination,
+    }
+    rounded = {name: np.round(values, 4) for name, values in sensors.items()}
+    cells = cell_size, bin0_distance
+    yield from _pings("/adcp", {"time": time_ns, "velocity": velocity, **rounded}, cells, common)
 
 
 def _inverted(file: NetcdfFile) -> Iterator[Entry]:
@@ -156,25 +136,22 @@ def _inverted(file: NetcdfFile) -> Iterator[Entry]:
     steps = np.diff(levels)
     if steps.size == 0 or not np.allclose(steps, steps[0]) or steps[0] <= 0.0:
         return
-    dive = file.dive_number or 0
-    for leg, end_ns in enumerate(_leg_ends(file)):
-        velocity = np.stack([component[:, leg] for component in components], axis=-1)
-        payload = earth_ping(
-            end_ns, 2 * dive + leg, dive, velocity, (float(steps[0]), float(levels[0]))
-        )
-        payload |= FROM_SURFACE | {"computed_from": ["/adcp", "/dac"]}
-        yield end_ns, INVERTED, PING, payload
+    ends = _leg_ends(file)
+    dive, n = file.dive_number or 0, ends.size
+    common = {**_FROM_SURFACE, "dive": dive, "computed_from": ["/adcp", "/dac"]}
+    velocity = np.stack([component.T[:n] for component in components], axis=-1)
+    columns = {"time": ends, "velocity": velocity, "ping": 2 * dive + np.arange(n)}
+    yield from _pings(INVERTED, columns, (float(steps[0]), float(levels[0])), common)
 
 
-def _leg_ends(file: NetcdfFile) -> tuple[int, ...]:
+def _leg_ends(file: NetcdfFile) -> NDArray[np.int64]:
     """Return the end times [ns] of descent and ascent; empty if the dive has no depths."""
-    time_ns, known = units.time_ns("ctd_time", file.variables["ctd_time"], file.path, [])
-    depth = np.where(known, file.array("ctd_depth"), np.nan)
+    time_ns, fixes = (units.times_of(file, name, []) for name in ("ctd_time", "log_gps_time"))
+    depth = np.where(time_ns > 0, file.array("ctd_depth"), np.nan)
     if not np.isfinite(depth).any():
-        return ()
-    fixes, fix_known = units.time_ns("log_gps_time", file.variables["log_gps_time"], file.path, [])
-    last, deepest = int(time_ns[np.isfinite(depth)].max()), int(time_ns[np.nanargmax(depth)])
-    return deepest, min([last, *(fix for fix in fixes[fix_known].tolist() if fix > deepest)])
+        return np.empty(0, np.int64)
+    last, deepest = time_ns[np.isfinite(depth)].max(), time_ns[np.nanargmax(depth)]
+    return np.array([deepest, np.append(fixes[fixes > deepest], last).min()])
 
 
 def _metres(file: NetcdfFile, name: str) -> float:
@@ -184,11 +161,40 @@ def _metres(file: NetcdfFile, name: str) -> float:
         LogError: The unit is no length.
     """
     unit = file.variables[name].units
-    if unit not in _METRES:
+    factor = metres(unit)
+    if factor is None:
         raise LogError(
-            f"{file.path}: {name}: expected units of {', '.join(_METRES)}, got '{unit}'; process the dive again"
+            f"{file.path}: {name}: expected units of m, cm, mm, got '{unit}'; process the dive again"
         )
-    return file.scalar(name) * _METRES[unit]
+    return file.scalar(name) * factor
+
+
+def absolute_profiles(
+    columns: Columns, means: Sequence[DiveMean], notes: list[str]
+) -> Iterator[Entry]:
+    """Yield the absolute profiles of a mission as pings at the stated middle of their dives.
+
+    They are referenced to the DACs: ``computed_from`` and ``also_in`` of the DACs prevent double counting.
+    """
+    profile, samples = columns.profile, columns.samples
+    if not profile:
+        return
+    depth = profile["depth"]
+    steps = np.diff(depth)
+    even = bool(steps.size and np.allclose(steps, steps[0]) and steps[0] > 0.0)
+    notes.append(
+        "absolute profiles: taken as east and north relative to the earth, each at the middle of its dive"
+    )
+    middle = samples["dac_time"]
+    placed = np.isin(middle, [mean.middle.time_ns for mean in means if mean.middle])
+    velocity = np.stack([profile["east"], profile["north"]], axis=-1)
+    has = np.isfinite(velocity).all(axis=-1).any(axis=-1)
+    common = _FROM_SURFACE | {"computed_from": ["/dac"]}
+    common |= {} if even else {"cell_distances": depth.tolist()}
+    time_ns = np.where(has, np.where(placed, middle, samples["time"]), 0)
+    own = {"time": time_ns, "velocity": velocity, "dive": samples["dive"].astype(np.int64)}
+    cells = float(steps[0]) if even else 1.0, float(depth[0])
+    yield from _pings(PROFILES, own, cells, common)
 
 
 # cells between two whose difference is a shear; nearer ones differ by noise alone
@@ -258,19 +264,11 @@ def _variance_within(shear: Array, depth: Array) -> float:
     return float(squares.sum() / (count[full] - 1).sum())
 
 
-_FORE, _SIDE = np.deg2rad(47.5), np.deg2rad(25.0)
-_BEAMS = np.array(
-    [
-        [np.sin(_FORE), 0.0, np.cos(_FORE)],
-        [0.0, -np.sin(_SIDE), np.cos(_SIDE)],
-        [-np.sin(_FORE), 0.0, np.cos(_FORE)],
-        [0.0, np.sin(_SIDE), np.cos(_SIDE)],
-    ]
-)
-
-
-# what MIDAS writes beside the beams: sensors, a row a ping, then others
-_FLAT = ("heading", "pitch", "roll", "pressure", "speedofsound", "accelerometerz", "velocityrange")
+# what MIDAS writes beside the beams, and the names of these fields
+_SENSORS = {name: name for name in ("heading", "pitch", "roll", "pressure")} | {
+    "sound_speed": "speedofsound"
+}
+_NORTEK_HEAD = "beams assumed to be those of Nortek's glider head (47.5 degrees fore and aft, 25 degrees abeam)"
 
 
 def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
@@ -284,48 +282,42 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         raise LogError(
             f"{file.path}: expected a variable time in the group Data/Average, it holds a dimension alone; export the file again"
         )
-    time_ns, known = units.time_ns("time", file.variables[held["time"]], file.path, notes)
+    time_ns = units.times_of(file, held["time"], notes)
     beams = [k for k in range(1, 5) if f"velocitybeam{k}" in held]
-    velocity = _by_ping(file, [held[f"velocitybeam{k}"] for k in beams], time_ns.size)
-    quality = {
+    columns: Table = {
         word: _by_ping(file, [held[f"{word}beam{k}"] for k in beams], time_ns.size)
-        for word in ("amplitude", "correlation")
+        for word in ("velocity", "amplitude", "correlation")
         if all(f"{word}beam{k}" in held for k in beams)
     }
-    flat = {name: file.array(own).ravel() for name, own in held.items() if name in _FLAT}
-    sensors = {
-        "sound_speed" if name == "speedofsound" else name: values
-        for name, values in flat.items()
-        if name in _FLAT[:5] and values.size == time_ns.size
-    }
-    up = flat.get("accelerometerz", np.empty(0))
+    flat = {name: file.array(held[own]).ravel() for name, own in _SENSORS.items() if own in held}
+    columns |= {name: values for name, values in flat.items() if values.size == time_ns.size}
+    columns |= {"time": time_ns}
+    up, distance = (
+        file.array(held[name]).ravel() if name in held else np.empty(0)
+        for name in ("accelerometerz", "velocityrange")
+    )
     up = up[np.isfinite(up)]
-    orientation = "down" if up.size and np.median(up) < 0.0 else "up"
-    notes.append(
-        f"ADCP: looks {orientation} by its accelerometer" if up.size else "ADCP: assumed to look up"
-    )
-    notes.append(
-        "ADCP: beams assumed to be those of Nortek's glider head (47.5 degrees fore and aft, 25 degrees abeam)"
-    )
-    notes.append("ADCP: headings are magnetic; set measurements.magnetic_declination")
-    distance = flat.get("velocityrange", np.empty(0))
-    if distance.size != velocity.shape[1]:
-        distance = _distances(file, velocity.shape[1])
-    size = float(np.median(np.diff(distance))) if distance.size > 1 else None
-    for k in np.flatnonzero(known).tolist():
-        payload = earth_ping(int(time_ns[k]), k, None, velocity[k], (size, float(distance[0])))
-        payload |= {
-            "coordinate_system": "beam",
-            "reference": "platform",
-            "orientation": orientation,
-            "bin_mapped": False,
-            "attitude_convention": "nortek",
-            "beam_unit_vectors": _BEAMS[[beam - 1 for beam in beams]].tolist(),
-            **{word: numbers(values[k]) for word, values in quality.items()},
-            "declination_applied": False,
-            **{name: number(float(values[k])) for name, values in sensors.items()},
-        }
-        yield int(time_ns[k]), "/adcp", PING, payload
+    looks = "down" if up.size and np.median(up) < 0.0 else "up"
+    notes += [
+        f"ADCP: looks {looks} by its accelerometer" if up.size else "ADCP: assumed to look up",
+        f"ADCP: {_NORTEK_HEAD}",
+        "ADCP: headings are magnetic; set measurements.magnetic_declination",
+    ]
+    n_cells = columns["velocity"].shape[1]
+    if distance.size != n_cells:
+        size, blanking = (
+            float(file.attributes.get(name, 1.0))
+            for name in ("avg_cellSize", "avg_blankingDistance")
+        )
+        distance = blanking + size * np.arange(1.0, n_cells + 1.0)
+    cell_size = float(np.median(np.diff(distance))) if n_cells > 1 else None
+    common = _RELATIVE | {
+        "coordinate_system": "beam",
+        "orientation": looks,
+        "attitude_convention": "nortek",
+        "beam_unit_vectors": _BEAMS[[beam - 1 for beam in beams]].tolist(),
+    }
+    yield from _pings("/adcp", columns, (cell_size, float(distance[0])), common)
 
 
 def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
@@ -345,12 +337,17 @@ def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
     return np.asarray(np.stack(by_ping, axis=-1))
 
 
-def _distances(file: NetcdfFile, n: int) -> Array:
-    """Return the distances of the cells [m] from the instrument's configuration."""
-    size, blanking = (
-        float(file.attributes.get(name, 1.0)) for name in ("avg_cellSize", "avg_blankingDistance")
-    )
-    return np.asarray(blanking + size * np.arange(1, n + 1), np.float64)
+# Beams of Nortek's glider head: 1 fore and 3 aft at 47.5 degrees from its axis, 2 and 4 abeam at 25 degrees (bastienqueste/gliderad2cp,
+# ``process_shear.py``). Ranges are distances along the axis; velocities are positive away from the instrument.
+_FORE, _SIDE = np.deg2rad(47.5), np.deg2rad(25.0)
+_BEAMS = np.array(
+    [
+        [np.sin(_FORE), 0.0, np.cos(_FORE)],
+        [0.0, -np.sin(_SIDE), np.cos(_SIDE)],
+        [-np.sin(_FORE), 0.0, np.cos(_FORE)],
+        [0.0, np.sin(_SIDE), np.cos(_SIDE)],
+    ]
+)
 
 
 def seaexplorer_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:

@@ -1,35 +1,36 @@
-"""Columns of a glider file in SI units: samples along the track, fixes, mean currents, absolute profiles."""
+"""Columns of a file in SI units, and those of a glider as tables: samples along the track, fixes, mean currents, absolute profiles."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import gsw
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.dialects import QUANTITIES, SIZES, Dialect, Names, Told
+from replay_kit.logs.netcdf.dialects import SIZES, Dialect, Told
+from replay_kit.logs.netcdf.quality import flagged_bad
 from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.reader import Entry
+from replay_kit.logs.shared.payloads import numbers, stamp
 
-#: Columns of one length by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
-Table = Mapping[str, NDArray[Any]]
-_KEYS = ("time", "gps_time", "start_time", "end_time", "dac_time", *QUANTITIES)
-_DAC, _GPS = ([key for key in _KEYS if key.startswith(part)] for part in ("dac_", "gps_"))
-_SAMPLES = [key for key in _KEYS if not key.startswith(("gps_", "profile_"))]
+#: Columns by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
+Table = dict[str, NDArray[Any]]
+# Rows of which messages are made at once.
+_ROWS = 4096
+# Columns that samples have, known or not.
+_OF_SAMPLES = ("longitude", "latitude", "depth", "declination")
 # degrees north, where no position tells it
 _LATITUDE = 45.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Columns:
-    """Contents of a file, or of the files of one log.
+class Columns(NamedTuple):
+    """Contents of a file, or of the files of one log; the columns of a table have one length.
 
     Attributes:
-        samples: Samples along the track in order of time, with their dive's mean current if the file repeats it.
+        samples: Samples along the track in order of time: at least ``time``, ``dac_time`` and those of ``_OF_SAMPLES``; with their dive's
+            mean current if the file repeats it.
         gps: Fixes with their own variables.
         dac: Mean currents with their own dimension.
         profile: Absolute currents ``east`` and ``north``, shape (n, k) [m/s], at the samples of a file with one per profile, and ``depth``,
@@ -39,12 +40,12 @@ class Columns:
     samples: Table
     gps: Table
     dac: Table
-    profile: Mapping[str, Array]
+    profile: Table
 
 
 def read_values(
     file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str], notes: list[str]
-) -> dict[str, NDArray[Any]]:
+) -> Table:
     """Return the quantities of a file in SI units, in their stored shapes; times in ns UTC, 0 if unknown.
 
     Args:
@@ -56,14 +57,21 @@ def read_values(
     Raises:
         LogError: The unit of a time is unknown.
     """
-    forced = _units_by_values(file, dialect, chosen)
     notes.append("read as " + ", ".join(f"{_words(key)}: {name}" for key, name in chosen.items()))
-    values: dict[str, NDArray[Any]] = {}
+    forced = dict(dialect.units)
+    places = {
+        key: file.array(chosen[key])
+        for key, unit in forced.items()
+        if unit == "nmea" and key in chosen
+    }
+    if not units.in_minutes(places):
+        forced |= dict.fromkeys(places, "degrees")
+    values: Table = {}
     for key, name in chosen.items():
         stored = file.variables[name]
         if key.endswith("time"):
             try:
-                values[key], known = units.time_ns(name, stored, file.path, notes)
+                values[key] = units.times_of(file, name, notes)
             except LogError:
                 # of a basestation's file each time counts; others fill what they do not use with any number
                 if key == "time" or dialect.name == "seaglider":
@@ -71,14 +79,46 @@ def read_values(
                 notes.append(f"{name}: holds no plausible times, not used")
                 continue
             # a drogue without a date was not lost
-            if not known.all() and key != "lost_time":
-                notes.append(f"{name}: {int((~known).sum())} values without a time, excluded")
-        elif key in dialect.quantities:
+            if key != "lost_time" and not values[key].all():
+                unknown = int((values[key] == 0).sum())
+                notes.append(f"{name}: {unknown} values without a time, excluded")
+        elif key == "id":
+            texts = stored.texts() or [f"{value:.0f}" for value in stored.unpacked().ravel()]
+            values[key] = np.array(texts)
+        elif quantity := dialect.quantity_of(key):
             unit = forced.get(key, "") if dialect.raw or not stored.units else ""
-            values[key] = units.in_si(name, stored, dialect.quantities[key], notes, unit)
-    _spread_by_profile(file, chosen, values, notes)
-    _with_sign(file, chosen, values, notes)
+            values[key] = units.in_si(name, stored, quantity, notes, unit)
+    sizes, dims = _profile_sizes(file)
+    if dims:
+        for key, found in values.items():
+            if found.size == sizes.size and file.variables[chosen[key]].dims == dims:
+                values[key] = np.repeat(found.ravel(), sizes)
+        notes.append(
+            f"{sizes.size} profiles of {int(sizes.sum())} samples: values stated once for each are repeated at its samples"
+        )
+    depth = values.get("depth", np.empty(0))
+    if np.isfinite(depth).any():
+        stated = file.variables[chosen["depth"]].text("positive").lower()
+        if stated == "up" or (stated != "down" and np.nanmedian(depth) < 0.0):
+            how = "as stated" if stated else "by its negative values"
+            notes.append(f"{chosen['depth']}: positive up ({how}), sign reversed")
+            values["depth"] = -depth
     return values
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ").replace("dac ", "mean current ").replace("gps ", "GPS ")
+
+
+def _profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """Return the number of samples of each profile of a ragged array and its dimension; no dimension for other files."""
+    for name, stored in file.variables.items():
+        if stored.text("sample_dimension") or name.lower() in SIZES:
+            sizes = np.maximum(np.nan_to_num(stored.unpacked()).astype(np.int64).ravel(), 0)
+            # a table states them again at each sample
+            if sizes.sum() in {other.values.size for other in file.variables.values()}:
+                return sizes, stored.dims
+    return np.empty(0, np.int64), ()
 
 
 def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
@@ -94,209 +134,118 @@ def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
     """
     notes = told.notes
     chosen = dialect.by_standard_names(file.variables, notes)
-    if not {"time", "gps_time"} & set(chosen):
-        names = " or ".join(dialect.names["time"].split())
+    if not {"time", "gps_time"} & chosen.keys():
         raise LogError(
-            f"{file.path}: {dialect.title}: expected a variable {names} with the times of the samples, got variables "
-            f"{', '.join(file.names)}; write the file again with its times"
+            f"{file.path}: {dialect.title}: expected a variable {dialect.names['time'].replace(' ', ' or ')} with the times of the "
+            f"samples, got variables {', '.join(file.names)}; write the file again with its times"
         )
     values = read_values(file, dialect, chosen, notes)
-    # the cycles of a Slocum each write some of the sensors
-    notes += [] if file.sources else _missing(chosen, values)
-    if "declination" in values and np.isfinite(values["declination"]).any():
-        notes.append(
-            f"{chosen['declination']}: declination {np.nanmedian(values['declination']):g} degrees"
-        )
-    heights = [name for name in file.names if name.lower() == "depth_z"]
-    notes += [
-        f"{name}: has the standard name depth but is positive up; not used" for name in heights
+    lacking = [
+        f"{count} of {chosen[key]}"
+        for key, found in values.items()
+        if not key.endswith("time") and (count := int((~np.isfinite(found)).sum()))
     ]
+    # the cycles of a Slocum each write some of the sensors
+    if lacking and not file.sources:
+        notes.append(f"missing (fill values or out of range): {', '.join(lacking)}")
+    if np.isfinite(values.get("declination", np.nan)).any():
+        declination = np.nanmedian(values["declination"])
+        notes.append(f"{chosen['declination']}: declination {declination:g} degrees")
+    for name in file.names:
+        if name.lower() == "depth_z":
+            notes.append(f"{name}: has the standard name depth but is positive up; not used")
     if (dive := file.dive_number) is not None:
         values["dive"] = np.array([float(dive)])
     _without_bad(file, dialect, chosen, values, told)
-    if not np.isfinite(values.get("depth", np.nan)).any():
-        _with_depth(chosen, values, notes)
+    pressure = values.get("pressure", np.empty(0))
+    if not np.isfinite(values.get("depth", np.nan)).any() and np.isfinite(pressure).any():
+        latitude = values.get("latitude", np.empty(0))
+        mean = np.nanmean(latitude) if np.isfinite(latitude).any() else _LATITUDE
+        values["depth"] = -np.asarray(gsw.z_from_p(pressure, mean))
+        notes.append(f"depth: computed from {chosen['pressure']}")
     for key in ("heading", "pitch", "roll"):
         if key in values and not dialect.raw:
             values[key] = units.attitude_degrees(chosen[key], values[key], key == "heading", notes)
-    return _grouped(values)
-
-
-def _units_by_values(file: NetcdfFile, dialect: Dialect, chosen: Mapping[str, str]) -> Names:
-    """Return the dialect's units, with degrees for positions that are not in degrees and minutes."""
-    places = {
-        key: file.array(chosen[key])
-        for key, unit in dialect.units.items()
-        if unit == "nmea" and key in chosen
-    }
-    decimal = bool(places) and not units.in_minutes(places)
-    return {
-        key: "degrees" if decimal and key in places else unit for key, unit in dialect.units.items()
-    }
-
-
-def _spread_by_profile(
-    file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
-) -> None:
-    """Repeat values of each profile or drifter of a ragged array at its samples."""
-    sizes, dims = profile_sizes(file)
-    if not dims:
-        return
-    each = [
-        key
-        for key, found in values.items()
-        if found.size == sizes.size and file.variables[chosen[key]].dims == dims
-    ]
-    values |= {key: np.repeat(values[key].ravel(), sizes) for key in each}
-    notes.append(
-        f"{sizes.size} profiles of {int(sizes.sum())} samples: values stated once for each are repeated at its samples"
-    )
-
-
-def profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the number of samples of each profile of a ragged array and its dimension; no dimension for other files."""
-    for name, stored in file.variables.items():
-        if stored.text("sample_dimension") or name.lower() in SIZES:
-            sizes = np.maximum(np.nan_to_num(stored.unpacked()).astype(np.int64).ravel(), 0)
-            # a table states them again at each sample
-            if sizes.sum() in {other.values.size for other in file.variables.values()}:
-                return sizes, stored.dims
-    return np.empty(0, np.int64), ()
-
-
-def _words(key: str) -> str:
-    return key.replace("_", " ").replace("dac ", "mean current ").replace("gps ", "GPS ")
-
-
-def _missing(chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]) -> list[str]:
-    """Return the numbers of missing values by variable as one sentence; empty if none."""
-    counts = {
-        chosen[key]: int((~np.isfinite(found)).sum())
-        for key, found in values.items()
-        if not key.endswith("time")
-    }
-    lacking = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
-    return [f"missing (fill values or out of range): {lacking}"] if lacking else []
+    return _tables(values)
 
 
 def _without_bad(
     file: NetcdfFile,
     dialect: Dialect,
     chosen: Mapping[str, str],
-    values: dict[str, NDArray[Any]],
+    values: Table,
     told: Told,
 ) -> None:
     """Remove values with bad flags, and count fixes and mean currents among them."""
     for key, name in chosen.items():
-        part = key.partition("_")[0] if key.endswith("_flag") else ""
-        own = [
-            name + suffix
-            for suffix in ("_QC", "_qc")
-            if name + suffix in file.variables and name + suffix not in chosen.values()
-        ]
-        for flag in [name] if part else own:
-            bad = units.flagged_bad(flag, file.variables[flag], dialect.flag_meanings, told.notes)
-            topic, what = ("/dac", "mean current") if part == "dac" else ("/vehicle/fix", "GPS fix")
+        # flags of a quantity of their own, or those beside a variable
+        part = key.removesuffix("_flag") if key.endswith("_flag") else ""
+        own = {name + suffix for suffix in ("_QC", "_qc")} & file.variables.keys()
+        masked = [f"{part}_east", f"{part}_longitude"] if part else [key]
+        for flag in [name] if part else sorted(own - {*chosen.values()}):
+            bad = flagged_bad(flag, file.variables[flag], dialect.flag_meanings, told.notes)
             if part and bad.any():
+                topic = "/dac" if part == "dac" else "/vehicle/fix"
+                what = "mean current" if part == "dac" else "GPS fix"
                 told.skipped[topic, f"{what} flagged bad ({flag})"] += int(bad.sum())
-            for masked in [f"{part}_east", f"{part}_longitude"] if part else [key]:
-                if (
-                    masked in values
-                    and not masked.endswith("time")
-                    and bad.size == values[masked].size
-                ):
-                    values[masked] = np.where(
-                        bad.reshape(values[masked].shape), np.nan, values[masked]
-                    )
+            for one in masked:
+                found = values.get(one, np.empty(0))
+                if found.size == bad.size and not one.endswith("time"):
+                    values[one] = np.where(bad.reshape(found.shape), np.nan, found)
 
 
-def _with_sign(
-    file: NetcdfFile, chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
-) -> None:
-    """Change the sign of depths that are positive up."""
-    depth = values.get("depth")
-    if depth is None or not np.isfinite(depth).any():
-        return
-    stated = file.variables[chosen["depth"]].text("positive").lower()
-    if stated == "up" or (stated != "down" and np.nanmedian(depth) < 0.0):
-        how = "as stated" if stated else "by its negative values"
-        notes.append(f"{chosen['depth']}: positive up ({how}), sign reversed")
-        values["depth"] = -depth
-
-
-def _with_depth(
-    chosen: Mapping[str, str], values: dict[str, NDArray[Any]], notes: list[str]
-) -> None:
-    """Add depths computed from pressure."""
-    if not np.isfinite(values.get("pressure", np.nan)).any():
-        return
-    latitude = values.get("latitude", np.empty(0))
-    mean = np.nanmean(latitude) if np.isfinite(latitude).any() else _LATITUDE
-    values["depth"] = -np.asarray(gsw.z_from_p(values["pressure"], mean))
-    notes.append(f"depth: computed from {chosen['pressure']}")
-
-
-def _grouped(values: Mapping[str, NDArray[Any]]) -> Columns:
+def _tables(values: Table) -> Columns:
     """Return quantities as tables; columns as long as the samples' times, and scalars, belong to the samples."""
-    n = values["time"].size if "time" in values else 0
-    samples = _sorted(
-        {
-            key: np.broadcast_to(values[key].ravel(), (n,))
-            for key in _SAMPLES
-            if n and key in values and values[key].size in (1, n)
-        }
-    )
-    dac = {} if "dac_east" in samples else _same_length(values, [*_DAC, "dive"], "dac_east")
+    time = values.get("time", np.empty(0, np.int64)).ravel()
+    n = time.size
+    order = np.argsort(time, kind="stable")
+    order = order[time[order] > 0]
+    samples = {name: np.full(order.size, np.nan) for name in _OF_SAMPLES}
+    samples |= {"time": time[order], "dac_time": np.zeros(order.size, np.int64)}
+    samples |= {
+        key: np.broadcast_to(found.ravel(), n)[order]
+        for key, found in values.items()
+        if n and found.size in (1, n) and not key.startswith(("gps_", "profile_"))
+    }
+    dac = {} if "dac_east" in samples else _alike(values, ("dac_", "dive"), "dac_east")
     gps = dict(values)
-    own_time = values.get("gps_time", np.zeros(n, np.int64)).ravel()
-    if "gps_longitude" in gps and gps["gps_longitude"].size == n == own_time.size:
+    if gps.get("gps_longitude", np.empty(0)).size == n:
         # some writers state the position of a fix and leave its time to the row
-        gps["gps_time"] = np.where(own_time > 0, own_time, values["time"].ravel())
-    gps = _same_length(gps, _GPS, "gps_longitude")
-    if not {"gps_time", "gps_latitude"} <= set(gps):
-        gps = {}
-    profile = _profile(values, n)
+        own = values.get("gps_time", np.zeros(n, np.int64)).ravel()
+        if own.size == n:
+            gps["gps_time"] = np.where(own > 0, own, time)
+    gps = _alike(gps, ("gps_",), "gps_longitude")
+    profile = _profile(values, n, order)
     if profile:
         has = np.isfinite(profile["east"] + profile["north"])
         deepest = np.where(has, profile["depth"], -np.inf).max(axis=1)
         samples["deepest"] = np.where(has.any(axis=1), deepest, np.nan)
-        samples["dive"] = np.arange(1.0, has.shape[0] + 1.0)
-    return Columns(samples, gps, dac, profile)
+        samples["dive"] = np.arange(1.0, len(has) + 1.0)
+    return Columns(samples, gps if {"gps_time", "gps_latitude"} <= gps.keys() else {}, dac, profile)
 
 
-def _same_length(
-    values: Mapping[str, NDArray[Any]], keys: Sequence[str], first: str
-) -> dict[str, NDArray[Any]]:
-    """Return the columns with the length of column ``first``; empty without it."""
-    held = {key: values[key].ravel() for key in keys if key in values}
-    return {key: held[key] for key in held if first in held and held[key].size == held[first].size}
+def _alike(values: Table, begins: tuple[str, ...], first: str) -> Table:
+    """Return the columns of some names with the length of column ``first``; empty without it."""
+    size = values[first].size if first in values else -1
+    return {
+        key: found.ravel()
+        for key, found in values.items()
+        if key.startswith(begins) and found.size == size
+    }
 
 
-def _sorted(samples: Table) -> dict[str, NDArray[Any]]:
-    if not samples:
-        return {}
-    order = np.argsort(samples["time"], kind="stable")
-    order = order[samples["time"][order] > 0]
-    return {key: values[order] for key, values in samples.items()}
-
-
-def _profile(values: Mapping[str, NDArray[Any]], n: int) -> Mapping[str, Array]:
-    """Return absolute currents with the profile as first dimension."""
-    if not {"profile_east", "profile_north", "profile_depth"} <= set(values):
+def _profile(values: Table, n: int, order: NDArray[np.intp]) -> Table:
+    """Return absolute currents with the profile as first dimension, in order of time."""
+    if not {"profile_east", "profile_north", "profile_depth"} <= values.keys():
         return {}
     depth = values["profile_depth"].ravel()
     east, north = values["profile_east"], values["profile_north"]
     if east.shape == north.shape == (depth.size, n):
         # a square is depth first, as the files of this dialect are
         east, north = east.T, north.T
-    time_ns = values["time"].ravel() if "time" in values else np.empty(0, np.int64)
-    order = np.argsort(time_ns, kind="stable")
-    order = order[time_ns[order] > 0]
-    return (
-        {"depth": depth, "east": east[order], "north": north[order]}
-        if east.shape == north.shape == (n, depth.size)
-        else {}
-    )
+    if not east.shape == north.shape == (n, depth.size):
+        return {}
+    return {"depth": depth, "east": east[order], "north": north[order]}
 
 
 def joined(parts: Sequence[Columns]) -> Columns:
@@ -307,26 +256,61 @@ def joined(parts: Sequence[Columns]) -> Columns:
     """
     if len(parts) == 1:
         return parts[0]
-    profiles = [part.profile for part in parts if part.profile]
-    if len(profiles) > 1:
+    if sum(bool(part.profile) for part in parts) > 1:
         raise LogError(
             "expected one file with absolute profiles in a log, got several; give them one by one"
         )
-    samples = _sorted(_stacked([part.samples for part in parts]))
-    gps, dac = _stacked([part.gps for part in parts]), _stacked([part.dac for part in parts])
-    return Columns(samples, gps, dac, profiles[0] if profiles else MappingProxyType({}))
+    columns = Columns(*(stacked([t for t in tables if t]) for tables in zip(*parts, strict=True)))
+    order = np.argsort(columns.samples["time"], kind="stable")
+    return columns._replace(samples=rows_of(columns.samples, order))
 
 
-def _stacked(tables: Sequence[Table]) -> Table:
-    """Return concatenated tables; missing columns are unknown."""
-    held = [table for table in tables if table]
-    keys = dict.fromkeys(key for table in held for key in table)
-    return {
-        key: np.concatenate([table.get(key, _unknown(key, table)) for table in held])
-        for key in keys
-    }
+def rows_of(table: Table, rows: NDArray[Any]) -> Table:
+    """Return some rows of a table, by a mask or indices."""
+    return {key: column[rows] for key, column in table.items()}
 
 
-def _unknown(key: str, table: Table) -> NDArray[Any]:
-    n = len(next(iter(table.values())))
-    return np.zeros(n, np.int64) if key.endswith("time") else np.full(n, np.nan)
+def stacked(tables: Sequence[Table], unknown: float = np.nan) -> Table:
+    """Return concatenated tables; missing columns are ``unknown``, times 0."""
+    sizes = [len(next(iter(table.values()))) for table in tables]
+    keys = dict.fromkeys(key for table in tables for key in table)
+
+    def column(key: str) -> NDArray[Any]:
+        empty = 0 if key.endswith("time") else unknown
+        parts = zip(tables, sizes, strict=True)
+        return np.concatenate([table.get(key, np.full(n, empty)) for table, n in parts])
+
+    return {key: column(key) for key in keys}
+
+
+def are_known(places: Table) -> NDArray[np.bool_]:
+    """Return whether both time and position are known, shape (n,)."""
+    return np.asarray((places["time"] > 0) & np.isfinite(places["longitude"] + places["latitude"]))
+
+
+def entries(
+    kind: tuple[str, str],
+    time_ns: NDArray[np.int64],
+    columns: Table,
+    rows: NDArray[np.intp],
+    common: Mapping[str, Any],
+    stamped: bool = True,
+) -> Iterator[Entry]:
+    """Yield a message for each of some rows of a table: common fields and its columns, null where not finite.
+
+    Args:
+        kind: Topic and schema of the messages.
+        time_ns: Times of the rows, shape (n,) [ns, UTC].
+        columns: Columns, shape (n, ...); that of the times themselves is left out.
+        rows: Indices of the rows, in the order of the messages.
+        common: Fields of all messages.
+        stamped: Whether the messages have their time as ``stamp``.
+    """
+    own = {key: column for key, column in columns.items() if column is not time_ns}
+    # some rows at once, to limit memory
+    for some in np.split(rows, range(_ROWS, rows.size, _ROWS)):
+        parts = [column[some] for column in own.values()]
+        held = [numbers(part) if part.dtype.kind == "f" else part.tolist() for part in parts]
+        for time, *row in zip(time_ns[some].tolist(), *held, strict=True):
+            payload = {**common, **dict(zip(own, row, strict=True))}
+            yield time, *kind, {"stamp": stamp(time)} | payload if stamped else payload

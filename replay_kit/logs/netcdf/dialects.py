@@ -7,61 +7,20 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any, Literal
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
 from replay_kit.core.quantities import metres_per_second
-from replay_kit.logs.netcdf.units import (
-    ANGLE,
-    CHARGE,
-    CONDUCTIVITY,
-    HEIGHT,
-    LATITUDE,
-    LENGTH,
-    LONGITUDE,
-    NUMBER,
-    PRESSURE,
-    SALINITY,
-    SPEED,
-    TEMPERATURE,
-    VOLTAGE,
-    Quantity,
-)
+from replay_kit.logs.netcdf.units import Quantity, quantity_of
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.reader import Entry
 
 Names = Mapping[str, str]
 # not at the surface, nor relative to the vehicle
 _CURRENT = re.compile(r"(?:[a-z]+_)*?(eastward|northward)_sea_water_velocity(?:_\w+)?")
-
-_PLACES = ("", "gps_", "start_", "end_", "dac_", "waypoint_")
-#: What is read of gliders: samples along the track, fixes before (``start_``), after (``end_``) or at any time (``gps_``), mean
-#: currents (``dac_``), absolute profiles (``profile_``). Keys that end in ``time`` are times, those that end in ``flag`` flags.
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
-    {
-        **{f"{part}longitude": LONGITUDE for part in _PLACES},
-        **{f"{part}latitude": LATITUDE for part in _PLACES},
-        **dict.fromkeys(("depth", "gps_error", "profile_depth", "radius"), LENGTH),
-        **dict.fromkeys(("altitude", "water_depth"), HEIGHT),
-        "pressure": PRESSURE,
-        "temperature": TEMPERATURE,
-        "conductivity": CONDUCTIVITY,
-        "salinity": SALINITY,
-        "voltage": VOLTAGE,
-        "charge_used": CHARGE,
-        **dict.fromkeys(("heading", "pitch", "roll", "declination"), ANGLE),
-        **dict.fromkeys(
-            ("dac_east", "dac_north", "dac_error", "profile_east", "profile_north"), SPEED
-        ),
-        **dict.fromkeys(("dive", "dead_reckoning", "nav_state"), NUMBER),
-    }
-)
-
 #: Variables that say how many samples each profile of a ragged array has, where no attribute does; and of which mission a file is.
 SIZES, MISSIONS = ("rowsize", "row_size"), ("trajectory", "mission_name")
-_ALWAYS = re.compile(f"({'|'.join((*SIZES, *MISSIONS))}).*")
 
 
 @dataclass(slots=True)
@@ -93,10 +52,12 @@ class Dialect:
         name: As in ``LogReport.format``.
         title: Description.
         signature: Names that all files of the dialect have; ``a|b`` is either.
-        names: Quantity to its possible names in order of preference, separated by spaces.
+        names: Quantity to its possible names in order of preference, separated by spaces. Of gliders: samples along the track, fixes
+            (``gps_``), those after a dive (``end_``), mean currents (``dac_``), absolute profiles (``profile_``).
+            Quantities that end in ``time`` are times, those in ``flag`` flags.
         convention: Text in the attribute ``Conventions`` that identifies the dialect; empty for none.
         standard: Quantity to the standard name that is tried before its names.
-        quantities: Quantities that are read, with units and bounds.
+        quantities: Unit and bounds of quantities that differ from the usual ones.
         units: Unit of a quantity if files do not state it.
         flag_meanings: ``value meaning`` pairs of flags if files do not state them.
         heading: Reference of headings.
@@ -116,7 +77,7 @@ class Dialect:
     names: Names
     convention: str = ""
     standard: Names = field(default_factory=dict)
-    quantities: Mapping[str, Quantity] = field(default_factory=lambda: QUANTITIES)
+    quantities: Mapping[str, Quantity] = field(default_factory=dict)
     units: Names = field(default_factory=dict)
     flag_meanings: str = ""
     heading: Literal["magnetic", "true", "unknown"] = "unknown"
@@ -133,45 +94,49 @@ class Dialect:
         """Return whether a file with these variables and attributes is of the dialect."""
         lower = {name.lower() for name in names}
         stated = str(attributes.get("Conventions", attributes.get("conventions", "")))
-        wanted = [names.split("|") for names in self.signature.split()]
-        by_name = bool(wanted) and all(not lower.isdisjoint(names) for names in wanted)
-        return by_name or bool(self.convention and self.convention in stated.upper())
+        if self.convention and self.convention in stated.upper():
+            return True
+        wanted = self.signature.split()
+        return bool(wanted) and all(not lower.isdisjoint(each.split("|")) for each in wanted)
+
+    def quantity_of(self, key: str) -> Quantity | None:
+        """Return unit and bounds of a quantity; None for texts, flags and times."""
+        return self.quantities.get(key) or quantity_of(key)
 
     def chosen(self, held: Mapping[str, Stored]) -> dict[str, str]:
         """Return the variable of each quantity of a file, in the file's case."""
         own = {name.lower(): name for name in held}
-        found = {
-            key: [own[name] for name in listed.split() if name in own]
-            for key, listed in self.names.items()
-        }
-        named = [(name, one.text("standard_name")) for name, one in held.items() if self.standard]
-        for key, standard in self.standard.items():
-            stated = [name for name, stands in named if stands == standard]
-            found[key] = stated if len(stated) == 1 else found[key]
-        return {key: names[0] for key, names in found.items() if names}
+        found = {}
+        for key, listed in self.names.items():
+            names = [own[name] for name in listed.split() if name in own]
+            if standard := self.standard.get(key):
+                stated = [name for name, one in held.items() if one.standard == standard]
+                names = stated if len(stated) == 1 else names
+            if names:
+                found[key] = names[0]
+        return found
 
     def wanted(self, held: Mapping[str, Stored]) -> list[str]:
         """Return the variables to read: those of quantities, their flags, and further ones."""
         found = self.chosen(held)
         chosen = set(found.values())
-        if self.read is None and not {"dac_east", "dac_north"} <= set(found):
+        if self.read is None and not {"dac_east", "dac_north"} <= found.keys():
             chosen |= {name for name, stored in held.items() if self._may_be_mean(name, stored)}
-        flags = {name + suffix for name in chosen for suffix in ("_QC", "_qc")}
+        chosen |= {name + suffix for name in chosen for suffix in ("_QC", "_qc")}
+        always = (*SIZES, *MISSIONS)
         return [
             name
             for name in held
-            if name in chosen
-            or name in flags
-            or re.fullmatch(self.beside, name.lower())
-            or _ALWAYS.fullmatch(name.lower())
+            if name in chosen or self._is_beside(name) or name.lower().startswith(always)
         ]
+
+    def _is_beside(self, name: str) -> bool:
+        return re.fullmatch(self.beside, name.lower()) is not None
 
     def _may_be_mean(self, name: str, stored: Stored) -> bool:
         """Return whether a variable may be a component of a mean current, by standard name or by a unit of velocity."""
-        if re.fullmatch(self.beside, name.lower()):
-            return False
-        by_unit = not stored.text("standard_name") and metres_per_second(stored.units) is not None
-        return bool(_direction(stored)) or by_unit
+        by_unit = not stored.standard and metres_per_second(stored.units) is not None
+        return not self._is_beside(name) and (by_unit or bool(_direction(stored)))
 
     def by_standard_names(self, held: Mapping[str, Stored], notes: list[str]) -> dict[str, str]:
         """Return the variable of each quantity; components of currents by standard name if any has one.
@@ -183,18 +148,18 @@ class Dialect:
         found = self.chosen(held)
         for part in ("dac", "profile"):
             keys = (f"{part}_east", f"{part}_north")
-            named = [found[key] for key in keys if key in found]
+            if not {*keys} <= found.keys():
+                continue
+            named = [found[key] for key in keys]
             stated = [_direction(held[name]) for name in named]
             if stated in (["north", "east"], ["north", ""], ["", "east"]):
                 found |= dict(zip(keys, reversed(named), strict=True))
-                notes.append(
-                    f"{' and '.join(named)}: read as their standard names state, northward and eastward; their names state the opposite"
-                )
-            elif stated in (["north"] * 2, ["east"] * 2):
-                notes.append(
-                    f"{' and '.join(named)}: both have the standard name of the {stated[0]}ward component; read by their names"
-                )
-        if {"dac_east", "dac_north"} <= set(found):
+                how = "read as their standard names state, northward and eastward; their names state the opposite"
+                notes.append(f"{' and '.join(named)}: {how}")
+            elif stated[0] == stated[1] != "":
+                how = f"both have the standard name of the {stated[0]}ward component; read by their names"
+                notes.append(f"{' and '.join(named)}: {how}")
+        if {"dac_east", "dac_north"} <= found.keys():
             return found
         free = {
             name: stored
@@ -203,10 +168,10 @@ class Dialect:
             and stored.values.ndim < 2
             and self._may_be_mean(name, stored)
         }
-        directed = [(to, name) for name, stored in free.items() if (to := _direction(stored))]
-        sizes = {held[name].values.size for _, name in directed}
-        if sorted(to for to, _ in directed) == ["east", "north"] and len(sizes) == 1:
-            return found | {f"dac_{to}": name for to, name in directed}
+        directed = {name: to for name, stored in free.items() if (to := _direction(stored))}
+        sizes = {held[name].values.size for name in directed}
+        if sorted(directed.values()) == ["east", "north"] and len(sizes) == 1:
+            return found | {f"dac_{to}": name for name, to in directed.items()}
         if free:
             notes.append(
                 f"{NO_MEANS}{', '.join(free)} may be them, by their unit, but no standard name says which is east and which north; "
@@ -217,5 +182,5 @@ class Dialect:
 
 def _direction(stored: Stored) -> str:
     """Return ``east`` or ``north`` for a variable with the standard name of a current component; empty for others."""
-    match = _CURRENT.fullmatch(stored.text("standard_name"))
+    match = _CURRENT.fullmatch(stored.standard)
     return "" if match is None or match[0].startswith("surface") else match[1][:-4]

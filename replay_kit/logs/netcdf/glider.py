@@ -1,7 +1,7 @@
 """Messages of a glider's columns: fixes, positions, mean currents, pings and other instruments."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 from types import MappingProxyType
 from typing import Any
@@ -10,31 +10,31 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
-from replay_kit.core.observation import Fix
 from replay_kit.core.text import count_text
-from replay_kit.logs.netcdf.adcp import FROM_SURFACE, INVERTED, earth_ping
-from replay_kit.logs.netcdf.columns import Columns, Table, joined, read_columns
-from replay_kit.logs.netcdf.currents import DiveMean, fixes_of, mean_currents
+from replay_kit.logs.netcdf.adcp import INVERTED, PROFILES, absolute_profiles
+from replay_kit.logs.netcdf.columns import Table, are_known, entries, joined, read_columns
+from replay_kit.logs.netcdf.currents import (
+    DiveMean,
+    fixes_of,
+    mean_currents,
+    places_in,
+)
 from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import FIX, PING, Positions, location_fix, number, stamp
+from replay_kit.logs.shared.payloads import FIX, location_fix
 
-_NS = 1_000_000_000
-_DECIMATED_NS = 60 * _NS
+_DECIMATED_NS = 60 * 1_000_000_000
 # m; samples of one time that lie farther apart have no depth of their own
 _ONE_DEPTH = 5.0
 _DAC = "replay_kit.DepthAveragedCurrent"
-# topic of the absolute profiles
-_PROFILES = "/adcp/absolute"
 
 
 def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
     """Return the messages of a glider's files, which are read whole.
 
-    ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with depth, once a minute. ``/adcp``: velocity relative to
-    the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: see ``_INSTRUMENTS``. ``/adcp/inverted``,
-    ``/adcp/absolute``: absolute profiles. ``/dac``: mean current of each dive, at the fix after it.
+    ``/vehicle/fix``: GPS. ``/vehicle/position``: once a minute. ``/adcp``: velocity relative to the glider. ``/adcp/inverted``,
+    ``/adcp/absolute``: absolute profiles. ``/dac``: mean current of each dive, at the fix after it. Others: see ``_INSTRUMENTS``.
 
     Args:
         files: Files of one log, in order of time.
@@ -47,21 +47,19 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
     """
     del config
     notes = told.notes
-    count = sum(len(file.sources) or 1 for file in files)
-    if count > 1:
+    if (count := sum(len(file.sources) or 1 for file in files)) > 1:
         notes.insert(0, f"{dialect.title}: {count} files are one log")
     if left_out := sum(file.attributes.get("lines_left_out", 0) for file in files):
-        notes.append(
-            f"{count_text(left_out, 'line')} with fewer or more columns than the heading, not used"
-        )
+        lines = count_text(left_out, "line")
+        notes.append(f"{lines} with fewer or more columns than the heading, not used")
     told.mission = _one_mission(files, dialect, notes)
     columns = joined([read_columns(file, dialect, told) for file in files])
-    fixes = fixes_of(columns, told)
-    means = mean_currents(columns, fixes, dialect.ascent_share, told)
-    pings = [ping for file in files if dialect.pings for ping in dialect.pings(file, notes)]
-    pings += _absolute_profiles(columns, means, notes)
     samples = columns.samples
-    tracked = fixes.time_ns.size > 1 and {"longitude", "depth"} <= set(samples)
+    fixes = fixes_of(columns, told)
+    means = mean_currents(columns, fixes, dialect, told)
+    pings = [ping for file in files if dialect.pings for ping in dialect.pings(file, notes)]
+    pings += absolute_profiles(columns, means, notes)
+    tracked = fixes["time"].size > 1 and np.isfinite(samples["longitude"] + samples["depth"]).any()
     if tracked and not (means or pings):
         notes.append(
             f"{NO_MEANS}none is stated; if the dead-reckoned positions include no current, "
@@ -71,53 +69,46 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
         unknown = "whether headings are magnetic or true is not known"
         how = unknown if dialect.heading == "unknown" else f"headings are {dialect.heading}"
         notes.append(f"{how}; no declination was added to them")
+    # an inversion weighs the mean current against the pings; profiles that were only shifted to it hold nothing else of it
+    topics = {topic for _, topic, _, _ in pings}
+    of = {"inverted_in": INVERTED} if INVERTED in topics else {}
+    of = {"also_in": PROFILES} if PROFILES in topics else of
     # at one time a position comes before the velocities measured there
     return lambda: (
         chain(
-            fixes.entries(),
+            _fixes(fixes),
             _positions(samples, means, fixes, dialect),
-            _dacs(means, pings, dialect.dac_kind),
+            ((mean.end.time_ns, "/dac", _DAC, mean.payload | of) for mean in means),
             pings,
         ),
-        *_instrument_entries(samples),
+        *(_instrument(topic, samples) for topic in _INSTRUMENTS),
     )
 
 
-def _dacs(means: Sequence[DiveMean], pings: Sequence[Entry], kind: str) -> Iterator[Entry]:
-    # an inversion weighs the mean current against the pings; profiles that were only shifted to it hold nothing else of it
-    topics = {topic for _, topic, _, _ in pings}
-    named = (
-        {"also_in": _PROFILES}
-        if _PROFILES in topics
-        else {"inverted_in": INVERTED}
-        if INVERTED in topics
-        else {}
-    )
-    for mean in means:
-        yield mean.end.time_ns, "/dac", _DAC, _dac(mean, kind) | named
+def _fixes(fixes: Table) -> Iterator[Entry]:
+    for time_ns, *place, error in zip(*(column.tolist() for column in fixes.values()), strict=True):
+        fix = location_fix(time_ns, place[0], place[1], 0.0, False, error)
+        yield time_ns, "/vehicle/fix", FIX, fix
 
 
 def _positions(
-    samples: Table, means: Sequence[DiveMean], fixes: Positions, dialect: Dialect
+    samples: Table, means: Sequence[DiveMean], fixes: Table, dialect: Dialect
 ) -> Iterator[Entry]:
     """Yield the track, one position per minute, first and deepest samples included."""
     for mean in means:
-        if (middle := mean.middle) is not None:
+        if middle := mean.middle:
             fix = location_fix(*middle, mean.max_depth, True, math.nan)
             yield middle.time_ns, "/vehicle/position", FIX, fix
-    if not {"longitude", "latitude"} <= set(samples):
-        return
     # a basestation's positions are of its CTD, its attitude of its ADCP
     basestation = dialect.name == "seaglider"
     time, depth = samples["time"], _depth_at_times(samples)
-    usable = np.isfinite(samples["longitude"] + samples["latitude"])
-    usable &= ~np.isin(time, fixes.time_ns) & (np.isfinite(depth) | (not basestation))
-    if dialect.raw and fixes.time_ns.size:
-        usable &= time >= fixes.time_ns[0]
-    angles = (
-        [] if basestation else [name for name in ("heading", "pitch", "roll") if name in samples]
-    )
-    due = -_DECIMATED_NS
+    usable = are_known(places_in(samples)) & ~np.isin(time, fixes["time"])
+    if basestation:
+        usable &= np.isfinite(depth)
+    if dialect.raw and fixes["time"].size:
+        usable &= time >= fixes["time"][0]
+    angles = [] if basestation else [a for a in ("heading", "pitch", "roll") if a in samples]
+    due = 0
     for k in np.flatnonzero(usable).tolist():
         time_ns = int(time[k])
         if time_ns < due:
@@ -133,40 +124,18 @@ def _positions(
         yield time_ns, "/vehicle/position", FIX, fix
 
 
-def _depth_at_times(samples: Mapping[str, Any]) -> Any:
+def _depth_at_times(samples: Table) -> Any:
     """Return the samples' depths [m], NaN where samples of one time have different depths."""
-    if "depth" not in samples:
-        return np.full(samples["time"].size, np.nan)
-    depth = np.array(samples["depth"], np.float64)
     _, of_time = np.unique(samples["time"], return_inverse=True)
+    depth = samples["depth"]
     least, most = np.full((2, of_time.max(initial=-1) + 1), [[np.inf], [-np.inf]])
     np.fmin.at(least, of_time, depth)
     np.fmax.at(most, of_time, depth)
     return np.where((most - least)[of_time] > _ONE_DEPTH, np.nan, depth)
 
 
-def _dac(mean: DiveMean, kind: str) -> dict[str, Any]:
-    return {
-        "stamp": stamp(mean.end.time_ns),
-        **({} if mean.dive is None else {"dive": mean.dive}),
-        "dac_eastward": number(mean.east),
-        "dac_northward": number(mean.north),
-        "error": number(mean.error),
-        "start_fix": _end(mean.start),
-        "end_fix": _end(mean.end),
-        "duration": (mean.end.time_ns - mean.start.time_ns) / _NS,
-        "max_depth": number(mean.max_depth),
-        "radius": number(mean.radius),
-        "declination": number(mean.declination),
-        "dac_kind": kind,
-    }
-
-
-def _end(end: Fix) -> dict[str, Any]:
-    return {"time": stamp(end.time_ns), "lon": end.longitude, "lat": end.latitude}
-
-
-#: Topics with the schema of their messages and the quantities in them; a message is written where one of the second group is known.
+#: Topics with the schema of their messages and the quantities in them (SI units, degrees, degrees Celsius, V, A h); a message is written
+#: where one of the second group is known.
 _INSTRUMENTS = MappingProxyType(
     {
         "/ctd": (
@@ -185,74 +154,24 @@ _INSTRUMENTS = MappingProxyType(
 )
 
 
-def _instrument_entries(samples: Table) -> list[Iterator[Entry]]:
-    """Return the messages of each instrument in order of time: SI units, degrees, degrees Celsius, V, A h; null if unknown.
-
-    Args:
-        samples: Samples along the track.
-    """
-    return [
-        _entries(topic, samples)
-        for topic, (_, _, own) in _INSTRUMENTS.items()
-        if any(name in samples for name in own)
-    ]
-
-
-def _entries(topic: str, samples: Table) -> Iterator[Entry]:
-    """Yield an instrument's messages: every CTD sample, changes of the waypoint, others once a minute."""
+def _instrument(topic: str, samples: Table) -> Iterator[Entry]:
+    """Yield an instrument's messages in order of time: every CTD sample, changes of the waypoint, others once a minute."""
     schema, beside, own = _INSTRUMENTS[topic]
     held = [name for name in own if name in samples]
+    if not held:
+        return
     values = np.column_stack([samples[name] for name in held])
     known = np.flatnonzero(np.isfinite(values).any(axis=1))
     if topic == "/vehicle/waypoint":
-        known = known[
-            np.r_[True, (np.diff(values[known], axis=0) != 0.0).any(axis=1)][: known.size]
-        ]
-    elif topic != "/ctd":
-        minute = samples["time"][known] // _DECIMATED_NS
-        known = known[np.r_[True, np.diff(minute) > 0][: known.size]]
+        new = (np.diff(values[known], axis=0) != 0.0).any(axis=1)
+    elif topic == "/ctd":
+        new = np.ones(max(known.size - 1, 0), np.bool_)
+    else:
+        new = np.diff(samples["time"][known] // _DECIMATED_NS) > 0
     names = [*(name for name in beside if name in samples), *held]
-    for k in known.tolist():
-        time_ns = int(samples["time"][k])
-        payload = {name: number(float(samples[name][k])) for name in names}
-        yield time_ns, topic, schema, {"stamp": stamp(time_ns), **payload}
-
-
-def _absolute_profiles(
-    columns: Columns, means: Sequence[DiveMean], notes: list[str]
-) -> Iterator[Entry]:
-    """Yield the absolute profiles of a mission as pings at the stated middle of their dives.
-
-    They are referenced to the DACs: ``computed_from`` and ``also_in`` of the DACs prevent double counting.
-    """
-    profile, samples = columns.profile, columns.samples
-    if not profile:
-        return
-    depth = profile["depth"]
-    steps = np.diff(depth)
-    even = bool(steps.size and np.allclose(steps, steps[0]) and steps[0] > 0.0)
-    placed = {mean.middle.time_ns for mean in means if mean.middle is not None}
-    notes.append(
-        "absolute profiles: taken as east and north relative to the earth, each at the middle of its dive"
-    )
-    for k in range(len(profile["east"])):
-        velocity = np.column_stack([profile["east"][k], profile["north"][k]])
-        if not np.isfinite(velocity).all(axis=1).any():
-            continue
-        middle_ns = int(samples["dac_time"][k]) if "dac_time" in samples else 0
-        time_ns = middle_ns if middle_ns in placed else int(samples["time"][k])
-        payload = earth_ping(
-            time_ns,
-            k,
-            int(samples["dive"][k]),
-            velocity,
-            (float(steps[0]) if even else 1.0, float(depth[0])),
-        )
-        payload |= FROM_SURFACE | {
-            "computed_from": ["/dac"],
-            **({} if even else {"cell_distances": depth.tolist()}),
-        }
-        yield time_ns, _PROFILES, PING, payload
+    columns = {name: samples[name] for name in names}
+    rows = known[np.r_[True, new][: known.size]]
+    yield from entries((topic, schema), samples["time"], columns, rows, {})
 
 
 #: Attributes that name the mission, with the dialects of which they do; of others ``id`` names the file

@@ -1,19 +1,18 @@
 """NetCDF files of unknown dialect: a message per time, for ``[[measurements.map]]``."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.text import some_text
 from replay_kit.logs.netcdf import units
+from replay_kit.logs.netcdf.columns import entries
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
-from replay_kit.logs.netcdf.variables import NetcdfFile
-from replay_kit.logs.reader import Entry
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.shared.payloads import numbers
 
 #: First part of the topic, before the name of the time variable.
@@ -24,39 +23,48 @@ _VELOCITY = (
     "sea_water_x_velocity",
     "sea_water_y_velocity",
 )
-# Rows of which messages are made at once.
-_ROWS = 4096
+# names of currents in forecasts
+_USUAL = ("u", "uo", "water_u", "vozocrtx", "uvel", "u_eastward", "ucur", "vxo")
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
 _EXPECTED = "expected a Seaglider basestation file or a glider file of another known dialect"
 
 
-def on_a_grid(path: str | Path, names: Collection[str]) -> LogError:
-    """Return the error for a forecast given as a log."""
-    return LogError(
-        f"{path}: {_EXPECTED}, got currents on a grid: {some_text(list(names))}{_NOT_A_LOG}"
-    )
+def require_no_grid(path: Path, held: Mapping[str, Stored]) -> None:
+    """Raise LogError if a file with these variables is a forecast given as a log."""
+    for name, stored in held.items():
+        is_current = name.lower() in _USUAL or stored.standard in _VELOCITY
+        if is_current and stored.values.ndim > 2:
+            raise LogError(
+                f"{path}: {_EXPECTED}, got currents on a grid: {some_text(list(held))}{_NOT_A_LOG}"
+            )
 
 
-def rows_of(
+def _read_rows(
     files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
 ) -> Entries:
     """Return the messages of a file with rows over one time; rows without a time are counted and excluded.
 
     Raises:
-        LogError: The file has no time, or is a forecast.
+        LogError: The file has no time, or no variable along it.
     """
     del dialect, config
     file = files[0]
-    if any(
-        stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2
-        for stored in file.variables.values()
-    ):
-        raise on_a_grid(file.path, file.variables)
     name = _time_name(file)
     said: list[str] = []
-    time_ns, known = units.time_ns(name, file.variables[name], file.path, said)
-    time_ns, known = time_ns.ravel(), known.ravel()
-    rows, fixed = _split(file, name, time_ns.size)
+    time_ns = units.times_of(file, name, said).ravel()
+    # one row per time, or constant, such as levels
+    rows, fixed = dict[str, Array](), dict[str, Array]()
+    n = time_ns.size
+    for other, stored in file.variables.items():
+        kind, size = stored.values.dtype.kind, stored.values.ndim
+        if other == name or "." in other or kind not in "iufb" or size > 2:
+            continue
+        values = stored.unpacked()
+        values = values.T if values.ndim == 2 and values.shape[0] != n else values
+        if values.ndim in (1, 2) and values.shape[0] == n:
+            rows[other] = values
+        elif values.ndim < 2 and values.size < n:
+            fixed[other] = values
     if not rows:
         raise LogError(
             f"{file.path}: {_EXPECTED}, got no variable along {name} alone: {', '.join(file.variables)}{_NOT_A_LOG}"
@@ -66,31 +74,12 @@ def rows_of(
         + (f", and at each row {', '.join(fixed)}" if fixed else "")
     )
     told.notes += said
-    at = np.flatnonzero(known)
-    at = at[np.argsort(time_ns[at], kind="stable")]
+    unknown = int((time_ns == 0).sum())
+    at = np.argsort(time_ns, kind="stable")[unknown:]
     topic = f"{TOPIC}{name}"
-    told.skipped[topic, "row without a time"] += int((~known).sum())
-    return lambda: [(), _entries(topic, time_ns, rows, fixed, at)]
-
-
-def _entries(
-    topic: str,
-    time_ns: NDArray[np.int64],
-    rows: Mapping[str, Array],
-    fixed: Mapping[str, Array],
-    at: NDArray[np.intp],
-) -> Iterator[Entry]:
-    """Yield the messages of rows in batches, to limit memory."""
-    for_all = {
-        name: numbers(values) if values.ndim else float(values) for name, values in fixed.items()
-    }
-    for some in np.split(at, range(_ROWS, at.size, _ROWS)):
-        columns = [
-            numbers(values[some]) if values.ndim > 1 else values[some].astype(float).tolist()
-            for values in rows.values()
-        ]
-        for time, *row in zip(time_ns[some].tolist(), *columns, strict=True):
-            yield time, topic, "netcdf", dict(zip(rows, row, strict=True)) | for_all
+    told.skipped[topic, "row without a time"] += unknown
+    common = {key: numbers(values) for key, values in fixed.items()}
+    return lambda: [(), entries((topic, "netcdf"), time_ns, rows, at, common, stamped=False)]
 
 
 def _time_name(file: NetcdfFile) -> str:
@@ -114,27 +103,5 @@ def _time_name(file: NetcdfFile) -> str:
     )
 
 
-def _split(file: NetcdfFile, time: str, n: int) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the variables with one row per time, and the constant ones, such as levels; names with dots are excluded."""
-    rows: dict[str, Array] = {}
-    fixed: dict[str, Array] = {}
-    for name, stored in file.variables.items():
-        if (
-            name == time
-            or "." in name
-            or stored.values.dtype.kind not in "iufb"
-            or stored.values.ndim > 2
-        ):
-            continue
-        values = stored.unpacked()
-        if values.ndim and values.shape[0] == n:
-            rows[name] = values
-        elif values.ndim == 2 and values.shape[1] == n:
-            rows[name] = values.T
-        elif values.ndim < 2 and values.size < n:
-            fixed[name] = values
-    return rows, fixed
-
-
 #: All variables of any file.
-ROWS = Dialect("netcdf", "NetCDF of no known dialect", "", {}, beside=".*", read=rows_of)
+ROWS = Dialect("netcdf", "NetCDF of no known dialect", "", {}, beside=".*", read=_read_rows)

@@ -2,23 +2,23 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.observation import Flag
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import profile_sizes, read_values
+from replay_kit.logs.netcdf.columns import Table, are_known, entries, read_values
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
+from replay_kit.logs.netcdf.quality import as_qartod, is_failed, worst_flag
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import number, numbers, stamp
+from replay_kit.logs.shared.payloads import numbers, stamp
 
 RADAR, _TOTALS = "replay_kit.RadarCurrents", "/radar/totals"
 _FIX, _DRIFTERS = "replay_kit.DrifterFix", "/drifters"
@@ -31,11 +31,6 @@ _HOUR = 3600.0
 # flags that sum up all tests, or are an operator's; and those of single tests
 _SUMS = r"prim|(qc_?)?primary(_?flag)?|qc|qc_?flag|quality_flag|.*aggregate.*|.*operator.*"
 _TESTS = r"q(c_?)?\d{2,3}(_.*)?|.*_qc|.*qartod_.*"
-_MEANINGS = (
-    (re.compile(r"suspect|question|interest", re.I), Flag.SUSPECT),
-    (units.UNUSABLE, Flag.FAIL),
-    (re.compile(r"unknown|not_", re.I), Flag.NOT_EVALUATED),
-)
 _PARAMETER = re.compile(r"(\d+)\)\s*([^\n]+)")
 # where the parameters of MARACOOS's product stand when nothing describes them: variance [cm2/s2] and decorrelation length [km]
 _VARIANCE, _LENGTH = 7, 5
@@ -67,26 +62,22 @@ def _totals(
     notes = told.notes
     times: list[tuple[int, int, int]] = []
     for number_of, file in enumerate(files):
-        name = dialect.chosen(file.variables)["time"]
-        time_ns, known = units.time_ns(name, file.variables[name], file.path, notes)
-        found = zip(time_ns.ravel().tolist(), known.ravel().tolist(), strict=True)
-        times += [(at, number_of, k) for k, (at, is_known) in enumerate(found) if is_known]
+        time_ns = units.times_of(file, dialect.chosen(file.variables)["time"], notes)
+        times += [(at, number_of, k) for k, at in enumerate(time_ns.ravel().tolist()) if at]
     times.sort()
     begun = len(notes)
 
     def entries() -> Iterator[Entry]:
         del notes[begun:]
-        opened: tuple[int, int] | None = None
         failed = 0
-        for time_ns, number_of, k in times:
-            begin = k - k % _ROWS
-            if opened != (number_of, begin):
-                opened, said = (number_of, begin), list[str]()
-                vectors = _vectors(files[number_of].path, begin, dialect, said)
-                notes.extend(note for note in said if note not in notes)
-            payload, lost = vectors(k - begin)
-            failed += lost
-            yield time_ns, _TOTALS, RADAR, {"stamp": stamp(time_ns), **payload}
+        for (number_of, part), rows in groupby(times, lambda each: (each[1], each[2] // _ROWS)):
+            said: list[str] = []
+            vectors = _vectors(files[number_of].path, part * _ROWS, dialect, said)
+            notes.extend(note for note in said if note not in notes)
+            for time_ns, _, k in rows:
+                payload, lost = vectors(k % _ROWS)
+                failed += lost
+                yield time_ns, _TOTALS, RADAR, {"stamp": stamp(time_ns), **payload}
         if failed:
             notes.append(f"{failed} vectors failed by their quality flags, not used")
 
@@ -100,82 +91,48 @@ def _vectors(
     file = open_netcdf(path, lambda held, _: dialect.wanted(held), slice(begin, begin + _ROWS))
     chosen = dialect.chosen(file.variables)
     values = read_values(file, dialect, chosen, notes)
-    places = [values[key].ravel() for key in ("longitude", "latitude")]
-    shape = (len(values["east"]), places[1].size, places[0].size)
+    longitude, latitude = (values[key].ravel() for key in ("longitude", "latitude"))
+    shape = (len(values["east"]), latitude.size, longitude.size)
     if values["east"].size != math.prod(shape):
         raise LogError(
             f"{path}: {chosen['east']}: expected {shape[1]} x {shape[2]} values, as lat and lon have, got {values['east'][0].size}"
         )
-    longitude, latitude = np.meshgrid(*places)
-    east, north = (values[key].reshape(shape) for key in ("east", "north"))
     variance, length = _parameters(file, chosen.get("parameters", ""))
-    errors = [
-        _error(file.variables[chosen[f"{key}_error"]], variance, dialect, notes).reshape(shape)
-        for key in ("east", "north")
-    ]
-    quality = _quality(file, shape)
-    measured = np.isfinite(east + north)
-    failed = measured & is_failed(quality)
-    known = measured & ~failed & np.isfinite(errors[0] + errors[1])
-    depth, how = _depth(file.attributes)
-    notes.append(
-        f"{dialect.title}: {how}; vectors without an error, or with one of questionable quality, are not used"
-    )
-    fixed = {"depth": depth, "averaged": _HOUR, "error_length": 1e3 * length}
-
-    def at(k: int) -> tuple[dict[str, Any], int]:
-        columns = {
-            "longitude": longitude,
-            "latitude": latitude,
-            "east": east[k],
-            "north": north[k],
-            "flag": quality[k],
-            "east_error": errors[0][k],
-            "north_error": errors[1][k],
-        }
-        held = {name: numbers(column[known[k]]) for name, column in columns.items()}
-        return fixed | held, int(failed[k].sum())
-
-    return at
-
-
-def is_failed(flags: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Return whether QARTOD flags are fail or missing."""
-    return np.asarray((flags == Flag.FAIL) | (flags == Flag.MISSING))
-
-
-def worst_flag(flags: Sequence[NDArray[np.int8]], shape: tuple[int, ...]) -> NDArray[np.int8]:
-    """Return the worst QARTOD flag of each value; not evaluated without flags."""
-    ranked = np.stack([np.full(shape, Flag.NOT_EVALUATED, np.float64), *flags])
-    # a test that was passed is more than one that was not made
-    passed = Flag.NOT_EVALUATED + 0.5
-    ranked[ranked == Flag.GOOD] = passed
-    worst = ranked.max(axis=0)
-    return np.where(worst == passed, Flag.GOOD, worst).astype(np.int8)
-
-
-def _quality(file: NetcdfFile, shape: tuple[int, ...]) -> NDArray[np.int8]:
-    """Return the QARTOD flag of each vector: the summary flag if any, else the worst of the tests."""
-    by_pattern = [
+    columns = {
+        "longitude": np.broadcast_to(longitude, shape),
+        "latitude": np.broadcast_to(latitude[:, None], shape),
+        "east": values["east"].reshape(shape),
+        "north": values["north"].reshape(shape),
+    } | {
+        key: _error(file.variables[chosen[key]], variance, dialect, notes).reshape(shape)
+        for key in ("east_error", "north_error")
+    }
+    summed, tests = (
         [
-            _as_qartod(stored).reshape(shape)
+            as_qartod(stored).reshape(shape)
             for name, stored in file.variables.items()
             if re.fullmatch(pattern, name, re.I) and stored.values.size == math.prod(shape)
         ]
         for pattern in (_SUMS, _TESTS)
-    ]
-    return worst_flag(by_pattern[0] or by_pattern[1], shape)
+    )
+    columns["flag"] = worst_flag(summed or tests, shape)
+    measured = np.isfinite(columns["east"] + columns["north"])
+    failed = measured & is_failed(columns["flag"])
+    known = measured & ~failed & np.isfinite(columns["east_error"] + columns["north_error"])
+    mhz = [match for text in file.attributes.values() if (match := _MHZ.search(str(text)))]
+    frequency, how = (float(mhz[0][1]), "as stated") if mhz else (_LONG_RANGE, "assumed")
+    depth = depth_of(frequency)
+    notes.append(
+        f"{dialect.title}: at {depth:.1f} m, a wavelength over 8 pi of {frequency:g} MHz ({how}); "
+        "vectors without an error, or with one of questionable quality, are not used"
+    )
+    fixed = {"depth": depth, "averaged": _HOUR, "error_length": 1e3 * length}
 
+    def at(k: int) -> tuple[dict[str, Any], int]:
+        held = {key: numbers(column[k][known[k]]) for key, column in columns.items()}
+        return fixed | held, int(failed[k].sum())
 
-def _as_qartod(stored: Stored) -> NDArray[np.int8]:
-    """Return flags as QARTOD flags, by their stated meanings or else by number."""
-    found = np.nan_to_num(stored.unpacked(), nan=Flag.NOT_EVALUATED).astype(np.int8)
-    flags = found.copy()
-    for value, words in units.stated_meanings(stored).items():
-        flags[found == value] = next(
-            (flag for pattern, flag in _MEANINGS if pattern.search(words)), Flag.GOOD
-        )
-    return flags
+    return at
 
 
 def _parameters(file: NetcdfFile, name: str) -> tuple[float, float]:
@@ -193,13 +150,13 @@ def _parameters(file: NetcdfFile, name: str) -> tuple[float, float]:
                 described[int(match[1])] = str(value)
             else:
                 values[int(match[1])] = float(np.ravel(value)[0])
-
-    def stated(words: str, place: int) -> float:
-        found = [n for n, text in described.items() if re.search(words, text, re.I)]
-        return values.get(found[0] if found else place, math.nan)
-
-    length = stated("decorrelation", _LENGTH)
-    return stated("signal variance", _VARIANCE), length if length > 0.0 else 0.0
+    variance, length = (
+        values.get(
+            next((n for n, text in described.items() if re.search(words, text, re.I)), usual)
+        )
+        for words, usual in (("signal variance", _VARIANCE), ("decorrelation", _LENGTH))
+    )
+    return math.nan if variance is None else variance, max(length or 0.0, 0.0)
 
 
 def _error(stored: Stored, variance: float, dialect: Dialect, notes: list[str]) -> Array:
@@ -218,15 +175,6 @@ def _error(stored: Stored, variance: float, dialect: Dialect, notes: list[str]) 
     return np.where(good, np.sqrt(np.where(good, values, 0.0) * (1e-4 * variance)), np.nan)
 
 
-def _depth(attributes: Mapping[str, Any]) -> tuple[float, str]:
-    """Return the measuring depth of the radars [m] and its derivation."""
-    stated = [match for text in attributes.values() if (match := _MHZ.search(str(text)))]
-    frequency = float(stated[0][1]) if stated else _LONG_RANGE
-    how = "as stated" if stated else "assumed"
-    depth = depth_of(frequency)
-    return depth, f"at {depth:.1f} m, a wavelength over 8 pi of {frequency:g} MHz ({how})"
-
-
 #: Optimally interpolated totals; errors are standard errors, or variances over that of the signal, which have no unit.
 TOTALS = Dialect(
     "radar-totals",
@@ -241,11 +189,6 @@ TOTALS = Dialect(
         "east_error": "u_err",
         "north_error": "v_err",
         "parameters": "processing_parameters",
-    },
-    quantities={
-        "longitude": units.LONGITUDE,
-        "latitude": units.LATITUDE,
-        **dict.fromkeys(("east", "north"), units.SPEED),
     },
     beside=f"{_SUMS}|{_TESTS}",
     log_of="all",
@@ -263,61 +206,39 @@ def _drifters(
         LogError: Columns have different lengths.
     """
     del config
-    columns = [_columns(file, dialect, told.notes) for file in files]
-    return lambda: [(), *map(_fixes, columns)]
+    tables = [_drifter_fixes(file, dialect, told.notes) for file in files]
+    return lambda: [(), *map(_fixes, tables)]
 
 
-def _fixes(columns: Mapping[str, NDArray[Any]]) -> Iterator[Entry]:
-    """Yield the fixes in order of time."""
-    times = columns["time"]
-    known = np.isfinite(columns["longitude"] + columns["latitude"]) & (times > 0)
-    found = np.flatnonzero(known)
-    for k in found[np.argsort(times[found], kind="stable")].tolist():
-        time_ns = int(times[k])
-        said = {name: column[k].item() for name, column in columns.items() if name != "time"}
-        said["error"] = number(said["error"])
-        yield time_ns, _DRIFTERS, _FIX, {"stamp": stamp(time_ns), **said}
-
-
-def _columns(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> dict[str, NDArray[Any]]:
+def _drifter_fixes(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Table:
+    """Return the columns of the fixes."""
     chosen = dialect.chosen(file.variables)
-    values = read_values(file, dialect, chosen, notes)
-    time = values["time"].ravel()
-    sizes, _ = profile_sizes(file)
-
-    def spread(key: str, found: Any) -> NDArray[Any]:
-        """Return values at each fix; values per drifter are repeated."""
-        found = np.ravel(found)
-        if found.size == sizes.size and sizes.sum() == time.size:
-            found = np.repeat(found, sizes)
-        if found.size not in (1, time.size):
+    values = {"id": np.array(file.path.stem)} | read_values(file, dialect, chosen, notes)
+    n = values["time"].size
+    if "depth" not in values:
+        notes.append(f"depth of the drogues is not stated: {_DROGUE:g} m taken")
+        values["depth"] = np.array(_DROGUE)
+    for key, found in values.items():
+        if found.size not in (1, n):
             raise LogError(
-                f"{file.path}: {chosen[key]}: expected a value for each of {time.size} fixes or each drifter, got {found.size}; "
+                f"{file.path}: {chosen[key]}: expected a value for each of {n} fixes or each drifter, got {found.size}; "
                 "write the file again"
             )
-        return np.broadcast_to(found, time.shape)
-
-    if "depth" not in chosen:
-        notes.append(f"depth of the drogues is not stated: {_DROGUE:g} m taken")
-    if "drogued" in chosen:
-        drogued = spread("drogued", values["drogued"]) == 1.0
-    else:
-        # a drifter whose drogue was not lost has no date, or that of the epoch
-        lost = spread("lost_time", values["lost_time"]) if "lost_time" in values else 0
-        drogued = (lost == 0) | (time < lost)
-    names = [file.path.stem]
-    if "id" in chosen:
-        stored = file.variables[chosen["id"]]
-        names = stored.texts() or [f"{value:.0f}" for value in np.ravel(stored.unpacked())]
+        values[key] = np.broadcast_to(found.ravel(), n)
+    lost = values.get("lost_time", np.zeros(n))
+    # a drifter whose drogue was not lost has no date, or that of the epoch
+    with_drogue = (lost == 0) | (values["time"] < lost)
     return {
-        "time": time,
-        "id": spread("id", names),
-        "longitude": spread("longitude", values["longitude"]),
-        "latitude": spread("latitude", values["latitude"]),
-        "depth": spread("depth", values.get("depth", _DROGUE)),
-        "drogued": drogued,
-        "error": spread("error", _DEGREE * values.get("error", np.float64(np.nan))),
+        **{key: values[key] for key in ("time", "id", "longitude", "latitude", "depth")},
+        "drogued": values["drogued"] == 1.0 if "drogued" in values else with_drogue,
+        "error": _DEGREE * values.get("latitude_error", np.full(n, np.nan)),
     }
+
+
+def _fixes(table: Table) -> Iterator[Entry]:
+    """Yield the fixes in order of time."""
+    order = np.argsort(table["time"], kind="stable")
+    return entries((_DRIFTERS, _FIX), table["time"], table, order[are_known(table)[order]], {})
 
 
 #: The Global Drifter Program, of one drifter or of several as a ragged array, or as a table of ERDDAP.
@@ -332,17 +253,10 @@ DRIFTERS = Dialect(
         "lost_time": "drogue_lost_date",
         "drogued": "drogue_status",
         "depth": "drogue_center_depth drogue_depth",
-        "error": "err_lat",
+        "latitude_error": "err_lat",
         "id": "id ids",
     },
-    quantities={
-        "longitude": units.LONGITUDE,
-        "latitude": units.LATITUDE,
-        "drogued": units.NUMBER,
-        "depth": units.LENGTH,
-        "error": units.ANGLE,
-    },
-    units={"depth": "m", "error": "degrees"},
+    units={"depth": "m", "latitude_error": "degrees"},
     log_of="all",
     read=_drifters,
 )

@@ -1,15 +1,14 @@
-"""Values of glider files in SI units: unit names, epochs of times, missing values and assumptions.
+"""Values of columnar files in SI units: quantities, unit names, epochs of times.
 
 Functions add each assumption to ``notes`` as a sentence for the user.
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.quantities import decibars, metres, metres_per_second, seconds
-from replay_kit.logs.netcdf.variables import Stored, as_number
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, as_number
 
 _SINCE = re.compile(
     r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*",
@@ -33,55 +32,66 @@ _EPOCH_SECONDS = (3.5e8, 4.1e9)
 # rad; a mission whose headings all lie below a turn, or whose tilts all lie below a right angle, is in radians
 _TURN, _LEAST_ANGLES = 6.3, 20
 
+# by the unit that others are converted to, factors of their names in lower case without spaces
+_NAMES: Mapping[str, Mapping[float, str]] = MappingProxyType(
+    {
+        "degrees": {
+            1.0: "deg degree degrees degrees_north degrees_east degree_north degree_east °",
+            180.0 / np.pi: "rad radian radians",
+        },
+        "degrees Celsius": {
+            1.0: "degc celsius degrees_celsius degree_celsius degree_c degrees_c °c"
+        },
+        "1": {1.0: "1 psu 1e-3 0.001 pss-78 pss g/kg"},
+        "S/m": {1.0: "s/m sm-1", 0.1: "ms/cm mscm-1"},
+        "V": {1.0: "volts v"},
+        "A h": {1.0: "amp-hrs"},
+    }
+)
+_FACTORS = MappingProxyType({"m": metres, "dbar": decibars, "m/s": metres_per_second})
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """Physical quantity.
 
-    Attributes:
-        unit: Internal unit.
-        factor: Returns the conversion factor of a unit name in lower case without spaces; None if unknown.
-        low: Least plausible value; lower ones count as missing.
-        high: Largest plausible value.
-    """
+def _factor(unit: str, name: str) -> float | None:
+    """Return the factor from a unit to that of a quantity; None if its name is unknown."""
+    if unit in _FACTORS:
+        return _FACTORS[unit](name)
+    known = _NAMES.get(unit, {}).items()
+    return next((factor for factor, names in known if name in names.split()), None)
+
+
+class Quantity(NamedTuple):
+    """Physical quantity: its unit, and its least and largest plausible value; others count as missing."""
 
     unit: str
-    factor: Callable[[str], float | None]
     low: float
     high: float
 
 
-_DEGREES = dict.fromkeys(
-    (
-        "deg",
-        "degree",
-        "degrees",
-        "degrees_north",
-        "degrees_east",
-        "degree_north",
-        "degree_east",
-        "°",
-    ),
-    1.0,
+LENGTH, _HEIGHT = Quantity("m", -12_000.0, 12_000.0), Quantity("m", 0.0, 12_000.0)
+_ANGLE, SPEED = Quantity("degrees", -360.0, 720.0), Quantity("m/s", -5.0, 5.0)
+_NUMBER = Quantity("", -1e9, 1e9)
+_QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "longitude": Quantity("degrees", -180.0, 360.0),
+        "latitude": Quantity("degrees", -90.0, 90.0),
+        **dict.fromkeys(("depth", "gps_error", "radius"), LENGTH),
+        **dict.fromkeys(("altitude", "water_depth"), _HEIGHT),
+        **dict.fromkeys(("heading", "pitch", "roll", "declination", "latitude_error"), _ANGLE),
+        **dict.fromkeys(("east", "north", "dac_error"), SPEED),
+        **dict.fromkeys(("dive", "dead_reckoning", "nav_state", "drogued"), _NUMBER),
+        "pressure": Quantity("dbar", -20.0, 12_000.0),
+        "temperature": Quantity("degrees Celsius", -5.0, 60.0),
+        "conductivity": Quantity("S/m", 0.0, 10.0),
+        "salinity": Quantity("1", 0.0, 80.0),
+        "voltage": Quantity("V", 0.0, 1000.0),
+        "charge_used": Quantity("A h", 0.0, 1e6),
+    }
 )
-_ANGLES = _DEGREES | dict.fromkeys(("rad", "radian", "radians"), 180.0 / np.pi)
-_SALINITIES = ("1", "psu", "1e-3", "0.001", "pss-78", "pss", "g/kg")
-_CELSIUS = ("degc", "celsius", "degrees_celsius", "degree_celsius", "degree_c", "degrees_c", "°c")
-LATITUDE = Quantity("degrees", _ANGLES.get, -90.0, 90.0)
-LONGITUDE = Quantity("degrees", _ANGLES.get, -180.0, 360.0)
-LENGTH = Quantity("m", metres, -12_000.0, 12_000.0)
-PRESSURE = Quantity("dbar", decibars, -20.0, 12_000.0)
-ANGLE = Quantity("degrees", _ANGLES.get, -360.0, 720.0)
-SPEED = Quantity("m/s", metres_per_second, -5.0, 5.0)
-HEIGHT = Quantity("m", metres, 0.0, 12_000.0)
-TEMPERATURE = Quantity("degrees Celsius", dict.fromkeys(_CELSIUS, 1.0).get, -5.0, 60.0)
-SALINITY = Quantity("1", dict.fromkeys(_SALINITIES, 1.0).get, 0.0, 80.0)
-CONDUCTIVITY = Quantity(
-    "S/m", {"s/m": 1.0, "sm-1": 1.0, "ms/cm": 0.1, "mscm-1": 0.1}.get, 0.0, 10.0
-)
-VOLTAGE = Quantity("V", {"volts": 1.0, "v": 1.0}.get, 0.0, 1000.0)
-CHARGE = Quantity("A h", {"amp-hrs": 1.0}.get, 0.0, 1e6)
-NUMBER = Quantity("", dict[str, float]().get, -1e9, 1e9)
+
+
+def quantity_of(key: str) -> Quantity | None:
+    """Return the quantity of a column, by its name or the last word of it; None for texts, flags and times."""
+    return _QUANTITIES.get(key, _QUANTITIES.get(key.rpartition("_")[2]))
 
 
 def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit: str = "") -> Array:
@@ -95,23 +105,21 @@ def in_si(name: str, stored: Stored, quantity: Quantity, notes: list[str], unit:
         unit: Unit if the file states none that is known; ``nmea``, degrees and minutes (ddmm.mmm), overrides the file. Empty for the stated
             one.
     """
-    values = stored.unpacked()
-    stated = stored.units
-    key = _unit_key(stated)
-    if unit and (unit == "nmea" or quantity.factor(key) is None):
+    values, stated = stored.unpacked(), stored.units
+    key = re.sub(r"\s+|\*\*", "", stated.lower())
+    if unit and (unit == "nmea" or _factor(quantity.unit, key) is None):
         stated = key = unit
-    factor = quantity.factor(key)
+    factor = _factor(quantity.unit, key)
     if key == "nmea":
         notes.append(f"{name}: degrees and minutes (ddmm.mmm) converted to degrees")
         values = from_minutes(values)
-    elif factor is not None:
-        if factor != 1.0:
-            notes.append(f"{name}: converted from {stated} to {quantity.unit}")
-            values = values * factor
-    elif quantity.unit:
-        notes.append(
-            f"{name}: {f'unit {stated!r} is not known' if stated else 'states no unit'}, taken as {quantity.unit}"
-        )
+    elif factor is None:
+        if quantity.unit:
+            what = f"unit {stated!r} is not known" if stated else "states no unit"
+            notes.append(f"{name}: {what}, taken as {quantity.unit}")
+    elif factor != 1.0:
+        notes.append(f"{name}: converted from {stated} to {quantity.unit}")
+        values = values * factor
     odd = (values < quantity.low) | (values > quantity.high)
     if odd.any():
         notes.append(
@@ -125,18 +133,14 @@ def from_minutes(values: Array) -> Array:
     return np.sign(values) * (np.abs(values) // 100.0 + np.abs(values) % 100.0 / 60.0)
 
 
-def _unit_key(unit: str) -> str:
-    return re.sub(r"\s+|\*\*", "", unit.lower())
-
-
 def in_minutes(places: Mapping[str, Array]) -> bool:
     """Return whether positions are degrees and minutes (ddmm.mmm): values exceed the range of degrees.
 
     Args:
         places: Stored latitudes and longitudes by names with these endings; near the equator only longitudes are conclusive.
     """
-    # marks of no fix, such as 69696969, are more than either
     most = {key: 90.0 if key.endswith("latitude") else 360.0 for key in places}
+    # marks of no fix, such as 69696969, are more than either
     return any(
         ((np.abs(v) > most[key]) & (np.abs(v) < 36_000.0)).any() for key, v in places.items()
     )
@@ -161,17 +165,16 @@ def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str
     return np.rad2deg(values)
 
 
-def time_ns(
-    name: str, stored: Stored, where: str | Path, notes: list[str]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return times [ns, UTC] and whether each is known, 0 if not; precise to 1 ms, ``datetime64`` to 1 ns.
+def times_of(file: NetcdfFile, name: str, notes: list[str]) -> NDArray[np.int64]:
+    """Return a variable's times [ns, UTC], 0 where unknown; precise to 1 ms, ``datetime64`` to 1 ns.
 
     Raises:
         LogError: No value is plausible in the stated unit.
     """
+    stored = file.variables[name]
     if stored.values.dtype.kind == "M":
-        dated = ~np.isnat(stored.values)
-        return np.where(dated, stored.values.astype("M8[ns]").astype(np.int64), 0), dated
+        dated = stored.values.astype("M8[ns]").astype(np.int64)
+        return np.where(np.isnat(stored.values), 0, dated)
     texts = stored.texts()
     if texts and not np.isfinite(as_number(next(filter(None, texts), ""))):
         notes.append(f"{name}: times are texts, taken as UTC")
@@ -179,9 +182,8 @@ def time_ns(
     units, match, plain = stored.units, _SINCE.fullmatch(stored.units), stored.unpacked()
     # of whole numbers, nanoseconds since 1970 have more digits than a float holds
     whole = stored.values.dtype.kind in "iu" and stored.packing == (1.0, 0.0)
-    finite = np.isfinite(plain)
+    finite = known = np.isfinite(plain)
     unit, epoch_ms = (seconds(match[1]), _epoch_ms(match)) if match else (None, None)
-    known = finite.copy()
     if unit is None or epoch_ms is None:
         unit, epoch_ms = 1.0, 0
         known = finite & (plain > _EPOCH_SECONDS[0]) & (plain < _EPOCH_SECONDS[1])
@@ -190,16 +192,16 @@ def time_ns(
             notes.append(f"{name}: {stated}, taken as seconds since 1970")
     with np.errstate(over="ignore"):
         since = np.where(known, (stored.values if whole else plain) * (1000.0 * unit), np.nan)
-    known &= np.abs(since) < _MOST_MS
+    known = known & (np.abs(since) < _MOST_MS)
     milliseconds = np.round(np.where(known, since, 0.0)).astype(np.int64) + epoch_ms
     found = milliseconds * 1_000_000
     known &= (found > _FIRST_NS) & (found < _LAST_NS)
     if finite.any() and not known.any():
         raise LogError(
-            f"{where}: {name}: expected units 'seconds since 1970-01-01' or the like that give times of a mission, got '{units}' and "
+            f"{file.path}: {name}: expected units 'seconds since 1970-01-01' or the like that give times of a mission, got '{units}' and "
             f"times from {np.nanmin(plain):g} on; process the dive again, or correct the units"
         )
-    return np.where(known, found, 0), known
+    return np.where(known, found, 0)
 
 
 def _seconds_of(texts: Sequence[str]) -> Array:
@@ -228,50 +230,9 @@ def _second_of(text: str) -> float:
 
 
 def _epoch_ms(match: re.Match[str]) -> int | None:
-    year, month, day, hour, minute, second = (int(part or 0) for part in match.groups()[1:7])
+    parts = (int(part or 0) for part in match.groups()[1:7])
     try:
-        whole = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+        whole = datetime(*parts, tzinfo=UTC)  # type: ignore[arg-type,misc]
     except ValueError:
         return None
     return round(whole.timestamp()) * 1000 + round(float(match[8] or 0.0) * 1000.0)
-
-
-#: Of a flag's meaning: such values are not used
-UNUSABLE = re.compile(r"bad|fail|miss|suspect|question|unsampled|reject|spike|stuck", re.IGNORECASE)
-
-
-def flagged_bad(name: str, flags: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
-    """Return the mask of bad values by the meanings of their flags, never by number.
-
-    Args:
-        name: Name of the flags in notes.
-        flags: Flags of any type.
-        meanings: ``value meaning`` pairs if the file states none.
-        notes: Receives notes on the result.
-    """
-    known = stated_meanings(flags) or dict(
-        zip(map(int, meanings.split()[::2]), meanings.split()[1::2], strict=True)
-    )
-    if flags.values.dtype.kind == "S":
-        digits = flags.values.ravel().astype("S1").astype(str)
-        numbers = np.where(np.char.isdigit(digits), digits, "-1").astype(np.int64)
-    else:
-        numbers = np.nan_to_num(flags.unpacked(), nan=-1.0).astype(np.int64)
-    bad = {value: words for value, words in known.items() if UNUSABLE.search(words)}
-    found = np.isin(numbers, list(bad))
-    for value in sorted(set(numbers[found].tolist())):
-        notes.append(f"{name}: {int((numbers == value).sum())} x {value} ({bad[value]}), not used")
-    return np.asarray(found)
-
-
-def stated_meanings(flags: Stored) -> dict[int, str]:
-    """Return the meanings of flags by value; some writers state the values as one text."""
-    values: Any = flags.attributes.get("flag_values")
-    if values is None or not flags.text("flag_meanings"):
-        return {}
-    listed = (
-        re.findall(r"-?\d+", flags.text("flag_values"))
-        if isinstance(values, str | bytes)
-        else np.ravel(values).tolist()
-    )
-    return dict(zip(map(int, listed), flags.text("flag_meanings").split(), strict=False))

@@ -25,18 +25,6 @@ from replay_kit.core.inputs import (
     unpacking,
 )
 
-_ATTRIBUTES = (
-    *("units", "_FillValue", "missing_value", "scale_factor", "add_offset"),
-    *(
-        "standard_name",
-        "positive",
-        "flag_values",
-        "flag_meanings",
-        "long_name",
-        "comment",
-        "sample_dimension",
-    ),
-)
 _UNREADABLE = (
     OSError,
     ValueError,
@@ -47,8 +35,9 @@ _UNREADABLE = (
     ArithmeticError,
     MemoryError,
 )
+# attributes by which HDF5 knows dimensions
+_OF_HDF5 = ("DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME")
 _ITEM = 8  # bytes of a value in memory
-_ZERO = np.float64(0.0)
 _MAPPED = 1 << 24  # bytes of a file that is not read into memory whole
 
 
@@ -58,7 +47,7 @@ class Stored:
 
     Attributes:
         values: Values of any shape and type.
-        attributes: Attributes by name, at least those of ``_ATTRIBUTES``.
+        attributes: Attributes by name.
         dims: Names of its dimensions; empty if not named.
     """
 
@@ -71,6 +60,11 @@ class Stored:
         """Stated unit; empty without one."""
         return self.text("units")
 
+    @property
+    def standard(self) -> str:
+        """Standard name; empty without one."""
+        return self.text("standard_name")
+
     def text(self, attribute: str) -> str:
         """Return an attribute as text; empty without one."""
         value = self.attributes.get(attribute, "")
@@ -80,21 +74,19 @@ class Stored:
     def packing(self) -> tuple[float, float]:
         """Scale factor and offset of the values; 1 and 0 by default."""
         factor, offset = (
-            float(np.ravel(self.attributes.get(name, default))[0]) for name, default in _PACKING
+            float(np.ravel(self.attributes.get(name, default))[0])
+            for name, default in (("scale_factor", 1.0), ("add_offset", 0.0))
         )
         return factor, offset
 
     def texts(self) -> list[str]:
         """Return the elements of a text or character array without padding; empty for other arrays."""
-        if self.values.dtype.kind != "S" or not self.values.size:
+        values = self.values
+        if values.dtype.kind != "S" or not values.size:
             return []
-        values = np.ascontiguousarray(self.values)
-        joined = (
-            values.view(f"S{values.shape[-1]}")
-            if values.ndim and values.dtype.itemsize == 1
-            else values
-        )
-        return [text.decode("utf-8", "replace").strip("\0 ") for text in joined.ravel().tolist()]
+        if values.ndim and values.dtype.itemsize == 1:
+            values = np.ascontiguousarray(values).view(f"S{values.shape[-1]}")
+        return [text.decode("utf-8", "replace").strip("\0 ") for text in values.ravel().tolist()]
 
     def unpacked(self) -> Array:
         """Return the values, NaN where they are the fill value, with scale and offset applied."""
@@ -104,18 +96,14 @@ class Stored:
                 return np.where(texts == b"", b"nan", texts).astype(np.float64)
             except ValueError:
                 return np.array([as_number(text) for text in self.texts()])
-        values = np.array(self.values, dtype=np.float64)
+        values, (factor, offset) = np.array(self.values, dtype=np.float64), self.packing
+        plain = (factor, offset) == (1.0, 0.0)
         for name in ("_FillValue", "missing_value"):
             fill = self.attributes.get(name)
             if fill is not None and np.size(fill) and not isinstance(fill, str | bytes):
-                if self.packing != (1.0, 0.0):
-                    fill = packed_fill(fill, self.values.dtype, *self.packing)
+                fill = fill if plain else packed_fill(fill, self.values.dtype, factor, offset)
                 values[values == float(np.ravel(fill)[0])] = np.nan
-        factor, offset = self.packing
-        return values if (factor, offset) == (1.0, 0.0) else values * factor + offset
-
-
-_PACKING = (("scale_factor", 1.0), ("add_offset", 0.0))
+        return values if plain else values * factor + offset
 
 
 def as_number(text: str) -> float:
@@ -196,12 +184,8 @@ def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
     # neither through xarray nor through h5netcdf, which look up the dimensions of each of the thousand variables: ten times as long
     with h5py.File(path, "r") as file, ExitStack() as stack:
         group = file.get("Data/Average", file)
-        attributes = {
-            key: plain_attribute(value)
-            for part in (file.get("Config"), file)
-            if part is not None
-            for key, value in part.attrs.items()
-        }
+        config = file.get("Config")
+        attributes = ({} if config is None else _attributes(config)) | _attributes(file)
         held = {name: item for name in group if isinstance(item := group[name], h5py.Dataset)}
         about = {name: Stored(item, item.attrs) for name, item in held.items()}
         chosen = {name: held[name] for name in choose(about, attributes) if name in held}
@@ -213,11 +197,7 @@ def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
         variables = {
             name: Stored(
                 _stored(item, rows if item.ndim > 1 else ...),
-                {
-                    key: plain_attribute(value)
-                    for key, value in item.attrs.items()
-                    if key in _ATTRIBUTES or key.startswith("parameter")
-                },
+                _attributes(item),
                 _dims(group, name, item),
             )
             for name, item in chosen.items()
@@ -227,13 +207,16 @@ def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
     return NetcdfFile(path, attributes, variables, tuple(held))
 
 
+def _attributes(item: Any) -> dict[str, Any]:
+    attributes = item.attrs
+    return {key: plain_attribute(attributes[key]) for key in attributes if key not in _OF_HDF5}
+
+
 def _stored(item: h5py.Dataset, part: Any) -> NDArray[Any]:
     """Return a variable's values, variable-length texts as bytes."""
-    return np.asarray(
-        item[part]
-        if item.dtype.kind != "O"
-        else np.char.encode(np.asarray(item.asstr(errors="replace")[part], str), "utf-8")
-    )
+    if item.dtype.kind != "O":
+        return np.asarray(item[part])
+    return np.char.encode(np.asarray(item.asstr(errors="replace")[part], str), "utf-8")
 
 
 def _dims(file: Any, name: str, item: Any) -> tuple[str, ...]:
@@ -252,7 +235,7 @@ def _read_classic(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
         attributes = {key: plain_attribute(value) for key, value in file._attributes.items()}
         # no view of the values themselves, which would hold the map open
         about = {
-            name: Stored(np.broadcast_to(_ZERO, v.shape), v._attributes)
+            name: Stored(np.broadcast_to(0.0, v.shape), v._attributes)
             for name, v in file.variables.items()
         }
         chosen = {*choose(about, attributes)}

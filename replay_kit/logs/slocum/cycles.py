@@ -6,6 +6,7 @@ previous one; all else is read for many cycles at once.
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,20 +16,17 @@ from replay_kit.core.arrays import Array
 from replay_kit.logs.slocum.header import Sensor
 
 # the cycle that fixes the order of bytes: "sa", then the numbers 0x1234, 123.456 and 123456789.12345
+_NUMBERS = {"i2": 0x1234, "f4": 123.456, "f8": 123456789.12345}
 _KNOWN = {
-    order: b"sa"
-    + b"".join(
-        np.array(value, f"{order}{kind}").tobytes()
-        for value, kind in ((0x1234, "i2"), (123.456, "f4"), (123456789.12345, "f8"))
-    )
+    b"sa" + b"".join(np.array(v, order + kind).tobytes() for kind, v in _NUMBERS.items()): order
     for order in "<>"
 }
 _CYCLE, _END = b"dX"
-_TAG = re.compile(rb"d")
 _KINDS = {1: "i1", 2: "i2", 4: "f4", 8: "f8"}
 # places tried to find a whole cycle after damage, whole cycles in a row that it takes, and cells of one block of cycles
 _TRIES, _IN_A_ROW, _CELLS = 20_000, 4, 1 << 21
 _PATTERNS = 1 << 14
+_SHIFTS = np.array([6, 4, 2, 0], np.uint8)
 
 
 class Lost(NamedTuple):
@@ -56,7 +54,7 @@ class Cycles(NamedTuple):
 
     written: Mapping[str, NDArray[np.uint8]]
     values: Mapping[str, Array]
-    lost: tuple[Lost, ...]
+    lost: Sequence[Lost]
 
 
 def read_cycles(data: bytes, at: int, sensors: Sequence[Sensor], wanted: Collection[str]) -> Cycles:
@@ -68,78 +66,75 @@ def read_cycles(data: bytes, at: int, sensors: Sequence[Sensor], wanted: Collect
         sensors: Sensors in the order of their values.
         wanted: Names of the sensors to return.
     """
-    known = data[at : at + 16]
-    order = next((order for order, expected in _KNOWN.items() if known == expected), None)
+    order = _KNOWN.get(data[at : at + 16])
     if order is None:
         what = "expected the 16 known bytes before the first cycle"
-        return Cycles({}, {}, (Lost(at, len(data) - at, what),))
+        return Cycles({}, {}, [Lost(at, len(data) - at, what)])
     starts, runs, lost = _find_cycles(data, at + 16, sensors)
     n, rows = starts.size, max(1, _CELLS // max(len(sensors), 1))
-    columns = {
-        k: (np.zeros(n, np.uint8), np.full(n, np.nan))
-        for k, sensor in enumerate(sensors)
-        if sensor.name in wanted
-    }
+    wanted_at = [k for k, sensor in enumerate(sensors) if sensor.name in wanted]
+    written, values = np.zeros((len(wanted_at), n), np.uint8), np.full((len(wanted_at), n), np.nan)
+    raw, states = np.frombuffer(data, np.uint8), np.arange((len(sensors) + 3) // 4)
+    lengths = np.array([sensor.size for sensor in sensors], np.int32)
     for first in range(0, n, rows):
-        block = slice(first, first + rows)
-        part = {k: (written[block], values[block]) for k, (written, values) in columns.items()}
-        _read_block(data, order, starts[block], sensors, part)
+        block = starts[first : first + rows]
+        bits = _bits(raw[block[:, None] + 1 + states])[:, : len(sensors)]
+        sizes = np.where(bits == 2, lengths, np.int32(0))
+        offsets = np.cumsum(sizes, axis=1, dtype=np.int32) - sizes
+        written[:, first : first + rows] = bits[:, wanted_at].T
+        for row, k in enumerate(wanted_at):
+            new = np.flatnonzero(bits[:, k] == 2)
+            begin = block[new] + 1 + states.size + offsets[new, k]
+            found = raw[begin[:, None] + np.arange(lengths[k])].view(
+                order + _KINDS[sensors[k].size]
+            )
+            with np.errstate(invalid="ignore"):
+                values[row, first + new] = found[:, 0]
+    for row in range(len(wanted_at)):
+        values[row] = _last_values(values[row], written[row] == 2, runs)
+    names = [sensors[k].name for k in wanted_at]
     return Cycles(
-        {sensors[k].name: written for k, (written, _) in columns.items()},
-        {
-            sensors[k].name: _last_values(values, written == 2, runs)
-            for k, (written, values) in columns.items()
-        },
-        lost,
+        dict(zip(names, written, strict=True)), dict(zip(names, values, strict=True)), lost
     )
 
 
-class _Lengths(dict[bytes, int]):
-    """Length of the new values of a cycle by its states; -1 for invalid states."""
-
-    def __init__(self, sensors: Sequence[Sensor]) -> None:
-        n = (len(sensors) + 3) // 4
-        sizes = np.zeros(4 * n, np.int64)
-        sizes[: len(sensors)] = [sensor.size for sensor in sensors]
-        bits = np.arange(256)[:, None] >> _SHIFTS & 3
-        self._table = ((bits == 2) * sizes.reshape(n, 1, 4)).sum(axis=2)
-        self._table[:, (bits == 3).any(axis=1)] = -(1 << 20)
-        self._rows = np.arange(n)
-
-    def __missing__(self, states: bytes) -> int:
-        if len(self) >= _PATTERNS:
-            self.clear()
-        length = int(self._table[self._rows, np.frombuffer(states, np.uint8)].sum())
-        self[states] = max(length, -1)
-        return self[states]
-
-
-_SHIFTS = np.array([6, 4, 2, 0], np.uint8)
+def _bits(states: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the states of sensors, two bits each, along the last axis."""
+    bits = states[..., None] >> _SHIFTS & 3
+    return np.asarray(bits.reshape(*states.shape[:-1], 4 * states.shape[-1]))
 
 
 def _find_cycles(
     data: bytes, at: int, sensors: Sequence[Sensor]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[Lost, ...]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64], list[Lost]]:
     """Return the starts of the cycles, the first cycle of each intact run, and the damage between runs."""
-    lengths, states, size = _Lengths(sensors), (len(sensors) + 3) // 4, len(data)
+    states, size = (len(sensors) + 3) // 4, len(data)
     # newer firmware writes no mark of the end; what fills the last block of a transfer is no cycle either
     last = len(data.rstrip(b"\0\x1a"))
     starts: list[int] = []
-    runs, lost = [0], []
+    runs, lost = [0], list[Lost]()
     tries = iter(range(_TRIES))
+    sizes = np.zeros(4 * states, np.int64)
+    sizes[: len(sensors)] = [sensor.size for sensor in sensors]
+
+    @lru_cache(_PATTERNS)
+    def length(pattern: bytes) -> int:
+        """Return the bytes of the new values of a cycle by its states; -1 for invalid states."""
+        bits = _bits(np.frombuffer(pattern, np.uint8))
+        return -1 if (bits == 3).any() else int(sizes[bits == 2].sum())
 
     def end_of(start: int) -> int:
         """Return the end of a cycle; -1 without a cycle or a tag after it."""
         body = start + 1 + states
-        if data[start] != _CYCLE or body > size or (length := lengths[data[start + 1 : body]]) < 0:
+        if data[start] != _CYCLE or body > size or (new := length(data[start + 1 : body])) < 0:
             return -1
-        end = body + length
-        ends = end >= last if end <= size else False
-        return end if ends or (end < size and data[end] in (_CYCLE, _END)) else -1
+        end = body + new
+        ends = last <= end <= size or (end < size and data[end] in (_CYCLE, _END))
+        return end if ends else -1
 
     def next_run(start: int) -> int:
         """Return the start of the next consecutive cycles after damage; the end of the file without any."""
-        for tag, _ in zip(_TAG.finditer(data, start), tries, strict=False):
+        for tag, _ in zip(re.compile(b"d").finditer(data, start), tries, strict=False):
             end = tag.start()
             for _ in range(_IN_A_ROW):
                 end = end_of(end)
@@ -158,34 +153,12 @@ def _find_cycles(
             lost.append(Lost(at, end - at, "expected a whole cycle"))
             runs.append(len(starts))
         at = end
-    return np.array(starts, np.int64), np.array(runs, np.int64), tuple(lost)
-
-
-def _read_block(
-    data: bytes,
-    order: str,
-    starts: NDArray[np.int64],
-    sensors: Sequence[Sensor],
-    wanted: Mapping[int, tuple[NDArray[np.uint8], Array]],
-) -> None:
-    """Write the states and new values of some cycles into the arrays of the wanted sensors, by sensor index."""
-    raw, states = np.frombuffer(data, np.uint8), (len(sensors) + 3) // 4
-    bits = raw[starts[:, None] + 1 + np.arange(states)][:, :, None] >> _SHIFTS & 3
-    bits = bits.reshape(starts.size, 4 * states)[:, : len(sensors)]
-    sizes = np.where(bits == 2, np.array([s.size for s in sensors], np.int32), np.int32(0))
-    offsets = np.cumsum(sizes, axis=1, dtype=np.int32) - sizes
-    for k, (written, values) in wanted.items():
-        written[:] = bits[:, k]
-        new = np.flatnonzero(written == 2)
-        at = starts[new] + 1 + states + offsets[new, k]
-        size = sensors[k].size
-        with np.errstate(invalid="ignore"):
-            values[new] = raw[at[:, None] + np.arange(size)].view(order + _KINDS[size])[:, 0]
+    return np.array(starts, np.int64), np.array(runs, np.int64), lost
 
 
 def _last_values(values: Array, new: NDArray[np.bool_], runs: NDArray[np.int64]) -> Array:
     """Return the last new value at each cycle; NaN before the first one of each run."""
     cycle = np.arange(values.size)
-    last = np.maximum.accumulate(np.where(new, cycle, -1)) if values.size else cycle
+    last = np.maximum.accumulate(np.where(new, cycle, -1))
     first = runs[np.searchsorted(runs, cycle, side="right") - 1]
     return np.where(last >= first, values[last], np.nan)

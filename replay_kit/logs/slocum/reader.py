@@ -1,6 +1,6 @@
 """Reader of Slocum binary files: segments of one glider as two tables, flight and science."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +22,6 @@ from replay_kit.logs.slocum.header import (
     SensorLists,
     first_header,
     read_header,
-    read_sensors,
     unpacked,
 )
 from replay_kit.logs.slocum.tables import (
@@ -44,14 +43,12 @@ class Segment(NamedTuple):
     Attributes:
         header: Header.
         rows: Values of its sensors.
-        units: Units of the sensors, by name.
         losses: Damaged parts.
         out_of_time: Number of cycles excluded for inconsistent times.
     """
 
     header: Header
     rows: Rows
-    units: Mapping[str, str]
     losses: tuple[Loss, ...]
     out_of_time: int
 
@@ -75,36 +72,29 @@ def read_segment(path: Path, lists: SensorLists) -> Segment:
         raise unreadable(path, error) from error
     data, lost_at = unpacked(stored)
     header = read_header(path, data)
-    if header.cache:
-        cache, text = lists.find(header)
-        sensors, at = read_sensors(header, text, str(cache))[0], header.size
-    else:
-        sensors, length = read_sensors(header, data[header.size :], str(path))
-        at = header.size + length
+    sensors, at = lists.sensors(header, data)
     cycles = read_cycles(data, at, sensors, WANTED)
     where = "decompressed byte" if len(data) != len(stored) else "byte"
     losses = [
-        Loss(f"{path.name}: {lost.what} at {where} {lost.offset}", lost.offset, lost.size)
-        for lost in cycles.lost
+        (f"{lost.what} at {where} {lost.offset}", lost.offset, lost.size) for lost in cycles.lost
     ]
     if lost_at >= 0:
-        what = f"{path.name}: the compressed block at byte {lost_at} is damaged, and what follows is lost"
-        losses = [Loss(what, lost_at, len(stored) - lost_at)]
+        what = f"the compressed block at byte {lost_at} is damaged, and what follows is lost"
+        losses = [(what, lost_at, len(stored) - lost_at)]
     clock = CLOCKS[header.is_science]
-    time = cycles.values.get(clock, np.empty(0))
     if not cycles.lost and clock not in cycles.values:
-        losses.append(Loss(f"{path.name}: {clock} is not among its sensors", at, len(data) - at))
-    timed = np.isfinite(time) & (time > 0.0)
-    middle = np.median(time[timed]) if timed.any() else 0.0
-    near = timed & (np.abs(time - middle) < _FAR)
-    kept = np.flatnonzero(near[1:]) + 1
+        losses.append((f"{clock} is not among its sensors", at, len(data) - at))
+    time = cycles.values.get(clock, np.empty(0))[1:]
+    timed = time > 0.0
+    near = timed & (np.abs(time - (np.median(time[timed]) if timed.any() else 0.0)) < _FAR)
     rows = Rows(
-        time[kept],
-        {name: values[kept] for name, values in cycles.values.items()},
-        {name: written[kept] for name, written in cycles.written.items()},
+        time[near],
+        {name: values[1:][near] for name, values in cycles.values.items()},
+        {name: written[1:][near] for name, written in cycles.written.items()},
+        {sensor.name: sensor.unit for sensor in sensors if sensor.name in cycles.values},
     )
-    units = {sensor.name: sensor.unit for sensor in sensors if sensor.name in cycles.values}
-    return Segment(header, rows, units, tuple(losses), int(near[1:].size - kept.size))
+    told = tuple(Loss(f"{path.name}: {what}", *place) for what, *place in losses)
+    return Segment(header, rows, told, int((~near).sum()))
 
 
 def open_slocum(
@@ -136,107 +126,80 @@ def open_slocum(
             errors[file] = error
     if not segments:
         raise next(iter(errors.values()))
-    segments.sort(key=lambda segment: (segment.header.number, segment.header.segment))
+    segments.sort(key=lambda segment: segment.header.order)
     losses = [loss for segment in segments for loss in segment.losses]
     losses += [Loss(f"{error}; not used", 0, file.stat().st_size) for file, error in errors.items()]
-    notes += _missing_files(segments)
-    parts = [
-        part
-        for is_science in (False, True)
-        if (part := _joined(segments, is_science, notes)) is not None
-    ]
+    flight, science = (
+        [segment for segment in segments if segment.header.is_science == which]
+        for which in (False, True)
+    )
+    names, others = ({segment.header.segment for segment in part} for part in (flight, science))
+    for computer, lacking in (("flight", others - names), ("science", names - others)):
+        if lacking:
+            notes.append(
+                f"{len(lacking)} of {len(names | others)} segments without the file of the {computer} computer"
+            )
+    parts = [_joined(part, notes) for part in (flight, science) if part]
     return ColumnsReader(parts, SLOCUM_BINARY, input, config, losses, notes)
 
 
 def glider_of(path: Path) -> tuple[str, ...]:
     """Return the name of the glider of a file; empty if the header cannot be read."""
-    try:
-        return (first_header(path).vehicle,)
-    except (LogError, OSError):
-        return ()
+    header = first_header(path)
+    return () if header is None else (header.vehicle,)
 
 
 def _without_subsets(paths: Sequence[Path], notes: list[str]) -> list[Path]:
     """Return the files without those of sensor subsets: one per segment and computer, with all sensors if possible."""
-    best: dict[tuple[str, bool], Path] = {}
-    unknown, left_out = [], []
+    best: dict[tuple[str, ...], Path] = {}
+    left_out = []
     for path in paths:
-        try:
-            header = first_header(path)
-        except (LogError, OSError):
-            # what is wrong is said where it is read
-            unknown.append(path)
-            continue
-        key = header.segment, header.is_science
-        other = best.get(key)
-        first = other is None or _rank(path) < _rank(other)
-        if other is not None:
-            left_out.append(other if first else path)
-        if first:
-            best[key] = path
+        header = first_header(path)
+        # what is wrong is said where it is read
+        key = (str(path),) if header is None else (header.segment, str(header.is_science))
+        first, *others = sorted({path, best.get(key, path)}, key=_rank)
+        best[key] = first
+        left_out += others
     if left_out:
         notes.append(
             f"{len(left_out)} files with fewer sensors of segments that are there with more, such as {left_out[0].name}: not used"
         )
-    return [*best.values(), *unknown]
+    return list(best.values())
 
 
 def _rank(path: Path) -> int:
     """Return the rank of a file among those of one segment and computer, the one with most sensors first."""
-    endings = (*zip(FLIGHT, SCIENCE, strict=True),)
-    return next(
-        (k % 3 * 2 + k // 3 for k, pair in enumerate(endings) if path.suffix.lower() in pair), 9
-    )
+    ending = path.suffix.lower()
+    return next((part.index(ending) for part in (FLIGHT, SCIENCE) if ending in part), len(FLIGHT))
 
 
-def _missing_files(segments: Sequence[Segment]) -> list[str]:
-    """Return a sentence on segments without files of one computer; empty if none."""
-    flight, science = (
-        {s.header.segment for s in segments if s.header.is_science == which}
-        for which in (False, True)
-    )
-    lacking = (("flight", science - flight), ("science", flight - science))
-    return [
-        f"{len(names)} of {len(flight | science)} segments without the file of the {computer} computer"
-        for computer, names in lacking
-        if names
-    ]
-
-
-def _missing_sensors(parts: Sequence[Segment], units: Mapping[str, str]) -> Iterator[str]:
-    """Yield sentences on sensors that some files of a computer lack and others have."""
+def _joined(parts: Sequence[Segment], notes: list[str]) -> NetcdfFile:
+    """Return the joined files of one computer in order of time."""
+    is_science = parts[0].header.is_science
+    rows = Rows.joined([part.rows for part in parts])
     without: dict[tuple[str, ...], list[str]] = {}
     for part in parts:
-        if lacks := tuple(name for name in units if name not in part.units):
-            without.setdefault(lacks, []).append(part.header.path.name)
+        lacks = tuple(name for name in rows.units if name not in part.rows.units)
+        without.setdefault(lacks, []).append(part.header.path.name)
     for lacks, files in without.items():
-        kept = units.keys() - set(lacks)
-        means = any(set(pair) <= units.keys() for pair in CURRENTS)
-        dives = (
-            ""
-            if not means or any(set(pair) <= kept for pair in CURRENTS)
-            else "; their dives have no mean current"
+        means, kept = (
+            any(names >= {*pair} for pair in CURRENTS)
+            for names in (rows.units.keys(), rows.units.keys() - {*lacks})
         )
-        yield f"{', '.join(lacks)}: not among the sensors of {len(files)} of {len(parts)} files, such as {files[0]}{dives}"
-
-
-def _joined(segments: Sequence[Segment], is_science: bool, notes: list[str]) -> NetcdfFile | None:
-    """Return the joined files of one computer in order of time; None without files."""
-    parts = [segment for segment in segments if segment.header.is_science == is_science]
-    if not parts:
-        return None
-    units = {name: unit for segment in parts for name, unit in segment.units.items()}
-    notes += _missing_sensors(parts, units)
-    rows = Rows.joined([segment.rows for segment in parts], list(units))
-    if late := sum(segment.out_of_time for segment in parts):
+        dives = "; their dives have no mean current" if means and not kept else ""
+        if lacks:
+            notes.append(
+                f"{', '.join(lacks)}: not among the sensors of {len(files)} of {len(parts)} files, such as {files[0]}{dives}"
+            )
+    if late := sum(part.out_of_time for part in parts):
         notes.append(
             f"{CLOCKS[is_science]}: {late} cycles without a time, or 30 days from the others of their file, excluded"
         )
-    variables = (science_table if is_science else flight_table)(rows, units, notes)
+    first = parts[0].header
     return NetcdfFile(
-        parts[0].header.path,
-        {"deployment_name": parts[0].header.vehicle},
-        variables,
-        tuple(units),
-        tuple(segment.header.path for segment in parts),
+        first.path,
+        {"deployment_name": first.vehicle},
+        (science_table if is_science else flight_table)(rows, notes),
+        tuple(rows.units),
+        tuple(part.header.path for part in parts),
     )

@@ -1,5 +1,7 @@
 """One known mission in the form of each dialect, and as writers vary them: the fixes and the field that were written come back."""
 
+import gzip
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,15 +11,27 @@ import numpy as np
 import pytest
 
 from replay_kit.config.run import MeasurementConfig
+from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Observation, PathMean
-from replay_kit.logs import open_logs
-from replay_kit.logs.netcdf.adcp import _BEAMS
+from replay_kit.logs import open_log, open_logs
 from replay_kit.measurements import observations
+from tests import synthetic
+from tests.command import run_command
 from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read
+from tests.logs.slocum import slocum_samples as slocum
 
-Change = Callable[[dict[str, Any]], dict[str, Any]]
 VELOCITY = np.array([0.3, -0.1, 0.05])
+_FORE, _SIDE = np.deg2rad([47.5, 25.0])
+#: Of Nortek's head, from the instrument: fore, to starboard, aft, to port.
+BEAMS = np.array(
+    [
+        [np.sin(_FORE), 0.0, np.cos(_FORE)],
+        [0.0, -np.sin(_SIDE), np.cos(_SIDE)],
+        [-np.sin(_FORE), 0.0, np.cos(_FORE)],
+        [0.0, np.sin(_SIDE), np.cos(_SIDE)],
+    ]
+)
 
 
 class Form(NamedTuple):
@@ -27,21 +41,25 @@ class Form(NamedTuple):
         fixes: Whether it holds the four fixes.
         inside: Seconds by which the ends of a dive are its first and last sample.
         numbered: Whether the dives have numbers.
-        deepest: Of each dive [m].
+        deepest: Of the second dive [m].
+        exact: How near its mean currents are [m/s].
+        lost: Fixes without a place, which are counted.
         notes: Parts of what is noted.
     """
 
     format: str
     write: Callable[[Path], Path | list[Path]]
-    change: Change | None = None
+    change: Callable[[dict[str, Any]], dict[str, Any]] = dict
     fixes: bool = True
     inside: float = 0.0
     numbered: bool = False
-    deepest: tuple[float, float] = (100.0, 100.0)
+    deepest: float = 100.0
+    exact: float = 1e-12
+    lost: int = 0
     notes: tuple[str, ...] = ()
 
     def written(self, path: Path) -> Path | list[Path]:
-        return self.write(path) if self.change is None else changed(self.write, self.change, path)
+        return changed(self.write, self.change, path)
 
 
 def changed(write, change, path):
@@ -49,68 +67,47 @@ def changed(write, change, path):
     plain = made.write
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            made,
-            "write",
-            lambda at, variables, *rest, **named: plain(
-                at, change(dict(variables)), *rest, **named
-            ),
+            made, "write", lambda at, held, *rest, **k: plain(at, change(held), *rest, **k)
         )
         return write(path)
 
 
 def _lower(variables):
     """Names and dimensions in lower case, and the mean current at the fixes as well."""
-    dive = np.repeat([0, 1], 61)
-    for k, name in enumerate(("WATERCURRENTS_U", "WATERCURRENTS_V")):
-        dims, _, attributes = variables[name]
-        variables[name] = (dims, 100.0 * np.array([made.mean(d)[k] for d in dive]), attributes)
+    for name, to in (("WATERCURRENTS_U", 0), ("WATERCURRENTS_V", 1)):
+        dims, values, attributes = variables[name]
+        means = 100.0 * np.repeat([made.mean(0)[to], made.mean(1)[to]], len(values) // 2)
+        variables[name] = dims, means, attributes
     return {
-        name.lower(): (tuple(d.lower() for d in dims), values, attrs)
-        for name, (dims, values, attrs) in variables.items()
+        name.lower(): (tuple(map(str.lower, dims)), *held)
+        for name, (dims, *held) in variables.items()
     }
 
 
 def _packed(variables):
-    dims, time, _ = variables["TIME"]
-    packing = {"scale_factor": 10.0, "add_offset": made.START, "_FillValue": np.int32(-1)}
-    stored = np.round((time - made.START) / 10.0).astype(np.int32)
-    variables["TIME"] = (dims, stored, made.EPOCH | packing)
     missing = np.int32(-(2**31))
-    for name in ("LONGITUDE_GPS", "LATITUDE_GPS"):
-        _, degrees, attributes = variables[name]
-        whole = np.where(np.isfinite(degrees), np.round(np.nan_to_num(degrees) * 1e6), missing)
-        packing = {"scale_factor": 1e-6, "_FillValue": missing}
-        variables[name] = (dims, whole.astype(np.int32), attributes | packing)
+    for name, scale, offset in (
+        ("TIME", 10.0, made.START),
+        ("LONGITUDE_GPS", 1e-6, 0.0),
+        ("LATITUDE_GPS", 1e-6, 0.0),
+    ):
+        dims, values, attributes = variables[name]
+        whole = np.nan_to_num(np.round((values - offset) / scale), nan=missing).astype(np.int32)
+        packing = {"scale_factor": scale, "add_offset": offset, "_FillValue": missing}
+        variables[name] = dims, whole, attributes | packing
     del variables["TIME_GPS"]
     return variables
 
 
-def _time(units, begin, seconds, kind):
+def _times(characters):
     def change(variables):
         dims, time, _ = variables["time"]
-        since = (time - np.datetime64(begin, "s").astype(np.int64)) / seconds
-        values = np.round(since).astype(kind) if kind.startswith("i") else since
-        return variables | {"time": (dims, values, {"units": units} if units else {})}
+        texts = np.array([f"{np.datetime64(round(t), 's')}Z" for t in time], "S20")
+        if characters:
+            dims, texts = (*dims, "n_char"), texts.view("S1").reshape(len(texts), 20)
+        return variables | {"time": (dims, texts, {})}
 
     return change
-
-
-def _text(characters):
-    def change(variables):
-        dims, time, _ = variables["time"]
-        texts = np.array([str(np.datetime64(round(t), "s")) + "Z" for t in time], "S20")
-        letters = (*dims, "n_char"), texts.view("S1").reshape(len(texts), 20), {}
-        return variables | {"time": letters if characters else (dims, texts, {})}
-
-    return change
-
-
-def _decimal(variables):
-    whole, fix = made._with_fixes(made.samples())
-    for part, name in (("lon", "longitude"), ("lat", "latitude")):
-        variables[f"m_{part}"] = (("i",), whole[name], {})
-        variables[f"m_gps_{part}"] = (("i",), np.where(fix, whole[name], 69_696_969.0), {})
-    return variables
 
 
 def _as_pyglider(variables):
@@ -126,27 +123,13 @@ def _texts(variables):
     return variables | {"latitude": (dims, texts, attributes)}
 
 
-def _ragged(path):
-    """ERDDAP's rows as a ragged array, in which a profile's own are stated once."""
-    track, middle = made.samples(), made.middles()
-    means = np.array([made.mean(0), made.mean(1)])
-    each = {"profile_id": np.array([0, 1]), "u": means[:, 0], "v": means[:, 1]}
-    for names in (("time", "longitude", "latitude"), ("time_uv", "lon_uv", "lat_uv")):
-        each |= dict(zip(names, middle.T, strict=True))
-    names = {"time": "precise_time", "longitude": "precise_lon", "latitude": "precise_lat"}
-    rows = {names.get(name, name): track[name] for name in (*names, "depth")}
-    variables: made.Variables = {
-        name: ((dim,), values, made.EPOCH if "time" in name else {})
-        for dim, columns in (("profile", each), ("obs", rows))
-        for name, values in columns.items()
-    }
-    variables["rowSize"] = (("profile",), np.array([59, 59], np.int32), {"sample_dimension": "obs"})
-    return made.write(path, variables)
+def _plain_slocum(path):
+    return made.slocum(path, np.asarray)
 
 
 _IN = {"fixes": False, "inside": 60.0, "numbered": True}
 DIALECTS = {
-    "spray": Form("spray", made.spray, fixes=False, numbered=True, deepest=(100.0, 90.0)),
+    "spray": Form("spray", made.spray, fixes=False, numbered=True, deepest=90.0),
     "gliderdac": Form(
         "gliderdac",
         made.gliderdac,
@@ -182,20 +165,23 @@ DIALECTS = {
         ),
     ),
 }
-_DAYS = "days since 2023-01-01", "2023-01-01", 86400.0, "f8"
-_WHOLE = "seconds since 2023-01-01 00:00:00 UTC", "2023-01-01", 1.0, "i4"
-_NANO = "nanoseconds since 1970-01-01", "1970-01-01", 1e-9, "i8"
+
+
+def _binary(**form):
+    def write(path):
+        return slocum.mission(path, **form)[0].parent
+
+    return Form("slocum-binary", write, exact=1e-7, lost=2)
+
+
+_STATED_ONCE = "2 profiles of 118 samples: values stated once"
 VARIANTS = {
     "lower case": Form("og1", made.bodc, _lower),
     "packed": Form("og1", made.bodc, _packed),
-    "days": Form("socib", made.socib, _time(*_DAYS)),
-    "whole seconds": Form("socib", made.socib, _time(*_WHOLE)),
-    "nanoseconds": Form("socib", made.socib, _time(*_NANO)),
-    "no epoch": Form("socib", made.socib, _time("", "1970-01-01", 1.0, "f8")),
-    "characters": Form("socib", made.socib, _text(True)),
-    "texts": Form("socib", made.socib, _text(False)),
+    "characters": Form("socib", made.socib, _times(True)),
+    "texts": Form("socib", made.socib, _times(False)),
     "numbers in texts": Form("socib", made.socib, _texts),
-    "decimal degrees": Form("slocum", made.slocum, _decimal),
+    "decimal degrees": Form("slocum", _plain_slocum),
     # a report at the surface is of the dive between samples at the surface
     "no fixes": Form(
         "pyglider",
@@ -204,9 +190,10 @@ VARIANTS = {
         fixes=False,
         notes=("4 of 4 ends are not fixes of the file",),
     ),
-    "ragged": Form(
-        "erddap", _ragged, notes=("2 profiles of 118 samples: values stated once",), **_IN
-    ),
+    "binary": _binary(),
+    "caches": _binary(crc=True),
+    "compressed": _binary(crc=True, compress=True),
+    "ragged": Form("erddap", made.ragged, notes=(_STATED_ONCE,), **_IN),
 }
 
 
@@ -214,69 +201,63 @@ VARIANTS = {
 def test_fixes_mean_currents_and_their_ends_come_back(tmp_path, form):
     row = (DIALECTS | VARIANTS)[form]
     said = read(row.written(tmp_path / "a.nc"))
-    assert (said.report.format, said.report.undecodable) == (row.format, {})
+    assert (said.report.format, said.report.losses) == (row.format, ())
+    lost = {"/vehicle/fix": (row.lost, "GPS fix without time or position")}
+    assert said.report.undecodable == (lost if row.lost else {})
+    assert len(said.of("/dac")) == 2
     for dive, mean in enumerate(said.of("/dac")):
         known = (mean["dac_eastward"], mean["dac_northward"])
-        assert known == pytest.approx(made.mean(dive), abs=1e-12)
+        assert known == pytest.approx(made.mean(dive), abs=row.exact)
         before, after = made.FIXES[2 * dive : 2 * dive + 2]
         step = np.array([1.0, *((after - before)[1:] / made.DIVE)]) * row.inside
         for end, place in (("start_fix", before + step), ("end_fix", after - step)):
-            fix = mean[end]
-            found = fix["time"]["sec"] - made.START, fix["lon"], fix["lat"]
+            found = mean[end]["time"]["sec"] - made.START, mean[end]["lon"], mean[end]["lat"]
             assert found == pytest.approx(tuple(place), abs=1e-6)
         assert mean["duration"] == pytest.approx(made.DIVE - 2 * row.inside)
         # where samples come to the surface, their depths number the dives
         assert mean.get("dive") == (dive + 1 if row.numbered else None)
-        assert mean["max_depth"] == pytest.approx(row.deepest[dive], abs=1e-9)
-    assert dive == 1
-    fixes = [(m.time_ns, m.payload) for m in said.messages if m.topic == "/vehicle/fix"]
-    assert len(fixes) == 4 * row.fixes
-    for (time_ns, fix), (seconds, *place) in zip(fixes, made.FIXES, strict=False):
-        assert time_ns == round(made.START + seconds) * 10**9
-        assert (fix["longitude"], fix["latitude"]) == pytest.approx(tuple(place), abs=1e-6)
+        assert mean["max_depth"] == pytest.approx((100.0, row.deepest)[dive], abs=1e3 * row.exact)
+    assert said.fixes() == pytest.approx(made.PLACES[: 4 * row.fixes], abs=1e-6)
     for words in row.notes:
         assert said.noted(words)
     # and each is observed along its dive
     found = observations(said.messages, MeasurementConfig(use_inverted=False))
     means = [event for event in found if isinstance(event, PathMean)]
     for dive, mean in enumerate(means):
-        assert float(mean.weight @ mean.depth) == pytest.approx(row.deepest[dive] / 2, abs=2.0)
+        depth = (100.0, row.deepest)[dive]
+        assert float(mean.weight @ mean.depth) == pytest.approx(depth / 2, abs=2.0)
         west, east = made.FIXES[2 * dive : 2 * dive + 2, 1] + [-1e-6, 1e-6]
         assert west <= mean.longitude.min() <= mean.longitude.max() <= east
     assert len(means) == 2
+    if "heading" in " ".join(row.notes):
+        position = said.of("/vehicle/position")[0]
+        words = {item["key"]: item["value"] for item in position["metadata"]}
+        assert words["heading"] == f"{np.rad2deg(1.5):.2f}"
+        assert float(words["depth"]) == pytest.approx(100.0 / 30.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("form", ["socib", "slocum"])
-def test_headings_come_back_in_degrees(tmp_path, form):
-    position = read(DIALECTS[form].written(tmp_path / "a.nc")).of("/vehicle/position")[0]
-    metadata = {item["key"]: item["value"] for item in position["metadata"]}
-    assert metadata["heading"] == f"{np.rad2deg(1.5):.2f}"
-    assert float(metadata["depth"]) == pytest.approx(100.0 / 30.0, abs=1e-3)
+def _moved(names, change):
+    """Return a change of variables that moves the values of some."""
+
+    def moved(variables):
+        for name in names:
+            dims, values, attributes = variables[name]
+            variables[name] = dims, change(np.asarray(values)), attributes
+        return variables
+
+    return moved
 
 
 def test_latitudes_near_the_equator_are_degrees_and_minutes_where_the_longitudes_are(tmp_path):
-    def south(variables):
-        for name in ("m_gps_lat", "m_lat"):
-            dims, values, attributes = variables[name]
-            moved = np.where(values < 1e6, values - 4000.0, values)
-            variables[name] = (dims, moved, attributes)
-        return variables
-
-    found = read(changed(made.slocum, south, tmp_path / "a.nc")).of("/vehicle/fix")
-    expected = (made.FIXES[:, 2] - 40.0).tolist()
-    assert [fix["latitude"] for fix in found] == pytest.approx(expected, abs=1e-7)
+    south = _moved(("m_gps_lat", "m_lat"), lambda v: np.where(v < 1e6, v - 4000.0, v))
+    said = read(changed(made.slocum, south, tmp_path / "a.nc"))
+    assert said.fixes() == pytest.approx(made.PLACES - [0.0, 0.0, 40.0], abs=1e-7)
 
 
 def test_ends_that_follow_from_the_middle_of_a_dive_cross_the_antimeridian(tmp_path):
-    def change(variables):
-        for name in ("lon", "lon_uv"):
-            dims, values, attributes = variables[name]
-            # the first dive from 179.997 E to 179.993 W, its middle west of the antimeridian's other side
-            moved = np.asarray(values) + 209.997
-            variables[name] = (dims, np.where(moved > 180.0, moved - 360.0, moved), attributes)
-        return variables
-
-    first = read(changed(made.spray, change, tmp_path / "a.nc")).of("/dac")[0]
+    # the first dive from 179.997 E to 179.993 W, its middle west of the antimeridian's other side
+    east = _moved(("lon", "lon_uv"), lambda v: (v + 209.997 + 180.0) % 360.0 - 180.0)
+    first = read(changed(made.spray, east, tmp_path / "a.nc")).of("/dac")[0]
     ends = [first[end]["lon"] for end in ("start_fix", "end_fix")]
     assert [end % 360.0 for end in ends] == pytest.approx([179.997, 180.007], abs=1e-9)
     assert all(-180.0 <= end <= 360.0 for end in ends)
@@ -290,13 +271,9 @@ def test_a_folder_and_the_files_in_any_order_are_the_same_log(tmp_path):
     assert len(open_logs([*files, made.erddap(tmp_path / "a.nc")])) == 2
     # each file alone has the mean current of its dive, between its own first and last sample
     assert [mean["duration"] for mean in read(files[0]).of("/dac")] == [1740.0]
-
-
-def test_values_flagged_bad_are_not_used(tmp_path):
-    first, *_ = made.gliderdac(tmp_path / "profiles")
-    with h5py.File(first, "r+") as file:
+    with h5py.File(files[0], "r+") as file:
         file["u_qc"][...] = 4
-    said = read(first)
+    said = read(files[0])
     assert not said.of("/dac")
     assert said.report.undecodable == {"/dac": (1, "mean current flagged bad (u_qc)")}
     assert said.noted("u_qc: 1 x 4 (bad_data), not used")
@@ -307,9 +284,7 @@ def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path):
     said = read(tmp_path / "raw")
     # every five minutes; two dives of eleven samples, and the fixes
     assert said.counts() == {"/vehicle/fix": 4, "/vehicle/position": 22}
-    for fix, (seconds, *place) in zip(said.of("/vehicle/fix"), made.FIXES, strict=True):
-        assert fix["timestamp"]["sec"] == round(made.START + seconds)
-        assert (fix["longitude"], fix["latitude"]) == pytest.approx(tuple(place), abs=1e-6)
+    assert said.fixes() == pytest.approx(made.PLACES, abs=1e-6)
     for words in (
         "Declination: declination 17 degrees",
         "Timestamp: 1 values without a time, excluded",
@@ -326,6 +301,16 @@ def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path):
     words = [{d["key"]: d["value"] for d in p["metadata"]} for p in said.of("/vehicle/position")]
     assert {one["roll"] for one in words} == {"1.20"}
     assert not said.noted("taken as radians")
+    # compressed, and then cut, or with one bit of its checksum changed
+    data = bytearray(gzip.compress(parts[0].read_bytes(), mtime=0))
+    path = tmp_path / "sea063.22.gli.sub.9.gz"
+    path.write_bytes(data)
+    assert len(read(path).messages) == 13
+    data[-6] ^= 1
+    for damaged in (data[: len(data) // 2], data):
+        path.write_bytes(damaged)
+        with pytest.raises(LogError, match="is the file complete"):
+            open_log(path)
 
 
 def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path):
@@ -333,20 +318,19 @@ def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path):
     found = list(observations(messages, MeasurementConfig()))
     # the same water does not count twice
     assert [type(profile) for profile in found] == [Observation] * 2
-    assert [profile.dive for profile in found] == [1, 2]
     for dive, profile in enumerate(found):
         field = np.column_stack(made.current(made.DEPTHS, dive))
         field[made.DEPTHS.size - dive :] = np.nan
         np.testing.assert_allclose(profile.depth, made.DEPTHS)
         np.testing.assert_allclose(profile.velocity, field, atol=5.1e-5)
         seconds, *place = made.middles()[dive]
-        assert (profile.reference, profile.time_ns) == ("earth", round(seconds) * 10**9)
+        known = profile.dive, profile.reference, profile.time_ns
+        assert known == (dive + 1, "earth", round(seconds) * 10**9)
         assert (profile.longitude, profile.latitude) == pytest.approx(tuple(place), abs=1e-9)
 
 
 def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
-    export = made.midas(tmp_path / "sea063_M22.ad2cp.nc", VELOCITY, _BEAMS)
-    said = read(export)
+    said = read(made.midas(tmp_path / "sea063_M22.ad2cp.nc", VELOCITY, BEAMS))
     assert said.report.format == "midas"
     assert said.noted("looks up by its accelerometer")
     track = [m for m in read(made.bodc(tmp_path / "track.nc")).messages if m.topic != "/dac"]
@@ -363,13 +347,74 @@ def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
 
 def test_times_of_fixes_that_are_all_fill_do_not_cost_the_file(tmp_path):
     path = made.bodc(tmp_path / "a.nc")
-    for change, seconds in (
-        # the rows' own times stand for them
-        ((slice(None), -1.0), made.FIXES[:, 0].tolist()),
-        ((0, made.START + 5.0), [5.0, *made.FIXES[1:, 0]]),
-    ):
+    # the rows' own times stand for them
+    for rows, value, first in ((slice(None), -1.0, 0.0), (0, made.START + 5.0, 5.0)):
         with h5py.File(path, "r+") as file:
-            file["TIME_GPS"][change[0]] = change[1]
+            file["TIME_GPS"][rows] = value
         said = read(path)
-        assert [fix["timestamp"]["sec"] - made.START for fix in said.of("/vehicle/fix")] == seconds
-        assert said.noted("TIME_GPS: holds no plausible times") == (change[1] < 0.0)
+        assert said.fixes()[:, 0].tolist() == [
+            made.START + first,
+            *(made.START + made.FIXES[1:, 0]),
+        ]
+        assert said.noted("TIME_GPS: holds no plausible times") == (value < 0.0)
+
+
+def test_several_missions_in_one_file_are_noted(tmp_path):
+    path = made.spray(tmp_path / "a.nc")
+    with h5py.File(path, "r+") as file:
+        file["mission_name"] = np.array([b"22C", b"23A", b"23B", b"24A"])
+    said = read(path)
+    assert said.report.mission == ""
+    assert said.noted(
+        "4 missions in one log (22C, 23A, 23B, ...): their dives are merged as if one"
+    )
+
+
+TO = ("eastward_sea_water_velocity", "northward_sea_water_velocity")
+
+
+def _stated(form, tmp_path, standard, renamed=None):
+    """Return the files of a form whose mean currents have other standard names, and perhaps names."""
+    written = DIALECTS[form].written(tmp_path / "a.nc")
+    paths = written if isinstance(written, list) else [written]
+    words = " ".join(read(paths).report.notes)
+    names = [re.search(rf"mean current {to}: (\w+)", words)[1] for to in ("east", "north")]
+    for path in paths:
+        with h5py.File(path, "a") as file:
+            for name, stated, to in zip(names, standard, renamed or names, strict=True):
+                if to != name:
+                    file.move(name, to)
+                if stated:
+                    file[to].attrs["standard_name"] = stated
+    return paths
+
+
+def _means(said):
+    return [(mean["dac_eastward"], mean["dac_northward"]) for mean in said.of("/dac")]
+
+
+@pytest.mark.parametrize("form", DIALECTS)
+@pytest.mark.parametrize("stated", [TO[::-1], (TO[1], ""), ("", TO[0])])
+def test_standard_names_that_contradict_names_decide(tmp_path, form, stated):
+    said = read(_stated(form, tmp_path, stated))
+    assert _means(said) == [pytest.approx(made.mean(k)[::-1], abs=1e-12) for k in (0, 1)]
+    assert said.noted("read as their standard names state")
+
+
+@pytest.mark.parametrize("form", ["bodc", "gliderdac", "erddap", "slocum-glide", "slocum"])
+def test_unlisted_names_are_known_by_their_standard_names(tmp_path, form):
+    said = read(_stated(form, tmp_path, TO, ("final_a", "final_b")))
+    assert _means(said) == [pytest.approx(made.mean(k), abs=1e-12) for k in (0, 1)]
+
+
+def test_unlisted_names_without_standard_names_are_candidates(tmp_path):
+    _stated("bodc", tmp_path, ("", ""), ("final_a", "final_b"))
+    synthetic.dataset(3, 8, (6, 10), np.array([5.0, 100.0]), west=-30.1, south=39.9).to_netcdf(
+        tmp_path / "ensemble.nc", engine="h5netcdf"
+    )
+    info = run_command(tmp_path, "info a.nc")
+    replayed = run_command(tmp_path, "replay a.nc --ensemble ensemble.nc -o out.mcap")
+    assert replayed.returncode == 3
+    for words in ("final_a, final_b may be them", "--dead-reckoning through_water"):
+        assert words in info.stdout
+        assert words in replayed.stderr

@@ -1,69 +1,83 @@
-"""Which mission a glider's file is of, by the variables and attributes of each dialect."""
-
-from pathlib import Path
+"""Which mission a glider's file is of, by the variables and attributes of each dialect; and a dialect that is added as the page says."""
 
 import h5py
 import numpy as np
 import pytest
 
 from replay_kit.logs import open_log
-from replay_kit.logs.netcdf.glider import missions_of
-from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
-from replay_kit.logs.opening import pattern
+from replay_kit.logs.netcdf import reader
+from replay_kit.logs.netcdf.dialects import Dialect
 from tests.logs.netcdf import glider_samples as made
+from tests.logs.said import read
+
+
+def _pyglider(path):
+    track = {"longitude": "longitude", "latitude": "latitude", "time": "time", "dive_num": "dive"}
+    return made.write(path, made.over("time", track, made.samples()))
+
+
+def _seaglider(path):
+    names = {"log_gps_time": "time", "log_gps_lat": "latitude", "log_gps_lon": "longitude"}
+    return made.write(path, made.over("gps", names, made.samples()))
+
+
+_TEXT, _LETTERS = "sg033_a", np.array([list("sg034  ")], "S1")
 
 
 @pytest.mark.parametrize(
-    ("dialect", "attributes", "texts", "expected"),
+    ("write", "attributes", "variables", "expected"),
     [
-        ("og1", {"id": "sg033_2010"}, [], ("sg033_2010",)),
-        ("og1", {"id": "sg033_2010"}, [b"sg033_a"], ("sg033_a",)),
+        (made.bodc, {"id": "sg033_2010"}, {}, "sg033_2010"),
+        (made.bodc, {"id": "sg033_2010"}, {"TRAJECTORY": _TEXT}, "sg033_a"),
+        (made.bodc, {}, {"TRAJECTORY": _LETTERS}, "sg034"),
         # of a profile, not of the mission
-        ("gliderdac", {"id": "ru29-20140101T0942"}, [], ()),
-        (
-            "pyglider",
-            {"deployment_name": "dfo-eva035-2019", "glider_name": "eva"},
-            [],
-            ("dfo-eva035-2019",),
-        ),
-        ("pyglider", {"glider_name": "eva"}, [], ("eva",)),
-        (
-            "seaglider",
-            {"platform_id": "SG171", "mission": 37, "id": "p1710100"},
-            [],
-            ("SG171 mission 37",),
-        ),
-        ("seaglider", {"glider": 171, "mission": 37}, [], ("171 mission 37",)),
-        ("spray", {}, [b"22C", b"22C", b"23A"], ("22C", "23A")),
-        ("midas", {}, [], ()),
+        (made.erddap, {"id": "ru29-20140101T0942"}, {}, ""),
+        (_pyglider, {"deployment_name": "eva035-2019", "glider_name": "eva"}, {}, "eva035-2019"),
+        (_pyglider, {"glider_name": "eva"}, {}, "eva"),
+        (_seaglider, {"platform_id": "SG171", "mission": 37, "id": "p1"}, {}, "SG171 mission 37"),
+        (_seaglider, {"glider": 171, "mission": 37}, {}, "171 mission 37"),
+        (made.spray, {}, {"mission_name": np.array([b"22C", b"22C"])}, "22C"),
+        (made.spray, {}, {"mission_name": np.array([b"22C", b"23A"])}, ""),
     ],
 )
-def test_missions(dialect, attributes, texts, expected):
-    variables = {"TRAJECTORY": Stored(np.array(texts, "S10"), {})} if texts else {}
-    assert missions_of(NetcdfFile(Path("a.nc"), attributes, variables, ()), dialect) == expected
-
-
-def test_a_mission_in_characters_or_in_a_text_of_variable_length(tmp_path):
-    path = made.bodc(tmp_path / "a.nc")
+def test_missions(tmp_path, write, attributes, variables, expected):
+    path = write(tmp_path / "a.nc")
     with h5py.File(path, "r+") as file:
-        file["TRAJECTORY"] = "sg033_2010"
-    assert open_log(path).mission == "sg033_2010"
-    with h5py.File(path, "r+") as file:
-        del file["TRAJECTORY"]
-        file["TRAJECTORY"] = np.array([list("sg034  ")], "S1")
-    assert open_log(path).report().mission == "sg034"
-
-
-def test_several_missions_in_one_file_are_noted(tmp_path):
-    path = made.spray(tmp_path / "a.nc")
-    with h5py.File(path, "r+") as file:
-        file["mission_name"] = np.array([b"22C", b"23A", b"23B", b"24A"])
+        file.attrs.update(attributes)
+        for name, values in variables.items():
+            file[name] = values
     log = open_log(path)
-    assert log.mission == ""
-    note = "4 missions in one log (22C, 23A, 23B, ...): their dives are merged as if one glider had made them"
-    assert note in log.report().notes
+    assert (log.mission, log.report().mission) == (expected, expected)
 
 
-def test_pattern():
-    assert pattern([Path("/x/p1710100.nc")]) == "p1710100.nc"
-    assert pattern([Path("/x/p1710100.nc"), Path("/y/p1710134.nc")]) == "p17101*"
+MINE = Dialect(
+    "mine",
+    "A glider of mine",
+    "when east north",
+    {
+        "time": "when",
+        "longitude": "east",
+        "latitude": "north",
+        "depth": "below",
+        "dac_east": "drift_east",
+        "dac_north": "drift_north",
+    },
+    log_of="mission",
+    pings=lambda file, notes: iter([(10**18, "/adcp", "Ping", {"rows": file.array("when").size})]),
+)
+
+
+def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(tmp_path, monkeypatch):
+    names = {"when": "time", "east": "longitude", "north": "latitude", "below": "depth"}
+    names |= {"drift_east": "u", "drift_north": "v"}
+    for dive in (0, 1):
+        track = {k: v[made.samples()["dive"] == dive] for k, v in made.samples().items()}
+        variables = made.over("row", names, track)
+        made.write(tmp_path / f"{dive}.nc", variables, {"deployment_name": "one"})
+    assert "/dac" not in read(tmp_path / "0.nc").counts()
+    monkeypatch.setattr(reader, "DIALECTS", (MINE, *reader.DIALECTS))
+    said = read(tmp_path)
+    assert said.report.format == "mine"
+    means = [(mean["dac_eastward"], mean["dac_northward"]) for mean in said.of("/dac")]
+    assert means == [pytest.approx(made.mean(dive)) for dive in (0, 1)]
+    assert said.of("/adcp") == [{"rows": 59}, {"rows": 59}]

@@ -1,7 +1,6 @@
 """Files of no known dialect: rows that a mapping reads, tables of pings, or why a file is no log."""
 
 import tracemalloc
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,23 +9,11 @@ import xarray as xr
 from replay_kit.config.run import LogConfig, MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Observation
-from replay_kit.logs import open_log, open_logs
+from replay_kit.logs import open_logs
 from replay_kit.measurements import observations
 from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read
 from tests.logs.sound import PINGS
-
-
-def test_a_forecast_and_a_file_without_time_are_no_logs(tmp_path):
-    grid = np.zeros((2, 3, 3))
-    time: Any = (("time",), [made.START, made.START + 60.0], made.EPOCH)
-    field = (("time", "y", "x"), grid, {"standard_name": "eastward_sea_water_velocity"})
-    with pytest.raises(
-        LogError, match=r"currents on a grid: time, .*uo; a forecast is given with --ensemble"
-    ):
-        open_log(made.write(tmp_path / "f.nc", {"time": time, "uo": field}))
-    with pytest.raises(LogError, match=r"a variable of time .*; got variables lat"):
-        open_log(made.write(tmp_path / "n.nc", {"lat": (("n",), np.zeros(3), {})}))
 
 
 def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
@@ -35,14 +22,15 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
     n = track["time"].size
     levels = np.array([10.0, 20.0, 30.0])
     east, north = made.current(levels, 0)
+    cells = {
+        name: made.packed(np.tile(values[:, None], (1, n)), 1e-4)
+        for name, values in (("ve", east), ("vn", north))
+    }
     path = made.write(
         tmp_path / "lab.nc",
-        made.over(
-            "obs",
-            {"when": (track["time"], made.EPOCH), "x": track["longitude"], "y": track["latitude"]},
-        )
+        made.over("obs", {"when": "time", "x": "longitude", "y": "latitude"}, track)
         | made.over("bin", {"bins": levels})
-        | made.over(("bin", "obs"), {"ve": _packed_rows(east, n), "vn": _packed_rows(north, n)}),
+        | made.over(("bin", "obs"), cells),
     )
     said = read(path)
     assert said.report.notes[0] == (
@@ -76,10 +64,6 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
     assert not [
         event for event in observations(said.messages, unknown) if isinstance(event, Observation)
     ]
-
-
-def _packed_rows(values, n):
-    return made.packed(np.tile(values[:, None], (1, n)), 1e-4)
 
 
 @pytest.mark.parametrize(

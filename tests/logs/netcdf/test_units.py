@@ -1,49 +1,58 @@
 """Units, times and flags of glider files: each conversion exactly, and what is said of it."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.variables import Stored
+from replay_kit.logs.netcdf import quality, units
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 
-FILE = "a.nc"
+SINCE = "seconds since 1970-01-01"
 
 
 def _stored(values, **attributes: Any):
     return Stored(np.asarray(values), attributes)
 
 
+def _times(stored):
+    return units.times_of(NetcdfFile(Path("a.nc"), {}, {"t": stored}, ()), "t", []).tolist()
+
+
 @pytest.mark.parametrize(
-    ("unit", "quantity", "value", "expected", "note"),
+    ("unit", "key", "value", "expected", "note"),
     [
-        ("m s-1", units.SPEED, 0.5, 0.5, None),
-        ("cm/s", units.SPEED, 50.0, 0.5, "x: converted from cm/s to m/s"),
-        ("knots", units.SPEED, 1.0, 1852.0 / 3600.0, "x: converted from knots to m/s"),
-        ("Pa", units.PRESSURE, 1e6, 100.0, "x: converted from Pa to dbar"),
-        ("rad", units.ANGLE, np.pi, 180.0, "x: converted from rad to degrees"),
-        ("cm", units.LENGTH, 250.0, 2.5, "x: converted from cm to m"),
-        ("furlong", units.LENGTH, 2.0, 2.0, "x: unit 'furlong' is not known, taken as m"),
-        ("", units.SPEED, 0.25, 0.25, "x: states no unit, taken as m/s"),
-        ("1", units.NUMBER, 7.0, 7.0, None),
+        ("m s-1", "dac_east", 0.5, 0.5, None),
+        ("cm/s", "dac_east", 50.0, 0.5, "converted from cm/s to m/s"),
+        ("knots", "dac_east", 1.0, 1852.0 / 3600.0, "converted from knots to m/s"),
+        ("Pa", "pressure", 1e6, 100.0, "converted from Pa to dbar"),
+        ("rad", "heading", np.pi, 180.0, "converted from rad to degrees"),
+        ("cm", "depth", 250.0, 2.5, "converted from cm to m"),
+        ("mS/cm", "conductivity", 40.0, 4.0, "converted from mS/cm to S/m"),
+        ("furlong", "depth", 2.0, 2.0, "unit 'furlong' is not known, taken as m"),
+        ("", "dac_east", 0.25, 0.25, "states no unit, taken as m/s"),
+        ("1", "dive", 7.0, 7.0, None),
     ],
 )
-def test_units(unit, quantity, value, expected, note):
+def test_units(unit, key, value, expected, note):
     notes: list[str] = []
+    quantity = units.quantity_of(key)
     (found,) = units.in_si("x", _stored([value], units=unit), quantity, notes)
     assert found == pytest.approx(expected, rel=1e-12)
-    assert notes == ([] if note is None else [note])
+    assert notes == ([] if note is None else [f"x: {note}"])
 
 
 def test_degrees_and_minutes_south_and_west():
     notes: list[str] = []
-    found = units.in_si(
-        "lat", _stored([-4530.0, 1015.6, 69_696_969.0]), units.LATITUDE, notes, "nmea"
-    )
+    stored = _stored([-4530.0, 1015.6, 69_696_969.0])
+    found = units.in_si("lat", stored, units.quantity_of("gps_latitude"), notes, "nmea")
     np.testing.assert_allclose(found, [-45.5, 10.26, np.nan], atol=1e-12)
     assert notes[-1] == "lat: 1 values outside -90..90 degrees taken as missing"
+
+
+_2023 = 1_672_531_200.0
 
 
 @pytest.mark.parametrize(
@@ -51,78 +60,62 @@ def test_degrees_and_minutes_south_and_west():
     [
         ("seconds since 1970-01-01T00:00:00Z", 1.7e9, 1.7e9),
         ("seconds since 1970-1-1 00:00:00", 1.7e9, 1.7e9),
+        ("seconds since 2023-01-01 00:00:00 UTC", np.int32(60), _2023 + 60.0),
         ("s since 2000-01-01", 1e8, 946_684_800.0 + 1e8),
         ("ms since 1970-01-01", 1.7e12, 1.7e9),
-        ("minutes since 2023-01-01 06:30", 60.0, 1_672_531_200.0 + 7.5 * 3600.0),
-        ("days since 2023-01-01", 0.5, 1_672_531_200.0 + 43_200.0),
+        ("minutes since 2023-01-01 06:30", 60.0, _2023 + 7.5 * 3600.0),
+        ("days since 2023-01-01", 0.5, _2023 + 43_200.0),
         ("nanoseconds since 2010-09-03 18:24:38.193000192", 2e9, 1_283_538_278.193 + 2.0),
+        ("nanoseconds since 1970-01-01", np.int64(1_700_000_000_001_000_000), 1.7e9 + 1e-3),
         ("timestamp", 1.7e9, 1.7e9),
+        ("", 1.7e9, 1.7e9),
     ],
 )
 def test_times(unit, value, expected_s):
-    found, known = units.time_ns("t", _stored([value, np.nan], units=unit), FILE, [])
-    assert found.tolist() == [round(expected_s * 1000) * 10**6, 0]
-    assert known.tolist() == [True, False]
+    stored = _stored([value] if isinstance(value, np.integer) else [value, np.nan], units=unit)
+    found = _times(stored)
+    assert found == [round(expected_s * 1000) * 10**6, 0][: len(found)]
 
 
 def test_times_of_a_clock_that_lost_them_are_unknown():
-    stored = _stored(
-        np.array([-(2**63), 86_400 * 10**9, 1_700_000_000 * 10**9]),
-        units="nanoseconds since 1970-01-01",
-    )
-    assert units.time_ns("t", stored, FILE, [])[1].tolist() == [False, False, True]
-    with pytest.raises(
-        LogError,
-        match=r"a\.nc: t: expected units .* got 'seconds since 1970-01-01' and times from 5 on",
-    ):
-        units.time_ns("t", _stored([5.0], units="seconds since 1970-01-01"), FILE, [])
+    values = np.array([-(2**63), 86_400 * 10**9, 1_700_000_000 * 10**9])
+    stored = _stored(values, units="nanoseconds since 1970-01-01")
+    assert _times(stored) == [0, 0, 1_700_000_000 * 10**9]
+    words = rf"a\.nc: t: expected units .* got '{SINCE}' and times from 5 on"
+    with pytest.raises(LogError, match=words):
+        _times(_stored([5.0], units=SINCE))
 
 
-MEANINGS = {"flag_values": np.array([1, 2, 3, 4, 9], np.int8)}
+_TEXT = np.array([b"1", b"4", b"8"])
+_NUMBERS = np.array([1, 2, 3, 4, 9], np.int8)
 
 
 @pytest.mark.parametrize(
-    ("meanings", "bad"),
+    ("values", "stated", "meanings", "usual", "bad"),
     [
-        ("good not_evaluated questionable bad missing", [3, 4, 9]),
-        ("GOOD UNKNOWN SUSPECT FAIL MISSING", [3, 4, 9]),
-        ("good probably_good probably_bad bad missing", [3, 4, 9]),
-        ("bad good good good good", [1]),
+        (_NUMBERS, _NUMBERS, "good not_evaluated questionable bad missing", "", [3, 4, 9]),
+        (_NUMBERS, _NUMBERS, "GOOD UNKNOWN SUSPECT FAIL MISSING", "", [3, 4, 9]),
+        (_NUMBERS, _NUMBERS, "good probably_good probably_bad bad missing", "", [3, 4, 9]),
+        (_NUMBERS, _NUMBERS, "bad good good good good", "", [1]),
+        (_TEXT, "0b, 1b, 4b, 8b", "none good bad interpolated", "", [4]),
+        # a file that states no meanings is read by its dialect's; without those, nothing is bad
+        (_TEXT, None, "", "4 QC_BAD", [4]),
+        (_TEXT, None, "", "", []),
     ],
 )
-def test_flags_are_read_by_their_meanings(meanings, bad):
+def test_flags_are_read_by_their_meanings(values, stated, meanings, usual, bad):
     notes: list[str] = []
-    found = units.flagged_bad(
-        "q",
-        _stored(np.array([1, 2, 3, 4, 9], np.int8), **MEANINGS, flag_meanings=meanings),
-        "",
-        notes,
-    )
-    assert found.tolist() == [value in bad for value in (1, 2, 3, 4, 9)]
+    about = {} if stated is None else {"flag_values": stated, "flag_meanings": meanings}
+    found = quality.flagged_bad("q", Stored(values, about), usual, notes)
+    assert found.tolist() == [int(value) in bad for value in values]
     assert len(notes) == len(bad)
-
-
-def test_flags_as_text_and_values_as_text():
-    flags = _stored(
-        np.array([b"1", b"4", b"8"]),
-        flag_values="0b, 1b, 4b, 8b",
-        flag_meanings="none good bad interpolated",
-    )
-    assert units.flagged_bad("q", flags, "", []).tolist() == [False, True, False]
-    # a file that states no meanings is read by its dialect's; without those, nothing is bad
-    bare = _stored(np.array([b"1", b"4"]))
-    assert units.flagged_bad("q", bare, "4 QC_BAD", []).tolist() == [False, True]
-    assert units.flagged_bad("q", bare, "", []).tolist() == [False, False]
 
 
 @pytest.mark.parametrize(("largest", "turned"), [(6.2, True), (6.4, False)])
 def test_headings_within_a_turn_in_radians_are_radians(largest, turned):
     values = np.linspace(0.0, largest, 30)
-    found = units.attitude_degrees("h", values, True, [])
-    np.testing.assert_allclose(found, np.rad2deg(values) if turned else values)
     # a few samples, or tilts within a right angle, tell nothing or the same
+    for name, given, whole_turn in (("h", values, True), ("p", values / 4.0, False)):
+        found = units.attitude_degrees(name, given, whole_turn, [])
+        np.testing.assert_allclose(found, np.rad2deg(given) if turned else given)
     assert units.attitude_degrees("h", values[:5], True, [])[-1] == values[4]
-    np.testing.assert_allclose(
-        units.attitude_degrees("p", values / 4.0, False, []),
-        np.rad2deg(values / 4.0) if turned else values / 4.0,
-    )
