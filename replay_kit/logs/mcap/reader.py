@@ -13,7 +13,7 @@ from mcap.records import Attachment, Header, Metadata
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import MAVLINK_FRAMES, Message, RawMessage
+from replay_kit.core.message import Message, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
 from replay_kit.logs.mcap.contents import Part, Row
@@ -83,17 +83,6 @@ class McapReader(LogFile):
             LogError: The file cannot be read or is no MCAP file.
         """
         yield from self._each(self._raw, on_extra)
-
-    def frames(self) -> Iterator[RawMessage]:
-        """Yield the entries of a telemetry log converted to this file."""
-        with self._opened() as file:
-            summary = read_summary(file, os.fstat(file.fileno()).st_size)
-            channels = Channels(summary, self._topic)
-            for part in Scan(file, summary, channels, ReadStatistics()).parts():
-                for row in part.rows():
-                    if (sink := channels.sink(row[0])).channel.encoding == MAVLINK_FRAMES:
-                        # by every clock its time is the entry's stamp
-                        yield self._copy(sink, part, row, row[2])
 
     def profile(self) -> str | None:
         """Return the profile in the header; None if it is damaged."""

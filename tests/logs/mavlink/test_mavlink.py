@@ -10,7 +10,8 @@ from replay_kit.core.message import LogReport
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from tests.logs.log_samples import SHARED, attitude, json_mcap, read_log, tlog, tlog_entry
-from tests.places import needs
+from tests.logs.mavlink.telemetry_samples import write_tlog
+from tests.places import SAMPLES, needs
 
 START = 1_700_000_000_000_000
 SMALL = SHARED / "ardusub" / "small.tlog"
@@ -184,3 +185,22 @@ def _slow_twin(path, count):
     finally:
         link.close()
     return found
+
+
+def test_the_sample_of_telemetry_is_that_of_mcap(tmp_path):
+    write_tlog(tmp_path / "made.tlog", open_log(SAMPLES / "glider.mcap").messages())
+    assert (tmp_path / "made.tlog").read_bytes() == (SAMPLES / "glider.tlog").read_bytes()
+
+
+def test_pymavlink_reads_the_frames_of_pings_that_we_read():
+    log = mavutil.mavlink_connection(str(SAMPLES / "glider.tlog"), dialect="ardupilotmega")
+    theirs = []
+    while (message := log.recv_msg()) is not None:
+        theirs.append((message.get_type(), getattr(message, "array_id", None), message._timestamp))
+    log.close()
+    ours = [
+        (message.schema, message.payload.get("array_id"), message.time_ns * 1e-9)
+        for message in open_log(SAMPLES / "glider.tlog").messages()
+    ]
+    assert [one[:2] for one in ours] == [one[:2] for one in theirs]
+    assert max(abs(one[2] - other[2]) for one, other in zip(ours, theirs, strict=True)) < 1e-5
