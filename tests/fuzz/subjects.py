@@ -31,8 +31,7 @@ from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.fuzz import damage
 from tests.fuzz.mishap import Mishap, mishap
 from tests.logs.adcp import ad2cp_samples, raw_adcp_samples
-from tests.logs.log_samples import json_mcap
-from tests.logs.mcap.test_broken_mcap import record_offsets
+from tests.logs.log_samples import json_mcap, record_offsets
 from tests.logs.slocum import slocum_samples
 from tests.logs.sound import SOUND
 from tests.places import SAMPLES

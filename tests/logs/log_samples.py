@@ -1,5 +1,6 @@
 """Small logs made in memory for the tests of the readers."""
 
+import struct
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -52,6 +53,17 @@ def json_mcap(
         )
     writer.finish()
     return out.getvalue()
+
+
+def record_offsets(data: bytes, opcode: int) -> list[int]:
+    """Return where the records of a kind begin in an MCAP file."""
+    offsets, offset = [], 8
+    while offset + 9 <= len(data):
+        found, length = struct.unpack_from("<BQ", data, offset)
+        if found == opcode:
+            offsets.append(offset)
+        offset += 9 + length
+    return offsets
 
 
 def one_channel_mcap(
