@@ -114,11 +114,11 @@ def _packet(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
 
 def _ad2cp(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
     """Return the end and kind of Nortek's record at an offset; a header of the long kind has a size of four bytes."""
-    if at + 12 > len(data) or data[at : at + 2] not in AD2CP_MAGICS:
-        return None
-    form = "<IHH" if data[at : at + 2] == AD2CP_MAGICS[1] else "<HHH"
-    size, data_check, header_check = struct.unpack_from(form, data, at + 4)
+    form = {AD2CP_MAGICS[0]: "<HHH", AD2CP_MAGICS[1]: "<IHH"}.get(data[at : at + 2], "")
     body = at + 4 + struct.calcsize(form)
+    if not form or body > len(data):
+        return None
+    size, data_check, header_check = struct.unpack_from(form, data, at + 4)
     # where the content is damaged, bytes may be missing in it, and the next record begins before the header says
     fits = (
         body + size <= len(data)

@@ -31,7 +31,7 @@ from replay_kit.logs.mcap.scan import Scan
 from replay_kit.logs.mcap.summary import read_summary
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
-from replay_kit.logs.shared.times import header_stamp
+from replay_kit.logs.shared.clock import header_stamp
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")
