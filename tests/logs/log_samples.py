@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import orjson
-from hypothesis import HealthCheck, settings
 from mcap.writer import CompressionType, Writer
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -18,13 +17,6 @@ from tests.places import DATA
 
 SHARED = DATA / "logs"
 SECOND = 1_000_000_000
-# Function-scoped folders are shared by the examples on purpose: each example writes the one file anew.
-broken = settings(
-    max_examples=60,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
 
 
 def json_mcap(

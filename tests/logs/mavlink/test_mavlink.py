@@ -97,29 +97,6 @@ def test_a_signed_frame(tmp_path):
     assert report.losses == ()
 
 
-def test_bad_bytes_are_skipped_and_counted(tmp_path):
-    entries = tlog(6)
-    damaged = bytearray(entries[2])
-    damaged[20] ^= 0x10
-    noise = b"\xfe\xfd\x00" * 9
-    data = (
-        noise
-        + entries[0]
-        + entries[1]
-        + damaged
-        + entries[3]
-        + entries[4][:-3]
-        + entries[5]
-        + entries[0][:15]
-    )
-    messages, report = read_log(tmp_path, data)
-    assert boots(messages) == [0, 1, 3, 5]
-    sizes = [len(noise), len(damaged), len(entries[4]) - 3, 15]
-    assert [loss.bytes for loss in report.losses] == sizes
-    assert report.losses[0].offset == 0
-    assert report.losses[-1].offset + 15 == len(data)
-
-
 def test_a_stamp_that_holds_frame_markers(tmp_path):
     stamps = [0x0006_FDFE_FDFE_FDFE, 0x0006_FDFE_FE06_FD00]
     messages, report = read_log(
