@@ -36,7 +36,7 @@ BLOCKS = [
     )
 ]
 MAKES_SAMPLES = ROOT / "sample_logs" / "README.md"
-SAMPLES = ("ensemble.nc", "truth.nc", "glider.mcap", "glider.tlog", "survey.mcap")
+SAMPLES = ("ensemble.nc", "truth.nc", "glider.mcap", "survey.mcap")
 
 
 def set_up_lines() -> list[str]:

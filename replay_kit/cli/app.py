@@ -61,8 +61,8 @@ _COMMANDS = {
         ),
         "convert": (
             "logs",
-            "LOG... -o OUT.mcap|OUT.tlog",
-            "Convert logs to one MCAP or telemetry log without loss of what that format can hold; several logs are merged by time.",
+            "LOG... -o OUT.mcap",
+            "Convert logs to one MCAP log; several logs are merged by time.",
         ),
     },
     "Results": {
@@ -122,7 +122,7 @@ _COMMANDS = {
     "Synthetic data": {
         "twin": (
             "ensemble",
-            "--truth FILE[#member] -o X.mcap|X.tlog",
+            "--truth FILE[#member] -o X.mcap",
             "Simulate the log of a vehicle with an ADCP in a known current (twin experiment).",
         ),
         "synthesize": (

@@ -158,7 +158,7 @@ FORMATS = (
         "adcp.reader:RawAdcpReader",
         # a packet of waves may come before the first ensemble
         magic=rb"\x7f[\x7f\x79]",
-        recognises="adcp.records:holds_ensemble",
+        recognises="adcp.frames:holds_ensemble",
         endings=r".*\.(pd0|enx|ens|000)",
         grows=True,
     ),

@@ -1,31 +1,26 @@
-"""Merging of logs of any known format into one MCAP log or telemetry log, without loss where the format permits."""
+"""Merging of logs of any known format into one MCAP log."""
 
 import heapq
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rich.console import Console
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.core.message import LogReport, Loss, RawMessage
 from replay_kit.core.paths import check_paths
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
-from replay_kit.logs.mavlink.writer import TlogFrames
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.opening import logs_in
-from replay_kit.logs.reader import LogFile, RawLog, reading
+from replay_kit.logs.reader import RawLog, reading
 from replay_kit.results.losses import (
-    code_of,
     loss_json,
     loss_lines,
     note_lines,
@@ -36,8 +31,6 @@ from replay_kit.results.losses import (
 from replay_kit.results.topics import check_written
 from replay_kit.show.text import folded, print_lines, print_table
 
-_STAMP_BYTES = 8
-
 
 @dataclass(frozen=True, slots=True)
 class ConvertSummary:
@@ -47,13 +40,11 @@ class ConvertSummary:
         out: The log written.
         messages: Messages written, by topic.
         reports: Report of each reader, in the order of the inputs.
-        left_out: Number of messages by (topic, content that the output format cannot hold).
     """
 
     out: Path
     messages: Mapping[str, int]
     reports: tuple[LogReport, ...]
-    left_out: Mapping[tuple[str, str], int] = field(default_factory=dict)
 
     @property
     def losses(self) -> tuple[tuple[str, Loss], ...]:
@@ -78,16 +69,14 @@ def convert(
     config: LogConfig,
     progress: Progress = silent,
 ) -> ConvertSummary:
-    """Write the messages of all inputs to one log, ordered by (time, input, position), and return a summary.
+    """Write the messages of all inputs to one MCAP log, ordered by (time, input, position), and return a summary.
 
     MCAP to MCAP keeps payloads, schemas, encodings, all stamps, sequences, attachments and metadata. Messages of other formats become
-    JSON; the frames of a telemetry log are also kept unchanged, so that they can be restored. A message later than the reorder window is
-    written in arrival order. A telemetry log receives the inputs' own frames, and new frames for other fixes and pings; the summary counts
-    losses.
+    JSON; the frames of a telemetry log are also kept unchanged. A message later than the reorder window is written in arrival order.
 
     Args:
         inputs: Logs of any format that ``open_log`` knows.
-        out: The log: a telemetry log when its name ends in ``.tlog``, else MCAP.
+        out: The log.
         overwrite: Whether an existing output is replaced; an input never is replaced.
         config: Clock, first and last time, reorder window.
         progress: Called with the amount of input read.
@@ -103,99 +92,33 @@ def convert(
     read = stamps_of(file for path in inputs for file in logs_in(Path(path)))
     with ExitStack() as opened:
         logs = [opened.enter_context(log) for log in open_logs(inputs, config)]
-        to = _to_tlog if out.suffix.lower() == ".tlog" else _to_mcap
-        return to(
-            logs, out, config, reading(logs, progress, "converting"), lambda: check_unchanged(read)
-        )
+        advance = reading(logs, progress, "converting")
 
+        def check(part: Path, writer: McapLogWriter) -> None:
+            check_unchanged(read)
+            check_written(part, writer.written, writer.attachments)
 
-def _to_mcap(
-    logs: Sequence[LogFile],
-    out: Path,
-    config: LogConfig,
-    on_message: Callable[[int], None],
-    check_inputs: Callable[[], None],
-) -> ConvertSummary:
-    def check(part: Path, writer: McapLogWriter) -> None:
-        check_inputs()
-        check_written(part, writer.written, writer.attachments)
-
-    profiles = {log.profile() for log in logs}
-    with open_mcap_log(
-        out, (profiles.pop() if len(profiles) == 1 else None) or "", check
-    ) as writer:
-        copies = [RawLog(log, writer.copy_extra) for log in logs]
-        merged = merge(
-            copies, config.reorder_window, config.start_ns, config.end_ns, keep_late=True
-        )
-        frames = heapq.merge(*(log.frames() for log in logs if log.has_own_frames), key=_order)
-        for message in chain(merged, (frame for frame in frames if _in_span(frame, config))):
-            writer.copy(message)
-            on_message(1)
+        profiles = {log.profile() for log in logs}
+        profile = (profiles.pop() if len(profiles) == 1 else None) or ""
+        with open_mcap_log(out, profile, check) as writer:
+            copies = [RawLog(log, writer.copy_extra) for log in logs]
+            merged = merge(
+                copies, config.reorder_window, config.start_ns, config.end_ns, keep_late=True
+            )
+            frames = heapq.merge(*(log.frames() for log in logs), key=_order)
+            for message in chain(merged, (frame for frame in frames if _in_span(frame, config))):
+                writer.copy(message)
+                advance(1)
     return ConvertSummary(out, writer.written, tuple(log.report() for log in logs))
 
 
-class _Framed(NamedTuple):
-    """Message as entries of a telemetry log: name and bytes of each, computed on writing."""
-
-    time_ns: int
-    input: int
-    position: int
-    entries: Callable[[], Iterable[tuple[str, bytes]]]
-
-
-def _to_tlog(
-    logs: Sequence[LogFile],
-    out: Path,
-    config: LogConfig,
-    on_message: Callable[[int], None],
-    check_inputs: Callable[[], None],
-) -> ConvertSummary:
-    """Write the logs' own frames, and new frames for fixes and pings without one."""
-    framed = [next(log.frames(), None) is not None for log in logs]
-    made = TlogFrames(beside_vehicle=any(framed))
-    streams: list[Iterator[_Framed]] = [map(_kept, log.frames()) for log in logs]
-    streams += [
-        _made(log, has, made, config)
-        for log, has in zip(logs, framed, strict=True)
-        if not log.has_own_frames
-    ]
-    count: Counter[str] = Counter()
-    with atomic_file(out, lambda part: check_inputs()) as file:
-        for message in heapq.merge(*streams, key=_order):
-            if _in_span(message, config):
-                for name, entry in message.entries():
-                    file.write(entry)
-                    count[name] += 1
-            on_message(1)
-    # frames are read without a report
-    for log in logs:
-        if log.has_own_frames:
-            deque(log.messages(), maxlen=0)
-    return ConvertSummary(out, dict(count), tuple(log.report() for log in logs), made.left_out)
-
-
-def _kept(frame: RawMessage) -> _Framed:
-    entry = frame.topic, (frame.time_ns // 1000).to_bytes(_STAMP_BYTES, "big") + frame.data
-    return _Framed(frame.time_ns, frame.input, frame.position, lambda: (entry,))
-
-
-def _made(log: LogFile, has_frames: bool, made: TlogFrames, config: LogConfig) -> Iterator[_Framed]:
-    """Yield a log's messages by time, except those decoded from its own frames."""
-    for message in merge([log], config.reorder_window, keep_late=True):
-        if not (has_frames and message.topic.startswith("mavlink/")):
-            yield _Framed(
-                message.time_ns, message.input, message.position, partial(made.entries, message)
-            )
-
-
-def _in_span(message: RawMessage | _Framed, config: LogConfig) -> bool:
+def _in_span(message: RawMessage, config: LogConfig) -> bool:
     return (config.start_ns or 0) <= message.time_ns and (
         config.end_ns is None or message.time_ns <= config.end_ns
     )
 
 
-def _order(message: RawMessage | _Framed) -> tuple[int, int, int]:
+def _order(message: RawMessage) -> tuple[int, int, int]:
     """Return the key that merges streams by time; each stream keeps its own order, even if not by time."""
     return message.time_ns, message.input, message.position
 
@@ -205,10 +128,6 @@ def convert_json(summary: ConvertSummary) -> dict[str, Any]:
     return {
         "messages": dict(summary.messages),
         "undecodable": undecodable_json(summary.undecodable),
-        "left_out": [
-            {"topic": topic, "messages": count, "code": code_of(why), "why": why}
-            for (topic, why), count in sorted(summary.left_out.items())
-        ],
         "notes": [
             {"file": report.path, "what": note}
             for report in summary.reports
@@ -229,11 +148,4 @@ def print_converted(summary: ConvertSummary, console: Console, verbose: bool = F
     print_table(console, str(summary.out), ("topic", "messages"), folded(rows, verbose))
     for lines in (loss_lines, unchecked_lines, note_lines):
         print_lines(console, (line for report in summary.reports for line in lines(report)))
-    print_lines(
-        console,
-        (
-            f"Excluded: {count} x {topic}: {why}"
-            for (topic, why), count in sorted(summary.left_out.items())
-        ),
-    )
     print_lines(console, undecodable_lines(summary.undecodable))

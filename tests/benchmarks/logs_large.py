@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from replay_kit.config.run import load_config
-from replay_kit.logs.mcap import overview
+from replay_kit.logs.mcap import index
 from replay_kit.workflows.info.inspect import LogInfo, inspect_logs
 from tests.benchmarks.measure import Row, row, seconds
 
@@ -91,6 +91,6 @@ def rows(tiny: bool) -> list[Row]:
     """Five million small messages; the file goes when it ends."""
     count = 2_000 if tiny else 5_000_000
     # a log of nothing would be read whole
-    few = mock.patch.object(overview, "FEW_MESSAGES", 1 if tiny else overview.FEW_MESSAGES)
+    few = mock.patch.object(index, "FEW_MESSAGES", 1 if tiny else index.FEW_MESSAGES)
     with few, tempfile.TemporaryDirectory() as folder:
         return _info_rows(f"{count} messages", _many(Path(folder) / "many.mcap", count))

@@ -65,7 +65,6 @@ def folder(tmp_path_factory) -> Path:
         ("info missingX.mcap", 3),
         ("qc X.mcap", 3),
         ("convert X.mcap -o copyX.mcap --overwrite", 0),
-        ("convert X.mcap -o copyX.tlog --overwrite", 0),
         ("replay X.mcap --ensemble X.nc -o outX.mcap", 3),
         ("replay X.mcap --ensemble X.nc --config X.toml -o out.mcap", 2),
         ("replay X.mcap --ensemble X.nc --remap X -o out.mcap", 2),

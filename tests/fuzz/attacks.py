@@ -1,7 +1,7 @@
 """Inputs made to take time or memory: a few bytes that claim much, or many bytes that mean nothing."""
 
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -21,21 +21,16 @@ from tests.logs.adcp.raw_adcp_samples import nortek_sum
 Text = Callable[[], bytes]
 
 
-def log(
-    folder: Path,
-    encoding: str,
-    schema: tuple[str, str, bytes] | None,
-    payload: bytes,
-    topic: str = "/x",
-) -> list[str]:
-    """Return the command that reads an MCAP with one message."""
+def log(folder: Path, *kinds: tuple[str, tuple[str, str, bytes] | None, bytes]) -> list[str]:
+    """Return the command that reads a log of topics, each with message encoding, schema (name, encoding, text), and one payload."""
     path = folder / "log.mcap"
     with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.ZSTD, chunk_size=1 << 30)
+        writer = Writer(file, compression=CompressionType.ZSTD, chunk_size=1 << 22)
         writer.start()
-        number = writer.register_schema(*schema[:2], schema[2]) if schema else 0
-        channel = writer.register_channel(topic, encoding, number)
-        writer.add_message(channel, 10**18, payload, 10**18)
+        for k, (encoding, schema, payload) in enumerate(kinds):
+            number = writer.register_schema(*schema) if schema else 0
+            channel = writer.register_channel(f"/t{k}", encoding, number)
+            writer.add_message(channel, 10**18 + k, payload, 10**18)
         writer.finish()
     return ["info", "--full", str(path)]
 
@@ -44,89 +39,43 @@ def log(
 _TYPE = b"=" * 80 + b"\nMSG: p/"
 
 
-def _ros1(text: bytes, count: int, size: int = 0) -> Attack:
-    """Return a ROS 1 message that claims a number of elements in that many bytes."""
-    return _schema("ros1", "ros1msg", lambda: text, struct.pack("<I", count) + bytes(size))
-
-
-def _cdr(text: bytes, payload: bytes = b"") -> Attack:
-    return _schema("cdr", "ros2msg", lambda: text, b"\0\1\0\0" + payload)
-
-
-def _schema(encoding: str, schema: str, text: Text, payload: bytes = b"\0\1\0\0") -> Attack:
-    name = "p/msg/A" if encoding == "cdr" else "p/A"
-    return lambda folder: log(folder, encoding, (name, schema, text()), payload)
+def _ros(cdr: bool, text: Text, payload: bytes) -> Attack:
+    """Return a message of a type ``p/A`` of ROS 1 or 2."""
+    name, encoding, schema = ("p/msg/A", "cdr", "ros2msg") if cdr else ("p/A", "ros1", "ros1msg")
+    begin = b"\0\1\0\0" if cdr else b""
+    return lambda folder: log(folder, (encoding, (name, schema, text()), begin + payload))
 
 
 def _json(text: Text) -> Attack:
-    return lambda folder: log(folder, "json", None, text())
-
-
-def _kinds(folder: Path, kinds: Iterable[tuple[str, str, str, bytes, bytes]]) -> list[str]:
-    """Return the command that reads a log of topics, each with message encoding, name, encoding and text of the schema, and one payload."""
-    path = folder / "log.mcap"
-    with path.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.ZSTD)
-        writer.start()
-        for k, (encoding, *schema, payload) in enumerate(kinds):
-            channel = writer.register_channel(f"/t{k}", encoding, writer.register_schema(*schema))
-            writer.add_message(channel, 10**18 + k, payload, 10**18)
-        writer.finish()
-    return ["info", "--full", str(path)]
+    return lambda folder: log(folder, ("json", None, text()))
 
 
 def _many_schemas(folder: Path) -> list[str]:
     payload = b"\0\1\0\0" + bytes(12)
     texts = (f"float64 a{k}\n".encode() + b"\n" * 1_000_000 for k in range(300))
-    return _kinds(
-        folder, (("cdr", f"p/msg/A{k}", "ros2msg", text, payload) for k, text in enumerate(texts))
+    return log(
+        folder,
+        *(("cdr", (f"p/msg/A{k}", "ros2msg", text), payload) for k, text in enumerate(texts)),
     )
 
 
-def _protobuf_sets(
-    count: int, size: int, fill: Callable[[FileDescriptorProto, int], None]
-) -> Attack:
-    """Return a log with that many distinct descriptor sets, each of a type ``p.A`` filled to a size [parts]."""
+def _protobuf_sets(folder: Path) -> list[str]:
+    """Return the command that reads a log of 30 descriptor sets, each of a type of 800 lists of another of 800 fields."""
 
     def made(number: int) -> bytes:
-        found = FileDescriptorSet()
-        file: FileDescriptorProto = found.file.add(
-            name=f"{number}.proto", package="p", syntax="proto3"
-        )
-        file.message_type.add(name="A")
-        file.message_type.add(name="B")
-        for k in range(size):
-            fill(file, k)
+        found, kind = FileDescriptorSet(), FieldDescriptorProto
+        file = found.file.add(name=f"{number}.proto", package="p", syntax="proto3")
+        lists, flat = file.message_type.add(name="A"), file.message_type.add(name="B")
+        for k in range(1, 801):
+            many = lists.field.add(name=f"b{k:x}", number=k, label=kind.LABEL_REPEATED)
+            many.type, many.type_name = kind.TYPE_MESSAGE, ".p.B"
+            one = flat.field.add(name=f"b{k:x}", number=k, label=kind.LABEL_OPTIONAL)
+            one.type = kind.TYPE_INT32
         return found.SerializeToString()
 
-    return lambda folder: _kinds(
-        folder, (("protobuf", "p.A", "protobuf", made(number), b"") for number in range(count))
+    return log(
+        folder, *(("protobuf", ("p.A", "protobuf", made(number)), b"") for number in range(30))
     )
-
-
-def _empty_type(file: FileDescriptorProto, k: int) -> None:
-    file.message_type.add(name=f"C{k:x}")
-
-
-def _nested_type(file: FileDescriptorProto, k: int) -> None:
-    if k % 26 == 0:
-        _empty_type(file, k)
-    file.message_type[-1].nested_type.add(name=chr(97 + k % 26))
-
-
-def _list_of_flat(file: FileDescriptorProto, k: int) -> None:
-    """Add a field to one type, or to another a list of the first."""
-    flat, number = k % 2, k // 2 + 1
-    kind = FieldDescriptorProto
-    if flat:
-        file.message_type[1].field.add(
-            name=f"b{k:x}", number=number, label=kind.LABEL_OPTIONAL, type=kind.TYPE_INT32
-        )
-    else:
-        field = file.message_type[0].field.add(
-            name=f"b{k:x}", number=number, label=kind.LABEL_REPEATED, type=kind.TYPE_MESSAGE
-        )
-        field.type_name = ".p.B"
 
 
 def _proto(folder: Path) -> list[str]:
@@ -134,13 +83,12 @@ def _proto(folder: Path) -> list[str]:
     file: FileDescriptorProto = found.file.add(name="a.proto", package="p", syntax="proto3")
     kind = file.message_type.add(name="A")
     kind.field.add(name="many", number=1, label=3, type=11, type_name=".p.A")
-    return log(
-        folder, "protobuf", ("p.A", "protobuf", found.SerializeToString()), b"\x0a\x00" * 10**7
-    )
+    schema = "p.A", "protobuf", found.SerializeToString()
+    return log(folder, ("protobuf", schema, b"\x0a\x00" * 10**7))
 
 
 def _chunk(folder: Path) -> list[str]:
-    return log(folder, "none", None, bytes(250_000_000))
+    return log(folder, ("none", None, bytes(250_000_000)))
 
 
 def _toml(text: Text) -> Attack:
@@ -216,42 +164,25 @@ def _ad2cp() -> bytes:
 
 
 ATTACKS: dict[str, Attack] = {
-    "ROS 1: array of 2^31 empty messages": _ros1(b"E[] many\n" + _TYPE + b"E\n", 2**31),
-    "ROS 1: fixed arrays of arrays, 10^16 messages": _schema(
-        "ros1",
-        "ros1msg",
-        lambda: (
-            b"B[9999] b\n"
-            + b"".join(_TYPE + f"{a}\n{b}[9999] c\n".encode() for a, b in ("BC", "CD", "DE"))
-            + _TYPE
-            + b"E\n"
-        ),
-        b"",
+    # other claims of messages are refused by the budget, which the tests of decoders try
+    "ROS 1: array of 2^31 empty messages": _ros(
+        False, lambda: b"E[] many\n" + _TYPE + b"E\n", struct.pack("<I", 2**31)
     ),
-    "ROS 1: 10 million texts": _ros1(b"string[] many\n", 10**7, 4 * 10**7),
-    "ROS 1: 15 million numbers": _ros1(b"float32[] many\n", 15 * 10**6, 6 * 10**7),
-    "ROS 2: array of 30 million messages": _cdr(
-        b"E[] many\n" + _TYPE + b"E\nbool flag\n", struct.pack("<I", 3 * 10**7) + bytes(3 * 10**7)
+    "ROS 2: array of 30 million messages": _ros(
+        True,
+        lambda: b"E[] many\n" + _TYPE + b"E\nbool flag\n",
+        struct.pack("<I", 3 * 10**7) + bytes(3 * 10**7),
     ),
-    "ROS 2: fixed array of 2 billion numbers": _cdr(b"float64[2000000000] many\n"),
-    "ROS 2: array of 2^31 empty messages": _cdr(
-        b"B[] many\n" + _TYPE + b"B\nE[0] none\n" + _TYPE + b"E\nbool flag\n",
-        struct.pack("<I", 2**31),
-    ),
-    "ROS 2: a type that contains itself": _cdr(b"p/A a\n", bytes(100)),
-    "schema: 50 MB of ros2msg": _schema("cdr", "ros2msg", lambda: b"float64 abc\n" * 4_200_000),
-    "schema: 50 MB of ros1msg": _schema("ros1", "ros1msg", lambda: b"float64 abc\n" * 4_200_000),
+    "ROS 2: a type that contains itself": _ros(True, lambda: b"p/A a\n", bytes(100)),
+    "schema: 50 MB": _ros(True, lambda: b"float64 abc\n" * 4_200_000, b""),
     "schema: 300 of 1 MB": _many_schemas,
     "JSON: 30 million lists": _json(lambda: b'{"a":[' + b"[]," * 30_000_000 + b"[]]}"),
-    "JSON: 5 million mappings": _json(lambda: b'{"a":[' + b'{"":1},' * 5_000_000 + b"{}]}"),
     "JSON: 100,000 nested lists": _json(
         lambda: b'{"a":NaN,"b":' + b"[" * 100_000 + b"]" * 100_000 + b"}"
     ),
     "JSON: a text without end": _json(lambda: b'{"a":NaN' + b'"\\' * 100_000),
     "protobuf: 10 million empty messages": _proto,
-    "protobuf: 4 sets of 28,000 types without fields": _protobuf_sets(4, 28_000, _empty_type),
-    "protobuf: 4 sets of 43,000 nested types": _protobuf_sets(4, 43_000, _nested_type),
-    "protobuf: 30 sets of 800 lists of 800 fields": _protobuf_sets(30, 1600, _list_of_flat),
+    "protobuf: 30 sets of 800 lists of 800 fields": _protobuf_sets,
     "chunk: 250 MB of zeros": _chunk,
     "TOML: nested 5,000 deep": _toml(lambda: b"a=" + b"[" * 5000 + b"]" * 5000),
     "TOML: key of 5,000 parts": _toml(lambda: b".".join([b"a"] * 5000) + b"=1"),

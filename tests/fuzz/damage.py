@@ -1,59 +1,48 @@
 """Oracles of logs: what a sound file holds by the rules of its format alone, and what our readers make of any file.
 
 Those of MCAP use the stock ``mcap`` library and the lengths of records, those of a telemetry log pymavlink's own parser, frame by frame,
-those of a DataFlash log the lengths that its FMT records state: none shares anything with the readers under test.
+those of other formats their lengths and checksums: none shares anything with the readers under test.
 """
 
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from mcap.data_stream import ReadDataStream, RecordBuilder
+import numpy as np
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message
+from mcap.records import Channel, Chunk, Message
 from mcap.stream_reader import breakup_chunk
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.core.message import LogReport
-from replay_kit.logs.mavlink.dataflash import DataflashReader
+from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
+from tests.logs.adcp.raw_adcp_samples import nortek_sum
 from tests.places import ROOT
 
 #: Topic, log time, publish time, sequence, payload.
 Said = tuple[str, int, int, int, bytes]
-#: Start, end, and the frame without its stamp, or the record.
-Piece = tuple[int, int, bytes]
+#: Start, end, and what the piece says; None of a piece that says nothing itself.
+Piece = tuple[int, int, Any]
 
 
-@dataclass(frozen=True)
-class Sound:
-    """One message of the sound file.
-
-    Attributes:
-        said: The message.
-        end: Where the last byte needed to have it lies [bytes]: its own record's, or its chunk's when that is compressed.
-        start: Where the record begins that holds it, its own or its chunk.
-        unit_end: Where its chunk ends, whose checksum says nothing of a part; its own end when it stands outside chunks.
-        checked: Whether a checksum covers it before it is delivered.
-    """
+class Sound(NamedTuple):
+    """One message of a sound MCAP file, where its record or the chunk with it begins and ends, and whether a checksum covers it."""
 
     said: Said
     start: int
     end: int
-    unit_end: int
     checked: bool
 
 
 def logs() -> list[Path]:
     """Return the logs of this machine: the samples, and the shared ones where they are."""
     shared = ROOT.parent / "shared" / "data" / "logs"
-    found = [
-        *(ROOT / "sample_logs").iterdir(),
-        *(path for kind in ("mcap", "tlog", "BIN") for path in shared.rglob(f"*.{kind}")),
-    ]
+    found = [*(ROOT / "sample_logs").iterdir(), *shared.rglob("*")]
     return sorted(path for path in found if path.suffix in (".mcap", ".tlog", ".BIN"))
 
 
@@ -62,34 +51,28 @@ def sound_messages(data: bytes) -> list[Sound]:
     topics: dict[int, str] = {}
     found: list[Sound] = []
     for opcode, start, end in _records(data):
-        body = data[start + 9 : end]
-        if opcode == Opcode.CHANNEL:
-            channel = Channel.read(ReadDataStream(BytesIO(body)))
-            topics[channel.id] = channel.topic
+        stream, checked = ReadDataStream(BytesIO(data[start + 9 : end])), False
+        records: list[Any] = []
+        if opcode == Opcode.CHUNK:
+            chunk = Chunk.read(stream)
+            records, checked = breakup_chunk(chunk), chunk.uncompressed_crc != 0
+        elif opcode == Opcode.CHANNEL:
+            records = [Channel.read(stream)]
         elif opcode == Opcode.MESSAGE:
-            message = Message.read(ReadDataStream(BytesIO(body)), len(body))
-            found.append(Sound(_said(message, topics), start, end, end, False))
-        elif opcode == Opcode.CHUNK:
-            chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-            inside = end - len(chunk.data)
-            for record in breakup_chunk(chunk):
-                if isinstance(record, Channel):
-                    topics[record.id] = record.topic
-                inside += 9 + len(_written(record)) if chunk.compression == "" else 0
-                if isinstance(record, Message):
-                    needed = inside if chunk.compression == "" else end
-                    found.append(
-                        Sound(
-                            _said(record, topics), start, needed, end, chunk.uncompressed_crc != 0
-                        )
-                    )
+            records = [Message.read(stream, end - start - 9)]
+        topics |= {record.id: record.topic for record in records if isinstance(record, Channel)}
+        for one in records:
+            if isinstance(one, Message):
+                times = one.log_time, one.publish_time, one.sequence
+                said = topics[one.channel_id], *times, bytes(one.data)
+                found.append(Sound(said, start, end, checked))
     return found
 
 
 def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield (opcode, start, end) of the records of the data section."""
+    """Yield (opcode, start, end) of the records of the data section, to its end or the file's."""
     offset = 8
-    while True:
+    while offset < len(data):
         opcode, length = struct.unpack_from("<BQ", data, offset)
         if opcode in (Opcode.DATA_END, Opcode.FOOTER):
             return
@@ -97,29 +80,12 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
         offset += 9 + length
 
 
-def _written(record: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    record.write(builder)
-    return builder.end()[9:]
-
-
-def _said(message: Message, topics: dict[int, str]) -> Said:
-    return (
-        topics[message.channel_id],
-        message.log_time,
-        message.publish_time,
-        message.sequence,
-        bytes(message.data),
-    )
-
-
 def read_raw(path: Path) -> tuple[list[Said], LogReport]:
-    """Return what our reader gives of a file, undecoded."""
+    """Return what our reader gives of an MCAP file, undecoded; the decoded way must end well too."""
     reader = McapReader(path)
     said = [
         (m.topic, m.log_ns, m.publish_ns, m.sequence, bytes(m.data)) for m in reader.raw_messages()
     ]
-    # the decoded way must end well too
     list(reader.messages())
     return said, reader.report()
 
@@ -129,48 +95,30 @@ def frames(data: bytes) -> list[Piece]:
     parser, found, at = dialect.MAVLink(None), [], 0
     while at + 8 < len(data):
         piece = _frame(parser, data, at)
-        if piece is None:
-            at += 1
-        else:
-            found.append((at, at + 8 + len(piece), piece))
-            at += 8 + len(piece)
+        end = at + 8 + len(piece) if piece else at + 1
+        if piece:
+            found.append((at, end, piece))
+        at = end
     return found
 
 
 def _frame(parser: dialect.MAVLink, data: bytes, at: int) -> bytes | None:
+    markers = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
     # stamps of this century
-    if (
-        data[at] != 0
-        or data[at + 1] > 0x20
-        or data[at + 8] not in (dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2)
-    ):
+    if data[at] != 0 or data[at + 1] > 0x20 or data[at + 8] not in markers:
         return None
     second = data[at + 8] == dialect.PROTOCOL_MARKER_V2
-    if len(data) < at + 8 + (12 if second else 8):
+    least = 12 if second else 8
+    if len(data) < at + 8 + least:
         return None
     signed = second and data[at + 10] & dialect.MAVLINK_IFLAG_SIGNED
-    piece = data[at + 8 : at + 8 + data[at + 9] + (12 if second else 8) + (13 if signed else 0)]
+    piece = data[at + 8 : at + 8 + data[at + 9] + least + (13 if signed else 0)]
     try:
         message = parser.decode(bytearray(piece))
     except dialect.MAVError:
         return None
     # of a message that the parser does not know it cannot check the checksum
     return None if isinstance(message, dialect.MAVLink_unknown) else piece
-
-
-def records(data: bytes) -> list[Piece]:
-    """Return the records of a sound DataFlash log."""
-    lengths, found, at = {128: 89}, [], 0
-    while at + 3 <= len(data) and data[at : at + 2] == b"\xa3\x95":
-        kind = data[at + 2]
-        end = at + lengths.get(kind, len(data) + 1)
-        if end > len(data):
-            break
-        if kind == 128:
-            lengths[data[at + 3]] = data[at + 4]
-        found.append((at, end, data[at:end]))
-        at = end
-    return found
 
 
 def read_frames(path: Path) -> tuple[list[bytes], LogReport]:
@@ -189,14 +137,80 @@ def read_frames(path: Path) -> tuple[list[bytes], LogReport]:
 
 
 def _message_id(frame: bytes) -> int:
-    return (
-        frame[7] | frame[8] << 8 | frame[9] << 16
-        if frame[0] == dialect.PROTOCOL_MARKER_V2
-        else frame[5]
-    )
+    second = frame[0] == dialect.PROTOCOL_MARKER_V2
+    return int.from_bytes(frame[7:10], "little") if second else frame[5]
 
 
-def read_dataflash(path: Path) -> tuple[list[str], LogReport]:
-    """Return the records that our reader finds, as text, and its report."""
-    reader = DataflashReader(path)
-    return [f"{message.schema} {message.payload}" for message in reader.messages()], reader.report()
+def records(data: bytes) -> list[Piece]:
+    """Return the records of a sound DataFlash log."""
+    lengths, found, at = {128: 89}, [], 0
+    while at + 3 <= len(data) and data[at : at + 2] == b"\xa3\x95":
+        kind = data[at + 2]
+        end = at + lengths.get(kind, len(data) + 1)
+        if end > len(data):
+            break
+        if kind == 128:
+            lengths[data[at + 3]] = data[at + 4]
+        found.append((at, end, data[at:end]))
+        at = end
+    return found
+
+
+def read_messages(path: Path) -> tuple[list[str], LogReport]:
+    """Return the messages of a log as text, and its report."""
+    log = open_log(path)
+    return [f"{message.schema} {message.payload}" for message in log.messages()], log.report()
+
+
+def read_pings(path: Path) -> tuple[list[Any], LogReport]:
+    """Return the velocities of the pings of a raw ADCP file [mm/s]."""
+    log = open_log(path)
+    pings = [message.payload["velocity"] for message in log.messages() if message.topic == "/adcp"]
+    said = [
+        [[None if value is None else round(1000 * value) for value in cell] for cell in ping]
+        for ping in pings
+    ]
+    return said, log.report()
+
+
+def ensembles(data: bytes) -> list[Piece]:
+    """Return the PD0 ensembles of any bytes: start, end, and velocities [mm/s]."""
+    found, at = [], 0
+    while (at := data.find(b"\x7f\x7f", at)) >= 0:
+        size = int.from_bytes(data[at + 2 : at + 4], "little")
+        body, check = data[at : at + size], data[at + size : at + size + 2]
+        end = at + 1
+        if size > 8 and len(check) == 2 and sum(body) & 0xFFFF == int.from_bytes(check, "little"):
+            offsets = struct.unpack_from(f"<{body[5]}H", body, 6)
+            blocks = {body[place : place + 2]: place for place in offsets}
+            cells, end = body[blocks[b"\x00\x00"] + 9], at + size + 2
+            values = np.frombuffer(body, "<i2", 4 * cells, blocks[b"\x00\x01"] + 2)
+            found.append((at, end, _none_if_missing(values.reshape(cells, 4))))
+        at = end
+    return found
+
+
+def bursts(data: bytes) -> list[Piece]:
+    """Return the AD2CP records of any bytes: start, end, and a burst's velocities in beam coordinates [mm/s]; None of other records."""
+    found, at = [], 0
+    while (at := data.find(b"\xa5\x0a", at)) >= 0 and at + 10 <= len(data):
+        head = data[at : at + 10]
+        size, check, head_check = struct.unpack_from("<HHH", head, 4)
+        body, end = data[at + 10 : at + 10 + size], at + 1
+        fits = nortek_sum(head[:8]) == head_check and len(body) == size
+        if fits and nortek_sum(body) == check:
+            what, end = None, at + 10 + size
+            if head[2] == _BURST:
+                cells = struct.unpack_from("<H", body, 30)[0] & 1023
+                values = np.frombuffer(body, "<i2", 4 * cells, 76)
+                what = _none_if_missing(values.reshape(4, cells).T)
+            found.append((at, end, what))
+        at = end
+    return found
+
+
+_BURST = 0x15
+
+
+def _none_if_missing(values: np.ndarray) -> list[list[int | None]]:
+    return [[None if value == -32768 else int(value) for value in row] for row in values.tolist()]

@@ -12,6 +12,7 @@ from replay_kit.core.errors import ConfigError, ForecastError, LogError
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.decoders import decode_json
+from tests.logs.adcp.raw_adcp_samples import nortek_sum
 
 CORPUS = Path(__file__).parent / "corpus"
 
@@ -67,15 +68,10 @@ def ad2cp(data: bytes) -> None:
         (size,) = struct.unpack_from("<H", sealed, at + 4)
         end = at + 10 + size
         if end <= len(sealed):
-            struct.pack_into("<H", sealed, at + 6, _nortek_sum(sealed[at + 10 : end]))
-            struct.pack_into("<H", sealed, at + 8, _nortek_sum(sealed[at : at + 8]))
+            struct.pack_into("<H", sealed, at + 6, nortek_sum(sealed[at + 10 : end]))
+            struct.pack_into("<H", sealed, at + 8, nortek_sum(sealed[at : at + 8]))
         at = end
     log(bytes(sealed))
-
-
-def _nortek_sum(content: bytes) -> int:
-    words = struct.unpack_from(f"<{len(content) // 2}H", content)
-    return (0xB58C + sum(words) + (256 * content[-1] if len(content) % 2 else 0)) & 0xFFFF
 
 
 def netcdf(data: bytes) -> None:

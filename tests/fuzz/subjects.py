@@ -7,14 +7,12 @@ damaged file covers, save where the report counts it as unchecked; a loss is tol
 import json
 import os
 import signal
-import struct
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -24,15 +22,14 @@ from scipy.io import netcdf_file
 
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import LogError, ReplayKitError
+from replay_kit.core.message import LogReport
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import open_log
 from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.fuzz import damage
 from tests.fuzz.mishap import Mishap, mishap
-from tests.logs.adcp import ad2cp_samples, raw_adcp_samples
-from tests.logs.log_samples import json_mcap
-from tests.logs.mcap.test_broken_mcap import record_offsets
+from tests.logs.log_samples import json_mcap, record_offsets
 from tests.logs.slocum import slocum_samples
 from tests.logs.sound import SOUND
 from tests.places import SAMPLES
@@ -41,8 +38,8 @@ from tests.places import SAMPLES
 _MOST_S = 10.0
 #: Says what is wrong with what was made of a damaged file.
 Check = Callable[[Mishap, Path], list[str]]
-#: Start, end, and what the piece says.
-Piece = tuple[int, int, Any]
+#: What our reader makes of a file.
+Read = Callable[[Path], tuple[list, LogReport]]
 
 
 @dataclass(frozen=True)
@@ -101,172 +98,143 @@ def damaged(subject: Subject, number: int, seed: int, folder: Path) -> list[str]
 def of_file(path: Path) -> Subject:
     """Return a sound MCAP, telemetry or DataFlash log."""
     data = path.read_bytes()
-    if path.suffix == ".BIN":
-        return Subject(str(path), data, _dataflash(path))
-    return Subject(str(path), data, {".mcap": _mcap, ".tlog": _telemetry}[path.suffix](data))
+    return Subject(str(path), data, _CHECKS[path.suffix.lower().strip(".")](data, path))
 
 
 def subjects(folder: Path) -> list[Subject]:
-    """Return a sound log of every format and of its variants; NetCDF files are made in a folder."""
+    """Return a sound log of every format and of its variants, and other inputs; some are made in a folder."""
     times = range(1000, 1000 + 60 * 10**7, 10**7)
-    mcaps = {
-        "mcap": json_mcap(times),
+    files = {
         "mcap zstd": json_mcap(times, CompressionType.ZSTD),
         "mcap lz4": json_mcap(times, CompressionType.LZ4),
         "mcap one chunk": json_mcap(times, chunk_size=1 << 20),
         "mcap unchunked": json_mcap(times, use_chunking=False, data_crcs=True),
+        **{name: make(folder) for name, make in SOUND.items()},
+        "netcdf 3": _classic(folder / "classic").read_bytes(),
     }
-    mcaps |= {
-        f"{name} without end": mcaps[name][: record_offsets(mcaps[name], Opcode.DATA_END)[0]]
+    files |= {
+        f"{name} without end": files[name][: record_offsets(files[name], Opcode.DATA_END)[0]]
         for name in ("mcap", "mcap zstd", "mcap unchunked")
     }
-    classic, dataflash = _classic(folder / "classic"), folder / "sound.BIN"
-    files = {name: make(folder) for name, make in SOUND.items() if name != "mcap"}
-    dataflash.write_bytes(files["dataflash"])
-    checks = {
-        "tlog": _telemetry,
-        "dataflash": lambda _: _dataflash(dataflash),
-        "pd0": lambda data: _covered(ensembles(data), ensembles, _pings_of),
-        "ad2cp": lambda data: _covered(bursts(data), bursts, _pings_of, 1),
-        "netcdf": lambda _: _apart(_uncovered),
-    }
-    packed = slocum_samples.compressed(files["slocum"])
-    return [
-        *(Subject(name, data, _mcap(data)) for name, data in mcaps.items()),
-        *(
-            Subject(name, data, checks.get(name, lambda _: _uncovered)(data))
-            for name, data in files.items()
-        ),
-        Subject("slocum compressed", packed, _uncovered),
-        Subject("netcdf 3", classic.read_bytes(), _uncovered),
-        *_inputs(folder),
-    ]
+    files["slocum compressed"] = slocum_samples.compressed(files["slocum"])
+    found = []
+    for name, data in files.items():
+        (folder / "sound").write_bytes(data)
+        make = _CHECKS.get(name.split()[0], lambda *_: _uncovered)
+        found.append(Subject(name, data, make(data, folder / "sound")))
+    return found + _inputs(folder)
 
 
-def _mcap(data: bytes) -> Check:
-    # the oracle wants an end
-    ended = (
-        data if data.endswith(b"MCAP0\r\n") else data + struct.pack("<BQI", Opcode.DATA_END, 4, 0)
-    )
-    sound = damage.sound_messages(ended)
-    every, covered = (
-        Counter(message.said[1:] for message in sound),
-        any(message.checked for message in sound),
-    )
+def _mcap(data: bytes, path: Path) -> Check:
+    del path
+    sound = damage.sound_messages(data)
+    # of a channel whose record is lost the topic is not known
+    every, covered = Counter(one.said[1:] for one in sound), any(one.checked for one in sound)
 
     def check(harm: Mishap, path: Path) -> list[str]:
         try:
             said, report = damage.read_raw(path)
         except LogError:
-            return (
-                ["refused although the magic bytes are there"] if harm.data[:8] == data[:8] else []
-            )
-        # of a channel whose record is lost the topic is not known
+            magic = harm.data[:8] == data[:8]
+            return ["refused although the magic bytes are there"] if magic else []
         came = Counter(message[1:] for message in said)
-        whole = Counter(
-            message.said[1:] for message in sound if harm.keeps(message.start, message.unit_end)
-        )
-        lost, new = (
-            every - came,
-            sum(count for message, count in came.items() if message not in every),
-        )
-        unchecked, told, wrong = (
-            sum(report.unchecked.values()),
-            bool(report.losses or report.undecodable),
-            [],
-        )
-        if covered and (missing := whole - came):
-            wrong.append(f"{missing.total()} messages that are whole under a checksum did not come")
+        whole = Counter(one.said[1:] for one in sound if harm.keeps(one.start, one.end))
+        lost, missing = (every - came).total(), (whole - came).total()
+        new = sum(count for message, count in came.items() if message not in every)
+        unchecked, wrong = sum(report.unchecked.values()), list[str]()
+        if covered and missing:
+            wrong.append(f"{missing} messages that are whole under a checksum did not come")
         if new > unchecked:
             wrong.append(f"{new} messages came wrong, {unchecked} are said to be unchecked")
-        if lost.total() > (0 if told else unchecked) and not told:
-            wrong.append(f"{lost.total()} messages went without a word")
-        if (
-            told
-            and not new
-            and not report.undecodable
-            and all(loss.messages is not None for loss in report.losses)
-        ):
-            stated = sum(loss.messages or 0 for loss in report.losses)
-            wrong += (
-                [f"{stated} messages are said to be lost, {lost.total()} are"]
-                if stated != lost.total()
-                else []
-            )
+        if lost > unchecked and not (report.losses or report.undecodable):
+            wrong.append(f"{lost} messages went without a word")
+        stated = [loss.messages for loss in report.losses]
+        known = stated and None not in stated and not new and not report.undecodable
+        if known and sum(stated) != lost:
+            wrong.append(f"{sum(stated)} messages are said to be lost, {lost} are")
         return wrong
 
     return check
 
 
-def _covered(
-    sound: Sequence[Piece],
-    walk: Callable[[bytes], list[Piece]],
-    read: Callable[[Path], tuple[list[Any], bool]],
-    needed: int = 0,
-) -> Check:
-    """Return the check of a format whose pieces have checksums.
+def _covered(walk: Callable[[bytes], list[damage.Piece]], read: Read, needed: int = 0) -> Callable:
+    """Return what makes the check of a format whose pieces have checksums.
 
     Args:
-        sound: Pieces of the sound file.
-        walk: Finds those of any file.
-        read: What our reader makes of a file, and whether it tells of a loss.
+        walk: Finds the pieces of any file.
+        read: What our reader makes of a file.
         needed: Number of pieces at the beginning without which the file may be refused; they say nothing themselves.
     """
 
-    def check(harm: Mishap, path: Path) -> list[str]:
-        found = walk(harm.data)
-        here = [what for _, _, what in found]
-        try:
-            said, told = read(path)
-        except LogError:
-            kept = all(harm.keeps(start, end) for start, end, _ in sound[:needed])
-            return (
-                ["refused although a whole piece is in it"]
-                if kept and any(what is not None for what in here[needed:])
-                else []
-            )
-        said_of = Counter(map(repr, said))
-        whole = Counter(
-            repr(what) for start, end, what in sound if what is not None and harm.keeps(start, end)
-        )
-        wrong = (
-            [f"{(whole - said_of).total()} whole pieces did not come"] if whole - said_of else []
-        )
-        if foreign := said_of.keys() - {repr(what) for what in here}:
-            wrong.append(
-                f"{len(foreign)} pieces came that no checksum covers: {next(iter(foreign))[:80]}"
-            )
+    def make(data: bytes, path: Path) -> Check:
+        del path
+        sound = walk(data)
         every = Counter(repr(what) for _, _, what in sound if what is not None)
-        # bytes that make whole pieces again, one after another but for stamps of 8 bytes, leave no trace
-        taken = sum(end - start for start, end, _ in found)
-        traceless = len(harm.data) - taken <= 8 * len(found)
-        if every - said_of and not told and not traceless:
-            wrong.append(f"{(every - said_of).total()} pieces went without a word")
-        return wrong
 
-    return check
+        def check(harm: Mishap, path: Path) -> list[str]:
+            found = walk(harm.data)
+            here = {repr(what) for _, _, what in found}
+            try:
+                said, report = read(path)
+            except LogError:
+                kept = all(harm.keeps(start, end) for start, end, _ in sound[:needed])
+                sayers = any(what is not None for _, _, what in found[needed:])
+                return ["refused although a whole piece is in it"] if kept and sayers else []
+            came, wrong = Counter(map(repr, said)), []
+            whole = Counter(
+                repr(what)
+                for start, end, what in sound
+                if what is not None and harm.keeps(start, end)
+            )
+            if missing := whole - came:
+                wrong.append(f"{missing.total()} whole pieces did not come")
+            if foreign := came.keys() - here:
+                wrong.append(
+                    f"{len(foreign)} pieces came that no checksum covers: {[*foreign][:1]}"
+                )
+            # bytes that make whole pieces again, one after another but for stamps of 8 bytes, leave no trace
+            taken = sum(end - start for start, end, _ in found)
+            traceless = len(harm.data) - taken <= 8 * len(found)
+            told = report.losses or report.undecodable or traceless
+            if (lost := every - came) and not told:
+                wrong.append(f"{lost.total()} pieces went without a word")
+            return wrong
+
+        return check
+
+    return make
 
 
-def _telemetry(data: bytes) -> Check:
-    return _covered(damage.frames(data), damage.frames, _frames_of)
-
-
-def _dataflash(file: Path) -> Check:
+def _dataflash(data: bytes, path: Path) -> Check:
     """Return the check of a log without checksums whose records are known: those before the damage come first."""
-    ends = [end for _, end, _ in damage.records(file.read_bytes())]
-    sound, _ = damage.read_dataflash(file)
+    records = damage.records(data)
+    ends = [end for _, end, _ in records]
+    # formats are declared before the first record of another kind
+    declared = next(
+        (end for end, (_, _, one) in zip(ends, records, strict=True) if one[2] != 128), 0
+    )
+    sound, _ = damage.read_messages(path)
 
     def check(harm: Mishap, path: Path) -> list[str]:
         kept = harm.kept[0][1] if harm.kept and harm.kept[0][0] == 0 else 0
         if not (whole := sum(end <= kept for end in ends)):
             return _uncovered(harm, path)
-        said, report = damage.read_dataflash(path)
+        said, report = damage.read_messages(path)
         wrong = [] if said[:whole] == sound[:whole] else [f"{whole} are whole before it"]
+        after = sum(start >= harm.kept[-1][0] for start, _, _ in records)
+        # what follows the next record comes too, unless its format may be another
+        sure = after - _NOT_SURE if kept >= declared and harm.kept[-1][1] == len(data) else 0
+        if len(harm.kept) > 1 and sure > 0 and said[-sure:] != sound[-sure:]:
+            wrong.append(f"{sure} are whole after it")
         if len(harm.kept) == 1 and len(harm.data) not in ends and not report.losses:
             wrong.append("cut without a word")
         return wrong + _uncovered(harm, path)
 
     return check
+
+
+# records after damage that may be taken for others: the one that the damage reaches into, and the next
+_NOT_SURE = 2
 
 
 def _uncovered(harm: Mishap, path: Path) -> list[str]:
@@ -275,13 +243,11 @@ def _uncovered(harm: Mishap, path: Path) -> list[str]:
     try:
         log = open_log(path)
         read = sum(1 for _ in log.messages())
-        return (
-            ["it does not say that no checksum covers it"]
-            if read and not log.report().unchecked
-            else []
-        )
     except LogError:
         return []
+    return ["it does not say that no checksum covers it"] * bool(
+        read and not log.report().unchecked
+    )
 
 
 def _apart(check: Check) -> Check:
@@ -298,165 +264,95 @@ def _apart(check: Check) -> Check:
                 wrong = True
             os._exit(wrong)
         _, status = os.waitpid(child, 0)
-        if os.WIFSIGNALED(status):
-            return [f"ended by {signal.Signals(os.WTERMSIG(status)).name}"]
-        return (
-            ["it does not say that no checksum covers it, or another exception than ours"]
-            if os.WEXITSTATUS(status)
-            else []
-        )
+        ended = os.waitstatus_to_exitcode(status)
+        return [
+            f"wrong, or another exception than ours, in a process that ended by {ended}"
+        ] * bool(ended)
 
     return checked
 
 
+_CHECKS = {
+    "mcap": _mcap,
+    "tlog": _covered(damage.frames, damage.read_frames),
+    "dataflash": _dataflash,
+    "bin": _dataflash,
+    "pd0": _covered(damage.ensembles, damage.read_pings),
+    "ad2cp": _covered(damage.bursts, damage.read_pings, 1),
+    "netcdf": lambda *_: _apart(_uncovered),
+}
+
+
 def _inputs(folder: Path) -> list[Subject]:
     """Return the inputs beside logs, which have no checksums: they are read, or refused by an error of ours that names them."""
-    ensemble = read_ensemble(SAMPLES / "ensemble.nc", ForecastConfig())
-    grid = ensemble.grid
+    grid = read_ensemble(SAMPLES / "ensemble.nc", ForecastConfig()).grid
     store, bottom = folder / "store.zarr", folder / "bottom.nc"
     with xr.open_dataset(SAMPLES / "ensemble.nc", engine="scipy") as dataset:
         dataset.to_zarr(store, mode="w", zarr_format=2, consolidated=False)
     corners = [[152.1, -40.2], [152.2, -40.2], [152.2, -40.1], [152.1, -40.2]]
-    area = {"type": "Polygon", "coordinates": [corners]}
+    area = json.dumps({"type": "Polygon", "coordinates": [corners]}).encode()
     text = " ".join(f"{x},{y},0" for x, y in corners)
     kml = (
         '<kml xmlns="http://www.opengis.net/kml/2.2"><Placemark><name>a</name><Polygon><outerBoundaryIs><LinearRing>'
         f"<coordinates>{text}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></kml>"
-    )
-    depth = np.full((9, 9), 400.0)
+    ).encode()
     axes = {
         name: np.linspace(float(values.min()) - 0.1, float(values.max()) + 0.1, 9)
         for name, values in (("lat", grid.latitude), ("lon", grid.longitude))
     }
-    xr.Dataset({"depth": (("lat", "lon"), depth, {"units": "m"})}, axes).to_netcdf(
-        bottom, engine="h5netcdf"
-    )
+    depth = (("lat", "lon"), np.full((9, 9), 400.0), {"units": "m"})
+    xr.Dataset({"depth": depth}, axes).to_netcdf(bottom, engine="h5netcdf")
     toml = (
         b'[forecast]\nlevels = [5.0, 150.0]\n[estimator]\nmodes = 20\n[planner]\nkind = "mission"\n'
     )
-    chunk = next(
-        path for path in sorted(store.rglob("*")) if path.is_file() and path.name[0] != "."
-    )
-
-    def of_store(place: Path) -> Check:
-        sound = place.read_bytes()
-
-        def check(harm: Mishap, path: Path) -> list[str]:
-            place.write_bytes(harm.data)
-            try:
-                return _refused_or_read(lambda _: read_ensemble(store, ForecastConfig()))(
-                    harm, path
-                )
-            finally:
-                place.write_bytes(sound)
-
-        return check
-
+    parts = {
+        "metadata": next(store.rglob("u*/.zarray")),
+        "attributes": next(store.rglob("u*/.zattrs")),
+        "chunk": next(path for path in sorted(store.rglob("[0-9]*")) if path.is_file()),
+    }
+    read_bottom = _refused_or_read(lambda path: read_bathymetry(path, grid), "damaged.nc")
     return [
-        Subject(
-            "areas geojson", json.dumps(area).encode(), _refused_or_read(read_areas, ".geojson")
-        ),
-        Subject("areas kml", kml.encode(), _refused_or_read(read_areas, ".kml")),
-        Subject("toml", toml, _refused_or_read(load_config, ".toml")),
-        Subject(
-            "bathymetry",
-            bottom.read_bytes(),
-            _apart(_refused_or_read(lambda path: read_bathymetry(path, grid), ".nc")),
-        ),
+        Subject("areas geojson", area, _refused_or_read(read_areas, "damaged.geojson")),
+        Subject("areas kml", kml, _refused_or_read(read_areas, "damaged.kml")),
+        Subject("toml", toml, _refused_or_read(load_config, "damaged.toml")),
+        Subject("bathymetry", bottom.read_bytes(), _apart(read_bottom)),
         *(
-            Subject(f"zarr {name}", place.read_bytes(), _apart(of_store(place)))
-            for name, place in (
-                ("metadata", next(store.rglob("u*/.zarray"))),
-                ("attributes", next(store.rglob("u*/.zattrs"))),
-                ("chunk", chunk),
-            )
+            Subject(f"zarr {name}", place.read_bytes(), _apart(_of_store(store, place)))
+            for name, place in parts.items()
         ),
     ]
 
 
-def _refused_or_read(read: Callable[[Path], object], suffix: str = "") -> Check:
-    """Return the check of an input without checksums: any exception but ours, and one of ours that does not name it, is wrong."""
+def _of_store(store: Path, place: Path) -> Check:
+    """Return the check of one file of a forecast's store, which is sound again after it."""
+    sound = place.read_bytes()
 
     def check(harm: Mishap, path: Path) -> list[str]:
-        named = path.with_name(f"damaged{suffix}")
-        named.write_bytes(harm.data)
+        del path
         try:
-            read(named)
-        except ReplayKitError as error:
-            fine = error.exit_code in (2, 3) and (not suffix or named.name in str(error))
-            return [] if fine else [f"refused by {error}"]
-        return []
+            return _refused_or_read(lambda _: read_ensemble(store, ForecastConfig()), "")(
+                harm, place
+            )
+        finally:
+            place.write_bytes(sound)
 
     return check
 
 
-def _frames_of(path: Path) -> tuple[list[bytes], bool]:
-    said, report = damage.read_frames(path)
-    return said, bool(report.losses or report.undecodable)
+def _refused_or_read(read: Callable[[Path], object], name: str) -> Check:
+    """Return the check of an input without checksums: any exception but ours, and one of ours that does not name it, is wrong."""
 
+    def check(harm: Mishap, path: Path) -> list[str]:
+        named = path.with_name(name) if name else path
+        named.write_bytes(harm.data)
+        try:
+            read(named)
+        except ReplayKitError as error:
+            fine = error.exit_code in (2, 3) and name in str(error)
+            return [] if fine else [f"refused by {error}"]
+        return []
 
-def _pings_of(path: Path) -> tuple[list[Any], bool]:
-    log = open_log(path)
-    said = [
-        _in_mm(message.payload["velocity"])
-        for message in log.messages()
-        if message.topic == "/adcp"
-    ]
-    return said, bool(log.report().losses or log.report().undecodable)
-
-
-def _in_mm(cells: Iterable[Iterable[float | None]]) -> list[list[int | None]]:
-    return [[None if value is None else round(1000 * value) for value in cell] for cell in cells]
-
-
-def ensembles(data: bytes) -> list[Piece]:
-    """Return the PD0 ensembles of any bytes: start, end, and velocities [mm/s]."""
-    found, at = [], 0
-    while (at := data.find(b"\x7f\x7f", at)) >= 0:
-        size = int.from_bytes(data[at + 2 : at + 4], "little")
-        body, check = data[at : at + size], data[at + size : at + size + 2]
-        if size > 8 and len(check) == 2 and sum(body) & 0xFFFF == int.from_bytes(check, "little"):
-            offsets = struct.unpack_from(f"<{body[5]}H", body, 6)
-            blocks = {body[place : place + 2]: place for place in offsets}
-            cells = body[blocks[b"\x00\x00"] + 9]
-            values = np.frombuffer(body, "<i2", 4 * cells, blocks[b"\x00\x01"] + 2).reshape(
-                cells, 4
-            )
-            found.append((at, at + size + 2, _none_if_missing(values)))
-            at += size + 2
-        else:
-            at += 1
-    return found
-
-
-def bursts(data: bytes) -> list[Piece]:
-    """Return the AD2CP records of any bytes: start, end, and a burst's velocities in beam coordinates [mm/s]; None of other records."""
-    found, at = [], 0
-    while (at := data.find(b"\xa5\x0a", at)) >= 0:
-        head = data[at : at + 10]
-        at += 1
-        if len(head) < 10:
-            break
-        size, check, head_check = struct.unpack_from("<HHH", head, 4)
-        body = data[at + 9 : at + 9 + size]
-        if (
-            raw_adcp_samples.nortek_sum(head[:8]) == head_check
-            and len(body) == size
-            and raw_adcp_samples.nortek_sum(body) == check
-        ):
-            what = None
-            if head[2] == ad2cp_samples.BURST:
-                cells = struct.unpack_from("<H", body, 30)[0] & 1023
-                what = _none_if_missing(
-                    np.frombuffer(body, "<i2", 4 * cells, 76).reshape(4, cells).T
-                )
-            found.append((at - 1, at + 9 + size, what))
-            at += 9 + size
-    return found
-
-
-def _none_if_missing(values: np.ndarray) -> list[list[int | None]]:
-    return [[None if value == -32768 else int(value) for value in row] for row in values.tolist()]
+    return check
 
 
 def _classic(path: Path) -> Path:

@@ -1,12 +1,12 @@
 """Small logs made in memory for the tests of the readers."""
 
+import struct
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import orjson
-from hypothesis import HealthCheck, settings
 from mcap.writer import CompressionType, Writer
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -17,13 +17,6 @@ from tests.places import DATA
 
 SHARED = DATA / "logs"
 SECOND = 1_000_000_000
-# Function-scoped folders are shared by the examples on purpose: each example writes the one file anew.
-broken = settings(
-    max_examples=60,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
 
 
 def json_mcap(
@@ -52,6 +45,17 @@ def json_mcap(
         )
     writer.finish()
     return out.getvalue()
+
+
+def record_offsets(data: bytes, opcode: int) -> list[int]:
+    """Return where the records of a kind begin in an MCAP file."""
+    offsets, offset = [], 8
+    while offset + 9 <= len(data):
+        found, length = struct.unpack_from("<BQ", data, offset)
+        if found == opcode:
+            offsets.append(offset)
+        offset += 9 + length
+    return offsets
 
 
 def one_channel_mcap(

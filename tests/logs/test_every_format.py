@@ -13,6 +13,7 @@ from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.info.listing import info_json, print_info
+from tests.fuzz.damage import bursts, ensembles, frames, records
 from tests.logs.sound import SOUND
 from tests.places import ROOT
 
@@ -97,6 +98,26 @@ def test_info_and_convert_say_what_no_checksum_covers(path, form, tmp_path):
     assert info_json(found)["unchecked"] == dict(read.unchecked)
     told = [{"file": str(path), "what": w, "count": n} for w, n in read.unchecked.items()]
     assert convert_json(summary)["unchecked"] == told
+
+
+@pytest.mark.parametrize("name", ["tlog", "dataflash", "pd0", "ad2cp"])
+def test_bytes_before_between_and_after_records_are_skipped_and_counted(tmp_path, name):
+    data, noise = SOUND[name](tmp_path), b"\xfe\xfd\x00\xa3\x95\x7f\xa5" * 3
+    (tmp_path / "sound").write_bytes(data)
+    log = open_log(tmp_path / "sound")
+    sound, middle = said(log), _boundary(data, name)
+    parts = data[:middle], noise, data[middle:], noise
+    (tmp_path / "log").write_bytes(b"".join(parts))
+    log = open_log(tmp_path / "log")
+    assert [row[:-1] for row in said(log)] == [row[:-1] for row in sound]
+    places = [(loss.offset, loss.bytes) for loss in log.report().losses]
+    assert places == [(middle, len(noise)), (len(data) + len(noise), len(noise))]
+
+
+def _boundary(data, name):
+    """Return where a record ends, by the walkers of the format."""
+    walk = {"tlog": frames, "dataflash": records, "pd0": ensembles, "ad2cp": bursts}[name]
+    return walk(data)[-3][1]
 
 
 def test_the_page_of_formats_is_the_table():

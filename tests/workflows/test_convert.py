@@ -1,6 +1,5 @@
 import json
 from collections import Counter
-from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -8,16 +7,12 @@ from mcap.reader import make_reader
 
 from replay_kit.config.run import LogConfig, MeasurementConfig
 from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.logs import merge, open_log
-from replay_kit.logs.mavlink.reader import TlogReader
-from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.show.text import SafeConsole
 from replay_kit.studies.twins.make import Twin, make_twin
-from replay_kit.workflows.convert import convert, convert_json, print_converted
+from replay_kit.workflows.convert import convert
 from tests.command import invoke
-from tests.logs.log_samples import tlog
+from tests.logs.mavlink.telemetry_samples import write_tlog
 from tests.measurements.samples import events_of
 from tests.places import DATA
 from tests.studies.twins.truths import make_truth
@@ -29,7 +24,8 @@ SEAGLIDER = sorted((DATA / "seaglider").glob("p17101*.nc"))
 def logs(tmp_path: Path) -> list[Path]:
     paths = [tmp_path / "glider.mcap", tmp_path / "vessel.tlog"]
     make_twin(make_truth(), Twin("glider", 30, 0.09, 0), paths[0])
-    make_twin(make_truth(), Twin("vessel", 20, 0.09, 1), paths[1])
+    make_twin(make_truth(), Twin("vessel", 20, 0.09, 1), tmp_path / "vessel.mcap")
+    write_tlog(paths[1], open_log(tmp_path / "vessel.mcap").messages())
     return paths
 
 
@@ -109,88 +105,9 @@ def test_bad_inputs_are_refused_before_anything_is_written(tmp_path, logs):
     assert not list(tmp_path.glob("out.mcap*"))
 
 
-def _stamps(path: Path) -> list[int]:
-    return [frame.time_ns // 1000 for frame in TlogReader(path).frames()]
-
-
-@pytest.mark.parametrize("by_way_of_mcap", [False, True])
-def test_a_telemetry_log_takes_frames_and_what_has_none(tmp_path, logs, by_way_of_mcap):
-    given = logs
-    if by_way_of_mcap:
-        given = [tmp_path / "both.mcap"]
-        convert(logs, given[0], False, LogConfig())
-    summary = convert(given, tmp_path / "out.tlog", False, LogConfig())
-    assert summary.messages["DEBUG_FLOAT_ARRAY"] == 5 * 30
-    assert sum(
-        count for topic, count in summary.messages.items() if topic.startswith("mavlink/frames")
-    ) == len(_stamps(logs[1]))
-    # of two vehicles' tracks in one system that of one component is used
-    for component, path in ((191, logs[0]), (1, logs[1])):
-        placed = {each.time_ns // 1000 for each in _profiles(tmp_path / "out.tlog", component)}
-        assert placed >= {each.time_ns // 1000 for each in _profiles(path)}
-    assert _stamps(tmp_path / "out.tlog") == sorted(_stamps(tmp_path / "out.tlog"))
-    currents = sum(message.topic == "/dac" for message in open_log(logs[0]).messages())
-    assert currents > 0
-    assert summary.left_out == {
-        ("/dac", "there is no frame for replay_kit.DepthAveragedCurrent"): currents
-    }
-
-
-def test_what_a_telemetry_log_cannot_hold_is_said(tmp_path):
-    ping = {
-        **{
-            "coordinate_system": "beam",
-            "reference": "platform",
-            "orientation": "down",
-            "n_cells": 1,
-            "cell_size": 1.0,
-        },
-        **{
-            "bin0_distance": 2.0,
-            "velocity": [[0.1, 0.2, 0.3]],
-            "beam_unit_vectors": [[0.0, 0.0, 1.0]] * 3,
-            "tilt_applied": False,
-        },
-    }
-    sent = [
-        ("/adcp", ping),
-        ("/adcp4", ping | {"velocity": [[0.1, 0.2, 0.3, 0.4]]}),
-        ("/adcp", ping),
-    ]
-    messages = [
-        Message(k, topic, "replay_kit.AdcpPing", payload, 0, k)
-        for k, (topic, payload) in enumerate(sent)
-    ]
-    write_mcap_log(tmp_path / "in.mcap", [*messages, Message(9, "/plan", "", {"a": 1}, 0, 9)])
-    summary = convert([tmp_path / "in.mcap"], tmp_path / "out.tlog", False, LogConfig())
-    assert summary.left_out == {
-        ("/adcp", "beam_unit_vectors, tilt_applied: a frame has no field for each"): 2,
-        ("/adcp4", "no frame can be made: it has 4 beams, of which the frames hold 3"): 1,
-        ("/plan", "there is no frame for a message without a schema"): 1,
-    }
-    assert summary.messages["DEBUG_FLOAT_ARRAY"] == 2 * 5
-    plan = {
-        "code": "there_is_no_frame_for_a_message_without_a_schema",
-        "why": "there is no frame for a message without a schema",
-    }
-    assert {"topic": "/plan", "messages": 1, **plan} in convert_json(summary)["left_out"]
-    console = SafeConsole(record=True, file=StringIO())
-    print_converted(summary, console)
-    assert "Excluded: 2 x /adcp: beam_unit_vectors" in console.export_text()
-
-
 def test_the_help_names_every_format():
     for command in ("replay", "convert"):
         said = " ".join(invoke(f"{command} --help", columns=400).output.split())
         assert (
             "MCAP, MAVLink .tlog, DataFlash .BIN, Seaglider NetCDF, raw ADCP (PD0, AD2CP)" in said
         )
-
-
-def test_frames_of_several_logs_are_merged_by_time_by_way_of_mcap_too(tmp_path):
-    given, both = [tmp_path / "a.tlog", tmp_path / "b.tlog"], tmp_path / "both.mcap"
-    given[0].write_bytes(b"".join(tlog(5)))
-    given[1].write_bytes(b"".join(tlog(5, _stamps(given[0])[1] + 1)))
-    convert(given, both, False, LogConfig())
-    convert([both], tmp_path / "out.tlog", False, LogConfig())
-    assert _stamps(tmp_path / "out.tlog") == sorted(_stamps(given[0]) + _stamps(given[1]))

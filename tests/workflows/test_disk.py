@@ -13,14 +13,12 @@ from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.logs import reader
-from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow
-from tests.studies.twins.truths import make_truth
 from tests.workflows.replay.interrupted import make_ocean
 
 if sys.platform == "win32":
@@ -36,7 +34,6 @@ SETTINGS = "[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[estimator
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
     folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30)
-    make_twin(make_truth(), Twin("vessel", 5, 0.09, 1), folder / "vessel.tlog")
     (folder / "run.toml").write_text(SETTINGS)
     assert invoke(replaying(folder, folder / "whole.mcap")).exit_code in (0, 6)
     eddying_flow(12).save(folder / "flow.nc")
@@ -50,9 +47,9 @@ def replaying(ocean, out):
 def commands(ocean, out):
     """A line, the file that is written, and how much of it fits on the disk [bytes]."""
     shown = {"report": ".html"} | {name: name.split()[1] for name in EXPORTS}
-    result, table, tlog, picture = (
+    result, table, picture = (
         ocean / "whole.mcap",
-        *(out.with_suffix(ending) for ending in (".json", ".tlog", ".png")),
+        *(out.with_suffix(ending) for ending in (".json", ".png")),
     )
     places = "--start=152.42,-40.0,0 --goal=152.52,-39.96,0 --depth=390"
     return {
@@ -64,7 +61,6 @@ def commands(ocean, out):
         "plot": (f"plot {result} map -o {picture}", picture, 100),
         "plan": (f"plan {ocean}/flow.nc {places} -o {out}", out, 3_000),
         "convert": (f"convert {ocean}/glider.mcap -o {out}", out, 20_000),
-        "convert to tlog": (f"convert {ocean}/vessel.tlog -o {tlog}", tlog, 2_000),
         "replay": (replaying(ocean, out), out, 20_000),
         "checkpoint": (
             f"{replaying(ocean, out)} --checkpoint {out.with_suffix('.ck')}",
@@ -75,7 +71,7 @@ def commands(ocean, out):
     }
 
 
-NAMES = ["convert", "convert to tlog", "replay", "checkpoint", "json"]
+NAMES = ["convert", "replay", "checkpoint", "json"]
 EXPORTS = ["export .nc", "export .csv", "export .kml", "export .geojson"]
 
 

@@ -196,11 +196,11 @@ class Files(Replacing):
 
     Attributes:
         truth: The current that the vehicle moves in.
-        out: The log; its ending chooses the format.
+        out: The log.
     """
 
     truth: Annotated[str, option("FILE[#member]", group=INPUTS)]
-    out: Annotated[Path, option("X.mcap|X.tlog", alias="-o"), Ending((".mcap", ".tlog"))]
+    out: Annotated[Path, option("X.mcap", alias="-o"), Ending((".mcap",))]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

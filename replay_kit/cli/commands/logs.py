@@ -156,10 +156,10 @@ class Copy(Answer):
     """Outputs of ``convert``.
 
     Attributes:
-        out: One log; its ending chooses the format.
+        out: One log.
     """
 
-    out: Annotated[Path, option("OUT.mcap|OUT.tlog", alias="-o"), Ending((".mcap", ".tlog"))]
+    out: Annotated[Path, option("OUT.mcap", alias="-o"), Ending((".mcap",))]
 
 
 @takes_settings("logs.remap", "logs.columns", file=False)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.logs.adcp.frames import Record
 from replay_kit.logs.adcp.profiles import RawProfiles, one_vertical
-from replay_kit.logs.adcp.records import Record
 
 BOTTOM_TRACK = 0x17
 _LEAST = 78

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
-from replay_kit.logs.adcp.records import Record
+from replay_kit.logs.adcp.frames import Record
 
 _FIXED, _VARIABLE = 0x0000, 0x0080
 #: Blocks with a number for each cell and beam: the bytes of one.

@@ -19,19 +19,10 @@ from numpy.typing import NDArray
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs.adcp.bottom_track import bottom_tracks, with_bottom
+from replay_kit.logs.adcp.frames import AD2CP_MAGICS, PD0_MAGIC, lose_between, scan
+from replay_kit.logs.adcp.library import BURST, NO_ENSEMBLE, modes_of, read_mode, read_pd0
 from replay_kit.logs.adcp.pd0 import by_configuration
 from replay_kit.logs.adcp.profiles import RawProfiles, raw_profiles
-from replay_kit.logs.adcp.records import (
-    AD2CP_MAGICS,
-    BURST,
-    NO_ENSEMBLE,
-    PD0_MAGIC,
-    lose_between,
-    modes_of,
-    read_mode,
-    read_pd0,
-    scan,
-)
 from replay_kit.logs.reader import Entry, LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics
 from replay_kit.logs.shared.payloads import PING, Positions, numbers, stamp

@@ -1,1 +1,1 @@
-"""MAVLink telemetry logs, read and written."""
+"""MAVLink logs of ArduPilot and MAVLink telemetry."""

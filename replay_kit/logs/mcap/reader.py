@@ -4,21 +4,20 @@ import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from operator import itemgetter
+from functools import partial
 from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Header, Metadata
-from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.message import MAVLINK_FRAMES, Message, RawMessage
+from replay_kit.core.message import Message, RawMessage
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
-from replay_kit.logs.mcap.contents import Part, Row
-from replay_kit.logs.mcap.ordered import disordered, slices
-from replay_kit.logs.mcap.overview import overview_of, problem_of
+from replay_kit.logs.mcap.channels import Channels
+from replay_kit.logs.mcap.chunk import Part, Row
+from replay_kit.logs.mcap.index import disordered, overview_of, problem_of, slices
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     MAGIC,
@@ -29,10 +28,10 @@ from replay_kit.logs.mcap.records import (
     parse,
 )
 from replay_kit.logs.mcap.scan import Scan
-from replay_kit.logs.mcap.summary import Channels, Sink, read_summary
+from replay_kit.logs.mcap.summary import read_summary
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
-from replay_kit.logs.shared.times import header_stamp
+from replay_kit.logs.shared.clock import header_stamp
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")
@@ -71,7 +70,9 @@ class McapReader(LogFile):
             return f"the index holds log times alone, and the clock is {self._clock}"
         self.statistics = ReadStatistics()
         with self._opened() as file:
-            return overview_of(file, self._decoded, self._topic)
+            summary = read_summary(file, os.fstat(file.fileno()).st_size)
+            channels = Channels(summary, self._topic)
+            return overview_of(file, summary, channels, partial(self._decoded, channels))
 
     def raw_messages(self, on_extra: OnExtra | None = None) -> Iterator[RawMessage]:
         """Yield the raw messages; only the clock ``header`` needs decoding.
@@ -83,17 +84,6 @@ class McapReader(LogFile):
             LogError: The file cannot be read or is no MCAP file.
         """
         yield from self._each(self._raw, on_extra)
-
-    def frames(self) -> Iterator[RawMessage]:
-        """Yield the entries of a telemetry log converted to this file."""
-        with self._opened() as file:
-            summary = read_summary(file, os.fstat(file.fileno()).st_size)
-            channels = Channels(summary, self._topic)
-            for part in Scan(file, summary, channels, ReadStatistics()).parts():
-                for row in part.rows():
-                    if (sink := channels.sink(row[0])).channel.encoding == MAVLINK_FRAMES:
-                        # by every clock its time is the entry's stamp
-                        yield self._copy(sink, part, row, row[2])
 
     def profile(self) -> str | None:
         """Return the profile in the header; None if it is damaged."""
@@ -181,46 +171,32 @@ class McapReader(LogFile):
         wanted: Callable[[str, str], bool],
         sampled: set[tuple[str, str]],
     ) -> Block:
-        """Return a part as a block with wanted messages decoded, and one message of other kinds."""
+        """Return a part as a block with wanted messages decoded, and of other kinds one."""
         numbers, kind = np.unique(part.head["channel"], return_inverse=True)
         sinks = [channels.sink(number) for number in numbers.tolist()]
+        kinds = tuple((sink.topic, sink.schema) for sink in sinks)
         times = part.head[f"{self._clock}_ns"]
         possible = times <= _MAX_TIME_NS
-        # with where each begins, which orders them
-        made: list[tuple[int, Message]] = []
-        for number, sink in enumerate(sinks):
-            which, named, tried = kind == number, (sink.topic, sink.schema), 0
-            count = int(np.count_nonzero(which))
-            if callable(sink.decode):
-                decoded = self._decodable(channels, part, which)
-                before = self.statistics.read[sink.topic]
-                if wanted(*named) or not possible[which].all():
-                    made += decoded
-                elif named not in sampled and (sample := next(decoded, None)) is not None:
-                    sampled.add(named)
-                    made.append(sample)
-                tried = self.statistics.read[sink.topic] - before
-            elif sink.decode is not None:
+        # a message of an impossible time is counted where it is decoded
+        chosen = ~possible
+        for number, named in enumerate(kinds):
+            if wanted(*named):
+                chosen |= kind == number
+            elif named not in sampled:
+                chosen[np.argmax(kind == number)] = True
+        rows = part.take(chosen).rows()
+        made = [one for row in rows if (one := self._decoded(channels, part, row)) is not None]
+        sampled |= {(message.topic, message.schema) for message in made}
+        for sink, count in zip(
+            sinks, np.bincount(kind[~chosen], minlength=len(sinks)).tolist(), strict=True
+        ):
+            self.statistics.read[sink.topic] += count
+            if count and isinstance(sink.decode, str):
                 self.statistics.undecodable(sink.topic, sink.decode, count)
-            self.statistics.read[sink.topic] += count - tried
-        made.sort(key=itemgetter(0))
-        return Block(
-            tuple((sink.topic, sink.schema) for sink in sinks),
-            kind[possible],
-            times[possible].astype(np.int64),
-            [message for _, message in made],
-        )
-
-    def _decodable(
-        self, channels: Channels, part: Part, which: NDArray[np.bool_]
-    ) -> Iterator[tuple[int, Message]]:
-        """Yield decodable messages of a selection with their offsets."""
-        for row in part.take(which).rows():
-            if (message := self._decoded(channels, part, row)) is not None:
-                yield row[4], message
+        return Block(kinds, kind[possible], times[possible].astype(np.int64), made)
 
     def _raw(self, channels: Channels, part: Part, row: Row) -> RawMessage:
-        channel, _, log_ns, publish_ns, start, stop, _ = row
+        channel, sequence, log_ns, publish_ns, start, stop, position = row
         sink = channels.sinks.get(channel) or channels.sink(channel)
         self.statistics.read[sink.topic] += 1
         time_ns = publish_ns if self._clock == "publish" else log_ns
@@ -229,15 +205,8 @@ class McapReader(LogFile):
                 time_ns = self._stamped(sink.decode(part.contents[start:stop]), time_ns)
             except PAYLOAD_ERRORS:
                 self.statistics.without_stamp += 1
-        return self._copy(sink, part, row, time_ns)
-
-    def _copy(self, sink: Sink, part: Part, row: Row, time_ns: int) -> RawMessage:
-        """Return a raw message."""
-        _, sequence, log_ns, publish_ns, start, stop, position = row
-        return RawMessage(
-            *(time_ns, self.input, position, sink.channel, sequence, log_ns, publish_ns),
-            part.contents[start:stop],
-        )
+        copied = sink.channel, sequence, log_ns, publish_ns, part.contents[start:stop]
+        return RawMessage(time_ns, self.input, position, *copied)
 
     def _stamped(self, payload: Mapping[str, Any], log_ns: int) -> int:
         """Return a payload's own stamp; without one the log time, counted."""

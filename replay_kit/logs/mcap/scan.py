@@ -8,30 +8,25 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
 
-from replay_kit.logs.mcap.contents import SHORTEST, Part, walk
+from replay_kit.logs.mcap.channels import Channels
+from replay_kit.logs.mcap.chunk import SHORTEST, Part, walk
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     INNER,
     MAGIC,
     RECORD_ERRORS,
     RECORD_HEAD,
-    Chunk,
-    ChunkError,
     Record,
-    chunk_contents,
-    cut_contents,
     file_records,
     parse,
-    parse_chunk,
 )
-from replay_kit.logs.mcap.salvage import Salvage, WholeChunk, goes_on
-from replay_kit.logs.mcap.summary import Channels, Summary
+from replay_kit.logs.mcap.salvage import Salvage
+from replay_kit.logs.mcap.summary import Summary
 from replay_kit.logs.shared.blocks import ReadStatistics
 
-#: From a chunk's beginning to its data when it is not compressed [bytes].
-_CHUNK_HEAD = HEAD_SIZE + 40
 #: Bytes of messages outside chunks that are a part.
 _PART = 1 << 20
+_IN_CHUNKS = INNER | {int(Opcode.CHUNK)}
 
 
 class Scan:
@@ -94,7 +89,7 @@ class Scan:
         what: str,
         start: int,
         end: int,
-        messages: int | None,
+        messages: int | None = 0,
         span: tuple[int, int] | None = None,
     ) -> None:
         if messages is None:
@@ -107,29 +102,19 @@ class Scan:
         """Yield messages up to the end or to damage; return the offset at which reading resumes, or None."""
         self._search_from = start + 1
         for record in file_records(self._file, start, self._size, self._summary.next_offset):
-            self._chunked = self._chunked or record.opcode == Opcode.CHUNK
-            believable = self._salvage.is_believable(record)
-            if not believable or record.opcode != Opcode.MESSAGE:
+            is_chunk = record.opcode == Opcode.CHUNK or self._summary.chunk_at(record.offset)
+            if is_chunk or record.opcode != Opcode.MESSAGE:
                 yield from self._from_outside()
-            if not believable:
-                return (yield from self._cut(record))
-            if record.opcode == Opcode.CHUNK:
+            if record.opcode in _IN_CHUNKS and self._summary.in_index(record.offset):
+                what = "a record of a chunk's index is damaged and ignored"
+                self._lose(what, record.offset, record.end)
+            elif is_chunk or not self._salvage.is_sound(record):
                 if (after := (yield from self._chunk(record))) != record.end:
                     return after
+            elif record.opcode == Opcode.MESSAGE:
+                yield from self._outside_chunks(record)
             elif record.opcode in INNER:
-                if self._summary.in_index(record.offset):
-                    self._lose(
-                        "a record of a chunk's index is damaged and ignored",
-                        record.offset,
-                        record.end,
-                        0,
-                    )
-                elif record.opcode == Opcode.MESSAGE:
-                    yield from self._outside_chunks(record)
-                else:
-                    self._declare(
-                        record.opcode, record.body, record.offset, None if self._chunked else 0
-                    )
+                self._declare(record.opcode, record.body, record.offset, not self._chunked)
             elif record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
                 self.pass_on(record)
             else:
@@ -144,125 +129,55 @@ class Scan:
             if self._on_extra is not None:
                 self._on_extra(record)
         except RECORD_ERRORS as error:
-            self._lose(
-                f"an attachment or metadata record is damaged and excluded: {error}",
-                record.offset,
-                record.end,
-                0,
-            )
+            what = f"an attachment or metadata record is damaged and excluded: {error}"
+            self._lose(what, record.offset, record.end)
 
     def _chunk(self, record: Record) -> Generator[Part, None, int | None]:
-        """Yield the messages of a whole chunk record; return the offset at which reading resumes, or None."""
+        """Yield the messages of a chunk; return its end, or the offset at which reading resumes after damage, or None."""
         try:
-            chunk = parse_chunk(record.body)
-            data = chunk_contents(chunk)
+            chunk, contents = self._salvage.chunk_of(record)
+            part, declared = walk(contents, chunk)
         except RECORD_ERRORS as error:
-            return (yield from self._damaged_chunk(record, error))
-        end = record.offset + _CHUNK_HEAD + len(chunk.compression) + len(chunk.data)
+            return self._skip(record, error)
+        self._chunked = True
+        for opcode, begin, stop in declared:
+            self._declare(opcode, contents[begin:stop], record.offset)
         if chunk.crc == 0:
             self._statistics.unchecked["chunks without a checksum"] += 1
-        before = self._position + self._lost
-        used = yield from self._contents(data, record, chunk if chunk.crc == 0 else None)
-        if chunk.crc != 0 and end == record.end and used == len(data):
-            self._search_from = end
-            return end
-        indexed = self._salvage.indexed_messages(record)
-        lost = None if indexed is None else max(0, indexed + before - self._position - self._lost)
-        if used < len(data):
-            what = f"chunk used up to byte {used} of its contents: no whole record follows"
-            self._lose(what, record.offset, record.offset + len(data) - used, lost, chunk.span)
-        elif lost:
-            self._lose(
-                "chunk holds fewer messages than its index lists",
-                record.offset,
-                record.end,
-                lost,
-                chunk.span,
-            )
-        if self._salvage.follows(record):
-            return record.end
-        if chunk.crc != 0:
-            return self._after_chunk(record, end)
-        resume = self._salvage.resume(record.offset, record.offset + 1, False)
-        what = f"bytes are missing in a chunk without a checksum, or its length is damaged{goes_on(resume)}"
-        self._lose(what, record.offset, resume or self._size, None, chunk.span)
-        return resume
-
-    def _damaged_chunk(self, record: Record, error: Exception) -> Generator[Part, None, int | None]:
-        """Yield the messages of a chunk with a wrong record header if its own lengths and checksum are valid; as ``_chunk``."""
-        if (own := self._salvage.whole_chunk(record.offset)) is not None:
-            return (yield from self._as_stated_by_itself(record, own))
-        in_data = isinstance(error, ChunkError)
-        span, why = (
-            (parse_chunk(record.body).span, str(error))
-            if in_data
-            else (None, "its head is damaged")
-        )
-        resume = (
-            record.end
-            if self._salvage.follows(record)
-            else self._salvage.resume(record.offset, record.offset + 1, False)
-        )
-        self._lose(
-            f"chunk skipped: {why}",
-            record.offset,
-            resume or self._size,
-            self._salvage.indexed_messages(record),
-            span,
-        )
-        return resume
-
-    def _as_stated_by_itself(
-        self, record: Record, own: WholeChunk
-    ) -> Generator[Part, None, int | None]:
-        """Yield the messages of a chunk whose record states another kind or length; as ``_chunk``."""
-        self._chunked = True
-        yield from self._contents(own.contents, record, None)
-        return self._after_chunk(record, own.end)
-
-    def _after_chunk(self, record: Record, end: int) -> int | None:
-        """Count damage to the opcode or length of a valid chunk; return the offset at which reading resumes, or None."""
-        resume = (
-            end
-            if (follows := self._salvage.begins_chain(end))
-            else self._salvage.resume(end - 1, end, False)
-        )
-        what = (
-            "the opcode or length of a chunk is damaged; its checksum fits, and all its messages are used"
-            + goes_on(resume)
-        )
-        self._lose(what, record.offset, record.offset + HEAD_SIZE, 0)
-        if not follows:
-            self._lose("bad bytes after a chunk", end, resume or self._size, None)
-        return resume
-
-    def _contents(
-        self, data: bytes, record: Record, unchecked: Chunk | None
-    ) -> Generator[Part, None, int]:
-        """Yield the messages of a chunk's contents; return the length of the whole records [bytes].
-
-        Args:
-            data: Contents.
-            record: Record of the chunk.
-            unchecked: Chunk without a checksum: messages that contradict its header are then excluded, and records other than schemas,
-                channels and messages are damage.
-        """
-        found = walk(data, strict=unchecked is not None)
-        for opcode, start, stop in found.declared:
-            self._declare(opcode, data[start:stop], record.offset)
-        for length in found.short:
-            what = "a message record is too short and excluded"
-            self._lose(what, record.offset, record.offset + length, 1)
-        part = found.part
-        if unchecked is not None and (span := unchecked.span) is not None:
-            log_ns = part.head["log_ns"]
-            outside = (log_ns < span[0]) | (log_ns > span[1])
-            for length in part.head["length"][outside].tolist():
-                what = "message excluded: its time is outside its chunk's range"
-                self._lose(what, record.offset, record.offset + length, 1)
-            part = part.take(~outside)
         yield from self._counted(part)
-        return found.end
+        end = record.offset + HEAD_SIZE + chunk.length
+        if end != record.end or record.opcode != Opcode.CHUNK:
+            what = "the opcode or length of a chunk is damaged; its checksum fits, and all its messages are used"
+            self._lose(what, record.offset, record.offset + HEAD_SIZE)
+        self._search_from = max(self._search_from, end)
+        return end
+
+    def _skip(self, record: Record, error: Exception) -> int | None:
+        """Count a damaged record; return the offset at which reading resumes, or None."""
+        listed = self._summary.chunk_at(record.offset)
+        self._chunked = self._chunked or record.opcode == Opcode.CHUNK
+        if record.offset == self._size:
+            self._lose(
+                "ends without a footer: everything before is used", self._size, self._size, None
+            )
+            return None
+        resume = self._salvage.resume(record, self._search_from, not self._chunked)
+        is_chunk = listed is not None or (record.opcode == Opcode.CHUNK and record.whole)
+        messages = self._salvage.indexed_messages(record) if is_chunk else None
+        span = (
+            (listed.message_start_time, listed.message_end_time)
+            if listed is not None
+            else self._salvage.stated_span(record)
+        )
+        what = "cut inside a record, or no record begins here: everything before is used"
+        if is_chunk and record.whole:
+            what = f"chunk skipped: {error}"
+        elif record.opcode == Opcode.CHUNK:
+            what = "cut inside a chunk: everything before it is used"
+        on = "" if resume in (None, record.end) else f"; reading resumes at byte {resume}"
+        end = self._size if resume is None else max(resume, record.offset)
+        self._lose(what + on, record.offset, end, messages, span)
+        return resume
 
     def _counted(self, part: Part) -> Iterator[Part]:
         """Yield a part with the ordinals of its messages, if any."""
@@ -284,104 +199,45 @@ class Scan:
     def _from_outside(self) -> Iterator[Part]:
         """Yield the collected messages outside chunks."""
         if self._outside:
-            part = walk(bytes(self._outside)).part
+            part, _ = walk(bytes(self._outside))
             self._outside.clear()
             yield from self._counted(part)
 
-    def _cut(self, record: Record) -> Generator[Part, None, int | None]:
-        """Yield the messages in the rest of an incomplete record; return the offset at which reading resumes, or None."""
-        if (own := self._salvage.whole_chunk(record.offset)) is not None:
-            return (yield from self._as_stated_by_itself(record, own))
-        resume = self._salvage.resume(record.offset, self._search_from, not self._chunked)
-        end = self._size if resume is None else max(resume, record.offset)
-        before = self._position
-        listed = self._summary.chunk_at(record.offset)
-        indexed = None if listed is None else self._salvage.indexed_messages(record)
-        if record.opcode == Opcode.CHUNK:
-            try:
-                chunk = parse_chunk(record.body[: end - record.offset - HEAD_SIZE])
-                data = cut_contents(chunk)
-            except RECORD_ERRORS:
-                pass
-            else:
-                used = yield from self._contents(data, record, chunk)
-                found = self._position - before
-                if found:
-                    self._statistics.unchecked[
-                        "messages of cut chunks, whose checksum cannot be verified"
-                    ] += found
-                whole = record.offset + (_CHUNK_HEAD + used if chunk.compression == "" else 0)
-                lost = (
-                    0
-                    if used == chunk.size and resume
-                    else None
-                    if indexed is None
-                    else max(0, indexed - found)
-                )
-                what = f"cut inside a chunk: the whole records before the cut are used{goes_on(resume)}"
-                self._lose(what, whole, end, lost, chunk.span)
-                return resume
-        if record.offset == self._size:
-            self._lose("ends without a footer: everything before is used", record.offset, end, None)
-        else:
-            what = f"cut inside a record, or no record begins here: everything before is used{goes_on(resume)}"
-            span = None if listed is None else (listed.message_start_time, listed.message_end_time)
-            self._lose(what, record.offset, end, indexed, span)
-        return resume
-
-    def _declare(self, opcode: int, body: bytes, offset: int, messages: int | None = 0) -> None:
+    def _declare(self, opcode: int, body: bytes, offset: int, is_known: bool = True) -> None:
+        """Add a declaration; a damaged one is a loss, in a file of chunks perhaps of the chunk that it was."""
         try:
             self.channels.declare(opcode, body)
         except RECORD_ERRORS:
-            self._lose(
-                "a schema or channel record is damaged and excluded",
-                offset,
-                offset + len(body),
-                messages,
-            )
+            what = "a schema or channel record is damaged and excluded"
+            self._lose(what, offset, offset + len(body), 0 if is_known else None)
 
     def _check(self, record: Record) -> None:
         """Compare the file's statistics with the records found, unless a loss explains a difference."""
-        if record.opcode == Opcode.FOOTER:
-            self._file.seek(record.end)
-            if self._file.read(len(MAGIC)) != MAGIC:
-                self._lose(
-                    "ends without the closing magic bytes: all messages are used",
-                    record.end,
-                    self._size,
-                    0,
-                )
-            if not self._ended and not self._statistics.lost:
-                self._lose(
-                    "the end of the data section is missing, perhaps messages too",
-                    record.offset,
-                    record.offset,
-                    None,
-                )
+        at = record.offset
         try:
-            if record.opcode == Opcode.DATA_END:
+            if record.opcode == Opcode.FOOTER:
+                self._check_end(record)
+            elif record.opcode == Opcode.DATA_END:
                 self._ended = True
-                self._check_data(parse(DataEnd, record.body).data_section_crc, record)
+                stated = parse(DataEnd, record.body).data_section_crc
+                self._verified = stated == record.crc
+                if stated not in (0, record.crc) and not self._statistics.lost:
+                    what = "the checksum of the data section does not match: messages outside chunks may be wrong"
+                    self._lose(what, at, at)
             elif record.opcode == Opcode.STATISTICS:
-                self._check_count(parse(Statistics, record.body).message_count, record)
+                count = parse(Statistics, record.body).message_count
+                if self._lost_all_known and count != self._position + self._lost:
+                    missing = max(0, count - self._position - self._lost)
+                    what = f"the file states {count} messages, {self._position} were found"
+                    self._lose(what, at, at, None if self._summary.problem else missing)
         except RECORD_ERRORS:
-            self._lose(
-                "the end of the file is damaged: all messages are used",
-                record.offset,
-                record.end,
-                0,
-            )
+            self._lose("the end of the file is damaged: all messages are used", at, record.end)
 
-    def _check_data(self, stated: int, record: Record) -> None:
-        self._verified = stated == record.crc
-        if stated not in (0, record.crc) and not self._statistics.lost:
-            what = "the checksum of the data section does not match: messages outside chunks may be wrong"
-            self._lose(what, record.offset, record.offset, 0)
-
-    def _check_count(self, stated: int, record: Record) -> None:
-        if self._lost_all_known and stated != self._position + self._lost:
-            what = f"the file states {stated} messages, {self._position} were found"
-            missing = max(0, stated - self._position - self._lost)
-            self._lose(
-                what, record.offset, record.offset, None if self._summary.problem else missing
-            )
+    def _check_end(self, footer: Record) -> None:
+        self._file.seek(footer.end)
+        if self._file.read(len(MAGIC)) != MAGIC:
+            what = "ends without the closing magic bytes: all messages are used"
+            self._lose(what, footer.end, self._size)
+        if not self._ended and not self._statistics.lost:
+            what = "the end of the data section is missing, perhaps messages too"
+            self._lose(what, footer.offset, footer.offset, None)

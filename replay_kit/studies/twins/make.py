@@ -10,7 +10,6 @@ import numpy as np
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import check_paths
-from replay_kit.logs.mavlink.writer import write_tlog
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.glider import PING_STEPS, STEP_S, Schedule
@@ -20,7 +19,6 @@ from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission, survey
 
 Vehicle = Literal["vessel", "glider"]
 _USUAL_S = float(STEP_S * PING_STEPS)
-_WRITERS = {".mcap": write_mcap_log, ".tlog": write_tlog}
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,25 +68,22 @@ def make_twin(
     Args:
         truth: Ensemble of one, or several at increasing times with linear changes between them.
         twin: Vehicle, survey, and errors of the instrument.
-        out: Log, ``.mcap`` or ``.tlog``.
+        out: Log, ``.mcap``.
         overwrite: Whether an existing log is replaced.
 
     Raises:
         ConfigError: An argument is invalid, or the output exists.
         ForecastError: The truth does not cover the track.
     """
-    writer = _WRITERS.get(out.suffix.lower())
-    if writer is None:
-        raise ConfigError(
-            f"{out}: a twin's log is .mcap or .tlog, got '{out.suffix}'; choose one of these endings"
-        )
+    if out.suffix.lower() != ".mcap":
+        raise ConfigError(f"{out}: a twin's log is .mcap, got '{out.suffix}'; choose this ending")
     check_paths([], [out], overwrite)
     twin.check()
     rng = np.random.default_rng(twin.seed)
     truths = (truth,) if isinstance(truth, Ensemble) else tuple(truth)
     field = build_field(*truths)
     mission = _fly(field, twin, EPOCH_NS if truths[0].time_ns is None else truths[0].time_ns, rng)
-    writer(out, measured_on(mission, field, twin.noise, rng).messages())
+    write_mcap_log(out, measured_on(mission, field, twin.noise, rng).messages())
     return mission
 
 

@@ -11,7 +11,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.adcp.bottom_track import NOT_FOUND, bottom_tracks
-from replay_kit.logs.adcp.records import scan
+from replay_kit.logs.adcp.frames import scan
 from tests.logs.adcp import ad2cp_samples as samples
 from tests.logs.adcp.ad2cp_samples import Survey
 from tests.logs.adcp.raw_adcp_samples import adcp_messages, nortek_record, write

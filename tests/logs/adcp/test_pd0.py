@@ -10,8 +10,8 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import Observation
 from replay_kit.logs import open_log
+from replay_kit.logs.adcp.frames import scan
 from replay_kit.logs.adcp.pd0 import by_configuration
-from replay_kit.logs.adcp.records import scan
 from replay_kit.measurements import observations
 from replay_kit.workflows.info.inspect import inspect_logs
 from tests.command import run_command

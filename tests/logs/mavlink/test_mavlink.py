@@ -10,7 +10,8 @@ from replay_kit.core.message import LogReport
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from tests.logs.log_samples import SHARED, attitude, json_mcap, read_log, tlog, tlog_entry
-from tests.places import needs
+from tests.logs.mavlink.telemetry_samples import write_tlog
+from tests.places import SAMPLES, needs
 
 START = 1_700_000_000_000_000
 SMALL = SHARED / "ardusub" / "small.tlog"
@@ -96,29 +97,6 @@ def test_a_signed_frame(tmp_path):
     assert report.losses == ()
 
 
-def test_bad_bytes_are_skipped_and_counted(tmp_path):
-    entries = tlog(6)
-    damaged = bytearray(entries[2])
-    damaged[20] ^= 0x10
-    noise = b"\xfe\xfd\x00" * 9
-    data = (
-        noise
-        + entries[0]
-        + entries[1]
-        + damaged
-        + entries[3]
-        + entries[4][:-3]
-        + entries[5]
-        + entries[0][:15]
-    )
-    messages, report = read_log(tmp_path, data)
-    assert boots(messages) == [0, 1, 3, 5]
-    sizes = [len(noise), len(damaged), len(entries[4]) - 3, 15]
-    assert [loss.bytes for loss in report.losses] == sizes
-    assert report.losses[0].offset == 0
-    assert report.losses[-1].offset + 15 == len(data)
-
-
 def test_a_stamp_that_holds_frame_markers(tmp_path):
     stamps = [0x0006_FDFE_FDFE_FDFE, 0x0006_FDFE_FE06_FD00]
     messages, report = read_log(
@@ -184,3 +162,22 @@ def _slow_twin(path, count):
     finally:
         link.close()
     return found
+
+
+def test_the_sample_of_telemetry_is_that_of_mcap(tmp_path):
+    write_tlog(tmp_path / "made.tlog", open_log(SAMPLES / "glider.mcap").messages())
+    assert (tmp_path / "made.tlog").read_bytes() == (SAMPLES / "glider.tlog").read_bytes()
+
+
+def test_pymavlink_reads_the_frames_of_pings_that_we_read():
+    log = mavutil.mavlink_connection(str(SAMPLES / "glider.tlog"), dialect="ardupilotmega")
+    theirs = []
+    while (message := log.recv_msg()) is not None:
+        theirs.append((message.get_type(), getattr(message, "array_id", None), message._timestamp))
+    log.close()
+    ours = [
+        (message.schema, message.payload.get("array_id"), message.time_ns * 1e-9)
+        for message in open_log(SAMPLES / "glider.tlog").messages()
+    ]
+    assert [one[:2] for one in ours] == [one[:2] for one in theirs]
+    assert max(abs(one[2] - other[2]) for one, other in zip(ours, theirs, strict=True)) < 1e-5

@@ -1,4 +1,4 @@
-"""Broken MCAP files: valid records and a Loss; random damage is in ``tests/fuzz``."""
+"""Broken MCAP files: what is whole under a checksum comes, and what is lost is told; random damage is in ``tests/fuzz``."""
 
 import struct
 import tracemalloc
@@ -9,100 +9,166 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
 
+from replay_kit.core.message import Loss
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap.records import MAGIC, MAX_CONTENTS, MAX_SIZE
-from tests.logs.log_samples import json_mcap
+from replay_kit.logs.mcap.chunk import MAX_CONTENTS
+from replay_kit.logs.mcap.records import MAGIC, MAX_SIZE
+from replay_kit.results.losses import loss_json, loss_words, unchecked_lines
+from tests.logs.log_samples import SECOND, json_mcap, record_offsets
 from tests.logs.log_samples import read_log as read
 
-SAMPLES = {
-    "none": json_mcap(range(40)),
-    "zstd": json_mcap(range(40), CompressionType.ZSTD),
-    "lz4": json_mcap(range(40), CompressionType.LZ4),
-    "one chunk": json_mcap(range(40), chunk_size=1 << 20),
-    "unchunked": json_mcap(range(40), use_chunking=False, data_crcs=True),
-}
+TIMES = [k * SECOND for k in range(1, 41)]
+CHUNKED = json_mcap(TIMES)
+PLAIN = json_mcap(TIMES, use_chunking=False, data_crcs=True)
+CHUNKS = record_offsets(CHUNKED, Opcode.CHUNK)
+THIRD, THIRD_HOLDS = CHUNKS[2], set(range(11, 17))
+INDEXES = [at for at in record_offsets(CHUNKED, Opcode.MESSAGE_INDEX) if at > THIRD]
+OUTSIDE = "messages outside chunks, without a checksum"
 
 
 def numbers(messages):
     return [m.payload["n"] for m in messages]
 
 
+def flipped(data, *changes):
+    """Return a file with bytes at offsets changed: (offset, new value, or a function of the old one)."""
+    damaged = bytearray(data)
+    for at, value in changes:
+        damaged[at] = value(damaged[at]) if callable(value) else value
+    return bytes(damaged)
+
+
+def ended(whole, with_end):
+    """Return a file, or what a power cut leaves of it: no end and no summary."""
+    return whole if with_end else whole[: record_offsets(CHUNKED, Opcode.DATA_END)[0]]
+
+
 def chunk_record(data, claimed, compression=b"", crc=0):
-    head = (
-        struct.pack("<QQQII", 0, 0, claimed, crc, len(compression))
-        + compression
-        + struct.pack("<Q", len(data))
-    )
-    return struct.pack("<BQ", Opcode.CHUNK, len(head) + len(data)) + head + data
+    head = struct.pack("<QQQII", 0, 0, claimed, crc, len(compression)) + compression
+    body = head + struct.pack("<Q", len(data)) + data
+    return struct.pack("<BQ", Opcode.CHUNK, len(body)) + body
 
 
 def with_chunk_first(whole, chunk):
     """Return a file with one more chunk, and without a summary, whose offsets would no longer be true."""
     first, end = record_offsets(whole, Opcode.CHUNK)[0], record_offsets(whole, Opcode.DATA_END)[0]
-    tail = (
-        struct.pack("<BQI", Opcode.DATA_END, 4, 0)
-        + struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0)
-        + MAGIC
-    )
+    tail = struct.pack("<BQI", Opcode.DATA_END, 4, 0)
+    tail += struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC
     return whole[:first] + chunk + whole[first:end] + tail
 
 
-def record_offsets(data, opcode):
-    offsets, offset = [], len(MAGIC)
-    while offset + 9 <= len(data):
-        found, length = struct.unpack_from("<BQ", data, offset)
-        if found == opcode:
-            offsets.append(offset)
-        offset += 9 + length
-    return offsets
+# damage, messages lost, place, bytes and messages of the first loss
+DAMAGES = {
+    "length of a chunk too large": ([(THIRD + 6, 0xFF)], set(), (THIRD, 9, 0)),
+    "length of a chunk too small": ([(THIRD + 1, lambda old: old ^ 1)], set(), (THIRD, 9, 0)),
+    "opcode of a chunk unknown": ([(THIRD, 0x26)], set(), (THIRD, 9, 0)),
+    "opcode of a chunk another": ([(THIRD, Opcode.METADATA)], set(), (THIRD, 9, 0)),
+    "opcode of a chunk a channel's": ([(THIRD, Opcode.CHANNEL)], set(), (THIRD, 9, 0)),
+    "contents": ([(THIRD + 90, lambda old: old ^ 1)], THIRD_HOLDS, (THIRD, None, 6)),
+    "contents without a checksum": (
+        [(THIRD + 33 + k, 0) for k in range(4)] + [(THIRD + 52, 0xFF)],
+        THIRD_HOLDS,
+        (THIRD, None, 6),
+    ),
+    "head emptied": ([(THIRD + k, 0) for k in range(25, 49)], THIRD_HOLDS, (THIRD, None, 6)),
+    "index said to be a chunk": ([(INDEXES[0], Opcode.CHUNK)], set(), (INDEXES[0], None, 0)),
+}
 
 
-@pytest.mark.parametrize("sample", ["none", "one chunk", "unchunked"])
-def test_every_whole_record_before_the_cut_is_used(tmp_path, sample):
-    whole = SAMPLES[sample]
-    end = whole.index(b'{"n":25') + len(b'{"n":25,"text":""}') + 20
-    messages, report = read(tmp_path, whole[:end])
-    assert numbers(messages) == list(range(26))
-    assert report.losses[0].offset == end
-    messages, report = read(tmp_path, whole[: end - 1])
-    assert numbers(messages) == list(range(25))
-    assert 0 < report.losses[0].bytes < 100
+@pytest.mark.parametrize("with_end", [True, False], ids=["with a summary", "without an end"])
+@pytest.mark.parametrize("name", DAMAGES)
+def test_what_is_whole_comes_and_the_loss_is_counted(tmp_path, name, with_end):
+    changes, lost, (place, size, count) = DAMAGES[name]
+    found, report = read(tmp_path, ended(flipped(CHUNKED, *changes), with_end))
+    assert numbers(found) == [n for n in range(40) if n not in lost]
+    loss = report.losses[0]
+    assert (loss.offset, size or loss.bytes) == (place, loss.bytes)
+    assert loss.messages == count or (not with_end and "index" in name)
+    if lost:
+        assert (loss.first_ns, loss.last_ns) == (TIMES[min(lost)], TIMES[max(lost)])
+        assert "6 messages of 1970-01-01T" in loss_words(loss)
+    # the chunk may hold what the channels are: the summary says it again
+    assert report.undecodable == {}
 
 
-def test_a_cut_compressed_chunk_gives_what_can_be_decompressed(tmp_path):
-    whole = json_mcap(range(20_000), CompressionType.ZSTD, chunk_size=1 << 30)
-    chunk = record_offsets(whole, Opcode.CHUNK)[0]
-    (length,) = struct.unpack_from("<Q", whole, chunk + 1)
-    messages, report = read(tmp_path, whole[: chunk + length // 2])
-    assert 2000 < len(messages) < 18_000
-    assert numbers(messages) == list(range(len(messages)))
-    assert len(report.losses) == 1
+def test_without_a_whole_index_a_lost_chunk_held_an_unknown_number(tmp_path):
+    damaged = flipped(CHUNKED, (THIRD + 90, lambda old: old ^ 1), (INDEXES[1], 0x77))
+    assert read(tmp_path, ended(damaged, False))[1].losses[0].messages is None
 
 
-def test_reading_goes_on_at_the_next_chunk_after_a_wrong_length(tmp_path):
-    whole = SAMPLES["none"]
-    chunks = record_offsets(whole, Opcode.CHUNK)
-    damaged = bytearray(whole)
-    damaged[chunks[2] + 6] = 0xFF
-    messages, report = read(tmp_path, bytes(damaged))
-    assert numbers(messages) == list(range(40))
-    assert len(report.losses) == 1
-    # the chunk's own lengths and checksum fit: nothing is lost but its length, and its index is read too
-    index = next(at for at in record_offsets(whole, Opcode.MESSAGE_INDEX) if at > chunks[2])
-    assert report.losses[0].what.endswith(f"reading resumes at byte {index}")
-    assert (report.losses[0].offset, report.losses[0].bytes, report.losses[0].messages) == (
-        chunks[2],
-        9,
-        0,
-    )
+@pytest.mark.parametrize("where", [12, 80, INDEXES[0] + 20 - THIRD])
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
+def test_the_chunk_after_one_that_lacks_bytes_is_read(tmp_path, compression, where):
+    whole = json_mcap(TIMES, compression)
+    whole = whole[: record_offsets(whole, Opcode.DATA_END)[0]]
+    at = record_offsets(whole, Opcode.CHUNK)[2] + where
+    if where > 80:
+        third = record_offsets(whole, Opcode.CHUNK)[2]
+        at = 20 + next(i for i in record_offsets(whole, Opcode.MESSAGE_INDEX) if i > third)
+    found, report = read(tmp_path, whole[:at] + whole[at + 3 :])
+    lost = set() if where > 80 else THIRD_HOLDS
+    assert set(numbers(found)) == set(range(40)) - lost
+    assert report.losses[0].messages is None
+
+
+@pytest.mark.parametrize("cut", [150, 0])
+def test_what_a_cut_took_is_said_to_be_unknown(tmp_path, cut):
+    found, report = read(tmp_path, CHUNKED[: THIRD + cut])
+    (loss,) = report.losses
+    # of a cut chunk no checksum says which of its messages are sound
+    assert numbers(found) == list(range(11))
+    assert (loss.offset, loss.bytes, loss.messages) == (THIRD, cut, None)
+    assert loss_json(loss)["messages"] is None
+    assert loss.first_ns == (TIMES[11] if cut else None)
+    assert "unknown number of messages" in loss_words(loss)
 
 
 def test_zeros_after_a_power_cut(tmp_path):
-    whole = SAMPLES["none"]
-    end = record_offsets(whole, Opcode.CHUNK)[3]
-    messages, report = read(tmp_path, whole[:end] + bytes(100_000))
-    assert numbers(messages) == list(range(len(messages)))
-    assert [(loss.offset, loss.bytes) for loss in report.losses] == [(end, 100_000)]
+    found, report = read(tmp_path, CHUNKED[:THIRD] + bytes(100_000))
+    assert numbers(found) == list(range(11))
+    assert [(loss.offset, loss.bytes) for loss in report.losses] == [(THIRD, 100_000)]
+
+
+@pytest.mark.parametrize("with_end", [True, False], ids=["with a summary", "without an end"])
+def test_after_a_lost_boundary_outside_chunks_all_other_messages_are_read(tmp_path, with_end):
+    messages = record_offsets(PLAIN, Opcode.MESSAGE)
+    whole = PLAIN if with_end else PLAIN[: record_offsets(PLAIN, Opcode.DATA_END)[0]]
+    for at, value in ((5, 0x40), (1, lambda old: old ^ 0x10)):
+        found, report = read(tmp_path, flipped(whole, (messages[7] + at, value)))
+        assert set(numbers(found)) >= set(range(40)) - {7}
+        assert report.losses[0].messages is None
+        # the checksum of the whole section cannot say which of them are sound
+        assert report.unchecked == {OUTSIDE: sum(report.read.values())}
+
+
+def test_messages_outside_chunks_are_verified_by_the_checksum_of_their_section(tmp_path):
+    assert read(tmp_path, PLAIN)[1].unchecked == {}
+    damaged = flipped(PLAIN, (record_offsets(PLAIN, Opcode.MESSAGE)[3] + 9, lambda old: old ^ 1))
+    for data in (damaged, json_mcap(TIMES, use_chunking=False)):
+        report = read(tmp_path, data)[1]
+        assert list(unchecked_lines(report)) == [
+            f"Without a checksum, so that damage cannot be detected: {tmp_path / 'log'}: {OUTSIDE} (40)"
+        ]
+
+
+def test_chunks_without_a_checksum_are_counted(tmp_path):
+    without = bytearray(CHUNKED)
+    for chunk in CHUNKS:
+        struct.pack_into("<I", without, chunk + 9 + 24, 0)
+    assert read(tmp_path, bytes(without))[1].unchecked == {"chunks without a checksum": len(CHUNKS)}
+    # a time outside the span that the chunk states
+    at = without.index(struct.pack("<Q", TIMES[8]), CHUNKS[1] + 60) + 7
+    found, report = read(tmp_path, flipped(without, (at, lambda old: old ^ 0x40)))
+    assert (len(found), [loss.messages for loss in report.losses]) == (34, [6])
+    assert "outside the span that it states" in report.losses[0].what
+
+
+def test_a_number_of_messages_in_a_damaged_summary_is_not_believed(tmp_path):
+    at = record_offsets(CHUNKED, Opcode.STATISTICS)[0] + 9 + 4
+    found, report = read(tmp_path, flipped(CHUNKED, (at, lambda old: old ^ 4)))
+    assert len(found) == 40
+    assert [loss.messages for loss in report.losses] == [0, None]
+    assert report.losses[1].what == "the file states 17179869224 messages, 40 were found"
 
 
 @pytest.mark.parametrize(
@@ -121,10 +187,13 @@ def test_zeros_after_a_power_cut(tmp_path):
         chunk_record(b"abc", 3, crc=zlib.crc32(b"abd")),
         chunk_record(b"abc", 4),
         chunk_record(b"", 5, b"\xff\xfe"),
+        # a message too short, and another kind of record where no checksum covers it
+        chunk_record(struct.pack("<BQ", Opcode.MESSAGE, 21) + bytes(21), 30, crc=1),
+        chunk_record(struct.pack("<BQ", Opcode.METADATA, 0), 9),
     ],
 )
 def test_a_chunk_that_claims_too_much_is_not_allocated(tmp_path, chunk):
-    data = with_chunk_first(SAMPLES["none"], chunk)
+    data = with_chunk_first(CHUNKED, chunk)
     tracemalloc.start()
     messages, report = read(tmp_path, data)
     peak = tracemalloc.get_traced_memory()[1]
@@ -133,6 +202,19 @@ def test_a_chunk_that_claims_too_much_is_not_allocated(tmp_path, chunk):
     assert [loss.bytes for loss in report.losses] == [len(chunk)]
     assert "chunk skipped" in report.losses[0].what
     assert peak < 20_000_000
+
+
+def test_what_is_spent_on_checksums_is_bounded_by_the_size_of_the_file(tmp_path, monkeypatch):
+    checked = []
+    crc = zlib.crc32
+    monkeypatch.setattr(
+        "replay_kit.logs.mcap.chunk.zlib.crc32",
+        lambda *given: checked.append(len(given[0])) or crc(*given),
+    )
+    claim = struct.pack("<BQQQQIIQ", Opcode.CHUNK, 50_041, 0, 0, 50_000, 7, 0, 50_000)
+    data = MAGIC + b"\xff" + 5000 * claim + bytes(60_000)
+    assert read(tmp_path, data)[1].losses
+    assert sum(checked) < 70 * len(data)
 
 
 @pytest.mark.full
@@ -151,7 +233,15 @@ def test_memory_is_one_chunk(tmp_path):
 
 def test_many_losses_are_summed(tmp_path):
     chunk = chunk_record(b"abc", 4)
-    _, report = read(tmp_path, with_chunk_first(SAMPLES["none"], chunk * 50))
+    _, report = read(tmp_path, with_chunk_first(CHUNKED, chunk * 50))
     assert len(report.losses) == 21
     assert report.losses[-1].what.startswith("30 further")
     assert sum(loss.bytes for loss in report.losses) == 50 * len(chunk)
+
+
+def test_words_of_a_loss():
+    loss = Loss("cut", 10, 20, 3, 0, 1_500_000_000)
+    when = "1970-01-01T00:00:00.000Z to 1970-01-01T00:00:01.500Z"
+    assert loss_words(loss) == f"cut (20 bytes, from byte 10; 3 messages of {when})"
+    assert loss_words(Loss("cut", 10, 20, 0, 0, 1)) == "cut (20 bytes, from byte 10; 0 messages)"
+    assert loss_json(Loss("cut", 10, 20, 0, 0, 2**70))["last"].startswith("2262")

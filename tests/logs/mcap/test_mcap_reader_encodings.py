@@ -1,4 +1,4 @@
-"""MCAP encodings: json, protobuf, ros2  and ros1 payloads as plain dicts; what fits no decoder is counted with a reason."""
+"""MCAP encodings: JSON and protobuf payloads as plain dicts; what fits no decoder is counted with a reason."""
 
 import math
 
@@ -6,7 +6,6 @@ import pytest
 from foxglove import messages as foxglove_messages
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.descriptor_pool import DescriptorPool
-from mcap_ros2._dynamic import serialize_dynamic
 
 from replay_kit.logs.decode.decoders import decode_json
 from tests.logs.log_samples import one_channel_mcap
@@ -112,51 +111,6 @@ def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
     child = {**leaf, "value": 2.0, "children": [{**leaf, "depth": 0.0}]}
     assert [m.payload for m in messages] == [
         {**leaf, "children": [child], "named": {"a": {**leaf, "value": math.inf}}}
-    ]
-    assert report.undecodable["/x"][0] == 1
-
-
-def test_ros2(tmp_path):
-    text = f"p/B b\nstring[] names\n{'=' * 80}\nMSG: p/B\nfloat64[2] x\nuint8[] raw\n"
-    value = {"b": {"x": [1.0, -2.0], "raw": b"\1\2"}, "names": ["a", ""]}
-    data = serialize_dynamic("p/msg/A", text)["p/A"](value)
-    schema = "p/msg/A", "ros2msg", text.encode()
-    messages, report = read(tmp_path, one_channel_mcap("cdr", schema, [data, data[:-1]]))
-    assert [(m.schema, m.payload) for m in messages] == [("p/msg/A", value)]
-    assert report.undecodable["/x"][0] == 1
-
-
-ROS1 = b"""# a comment
-string UNIT="m"
-Header  header
-time at
-duration[2] spans
-float64[] depth   # positive down
-================================================================================
-MSG: std_msgs/Header
-uint32 seq
-time stamp
-string frame_id
-"""
-
-
-def test_ros1(tmp_path):
-    def integers(*values: int):
-        return b"".join(value.to_bytes(4, "little") for value in values)
-
-    depth = b"\0\0\0\0\0\0\xf0\x3f" + b"\0\0\0\0\0\0\0\x40"
-    payload = integers(7, 1, 2, 3) + b"map" + integers(4, 5, 6, 7, 8, 9, 2) + depth
-    messages, report = read(
-        tmp_path,
-        one_channel_mcap("ros1", ("test_msgs/Depth", "ros1msg", ROS1), [payload, payload[:-1]]),
-    )
-    assert [m.payload for m in messages] == [
-        {
-            "header": {"seq": 7, "stamp": {"sec": 1, "nsec": 2}, "frame_id": "map"},
-            "at": {"sec": 4, "nsec": 5},
-            "spans": [{"sec": 6, "nsec": 7}, {"sec": 8, "nsec": 9}],
-            "depth": [1.0, 2.0],
-        }
     ]
     assert report.undecodable["/x"][0] == 1
 

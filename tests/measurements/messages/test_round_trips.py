@@ -15,10 +15,10 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.to_json import JSON_SCHEMAS
-from replay_kit.logs.mavlink.writer import MAX_CELLS, write_tlog
 from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.schemas import tables_of
 from tests.logs.log_samples import one_channel_mcap
+from tests.logs.mavlink.telemetry_samples import MAX_CELLS, write_tlog
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.samples import CONFIG, fix, only, run

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from replay_kit.config.run import load_config
-from replay_kit.logs.mcap import overview
+from replay_kit.logs.mcap import index
 from replay_kit.workflows.info.inspect import inspect_logs
 from tests.command import invoke, succeed
 from tests.measurements.carriers import json_mcap
@@ -17,7 +17,7 @@ TOO_MANY = {"profiles", "bins", "mean_currents", "positions", "dives", "box", "d
 @pytest.fixture
 def log(tmp_path, monkeypatch):
     """A log of 400 fixes, 2 pings and 400 messages of an unknown type, which counts as large; the last of which is late."""
-    monkeypatch.setattr(overview, "FEW_MESSAGES", 10)
+    monkeypatch.setattr(index, "FEW_MESSAGES", 10)
     known = [
         (k, message.topic, message.schema, message.payload)
         for k, message in enumerate((fix(0), ping(1), fix(2), ping(3)))

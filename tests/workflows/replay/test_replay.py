@@ -29,6 +29,7 @@ from replay_kit.workflows.replay.scoring import score_against_truth
 from replay_kit.workflows.replay.stages.planner import PlanResult
 from tests import synthetic
 from tests.command import invoke, succeed
+from tests.logs.mavlink.telemetry_samples import write_tlog
 from tests.results.result_samples import decoded
 
 SETTINGS = RunConfig(planner=PlannerConfig(kind="glide"))
@@ -43,7 +44,7 @@ def ocean(tmp_path_factory) -> Path:
     truth = read_truth(str(folder / "truth.nc"), SETTINGS.forecast)
     make_twin(truth, Twin("vessel", 40, 0.05, 1), folder / "survey.mcap")
     make_twin(truth, Twin("glider", 40, 0.05, 1), folder / "glider.mcap")
-    make_twin(truth, Twin("glider", 40, 0.05, 1), folder / "glider.tlog")
+    write_tlog(folder / "glider.tlog", open_log(folder / "glider.mcap").messages())
     return folder
 
 
