@@ -45,8 +45,8 @@ def remove_bad(
         for flag in [name] if part else sorted(own - {*chosen.values()}):
             bad = flagged_bad(flag, file.variables[flag], dialect.flag_meanings, told.notes)
             if part and bad.any():
-                topic = "/dac" if part == "dac" else "/vehicle/fix"
-                what = "mean current" if part == "dac" else "GPS fix"
+                of_fix = ("/vehicle/fix", "GPS fix")
+                topic, what = ("/dac", "mean current") if part == "dac" else of_fix
                 told.skipped[topic, f"{what} flagged bad ({flag})"] += int(bad.sum())
             for one in masked:
                 found = values.get(one, np.empty(0))
