@@ -1,5 +1,6 @@
 """Data of a status, read from the result with as few messages decoded as possible."""
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +10,10 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.errors import LogError
+from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.grid import Projection
+from replay_kit.core.plan import plan_legs
+from replay_kit.core.quantities import parse_time
 from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
@@ -17,6 +21,8 @@ from replay_kit.results.schemas import decode
 from replay_kit.results.topics import CONFIG_NAME, complete
 from replay_kit.show.sentences import SOURCES
 
+#: Values of an answer by name.
+Values = dict[str, Any]
 # Two plans tell what changed; their surfacings and the measurements between them tell why.
 _PLANS, _OUTCOMES = 2, 50
 
@@ -69,6 +75,44 @@ class Held:
     plans: Sequence[Any]
     outcomes: Sequence[Any]
     dive: Columns | None
+
+    @property
+    def goal(self) -> tuple[float, float, float] | None:
+        """Longitude, latitude [degrees] and depth [m] of the goal of the last plan or the run; None without one."""
+        if self.plans:
+            goal = self.plans[-1].goal
+            return goal.longitude, goal.latitude, goal.depth
+        text = self.metadata.get("replay_kit.options", {}).get("goal", "")
+        return tuple(float(part) for part in text.split(",")) if text else None  # type: ignore[return-value]
+
+    @property
+    def fix_error(self) -> float:
+        """Standard error of a fix [m]; 0 if not set."""
+        return float(self.settings.get("measurements", {}).get("fix_std", 0.0))
+
+    @property
+    def forecast_ns(self) -> tuple[int, int] | None:
+        """First and last time of the forecast [ns, UTC]; None without times."""
+        record = self.metadata.get("replay_kit.forecast", {})
+        if "first" not in record:
+            return None
+        return parse_time(record["first"]), parse_time(record["last"])
+
+
+def statistics_of(plan: Any) -> dict[str, str]:
+    """Return the solver statistics of a plan by name."""
+    return {pair.name: pair.value for pair in plan.statistics}
+
+
+def legs_of(plan: Any) -> list[dict[str, Any]]:
+    """Return the legs of a plan in order; empty for a glide."""
+    return plan_legs(statistics_of(plan))
+
+
+def course(velocity: Mapping[str, float]) -> tuple[float, float]:
+    """Return speed [m/s] and direction [degrees clockwise from true north] of a velocity ``east``, ``north``."""
+    east, north = velocity["east"], velocity["north"]
+    return math.hypot(east, north), float(heading_deg(east, north))
 
 
 def read_held(reader: ResultReader) -> Held:

@@ -7,10 +7,10 @@ from html import escape
 from importlib.resources import files
 
 from replay_kit.core.colors import palette_css
-from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.text import time_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.page.parts import compass
+from replay_kit.show.status.held import course
 from replay_kit.show.status.lines import Detail, details, lines, title
 from replay_kit.show.status.status import Status
 from replay_kit.show.vehicles import vehicle_rows
@@ -45,7 +45,7 @@ def status_page(status: Status, refresh_s: int = 60) -> str:
         ),
         "map": _drawn(status),
         "brief": "".join(
-            f"<dt>{escape(one.label)}</dt><dd>{one.html}</dd>" for one in lines(status)
+            f"<dt>{escape(one.label)}</dt><dd>{one.said.html}</dd>" for one in lines(status)
         ),
         "lines": "\n".join(map(_detail_html, details(status))),
     }
@@ -79,7 +79,9 @@ def several_page(
         "brief": "".join(
             f'<dt><a href="{escape(pages[name])}">{escape(name)}</a></dt>'
             f"<dd>{escape(rows.get(name, ''))}</dd>"
-            + "".join(f"<dt>{escape(one.label)}</dt><dd>{escape(one.text)}</dd>" for one in each)
+            + "".join(
+                f"<dt>{escape(one.label)}</dt><dd>{escape(str(one.said))}</dd>" for one in each
+            )
             for name, each in briefs.items()
         ),
         "lines": "".join(
@@ -115,7 +117,7 @@ def _drawn(status: Status) -> str:
     one = current.get("corrected") or current.get("measured") or current.get("predicted")
     arrow = ""
     if one:
-        toward = float(heading_deg(one["east"], one["north"]))
+        _, toward = course(one)
         what = f"The current at the vehicle goes toward {toward:.0f} degrees"
         arrow = f"<figure>{compass(toward, what)}<figcaption>current</figcaption></figure>"
     return small_map(status.places) + arrow

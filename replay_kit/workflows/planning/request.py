@@ -23,7 +23,6 @@ def completed(request: PlanRequest) -> PlanRequest:
     """
     if request.glider or not request.flows or (request.start is not None and request.goal):
         return request
-    from replay_kit.show.status.figures import goal_of
     from replay_kit.workflows.planning.inputs import held_of
 
     held = held_of(request.flows[-1])
@@ -33,7 +32,7 @@ def completed(request: PlanRequest) -> PlanRequest:
     if request.start is None and held.fixes:
         fix = held.fixes[-1]
         found["start"] = f"{fix.longitude},{fix.latitude},0"
-    if not request.goal and (goal := goal_of(held)) is not None:
+    if not request.goal and (goal := held.goal) is not None:
         found["goal"] = (",".join(map(str, goal)),)
     return request.model_copy(update=found)
 

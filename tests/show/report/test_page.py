@@ -72,7 +72,7 @@ def test_every_number_of_page_summary_and_status_is_one_of_json(page, replayed):
     carried += [
         part._replace(key=STATED[part.key])
         for line in lines(status)
-        for part in line.parts
+        for part in line.said.parts
         if not isinstance(part, str) and part.key in STATED
     ]
     assert {each.key for each in carried} >= set(STATED.values())

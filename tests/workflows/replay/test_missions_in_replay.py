@@ -27,8 +27,7 @@ from replay_kit.results.reader import ResultReader
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.map import Chosen, plan_figure
 from replay_kit.show.notebook import read_result
-from replay_kit.show.status.figures import statistics_of
-from replay_kit.show.status.held import read_held
+from replay_kit.show.status.held import read_held, statistics_of
 from replay_kit.show.status.lines import detail_lines
 from replay_kit.show.status.status import status_of
 from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of, span_of
