@@ -88,7 +88,7 @@ def map_figure(contents: Contents, chosen: Chosen) -> Figure:
     Raises:
         ConfigError: No current was published before the time.
     """
-    slices, notes, title = slices_at(contents, chosen), list(contents.notes), "Map"
+    slices, notes, title = slices_at(contents, chosen), list[str](), "Map"
     if contents.estimate is None and chosen.time_ns is None and slices is not None:
         notes.append("The result holds no estimate: the map shows the last published current.")
     if slices is None and contents.track.time_ns.size == 0:
@@ -128,7 +128,7 @@ def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
         contents: Contents of the result.
         chosen: Depth of the current.
     """
-    plan, notes = contents.last_plan, list(contents.notes)
+    plan, notes = contents.last_plan, list[str]()
     if plan is None:
         why = (contents.outcome.plan or {}).get("message", "no goal was given, or none was due")
         text = f"The result holds no plan: {why}; replay-kit plan makes one on this estimate."

@@ -44,7 +44,7 @@ def profile_figure(contents: Contents, plan: LastPlan) -> Figure:
         table["deepest_wet_level_m"], below = level, _below(level)
         floor = max(floor, 1.05 * float(level.max()))
         y = "plan.deepest_wet_level_m"
-        marks = [Mark("line", x, y, "deepest wet level", "ink", width=1.5, step=True)]
+        marks = [Mark("line", x, y, "deepest wet level", "ink", width=1.5)]
     marks.append(Mark("line", x, "plan.depth_m", "planned depth", text="plan.time"))
     over = "" if ground is None else ", over the bottom"
     axes = Axis("distance along the plan", "km"), Axis("depth", "m", (floor, 0.0))

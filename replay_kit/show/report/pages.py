@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -31,81 +31,56 @@ _LONG = 12
 
 def again_section(contents: Contents) -> Section:
     """Return the section on reproducing the result, with the summary as a table."""
-    metadata, missing = contents.metadata, []
-    inputs = metadata.get("replay_kit.inputs", {})
-    html = ""
+    metadata, missing, html = contents.metadata, list[str](), ""
+    inputs = {
+        name: text.rpartition(" sha256:")
+        for name, text in metadata.get("replay_kit.inputs", {}).items()
+    }
     if any(name.startswith("log") for name in inputs):
-        html += (
-            f"<p>The command; <code>config.toml</code> is attached "
-            f"to the result:</p><pre>{escape(_command(contents))}</pre>"
+        html = (
+            "<p>The command; <code>config.toml</code> is attached to the result:</p>"
+            f"<pre>{escape(_command(contents, {name: file for name, (file, *_) in inputs.items()}))}</pre>"
         )
     elif inputs:
         made = "; replay-kit verify reproduces it" if "replay_kit.plan" in metadata else ""
         missing.append(f"This result was made by replay-kit plan; its options are below{made}.")
     else:
         missing.append("The result does not name its inputs.")
-    if inputs:
-        html += table_html(
-            ["input", "file", "SHA-256"],
-            [_input(name, text) for name, text in inputs.items()],
-            "Inputs",
-        )
-    versions = {
-        **metadata.get("contract", {}),
-        **metadata.get("replay_kit.versions", {}),
-    }
+    digests = {name: (file, digest) for name, (file, _, digest) in inputs.items()}
+    versions = {**metadata.get("contract", {}), **metadata.get("replay_kit.versions", {})}
     names = {"version": "contract of the result", "replay_kit": "replay-kit"}
-    shown = {names.get(name, name): value for name, value in versions.items()}
-    html += table_html(
-        ["what", "version"],
-        [[escape(name), escape(value)] for name, value in shown.items()],
-        "Versions",
-    )
-    html += _settings(contents, missing)
+    shown = {names.get(name, name): (value,) for name, value in versions.items()}
     region = {
         **metadata.get("replay_kit.region", {}),
         **metadata.get("replay_kit.options", {}),
     }
-    rows = [
-        [escape(name.replace("_", " ")), escape(value)] for name, value in region.items() if value
-    ]
-    html += table_html(["what", "value"], rows, "Region, basis and options") if rows else ""
-    html += _numbers(contents)
-    title, answer = (
-        "How was it made?",
-        "Files, versions, settings, and every number of the summary.",
+    options = {name.replace("_", " "): (value,) for name, value in region.items() if value}
+    html += _rows_html("Inputs", ("input", "file", "SHA-256"), digests)
+    html += _rows_html("Versions", ("what", "version"), shown) + _settings(contents, missing)
+    html += _rows_html("Region, basis and options", ("what", "value"), options) + _numbers(contents)
+    answer = "Files, versions, settings, and every number of the summary."
+    return Section("again", "How was it made?", html, missing=missing, menu="Files", answer=answer)
+
+
+def _rows_html(caption: str, heads: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
+    """Return texts by name as an HTML table; empty without any."""
+    cells = [[escape(name), *map(escape, texts)] for name, texts in rows.items()]
+    return table_html(heads, cells, caption) if cells else ""
+
+
+def _command(contents: Contents, inputs: Mapping[str, str]) -> str:
+    """Return the commands that make and verify the result."""
+    logs, ensemble = (
+        [file for name, file in inputs.items() if name.startswith(begin)]
+        for begin in ("log", "ensemble")
     )
-    return Section("again", title, html, missing=missing, menu="Files", answer=answer)
-
-
-def _command(contents: Contents) -> str:
-    inputs = contents.metadata["replay_kit.inputs"]
-    names = {key: text.rpartition(" sha256:")[0] for key, text in inputs.items()}
-    logs = [names[key] for key in names if key.startswith("log")]
     goal = contents.metadata.get("replay_kit.options", {}).get("goal", "")
-    parts = [
-        "replay-kit",
-        "replay",
-        *logs,
-        "--ensemble",
-        *_ensemble(names),
-        "--config",
-        "config.toml",
-    ]
-    parts += [f"--goal={goal}"] if goal else []
+    parts = ["replay-kit", "replay", *logs, "--ensemble", *(ensemble or ["ENSEMBLE"])]
+    parts += ["--config", "config.toml", *([f"--goal={goal}"] if goal else [])]
+    out = contents.result.reader.name
     return (
-        f"{shlex.join([*parts, '-o', contents.result.reader.name])}\nreplay-kit verify "
-        f"{shlex.quote(contents.result.reader.name)} --inputs FOLDER"
+        f"{shlex.join([*parts, '-o', out])}\nreplay-kit verify {shlex.quote(out)} --inputs FOLDER"
     )
-
-
-def _ensemble(names: dict[str, str]) -> list[str]:
-    return [names[key] for key in names if key.startswith("ensemble")] or ["ENSEMBLE"]
-
-
-def _input(name: str, text: str) -> list[str]:
-    file, _, digest = text.rpartition(" sha256:")
-    return [escape(name), escape(file), f"<code>{escape(digest)}</code>"]
 
 
 def _settings(contents: Contents, missing: list[str]) -> str:
@@ -113,16 +88,14 @@ def _settings(contents: Contents, missing: list[str]) -> str:
     if not toml:
         missing.append("The result does not hold its configuration.")
         return ""
-    changed = changed_settings(toml)
+    changed = {
+        name: (json.dumps(value), json.dumps(default))
+        for name, value, default in changed_settings(toml)
+    }
     if not changed:
         return "<p>All settings have their defaults.</p>"
-    rows = [
-        [f"<code>{escape(key)}</code>", escape(json.dumps(value)), escape(json.dumps(default))]
-        for key, value, default in changed
-    ]
-    return table_html(
-        ["setting", "value", "default"], rows, "Settings that differ from their defaults"
-    )
+    caption = "Settings that differ from their defaults"
+    return _rows_html(caption, ("setting", "value", "default"), changed)
 
 
 def _shortened(value: Any) -> Any:

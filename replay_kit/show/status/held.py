@@ -50,21 +50,19 @@ class Held:
 
     Attributes:
         name: File name.
-        first_ns: Time of the first message [ns, UTC].
-        last_ns: Time of the last message, except plans for later times [ns, UTC].
+        last_ns: Time of the last message but plans for later [ns, UTC].
         metadata: Records by name.
         settings: Effective configuration.
         outcome: Outcome of the run; None if unfinished.
         projection: Local frame.
-        fixes: Fixes: the first, the last at least a day older than the last, and the last.
-        reckoned: Last dead-reckoned position, if newer than the last fix.
+        fixes: The first, the last one a day older than the last, and the last.
+        reckoned: Last dead-reckoned position, if newer.
         plans: Last two plans, ``replay_kit.Plan``.
-        outcomes: Last surfacings and their predictions, ``replay_kit.PlanOutcome``.
-        dive: Innovations of the last dive with any, columns of ``replay_kit.Innovations``; None without any.
+        outcomes: Last surfacings, ``replay_kit.PlanOutcome``.
+        dive: Innovations of the last dive; None without any.
     """
 
     name: str
-    first_ns: int
     last_ns: int
     metadata: Mapping[str, Mapping[str, str]]
     settings: Mapping[str, Any]
@@ -138,7 +136,6 @@ def read_held(reader: ResultReader) -> Held:
     ]
     return Held(
         name=reader.name,
-        first_ns=ends.message_start_time,
         last_ns=max(
             [*known, *([reckoned.time_ns] if reckoned else [])],
             default=ends.message_end_time,

@@ -148,7 +148,8 @@ def _arrival(values: Values) -> Iterator[Line]:
     yield Line(label, sentence(text + flown, values, "odds."))
 
 
-_BASIS = {"plan": "if it flies this plan", "last_dive": "as the last dive"}
+#: What a predicted surfacing relies on.
+BASIS = {"plan": "if it flies this plan", "last_dive": "as the last dive"}
 
 
 def _surfacing(values: Values) -> Iterator[Line]:
@@ -164,7 +165,7 @@ def _surfacing(values: Values) -> Iterator[Line]:
 def _within(begin: str, name: str, one: Values) -> Sentence:
     """Return the position of a surfacing and the major semi-axis of its 90 % ellipse."""
     size = "" if one["major_m"] is None else " ± {major_m:km}"
-    form = f"{begin} {_place(one)}{size} {_BASIS[one['basis']]}"
+    form = f"{begin} {_place(one)}{size} {BASIS[one['basis']]}"
     return sentence(form, one, f"surfacing.{name}.")
 
 
@@ -284,7 +285,7 @@ def _compared(values: Values) -> Iterator[str]:
 
 def _expected(values: Values) -> Iterator[str]:
     for one in filter(None, (values.get("next"), values.get("other"))):
-        yield f"{_BASIS[one['basis']]}: {clock(one['time'])} UTC{_ellipse_text(one)}"
+        yield f"{BASIS[one['basis']]}: {clock(one['time'])} UTC{_ellipse_text(one)}"
         if late := one.get("overdue_s"):
             yield f"OVERDUE by {hours_text(late)}"
         elif "margin_s" in one:

@@ -275,7 +275,9 @@ def _command(held: Held, now_ns: int) -> Values:
     if not held.plans:
         return {}
     plan, leg = held.plans[-1], _next_leg(held)
-    heading = _finite(leg.get("heading_deg", plan.heading_deg))
+    # a failed plan may state where its search ended
+    failed = plan.status == "failed"
+    heading = None if failed else _finite(leg.get("heading_deg", plan.heading_deg))
     flown = AsFlown.in_metadata(held.metadata)
     return {
         "since": time_text(plan.timestamp.ToNanoseconds()),

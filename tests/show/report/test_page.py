@@ -19,10 +19,6 @@ from tests.show.page.checks import check_figures
 from tests.show.report.html_of import elements, figures, text_of, unpacked
 
 #: Figures of a status that are numbers of the summary.
-STATED = {
-    "odds.samples": "plan.odds.n_samples",
-    "command.speed": "plan.speed",
-}
 KNOWN = ["map", "answer", "section", "trust", "plan", "again"]
 KEYS = [
     *("current-map", "profiles", "mean-currents", "innovations", "dives", "error", "calibration"),
@@ -69,13 +65,13 @@ def test_every_number_of_page_summary_and_status_is_one_of_json(page, replayed):
     carried = [part for each in said for part in each.parts if not isinstance(part, str)]
     assert len(carried) > 10
     status = status_of(read_held(replayed.reader))
+    expected |= {f"status.{path}": value for path, value in leaves(status.figures)}
     carried += [
-        part._replace(key=STATED[part.key])
+        part._replace(key=f"status.{part.key}")
         for line in lines(status)
         for part in line.said.parts
-        if not isinstance(part, str) and part.key in STATED
+        if not isinstance(part, str)
     ]
-    assert {each.key for each in carried} >= set(STATED.values())
     carried += [
         Shown(attrs["data-key"] or "", json.loads(attrs["value"] or ""), text)
         for attrs, text in elements(page, "data")
@@ -85,16 +81,13 @@ def test_every_number_of_page_summary_and_status_is_one_of_json(page, replayed):
         # a leg is text of its own in the summary
         assert value == (json.loads(expected[path])[part] if part else expected[path]), key
         assert "-0.0" not in text.replace("-0.0", "x", 0) or float(text.split()[0]) != 0.0, key
-        if (
-            not re.search(r"surfacing_s|time_ns|delay_median_s|duration_s", key)
-            or text[0].isdigit()
-        ):
-            _check_rounded(key, value, text)
-    assert {each.key for each in carried if "#" not in each.key} == set(numbers)
+        _check_rounded(key, value, text)
+    whole = {each.key for each in carried if "#" not in each.key}
+    assert {key for key in whole if not key.startswith("status.")} == set(numbers)
     assert all(
         str(value) in text_of(page, "again")
-        for value in expected.values()
-        if isinstance(value, str)
+        for path, value in expected.items()
+        if isinstance(value, str) and not path.startswith("status.")
     )
 
 
@@ -140,9 +133,9 @@ def _check_rounded(key: str, value: float, text: str) -> None:
         return
     factors = {"cm/s": 100.0, "%": 100.0, "kJ": 1e-3, "MJ": 1e-6}
     digits = len(shown.partition(".")[2]) if "e" not in shown else 17
-    # where no unit stands beside it, it is that of the summary, cm/s, km, or hours of a leg
-    wanted = [factors[unit]] if unit in factors else [1.0, 100.0, 1e-3, 1.0 / 3600.0]
-    error = min(abs(float(shown) - factor * value) for factor in wanted)
+    # where no unit stands beside it, it is that of the summary, cm/s, km, or hours of a leg or of days
+    wanted = [factors[unit]] if unit in factors else [1.0, 100.0, 1e-3, 1.0 / 3600.0, 24.0]
+    error = min(abs(abs(float(shown)) - factor * abs(value)) for factor in wanted)
     # six digits in the table of all numbers
     assert error <= max(0.5000001 * 10.0**-digits, 1e-5 * abs(value)), (key, value, text)
 
@@ -217,7 +210,7 @@ def test_the_command_and_settings_are_named(page):
         "replay-kit replay glider.mcap --ensemble ensemble.nc --config config.toml --goal=153.05,-40.2,150.0 -o short.mcap"
         in text
     )
-    codes = [text for _, text in elements(page, "code")]
-    assert {"estimator.modes", "forecast.levels", "logs.end", "output.interval"} <= set(codes)
-    assert "estimator.prior" not in codes
-    assert sum(len(code) == 64 for code in codes) == 2
+    cells = [text for _, text in elements(page, "td")]
+    assert {"estimator.modes", "forecast.levels", "logs.end", "output.interval"} <= set(cells)
+    assert "estimator.prior" not in cells
+    assert len({cell for cell in cells if re.fullmatch("[0-9a-f]{64}", cell)}) == 2

@@ -132,7 +132,6 @@ def held(**values: Any) -> Held:
     end = START_NS + 48 * HOUR_NS
     given = {
         "name": "r.mcap",
-        "first_ns": START_NS,
         "last_ns": end,
         "metadata": {
             "replay_kit.forecast": {

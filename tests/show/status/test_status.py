@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pyproj import Geod
 
-from replay_kit.core.as_flown import AS_FLOWN, AsFlown, FlownDive
+from replay_kit.core.as_flown import AS_FLOWN, AsFlown
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import ORIGIN
@@ -207,24 +207,6 @@ def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
         assert "surfacing overdue" in kinds(values, late + HOUR_NS // 10)
 
 
-def test_of_200_twin_dives_hardly_one_is_overdue_though_the_pilot_changes_their_depth():
-    rng, alarms, planned = np.random.default_rng(0), 0, 4 * 3600.0
-    for _ in range(10):
-        depth, down, dives = rng.uniform(200.0, 600.0), rng.uniform(0.07, 0.15), []
-        for _ in range(21):
-            seconds = 2.0 * depth / (down * rng.lognormal(0.0, 0.1))
-            if flown := AsFlown.of(dives):
-                # the plan's leg of four hours is a dive as flown
-                scale = planned / (2.0 * flown.depth / flown.vertical)
-                lasted = {name: scale * getattr(flown, name) for name in ("duration", "longest")}
-                record = {AS_FLOWN: replace(flown, **lasted).to_record()}
-                margin = answer("surfacing", metadata=record)["next"]["margin_s"]
-                alarms += scale * seconds > planned + margin
-            dives.append(FlownDive(seconds, depth, 0.25, 2.0 * depth / seconds))
-            depth = np.clip(depth * rng.lognormal(0.0, 0.2), 50.0, 1000.0)
-    assert alarms <= 10
-
-
 def test_a_plan_says_which_numbers_of_its_dives_were_not_stated():
     origin = "as flown: 0.21 m/s, 500 m, 57 degrees"
     said = plan(END_NS)
@@ -400,15 +382,8 @@ def test_each_number_of_the_brief_status_is_a_figure_of_it_and_rounded_alike():
             assert min(each) <= 0.50001 * 10.0**-decimals, (key, text)
 
 
-def test_figures_are_numbers_for_json():
-    figures_held = status_of(held()).figures
-    assert figures_held["position"]["error_m"] == 20.0
-    assert figures_held["odds"]["reached"] == 0.9
-    assert figures_held["surfacing"]["next"]["major_m"] == 2000.0
-    assert (
-        status_of(held(plans=[], fixes=[], dive=None, outcomes=[], outcome=None)).figures["alarms"]
-        == []
-    )
+def test_of_nothing_there_is_no_alarm():
+    assert answer("alarms", plans=[], fixes=[], dive=None, outcomes=[], outcome=None) == []
 
 
 def test_nothing_heavy_is_loaded_and_a_file_that_is_no_result_is_refused():

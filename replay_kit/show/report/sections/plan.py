@@ -3,13 +3,14 @@
 import json
 from collections.abc import Mapping
 from html import escape
+from typing import Any
 
 import numpy as np
 
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.track import LastPlan, thinned
 from replay_kit.show.figures.plan import profile_figure, surfacing_figure
-from replay_kit.show.numbers import fixed, leg_number, number, sentence
+from replay_kit.show.numbers import sentence
 from replay_kit.show.page.page import Section
 from replay_kit.show.page.parts import table_html
 from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_sentence
@@ -100,88 +101,77 @@ def plan_section(contents: Contents) -> Section:
     return Section("plan", _TITLE, html, figures, menu="Plan", answer=answer)
 
 
+# Columns of tables, by their headings, as templates of a row.
+_LEG = {
+    "leg": "{leg}",
+    "heading [° true]": "{heading_deg:.0f}",
+    "glide angle [°]": "{glide_angle_deg:.1f}",
+    "depth [m]": "{depth_m:.0f}",
+    "surfaces after [h]": "{surfacing_s:hours}",
+    "longitude": "{longitude:.4f}",
+    "latitude": "{latitude:.4f}",
+}
+_DEPARTURE = {
+    "departure (UTC)": "{departure}",
+    "status": "{status}",
+    "arrival (UTC)": "{arrives}",
+    "duration [h]": "{duration_s:hours}",
+    "energy": "{energy_j:kJ}",
+    "odds of arriving": "{reached:share}",
+    "": "{best}",
+}
+_PLAN = {
+    "begins (UTC)": "{begins}",
+    "status": "{status}",
+    "heading [° true]": "{heading_deg:.0f}",
+    "glide angle [°]": "{glide_angle_deg:.1f}",
+    "duration [h]": "{duration_s:hours}",
+    "misses the goal by [m]": "{closest_approach_m:,.0f}",
+    "message": "{message}",
+}
+
+
+def _row(columns: Mapping[str, str], record: Mapping[str, Any], at: str = "") -> list[str]:
+    """Return the cells of a row; with the path of its record in the outcome, numbers keep their fields."""
+    each = [sentence(form, record, at) for form in columns.values()]
+    return [one.html if at else escape(str(one)) for one in each]
+
+
 def _legs_html(plan: LastPlan) -> str:
     """Return the legs of a plan as an HTML table."""
-    forms = {
-        **{"heading_deg": ".0f", "glide_angle_deg": ".1f", "depth_m": ".0f"},
-        **{"surfacing_s": ".1f", "longitude": ".4f", "latitude": ".4f"},
-    }
-    rows = []
-    for leg in plan.legs:
-        row = [str(leg["leg"])]
-        for name, form in forms.items():
-            value = leg[name] / 3600.0 if name == "surfacing_s" else leg[name]
-            row.append(leg_number(leg["leg"], name, leg[name], f"{value:{form}}"))
-        rows.append(row)
-    heads = [
-        "leg",
-        "heading [° true]",
-        "glide angle [°]",
-        "depth [m]",
-        "surfaces after [h]",
-        "longitude",
-        "latitude",
-    ]
-    return table_html(heads, rows, "Legs of the last plan") if rows else ""
+    at = "plan.statistics.leg_{:03d}#".format
+    rows = [_row(_LEG, leg, at(leg["leg"])) for leg in plan.legs]
+    return table_html([*_LEG], rows, "Legs of the last plan") if rows else ""
 
 
 def _departures_html(contents: Contents) -> str:
     """Return the compared departures as an HTML table; empty for a single one."""
-    rows = [json.loads(row) for row in contents.metadata.get("departures", {}).values()]
-    cells = [
-        [
-            row["departure"],
-            escape(row["status"]),
-            row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km",
-            f"{row['duration_s'] / 3600.0:.2f}",
-            f"{row['energy_j'] / 1e3:.0f}",
-            "" if row["reached"] is None else f"{100.0 * row['reached']:.0f} %",
-            ", ".join(row["best"]),
-        ]
-        for row in rows
-    ]
-    heads = [
-        "departure (UTC)",
-        "status",
-        "arrival (UTC)",
-        "duration [h]",
-        "energy [kJ]",
-        "odds of arriving",
-        "",
-    ]
-    return table_html(heads, cells, "Departures compared") if rows else ""
+    rows = []
+    for row in map(json.loads, contents.metadata.get("departures", {}).values()):
+        arrives = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
+        record = {**row, "arrives": arrives, "best": ", ".join(row["best"])}
+        rows.append(_row(_DEPARTURE, record))
+    return table_html([*_DEPARTURE], rows, "Departures compared") if rows else ""
 
 
 def _plans_html(contents: Contents) -> str:
+    """Return all plans as an HTML table; the numbers of the last one are those of the outcome."""
     plans = contents.result.plans
-    kept = thinned(len(plans), _PLANS)
-    rows = []
-    forms = {
-        **{"heading_deg": ("heading_deg", 1.0, 0), "glide_angle_deg": ("glide_angle_deg", 1.0, 1)},
-        **{
-            "duration": ("duration_s", 3600.0, 1),
-            "closest_approach": ("closest_approach_m", 1.0, 0),
-        },
-    }
-    for row in kept.tolist():
-        plan, cells = plans.iloc[row], list[str]()
-        for name, (key, unit, digits) in forms.items():
-            value, steers = float(plan[name]), name in ("heading_deg", "glide_angle_deg")
-            known = np.isfinite(value) and not (steers and plan["status"] == "failed")
-            text = fixed(value / unit, digits) if known else ""
-            # the outcome has the last plan alone
-            last = known and row == len(plans) - 1
-            cells.append(number(f"plan.{key}", value, text) if last else text)
-        head = str(plan.name)[:16], escape(plan["status"])
-        rows.append([*head, *cells, escape(plan["message"])])
+    kept, rows = thinned(len(plans), _PLANS), []
+    for count in kept.tolist():
+        plan = plans.iloc[count]
+        numbers = {
+            "heading_deg": plan["heading_deg"],
+            "glide_angle_deg": plan["glide_angle_deg"],
+            "duration_s": plan["duration"],
+            "closest_approach_m": plan["closest_approach"],
+        }
+        steers = plan["status"] != "failed"
+        record = {
+            name: float(value) if np.isfinite(value) and (steers or "deg" not in name) else None
+            for name, value in numbers.items()
+        }
+        about = {"begins": str(plan.name)[:16], **plan[["status", "message"]]}
+        rows.append(_row(_PLAN, record | about, "plan." * (count == len(plans) - 1)))
     thin = f"; {len(kept)} of {len(plans)}" if len(kept) < len(plans) else ""
-    heads = [
-        "begins (UTC)",
-        "status",
-        "heading [° true]",
-        "glide angle [°]",
-        "duration [h]",
-        "misses the goal by [m]",
-        "message",
-    ]
-    return table_html(heads, rows, f"All plans, oldest first{thin}")
+    return table_html([*_PLAN], rows, f"All plans, oldest first{thin}")
