@@ -9,9 +9,10 @@ import pytest
 from replay_kit.core.geodesy import distance, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.results import ResultReader, ResultWriter
+from replay_kit.results.outcome.outcome import leaves
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.along_track import bins_along_track, estimate_along_track
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.results.views.slices import (
     calibration,
     error_through_time,
@@ -19,8 +20,9 @@ from replay_kit.results.views.slices import (
     published_slices,
     slices_of,
 )
-from replay_kit.results.views.track import Track, thinned, track_of
+from replay_kit.results.views.track import Track, track_of
 from replay_kit.show.notebook import read_result
+from replay_kit.show.report.pages import changed_settings
 from tests.results.cases import one_bin
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS, synthetic_flow
@@ -154,11 +156,7 @@ def test_changed_settings_and_leaves():
         ("estimator.modes", 4, 300),
         ("estimator.new", 1, None),
     ]
-    assert list(leaves({"a": [1, {"b": None}], "c": "d"})) == [
-        ("a.0", 1),
-        ("a.1.b", None),
-        ("c", "d"),
-    ]
+    assert dict(leaves({"a": [1, {"b": None}]})) == {"a.0": 1, "a.1.b": None}
 
 
 HOUR = 3_600 * 10**9

@@ -3,8 +3,7 @@
 import re
 from typing import Any
 
-from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.views.record import leaves
+from replay_kit.results.outcome.outcome import Outcome, leaves
 from replay_kit.show.numbers import Shown
 from replay_kit.show.sentences import estimate_sentences, flown_sentences, trust_sentences
 

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.results.innovations import Measured
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.history import EstimateHistory
-from replay_kit.results.views.track import Track, thinned
+from replay_kit.results.views.track import Track
 
 # Times and depths of a section without profiles.
 _SECTION = 160, 40

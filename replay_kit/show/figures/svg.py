@@ -123,9 +123,7 @@ def _scale(panel: Panel, tables: Tables, name: str, pixels: tuple[float, float])
     values = np.concatenate([_reach(mark, tables, name) for mark in panel.marks])
     known = values[np.isfinite(values) & ((values > 0.0) | (not axis.log))]
     if name == "y" and panel.level is not None:
-        known = np.append(known, panel.level)
-    if name == "y" and panel.band is not None:
-        known = np.append(known, panel.band[:2])
+        known = np.append(known, [panel.level, *(panel.band or ())[:2]])
     low, high = (known.min(), known.max()) if known.size else (1.0, 10.0)
     if axis.log:
         return _Scale(low / 1.2, high * 1.2, *pixels, True, timed)
@@ -140,11 +138,6 @@ def _reach(mark: Mark, tables: Tables, name: str) -> Array:
         return values
     error = values_of(tables, mark.error)
     return np.append(values - error, values + error)
-
-
-def _wide(x: Array) -> float:
-    """Return the width of bars."""
-    return float(np.diff(x).min()) if x.size > 1 else 0.8
 
 
 def _axes(panel: Panel, x: _Scale, y: _Scale) -> str:
@@ -235,7 +228,7 @@ def _mark(mark: Mark, tables: Tables, scales: tuple[_Scale, _Scale], key: str) -
     if mark.kind == "band":
         return f'<path d="{_line(xs, ys)}z" style="fill:{color};opacity:.2"/>'
     if mark.kind == "bars":
-        half = 0.5 * _wide(across)
+        half = 0.5 * float(np.diff(across).min()) if across.size > 1 else 0.4
         ends = zip(x.at(across - half), x.at(across + half), ys, strict=True)
         bars = "".join(f"M{a:.1f} {y.first:g}V{top:.1f}H{b:.1f}V{y.first:g}z" for a, b, top in ends)
         return f'<path d="{bars}" style="fill:{color};opacity:.6"/>'

@@ -7,6 +7,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.innovations import Measured
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import (
     Calibration,
@@ -15,7 +16,6 @@ from replay_kit.results.views.slices import (
     error_through_time,
     information_by_dive,
 )
-from replay_kit.results.views.track import thinned
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
 from replay_kit.show.numbers import fixed
 

@@ -15,10 +15,10 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.region import Feature
 from replay_kit.core.text import time_text
 from replay_kit.results.geojson import POSITIONS, features_of
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.results.views.track import Track, thinned
+from replay_kit.results.views.track import Track
 from replay_kit.show.figures.map import Extent, bottom_lines, dry_text, places_of
 from replay_kit.show.figures.style import ON_MAP
 from replay_kit.show.figures.svg import column
@@ -159,22 +159,22 @@ def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], d
     packed = {"current": pack(np.concatenate([mean[None], slices.fields]), _STEP, 1)}
     if slices.outside is not None and slices.outside.any():
         packed["outside"] = pack(np.where(slices.outside, 1.0, np.nan), 1.0)
-    most, limits = {"speed": ("speed", "speed-dark"), "error": ("amp", "amp")}, limits_of(slices)
+    names = {"speed": ("speed", "speed-dark"), "error": ("amp", "amp")}
+    scales = {
+        name: {"light": [color for _, color in scale(light)], "dark": [c for _, c in scale(dark)]}
+        for name, (light, dark) in names.items()
+    }
     drawn = {
         "east": column(slices.east / 1e3, 7),
         "north": column(slices.north / 1e3, 7),
         "times": (slices.time_ns // 1_000_000).tolist(),
         "scales": {
-            name: {"most": limit, **dict(zip(("light", "dark"), map(_colors, each), strict=True))}
-            for (name, each), limit in zip(most.items(), limits, strict=True)
+            name: {"most": most, **colors}
+            for (name, colors), most in zip(scales.items(), limits_of(slices), strict=True)
         },
         "dry": dry_text(slices),
     }
     return packed, drawn
-
-
-def _colors(name: str) -> list[str]:
-    return [color for _, color in scale(name)]
 
 
 def limits_of(slices: CurrentSlices) -> tuple[float, float]:
@@ -275,8 +275,9 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
     if count > POSITIONS:
         texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")
     if contents.seabed is not None:
-        name = escape(bathymetry_name(contents.metadata))
-        texts.append(f"Labelled lines: depth of the bottom, from {name}.")
+        inputs = contents.metadata.get("replay_kit.inputs", {})
+        name, *_ = inputs.get("bathymetry", "the bathymetry").partition(" sha256:")
+        texts.append(f"Labelled lines: depth of the bottom, from {escape(name)}.")
     texts.append(
         "Ellipses hold 90 % of the predicted surfacings; a line joins each predicted surfacing to the actual one. Land is from Natural "
         "Earth, for orientation: plans avoid what the forecast and the bathymetry hold, not this coast."

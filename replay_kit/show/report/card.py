@@ -61,9 +61,9 @@ def _why(contents: Contents) -> str:
     """Return further reasons for care, the plan's message and the next step; empty for a trusted result."""
     verdict, plan = contents.outcome.verdict, contents.last_plan
     texts = [*verdict.reasons[1:]]
-    if plan is not None and plan.row["status"] != "reached":
-        why = str(plan.row["message"]).partition(". ")[0]
-        texts.append(f"the plan failed: {why}" if plan.row["status"] == "failed" else why)
+    if plan is not None and plan.status != "reached":
+        why = plan.message.partition(". ")[0]
+        texts.append(f"the plan failed: {why}" if plan.status == "failed" else why)
     said = "; ".join(texts)
     first = f'<p class="below">{escape(said[:1].upper() + said[1:])}.</p>' if texts else ""
     if verdict.word == "trust":

@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from typing import Any
@@ -9,10 +10,10 @@ from typing import Any
 from replay_kit.core.errors import finding_line
 from replay_kit.core.extensions import additions
 from replay_kit.core.text import count_text, time_text
+from replay_kit.results.outcome.outcome import leaves
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import CONFIG_NAME
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.show.numbers import Sentence, clock_text, number
 from replay_kit.show.page.map import map_of
 from replay_kit.show.page.page import Section, page_html
@@ -96,6 +97,23 @@ def _settings(contents: Contents, missing: list[str]) -> str:
         return "<p>All settings have their defaults.</p>"
     caption = "Settings that differ from their defaults"
     return _rows_html(caption, ("setting", "value", "default"), changed)
+
+
+def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
+    """Return the settings that differ from their defaults: table and key, value, default (None without one).
+
+    Settings unknown to this version count as changed.
+    """
+    # the one use of settings here
+    from replay_kit.config.run import RunConfig
+
+    defaults = RunConfig().model_dump(mode="json")
+    every = (
+        (f"{section}.{key}", value, defaults.get(section, {}).get(key))
+        for section, values in tomllib.loads(config_toml).items()
+        for key, value in values.items()
+    )
+    return [one for one in every if one[1] != one[2]]
 
 
 def _shortened(value: Any) -> Any:

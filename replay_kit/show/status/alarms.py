@@ -3,14 +3,14 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from replay_kit.core.geodesy import distance
+from replay_kit.core.plan import Plan
 from replay_kit.core.quantities import parse_time
 from replay_kit.core.text import time_text
 from replay_kit.results.outcome.verdict import plan_alarm, run_alarms
 from replay_kit.show.numbers import clock, hours_text
-from replay_kit.show.status.held import Held, Values, course, legs_of
+from replay_kit.show.status.held import Held, Values, course
 
 # Changes that are worth a reason [degrees].
 _SMALL_TURN = 2.0
@@ -28,7 +28,7 @@ def change_of(held: Held, current: Values | None) -> Iterator[str]:
     if len(held.plans) < 2:
         return
     before, now = held.plans
-    old, new = (_heading(plan, now.timestamp.ToNanoseconds()) for plan in held.plans)
+    old, new = (_heading(plan, now.start_time_ns) for plan in held.plans)
     turn = (new - old + 180.0) % 360.0 - 180.0
     if abs(turn) < _SMALL_TURN:
         yield "heading unchanged since the previous plan"
@@ -40,11 +40,11 @@ def change_of(held: Held, current: Values | None) -> Iterator[str]:
     yield f"{turned}; {', '.join(reasons)}"
 
 
-def _reasons(held: Held, before: Any, now: Any, current: Values | None) -> Iterator[str]:
+def _reasons(held: Held, before: Plan, now: Plan, current: Values | None) -> Iterator[str]:
     goals = [(plan.goal.longitude, plan.goal.latitude) for plan in (before, now)]
     if (moved := float(distance(*goals[0], *goals[1]))) > 1.0:
         yield f"the goal moved {moved / 1e3:.1f} km"
-    since = before.timestamp.ToNanoseconds()
+    since = before.start_time_ns
     outcomes = [one for one in held.outcomes if one.timestamp.ToNanoseconds() >= since]
     if outcomes:
         one = outcomes[-1]
@@ -57,13 +57,13 @@ def _reasons(held: Held, before: Any, now: Any, current: Values | None) -> Itera
         yield f"the current differed by {100.0 * off:.0f} cm/s from the estimate"
 
 
-def _heading(plan: Any, time_ns: int) -> float:
+def _heading(plan: Plan, time_ns: int) -> float:
     """Return the planned heading at a time [degrees]; NaN for a failed plan."""
-    since = (time_ns - plan.timestamp.ToNanoseconds()) / 1e9
-    for leg in legs_of(plan):
+    since = (time_ns - plan.start_time_ns) / 1e9
+    for leg in plan.legs:
         if since < leg["surfacing_s"]:
             return float(leg["heading_deg"])
-    return float(plan.heading_deg) if plan.status != "failed" else math.nan
+    return plan.heading_deg if plan.status != "failed" else math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,10 +12,11 @@ import numpy as np
 from replay_kit.core.errors import LogError
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.grid import Projection
-from replay_kit.core.plan import plan_legs
+from replay_kit.core.plan import Plan
 from replay_kit.core.quantities import parse_time
 from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.plans import plan_of
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import decode
 from replay_kit.results.topics import CONFIG_NAME, complete
@@ -57,7 +58,7 @@ class Held:
         projection: Local frame.
         fixes: The first, the last one a day older than the last, and the last.
         reckoned: Last dead-reckoned position, if newer.
-        plans: Last two plans, ``replay_kit.Plan``.
+        plans: Last two plans.
         outcomes: Last surfacings, ``replay_kit.PlanOutcome``.
         dive: Innovations of the last dive; None without any.
     """
@@ -70,7 +71,7 @@ class Held:
     projection: Projection
     fixes: Sequence[Fix]
     reckoned: Fix | None
-    plans: Sequence[Any]
+    plans: Sequence[Plan]
     outcomes: Sequence[Any]
     dive: Columns | None
 
@@ -97,16 +98,6 @@ class Held:
         return parse_time(record["first"]), parse_time(record["last"])
 
 
-def statistics_of(plan: Any) -> dict[str, str]:
-    """Return the solver statistics of a plan by name."""
-    return {pair.name: pair.value for pair in plan.statistics}
-
-
-def legs_of(plan: Any) -> list[dict[str, Any]]:
-    """Return the legs of a plan in order; empty for a glide."""
-    return plan_legs(statistics_of(plan))
-
-
 def course(velocity: Mapping[str, float]) -> tuple[float, float]:
     """Return speed [m/s] and direction [degrees clockwise from true north] of a velocity ``east``, ``north``."""
     east, north = velocity["east"], velocity["north"]
@@ -127,7 +118,8 @@ def read_held(reader: ResultReader) -> Held:
         )
     with complete(reader.path):
         fixes, reckoned = _positions(reader)
-        plans, outcomes = (_last(reader, topic, name, most) for topic, name, most in _OF_PLANS)
+        plans = [plan_of(one) for one in _last(reader, "/plan/controls", "Plan", _PLANS)]
+        outcomes = _last(reader, "/plan/outcome", "PlanOutcome", _OUTCOMES)
         dive = _last_dive(reader)
     known = [
         *(fix.time_ns for fix in fixes),
@@ -152,7 +144,6 @@ def read_held(reader: ResultReader) -> Held:
     )
 
 
-_OF_PLANS = (("/plan/controls", "Plan", _PLANS), ("/plan/outcome", "PlanOutcome", _OUTCOMES))
 _DAY_NS = 86_400 * 10**9
 
 

@@ -15,7 +15,7 @@ from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.core.text import time_text
 from replay_kit.show.sentences import by_habit, profile_bins
 from replay_kit.show.status.alarms import Alarm, alarms_of, change_of
-from replay_kit.show.status.held import Held, Values, legs_of, statistics_of
+from replay_kit.show.status.held import Held, Values
 
 _SECOND, _DAY_NS = 1_000_000_000, 86_400 * 10**9
 #: A surfacing is overdue by this share of its leg's duration, at least by so many seconds; by all of it after fewer dives than these.
@@ -70,7 +70,10 @@ def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
     goal, following = held.goal, _next_leg(held)
     known = {
         "track": [(fix.longitude, fix.latitude) for fix in held.fixes],
-        "plan": [(leg["longitude"], leg["latitude"]) for leg in _legs(held)],
+        "plan": [
+            (leg["longitude"], leg["latitude"])
+            for leg in (held.plans[-1].legs if held.plans else ())
+        ],
         "goal": [goal[:2]] if goal else [],
     }
     found: dict[str, Any] = {
@@ -183,16 +186,12 @@ def _rms(components: Sequence[ArrayLike]) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
 
-def _legs(held: Held) -> list[dict[str, Any]]:
-    return legs_of(held.plans[-1]) if held.plans else []
-
-
-def _next_leg(held: Held) -> dict[str, Any]:
+def _next_leg(held: Held) -> Mapping[str, Any]:
     """Return the leg of the last plan after the vehicle's last surfacing; empty without one."""
-    legs = _legs(held)
-    if not legs:
+    if not held.plans:
         return {}
-    planned_ns = held.plans[-1].timestamp.ToNanoseconds()
+    legs = held.plans[-1].legs
+    planned_ns = held.plans[-1].start_time_ns
     surfaced = sum(one.planned_time.ToNanoseconds() == planned_ns for one in held.outcomes)
     return legs[surfaced] if surfaced < len(legs) else {}
 
@@ -244,7 +243,7 @@ def _by_plan(held: Held, now_ns: int) -> Values:
         longest = flown.longest or flown.duration
         share = 1.0 if flown.longest and flown.dives < OVERDUE_FEW else share
     margin = max(longest - lasts, 0.0) + max(share * max(longest, lasts), OVERDUE_LEAST)
-    time_ns = held.plans[-1].timestamp.ToNanoseconds() + int(leg["surfacing_s"] * _SECOND)
+    time_ns = held.plans[-1].start_time_ns + int(leg["surfacing_s"] * _SECOND)
     late = (now_ns - time_ns) / _SECOND
     return {
         "basis": "plan",
@@ -280,14 +279,14 @@ def _command(held: Held, now_ns: int) -> Values:
     heading = None if failed else _finite(leg.get("heading_deg", plan.heading_deg))
     flown = AsFlown.in_metadata(held.metadata)
     return {
-        "since": time_text(plan.timestamp.ToNanoseconds()),
+        "since": time_text(plan.start_time_ns),
         "heading_deg": heading,
         "magnetic_heading_deg": flown.magnetic(heading) if flown and heading is not None else None,
         "glide_angle_deg": _finite(leg.get("glide_angle_deg", plan.glide_angle_deg)),
         "depth_m": leg.get("depth_m"),
         "speed": _finite(plan.speed),
         "message": plan.message,
-        "dives": statistics_of(plan).get(ORIGIN, ""),
+        "dives": plan.statistics.get(ORIGIN, ""),
         "longitude": leg.get("longitude"),
         "latitude": leg.get("latitude"),
     }
@@ -302,7 +301,7 @@ def _odds(held: Held, now_ns: int) -> Values:
     if not held.plans:
         return {}
     plan = held.plans[-1]
-    begin, odds, statistics = plan.timestamp.ToNanoseconds(), plan.odds, statistics_of(plan)
+    begin, odds, statistics = plan.start_time_ns, plan.odds, plan.statistics
     values: Values = {
         "since": time_text(begin),
         "status": plan.status,
@@ -315,13 +314,13 @@ def _odds(held: Held, now_ns: int) -> Values:
         "duration_s": _finite(plan.duration),
         "arrival": _time_after(begin, plan.duration),
         "closest_approach_m": _finite(plan.closest_approach),
-        "legs": len(legs_of(plan)),
+        "legs": len(plan.legs),
         "energy_j": _finite(plan.energy),
         "battery_j": _finite(plan.battery),
         "dives": statistics.get(ORIGIN, ""),
         "asked": None if asked is None else float(asked),
     }
-    if odds.n_samples:
+    if odds is not None:
         values |= {
             "reached": odds.reached,
             "arrived": round(odds.reached * odds.n_samples),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
-from replay_kit.results.views.record import leaves
+from replay_kit.results.outcome.outcome import leaves
 from replay_kit.show.numbers import Shown
 from replay_kit.show.report.pages import SECTIONS, report_html
 from replay_kit.show.sentences import estimate_sentences, flown_sentences, trust_sentences

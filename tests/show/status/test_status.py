@@ -13,7 +13,7 @@ from pyproj import Geod
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.core.plan import ORIGIN
+from replay_kit.core.plan import ORIGIN, Odds, Place
 from replay_kit.core.text import time_text
 from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
@@ -211,8 +211,7 @@ def test_a_plan_says_which_numbers_of_its_dives_were_not_stated():
     origin = "as flown: 0.21 m/s, 500 m, 57 degrees"
     said = plan(END_NS)
     assert "as flown" not in text_of(status_of(held(plans=[said])))
-    said.statistics.add(name=ORIGIN, value=origin)
-    status = status_of(held(plans=[said]))
+    status = status_of(held(plans=[replace(said, statistics={ORIGIN: origin})]))
     assert origin in text_of(status)
     assert status.figures["odds"]["dives"] == origin
 
@@ -250,9 +249,7 @@ def test_a_change_of_the_command_is_told_with_its_reasons():
     assert "was 60°: 20° to the right" in change
     assert "it surfaced 3.5 km from the plan toward 270°, 10 min late" in change
     assert "the current differed by 10 cm/s" in change
-    moved = plan(
-        END_NS, goal={"longitude": 6.0, "latitude": 62.0, "depth": 0.0}, status="uncertain"
-    )
+    moved = plan(END_NS, goal=Place(6.0, 62.0, 0.0), status="uncertain")
     (change,) = status_of(held(plans=[held().plans[0], moved])).figures["command"]["why"]
     assert "the goal moved 26.2 km" in change
     quiet = held(
@@ -318,8 +315,7 @@ def test_a_heading_is_true_and_by_the_compass_of_a_vehicle_whose_declination_is_
 
 
 def test_the_first_line_counts_the_flights_that_arrive_and_that_must():
-    made = plan(END_NS)
-    made.statistics.add(name="arrive", value="0.85")
+    made = plan(END_NS, statistics={"arrive": "0.85"})
     used = Outcome(observations={**Outcome().observations, "used": 9})
     said = str(lines(status_of(held(plans=[made], outcome=used)))[0])
     assert said == "TRUST      9 of 10 simulated flights arrive (9 required)"
@@ -399,7 +395,6 @@ def test_nothing_heavy_is_loaded_and_a_file_that_is_no_result_is_refused():
 )
 def test_odds_of_all_or_none_are_not_told_as_certain(reached, interval):
     """Of ten samples, by the formula of Wilson."""
-    made = plan(END_NS)
-    made.odds.reached = reached
+    made = plan(END_NS, odds=Odds(10, reached, 1.0, 250.0, 9e4, 7e4, 8e4))
     found = status_of(held(plans=[made])).figures["odds"]
     assert found["reached_interval"] == pytest.approx(interval, abs=5e-4)

@@ -2,13 +2,15 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from html import escape
 from typing import Any
 
 import numpy as np
 
+from replay_kit.core.plan import Plan
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.track import LastPlan, thinned
 from replay_kit.show.figures.plan import profile_figure, surfacing_figure
 from replay_kit.show.numbers import sentence
 from replay_kit.show.page.page import Section
@@ -25,44 +27,30 @@ _STATUS = {
 }
 
 
-def last_plan_html(contents: Contents, plan: LastPlan) -> str:
+def last_plan_html(contents: Contents, plan: Plan) -> str:
     """Return the outcome of the last plan as a table."""
-    row = plan.row
-    rows = [
-        ["status", f"<strong>{escape(row['status'])}</strong>: {_STATUS.get(row['status'], '')}"],
-        ["message", escape(row["message"])],
-    ]
-    if plan.energy is not None:
-        stated = "" if plan.battery else "; the energy of the battery was not stated"
-        rows.append(["energy", energy_sentence(plan.energy, plan.battery).html + stated])
+    rows = {
+        "status": f"<strong>{escape(plan.status)}</strong>: {_STATUS.get(plan.status, '')}",
+        "message": escape(plan.message),
+    }
+    if plan.energy > 0.0:
+        stated = "" if plan.battery > 0.0 else "; the energy of the battery was not stated"
+        rows["energy"] = energy_sentence(plan.energy, plan.battery).html + stated
     if plan.odds is not None:
-        rows.append(["odds of arriving", _odds(plan.odds)])
+        form = "; {safe:share} violate no constraint; within {radius:,.0f} m"
+        more = sentence(form, asdict(plan.odds), "plan.odds.")
+        rows["odds of arriving"] = odds_sentence(plan.odds).html + more.html
     if plan.areas:
-        rows.append(
-            [
-                "no-go areas",
-                ", ".join(
-                    escape(area.name + (" (surface only)" if area.surface_only else ""))
-                    for area in plan.areas
-                ),
-            ]
-        )
+        names = (area.name + " (surface only)" * area.surface_only for area in plan.areas)
+        rows["no-go areas"] = ", ".join(map(escape, names))
     if (named := contents.metadata.get("replay_kit.inputs", {}).get("bathymetry")) is not None:
         name, _, digest = named.partition(" sha256:")
-        rows.append(["bathymetry", f"{escape(name)}, SHA-256 <code>{escape(digest)}</code>"])
-    if (bottom := plan.bottom) is not None:
-        height = float(np.nanmin(bottom - plan.track["depth"].to_numpy(np.float64)))
-        rows.append(["least height above the bottom", f"{height:.0f} m"])
-    return table_html(["what", "of the last plan"], rows, "The last plan")
-
-
-def _odds(odds: Mapping[str, float]) -> str:
-    more = sentence(
-        "; {safe:share} violate no constraint; within {radius:,.0f} m",
-        odds,
-        "plan.odds.",
-    )
-    return odds_sentence(odds).html + more.html
+        rows["bathymetry"] = f"{escape(name)}, SHA-256 <code>{escape(digest)}</code>"
+    if plan.bottom is not None:
+        height = float(np.nanmin(plan.bottom - plan.track[:, 2]))
+        rows["least height above the bottom"] = f"{height:.0f} m"
+    cells = [[what, text] for what, text in rows.items()]
+    return table_html(["what", "of the last plan"], cells, "The last plan")
 
 
 _PLANS, _TITLE = 30, "How does the plan turn out?"
@@ -96,8 +84,7 @@ def plan_section(contents: Contents) -> Section:
         + _plans_html(contents)
         + ("" if found is None else f"<p>{outcomes_sentence(found).html}.</p>")
     )
-    status = str(plan.row["status"])
-    answer = f"{escape(status.capitalize())}: {_STATUS.get(status, '')}."
+    answer = f"{escape(plan.status.capitalize())}: {_STATUS.get(plan.status, '')}."
     return Section("plan", _TITLE, html, figures, menu="Plan", answer=answer)
 
 
@@ -137,7 +124,7 @@ def _row(columns: Mapping[str, str], record: Mapping[str, Any], at: str = "") ->
     return [one.html if at else escape(str(one)) for one in each]
 
 
-def _legs_html(plan: LastPlan) -> str:
+def _legs_html(plan: Plan) -> str:
     """Return the legs of a plan as an HTML table."""
     at = "plan.statistics.leg_{:03d}#".format
     rows = [_row(_LEG, leg, at(leg["leg"])) for leg in plan.legs]
