@@ -31,7 +31,7 @@ class CurrentSlices:
         east: shape (I,) [m], cell centres.
         north: shape (J,) [m], cell centres.
         fields: shape (D, T, 4, J, I) [m/s]: u, v along the local axes and their standard errors; NaN where dry or unknown.
-        left_out: Number of omitted published times, evenly spread.
+        left_out: Number of omitted published times.
         outside: shape (J, I), True for cells off the forecast's grid; other cells without a current are dry. None if the grid is unknown.
     """
 

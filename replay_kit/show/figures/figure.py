@@ -38,7 +38,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """Data series drawn in one style; sizes and widths are pixels of a page, colours roles of ``core.colors`` or ``#rrggbb``.
+    """Data series in one style; sizes in pixels of a page, colours by role.
 
     Attributes:
         kind: Kind of drawing.
@@ -51,11 +51,11 @@ class Mark:
         width: Width of lines.
         size: Size of points.
         edge: Colour of their edge.
-        halo: Whether a light line is below.
+        halo: Whether on a light line.
         error: Standard errors of y.
         base: Lower limit of filled ground.
         text: Tooltips.
-        z: Values of a mesh; components of arrows.
+        z: Values of a mesh or arrows.
         scale: Colours of a mesh, limits, label.
     """
 

@@ -57,7 +57,7 @@ class Held:
         outcome: Outcome of the run; None if unfinished.
         projection: Local frame.
         fixes: The first, the last one a day older than the last, and the last.
-        reckoned: Last dead-reckoned position, if newer.
+        reckoned: Dead-reckoned position, if newer.
         plans: Last two plans.
         outcomes: Last surfacings, ``replay_kit.PlanOutcome``.
         dive: Innovations of the last dive; None without any.
