@@ -1,10 +1,11 @@
-"""Matplotlib back end of figures: files for papers."""
+"""Matplotlib back end of figures: files for papers, and SVG in the colours of a page's style."""
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from io import BytesIO
 from textwrap import fill
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from matplotlib import dates as untyped
@@ -16,11 +17,14 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import ScaledTranslation
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.colors import PRINT, scale
+from replay_kit.core.colors import LIGHT, PRINT, scale
 from replay_kit.show.figures.figure import Figure, Mark, Panel, Tables, values_of
 from replay_kit.show.figures.style import (
+    BEHIND,
     DASHES,
+    GRID,
     MARKERS,
+    PAGE,
     PAPER,
     SMALL,
     THIN,
@@ -39,48 +43,60 @@ _NO_DATES: dict[str, dict[str, None]] = {
 _Made = TypeVar("_Made")
 
 
-def _color(color: str) -> str:
-    """Return the colour of a role; other colours unchanged."""
-    return PRINT.get(color, color)
+class _Medium(NamedTuple):
+    """Drawing parameters of a medium: colours by role, points per pixel of widths and sizes, and number of time labels."""
+
+    palette: Mapping[str, str]
+    thin: float
+    small: float
+    times: int
+
+    def color(self, color: str) -> str:
+        """Return the colour of a role; other colours unchanged."""
+        return self.palette.get(color, color)
 
 
-def draw_panel(axes: Axes, panel: Panel, tables: Tables) -> None:
+_PAPER, _PAGE = _Medium(PRINT, THIN, SMALL, 7), _Medium(LIGHT, 0.9, 0.9, 6)
+
+
+def draw_panel(axes: Axes, panel: Panel, tables: Tables, medium: _Medium = _PAPER) -> None:
     """Draw a panel into axes.
 
     Args:
         axes: Axes.
         panel: Panel.
         tables: Columns named by its marks.
+        medium: Paper or page.
     """
     if not panel.marks:
         axes.set(xticks=[], yticks=[])
-        look: Any = {"ha": "center", "va": "center", "color": _color("soft")}
+        look: Any = {"ha": "center", "va": "center", "color": medium.color("soft")}
         axes.text(0.5, 0.5, fill(panel.note, 34), transform=axes.transAxes, **look)
         return
     if panel.degrees:
         axes.patch.set(facecolor="white", edgecolor=PRINT["soft"], hatch="//////", linewidth=0.0)
     if panel.level is not None:
-        axes.axhline(panel.level, color=_color("soft"), linewidth=0.5)
+        axes.axhline(panel.level, color=medium.color("soft"), linewidth=0.5)
     if panel.band is not None:
         low, high, name = panel.band
-        axes.axhspan(low, high, color=_color("three"), alpha=0.2, linewidth=0.0, label=name)
+        axes.axhspan(low, high, color=medium.color("three"), alpha=0.2, linewidth=0.0, label=name)
     for mark in panel.marks:
-        _draw_mark(axes, mark, tables)
+        _draw_mark(axes, mark, tables, medium)
     if panel.note:
         axes.text(0.02, 0.97, panel.note, transform=axes.transAxes, va="top", fontsize="small")
-    _draw_axes(axes, panel, tables)
-    _draw_labels(axes, panel.labels)
+    _draw_axes(axes, panel, tables, medium)
+    _draw_labels(axes, panel.labels, medium)
 
 
-def _draw_mark(axes: Axes, mark: Mark, tables: Tables) -> None:
+def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
     x, y = (values_of(tables, values) for values in (mark.x, mark.y))
     color, width, size = (
-        _color(mark.color),
-        THIN * mark.width,
-        SMALL * mark.size,
+        medium.color(mark.color),
+        medium.thin * mark.width,
+        medium.small * mark.size,
     )
     if mark.kind == "mesh":
-        _draw_mesh(axes, mark, x, y, mesh_values(mark, tables))
+        _draw_mesh(axes, mark, x, y, mesh_values(mark, tables), medium)
         return
     if mark.kind == "arrows":
         assert mark.z is not None
@@ -93,16 +109,16 @@ def _draw_mark(axes: Axes, mark: Mark, tables: Tables) -> None:
         wide = float(np.diff(x).min()) if x.size > 1 else 0.8
         axes.bar(x, y, wide, color=color, alpha=0.6, label=mark.name)
         return
-    light = _color("paper")
+    light = medium.color("paper")
     if mark.halo:
-        axes.plot(x, y, color=light, linewidth=width + 2.0 * THIN, solid_capstyle="round")
+        axes.plot(x, y, color=light, linewidth=width + 2.0 * medium.thin, solid_capstyle="round")
     if mark.kind == "ring":
         for ring in np.split(np.column_stack([x, y]), np.flatnonzero(np.isnan(x))):
             known = ring[np.isfinite(ring[:, 0])]
             axes.fill(*known.T, facecolor=color, alpha=0.06, zorder=2.5)
     if mark.base is not None:
         ground = values_of(tables, mark.base)
-        axes.fill_between(x, y, ground, color=_color("land"), linewidth=0.0)
+        axes.fill_between(x, y, ground, color=medium.color("land"), linewidth=0.0)
     dots = mark.kind in ("points", "joined")
     look: Any = {
         **{"color": color, "linewidth": width, "label": mark.name or None},
@@ -112,7 +128,7 @@ def _draw_mark(axes: Axes, mark: Mark, tables: Tables) -> None:
         "markerfacecolor": "none" if mark.symbol.endswith("-open") else color,
     }
     if mark.edge:
-        look |= {"markeredgecolor": _color(mark.edge), "markeredgewidth": 0.6}
+        look |= {"markeredgecolor": medium.color(mark.edge), "markeredgewidth": 0.6}
     if mark.kind == "ring":
         look |= {"alpha": 0.45}
     if mark.symbol == "cross":
@@ -132,7 +148,7 @@ def mesh_values(mark: Mark, tables: Tables) -> Array:
     return np.asarray(values.reshape(-1, x.size - 1) if values.ndim == 1 else values)
 
 
-def _draw_mesh(axes: Axes, mark: Mark, x: Array, y: Array, values: Array) -> None:
+def _draw_mesh(axes: Axes, mark: Mark, x: Array, y: Array, values: Array, medium: _Medium) -> None:
     look: Any = {"rasterized": True, "zorder": 1.0, "cmap": colormap("land")}
     if mark.scale is not None:
         name, least, most, label = mark.scale
@@ -140,7 +156,7 @@ def _draw_mesh(axes: Axes, mark: Mark, x: Array, y: Array, values: Array) -> Non
     known = np.ma.masked_invalid(values)
     if x.ndim == 1:
         # cells of equal size, each of them a pixel
-        axes.set_facecolor(PRINT["land"])
+        axes.set_facecolor("none" if medium is _PAGE else PRINT["land"])
         across = dates.date2num(x[[0, -1]]) if x.dtype.kind == "M" else x[[0, -1]]
         del look["rasterized"]
         ends: Any = {"extent": (*across, y[-1], y[0]), "origin": "upper", "aspect": "auto"}
@@ -149,7 +165,7 @@ def _draw_mesh(axes: Axes, mark: Mark, x: Array, y: Array, values: Array) -> Non
         # beside missing cells there is nothing to interpolate with
         look |= {"shading": "gouraud"} if x.shape == values.shape else {}
         mesh = axes.pcolormesh(x, y, known, **look)
-    if mark.scale is None:
+    if mark.scale is None or medium is _PAGE:
         return
     extend = "neither" if name == "speed" else "both" if least else "max"
     beside = axes.inset_axes((1.03, 0.0, 0.03, 1.0))
@@ -173,9 +189,9 @@ def _draw_arrows(axes: Axes, x: Array, y: Array, values: Array, across: float) -
     axes.text(at, 1.0, text, ha="right", va="center", fontsize="small", **place)
 
 
-def _draw_axes(axes: Axes, panel: Panel, tables: Tables) -> None:
+def _draw_axes(axes: Axes, panel: Panel, tables: Tables, medium: _Medium) -> None:
     for axis, name in ((panel.x, "x"), (panel.y, "y")):
-        axes.set(**{f"{name}label": _in_print(str(axis))})
+        axes.set(**{f"{name}label": _in_print(str(axis)) if medium is _PAPER else str(axis)})
         if axis.log:
             axes.set(**{f"{name}scale": "log"})
             _number_logarithms(getattr(axes, f"{name}axis"))
@@ -184,7 +200,7 @@ def _draw_axes(axes: Axes, panel: Panel, tables: Tables) -> None:
         elif axis.from_zero:
             axes.set(**{f"{name}lim": (0.0, None)})
     if values_of(tables, panel.marks[0].x).dtype.kind == "M":
-        date_axis(axes, 7)
+        date_axis(axes, medium.times)
     if panel.equal:
         axes.set_box_aspect(1.0)
     if panel.degrees:
@@ -208,17 +224,17 @@ def _number_logarithms(axis: Any) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def _draw_labels(axes: Axes, labels: Sequence[tuple[float, float, str]]) -> None:
+def _draw_labels(axes: Axes, labels: Sequence[tuple[float, float, str]], medium: _Medium) -> None:
     """Draw centred labels; labels near another one or out of sight are omitted."""
-    kept = np.empty((0, 2))
+    kept: list[Any] = []
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    look: Any = {"ha": "center", "va": "center", "fontsize": "x-small", "color": PRINT["ink"]}
     for x, y, text in labels:
         at = np.array([(x - west) / (east - west), (y - south) / (north - south)])
-        near = (np.abs(kept - at) <= (0.16, 0.06)).all(axis=1).any()
-        if not near and (np.abs(at - 0.5) < 0.42).all():
-            axes.text(x, y, text, **look, clip_on=True)
-            kept = np.vstack([kept, at])
+        far = [np.abs(at - other) for other in kept]
+        if (np.abs(at - 0.5) < 0.42).all() and all(dx > 0.16 or dy > 0.06 for dx, dy in far):
+            look: Any = {"ha": "center", "va": "center", "fontsize": "x-small"}
+            axes.text(x, y, text, color=medium.color("ink"), **look, clip_on=True)
+            kept.append(at)
 
 
 def date_axis(axes: Axes, most: int) -> None:
@@ -348,3 +364,121 @@ def _beside(names: Sequence[str], width: float) -> int:
         return int(sum(lengths.max() + 9 for lengths in each))
 
     return next((n for n in range(len(names), 1, -1) if letters(n) <= _SMALL * width), 1)
+
+
+# Width of a panel of a page [px], and around its axes: left, right, above and below.
+_WIDE, _AROUND = 500.0, (58.0, 14.0, 8.0, 44.0)
+
+
+class Drawn(NamedTuple):
+    """Panel drawn for a page.
+
+    Attributes:
+        svg: Drawing in the colours of the page's style.
+        about: Data of the tooltips: position and limits of the axes, and the marks.
+    """
+
+    svg: str
+    about: dict[str, Any]
+
+
+def panels_svg(figure: Figure, wide: float = _WIDE) -> Iterator[Drawn]:
+    """Yield the panels of a figure for a page, without titles and colour scales; the width is in pixels."""
+    with rc_context(PAGE):
+        for number, panel in enumerate(figure.panels):
+            yield _panel_svg(figure, number, panel, wide)
+
+
+def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
+    left, right, above, below = _AROUND
+    below -= 0.0 if panel.x.label else 18.0
+    wide = full - left - right
+    high = wide * (1.0 if panel.equal else panel.height)
+    total = high + above + below
+    timed = values_of(figure.tables, panel.marks[0].x).dtype.kind == "M"
+    canvas = Canvas(figsize=(full / 72.0, total / 72.0), dpi=72)
+    axes = canvas.add_axes((left / full, below / total, wide / full, high / total))
+    draw_panel(axes, panel, figure.tables, _PAGE)
+    axes.yaxis.set_label_coords(-46.0 / wide, 0.5)
+    if not panel.x.log and not timed:
+        axes.locator_params(axis="x", nbins=6)
+    if not panel.y.log:
+        axes.locator_params(axis="y", nbins=5)
+    canvas.savefig(file := BytesIO(), format="svg", dpi=144, metadata=_NO_DATES["svg"])
+    # of times milliseconds since 1970
+    ends = [axes.get_xlim(), axes.get_ylim()]
+    about = {
+        "box": [left, above, wide, high],
+        "ends": [
+            [float(f"{each * (8.64e7 if timed and not k else 1.0):.12g}") for each in pair]
+            for k, pair in enumerate(ends)
+        ],
+        "log": [panel.x.log, panel.y.log],
+        "axes": [str(panel.x), str(panel.y)],
+        "marks": [_said(mark, figure.tables) for mark in panel.marks],
+    }
+    return Drawn(_slim(file.getvalue().decode(), f"{figure.key}-{number}"), about)
+
+
+def _said(mark: Mark, tables: Tables) -> dict[str, Any]:
+    """Return the positions and tooltips of a mark; columns of the page's tables are given by name."""
+    said = {"x": mark.x, "y": mark.y, "text": mark.text, "z": mark.z}
+    held = {key: values for key, values in said.items() if values is not None}
+    plain = {
+        key: values if isinstance(values, str) else column_of(key, values)
+        for key, values in held.items()
+    }
+    return {"name": mark.name, **plain}
+
+
+def column_of(name: str, values: Any) -> list[Any]:
+    """Return a column for JSON: times to the second, positions to a metre or better, other numbers to five digits."""
+    array = np.asarray(values)
+    if array.dtype.kind == "M":
+        return [
+            text.replace("T", " ") for text in np.datetime_as_string(array.astype("M8[s]")).tolist()
+        ]
+    if array.dtype.kind != "f":
+        return list((array.astype(int) if array.dtype.kind == "b" else array).tolist())
+    digits = 9 if name.endswith(("longitude", "latitude")) else 6 if name.endswith("_km") else 5
+    return column(array, digits)
+
+
+def column(values: Any, digits: int = 5) -> list[float | None]:
+    """Return numbers for JSON, rounded to significant digits; None if not finite."""
+    each = np.asarray(values, dtype=np.float64).ravel()
+    known, size = np.isfinite(each), np.abs(each)
+    with np.errstate(all="ignore"):
+        tens = np.floor(np.log10(np.where(known & (size > 0.0), size, 1.0)))
+        places = 10.0 ** (digits - 1 - tens)
+        rounded = (np.rint(each * places) / places).astype(object)
+    rounded[~known] = None
+    return list(rounded.tolist())
+
+
+_COLORS = {color: f"var(--{role})" for role, color in LIGHT.items()}
+_COLORS |= {GRID: "var(--grid)", BEHIND: "var(--panel)"}
+
+
+def _slim(svg: str, key: str) -> str:
+    """Return a compact SVG for a page, with the colours of its style and unique ids."""
+    box = re.search(r'viewBox="[^"]*"', svg)
+    assert box is not None
+    body = svg[svg.index(">", svg.index("<svg")) + 1 :]
+    body = re.sub(r"<metadata>.*?</metadata>|<style .*?</style>|<!--.*?-->", "", body, flags=re.S)
+    body = re.sub(r'<g id="[^"]*"', "<g", body)
+    ids = {own: f"{key}-{count}" for count, own in enumerate(re.findall(r'id="([^"]*)"', body))}
+    body = re.sub(r'(id="|#)([\w-]+)(?=["\)])', lambda at: at[1] + ids.get(at[2], at[2]), body)
+    body = body.replace("xlink:href", "href")
+    # all points of a mark have the look of the first
+    body = re.sub(r'(<g[^>]*)>(\s*<use [^>]*?) style="([^"]*)"', r'\1 style="\3">\2', body)
+    body = re.sub(r'(<use [^>]*?) style="[^"]*"', r"\1", body)
+    body = re.sub(r" font-family: [^;\"]*;| transform=\"rotate\(-0 [^\"]*\"", "", body)
+    body = re.sub(
+        r"<[^>!]*>",
+        lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]) if "base64" not in tag[0] else tag[0],
+        body,
+    )
+    for color, name in _COLORS.items():
+        body = body.replace(color, name)
+    return f'<svg {box[0]} aria-hidden="true">' + re.sub(r"\s*\n\s*", "\n", body)

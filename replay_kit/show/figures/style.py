@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from replay_kit.core.colors import SYMBOLS
+from replay_kit.core.colors import LIGHT, SYMBOLS
 
 #: Width of a figure over one and over two columns of a page of a paper [inches].
 WIDTHS = {1: 3.35, 2: 6.9}
@@ -84,4 +84,17 @@ PAPER = _LETTERS | {
     "legend.fontsize": 6.0,
     "lines.linewidth": 1.1,
     "savefig.dpi": 300.0,
+}
+#: Colour of the grid of a page, and of that behind charts, which stand for variables of its style as the roles of ``LIGHT`` do.
+GRID, BEHIND = "#e3e8ec", "#f5f7f9"
+#: Of a page.
+PAGE = _LETTERS | {
+    **{"font.size": 12.0, "axes.titlesize": 12.0, "axes.labelsize": 12.0, "legend.fontsize": 11.0},
+    **{"xtick.labelsize": 11.0, "ytick.labelsize": 11.0},
+    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor"), LIGHT["ink"]),
+    **dict.fromkeys(("xtick.color", "ytick.color", "axes.edgecolor"), LIGHT["soft"]),
+    **{"xtick.labelcolor": LIGHT["ink"], "ytick.labelcolor": LIGHT["ink"]},
+    **{"axes.grid": True, "grid.color": GRID, "axes.facecolor": "none", "figure.facecolor": "none"},
+    **{"axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True},
+    **{"xtick.major.size": 0.0, "ytick.major.size": 0.0, "axes.linewidth": 0.8},
 }

@@ -19,9 +19,9 @@ from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.results.views.track import Track
+from replay_kit.show.figures.draw import column
 from replay_kit.show.figures.map import Extent, bottom_lines, dry_text, places_of
 from replay_kit.show.figures.style import ON_MAP
-from replay_kit.show.figures.svg import column
 from replay_kit.show.page.page import Map, pack
 
 #: Of one step of the packed current [m/s].

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from replay_kit.core.colors import palette_css, scale
 from replay_kit.core.version import __version__
+from replay_kit.show.figures.draw import column_of, panels_svg
 from replay_kit.show.figures.figure import Figure, Panel
-from replay_kit.show.figures.svg import column_of, panels_svg
 from replay_kit.show.page.parts import items_html, table_html
 
 __all__ = [

@@ -10,8 +10,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.quantities import parse_time
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
-from replay_kit.show.figures.svg import panels_svg
 from replay_kit.show.numbers import (
     clock,
     error_text,

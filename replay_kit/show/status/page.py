@@ -11,8 +11,8 @@ import numpy as np
 from replay_kit.core.colors import SYMBOLS, palette_css
 from replay_kit.core.text import time_text
 from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
-from replay_kit.show.figures.svg import panels_svg
 from replay_kit.show.page.parts import compass
 from replay_kit.show.status.held import course
 from replay_kit.show.status.lines import Detail, details, lines, title
