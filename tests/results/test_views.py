@@ -22,7 +22,6 @@ from replay_kit.results.views.slices import (
 )
 from replay_kit.results.views.track import Track, track_of
 from replay_kit.show.notebook import read_result
-from replay_kit.show.report.pages import changed_settings
 from tests.results.cases import one_bin
 from tests.results.result_samples import CONFIG, METADATA
 from tests.synthetic_flow import TIME_NS, synthetic_flow
@@ -151,11 +150,7 @@ def test_calibration_counts_components():
     assert calibration(bins.iloc[2:]).coverage == {}
 
 
-def test_changed_settings_and_leaves():
-    assert changed_settings("[estimator]\nmodes = 4\nnew = 1\n[planner]\nclearance = 20.0\n") == [
-        ("estimator.modes", 4, 300),
-        ("estimator.new", 1, None),
-    ]
+def test_leaves_have_paths():
     assert dict(leaves({"a": [1, {"b": None}]})) == {"a.0": 1, "a.1.b": None}
 
 

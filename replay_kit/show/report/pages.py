@@ -5,6 +5,7 @@ import shlex
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
+from types import MappingProxyType
 from typing import Any
 
 from replay_kit.core.errors import finding_line
@@ -26,11 +27,14 @@ from replay_kit.show.report.sections.trust import trust_section
 from replay_kit.show.sentences import estimate_sentences
 from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_cells, vehicle_sentences
 
+#: Defaults of settings by table.
+Defaults = Mapping[str, Mapping[str, Any]]
+_NONE: Defaults = MappingProxyType({})
 # Entries of a list of the summary that are shown.
 _LONG = 12
 
 
-def again_section(contents: Contents) -> Section:
+def again_section(contents: Contents, defaults: Defaults) -> Section:
     """Return the section on reproducing the result, with the summary as a table."""
     metadata, missing, html = contents.metadata, list[str](), ""
     inputs = {
@@ -57,7 +61,9 @@ def again_section(contents: Contents) -> Section:
     }
     options = {name.replace("_", " "): (value,) for name, value in region.items() if value}
     html += _rows_html("Inputs", ("input", "file", "SHA-256"), digests)
-    html += _rows_html("Versions", ("what", "version"), shown) + _settings(contents, missing)
+    html += _rows_html("Versions", ("what", "version"), shown) + _settings(
+        contents, defaults, missing
+    )
     html += _rows_html("Region, basis and options", ("what", "value"), options) + _numbers(contents)
     answer = "Files, versions, settings, and every number of the summary."
     return Section("again", "How was it made?", html, missing=missing, menu="Files", answer=answer)
@@ -84,36 +90,21 @@ def _command(contents: Contents, inputs: Mapping[str, str]) -> str:
     )
 
 
-def _settings(contents: Contents, missing: list[str]) -> str:
+def _settings(contents: Contents, defaults: Defaults, missing: list[str]) -> str:
     toml = contents.result.reader.text(CONFIG_NAME)
     if not toml:
         missing.append("The result does not hold its configuration.")
         return ""
     changed = {
-        name: (json.dumps(value), json.dumps(default))
-        for name, value, default in changed_settings(toml)
+        f"{section}.{key}": (json.dumps(value), json.dumps(defaults.get(section, {}).get(key)))
+        for section, values in tomllib.loads(toml).items()
+        for key, value in values.items()
+        if value != defaults.get(section, {}).get(key)
     }
     if not changed:
         return "<p>All settings have their defaults.</p>"
     caption = "Settings that differ from their defaults"
     return _rows_html(caption, ("setting", "value", "default"), changed)
-
-
-def changed_settings(config_toml: str) -> list[tuple[str, Any, Any]]:
-    """Return the settings that differ from their defaults: table and key, value, default (None without one).
-
-    Settings unknown to this version count as changed.
-    """
-    # the one use of settings here
-    from replay_kit.config.run import RunConfig
-
-    defaults = RunConfig().model_dump(mode="json")
-    every = (
-        (f"{section}.{key}", value, defaults.get(section, {}).get(key))
-        for section, values in tomllib.loads(config_toml).items()
-        for key, value in values.items()
-    )
-    return [one for one in every if one[1] != one[2]]
 
 
 def _shortened(value: Any) -> Any:
@@ -155,20 +146,26 @@ def map_section(contents: Contents, card: str = "") -> Section:
 
 #: The sections from top to bottom; each is a pure function of the opened result.
 SECTIONS: tuple[Callable[[Contents], Section], ...] = (
-    *(map_section, words_section, along_track_section, trust_section, plan_section, again_section),
+    *(map_section, words_section, along_track_section, trust_section, plan_section),
 )
 
 
-def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
+def report_html(
+    result: ResultFile,
+    notes: tuple[str, ...] = (),
+    defaults: Defaults = _NONE,
+) -> str:
     """Return a result as a self-contained, reproducible HTML page.
 
     Args:
         result: Opened result.
         notes: Notes on opening the result.
+        defaults: Defaults of the settings by table; the page names those that differ.
     """
     contents = Contents(result, notes)
     added = additions("sections", callable, "a function").values()
     sections = [section(contents) for section in (*SECTIONS, *added)]
+    sections.insert(len(SECTIONS), again_section(contents, defaults))
     title = contents.outcome.mission or f"Report on {result.reader.name}"
     return page_html(title, sections, _subtitle(contents))
 
@@ -186,17 +183,18 @@ def _subtitle(contents: Contents) -> str:
     return " · ".join(filter(None, [f"{begin} to {end} UTC", fix, dive, used]))
 
 
-def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
+def several_html(contents: Contents, pages: Mapping[str, str], defaults: Defaults) -> str:
     """Return the report page on all vehicles of a result.
 
     Args:
         contents: Contents of the result.
         pages: File names of the vehicles' pages by vehicle.
+        defaults: See ``report_html``.
     """
     sections = [
         map_section(contents, _card(contents, pages)),
         _vehicles(contents, pages),
-        again_section(contents),
+        again_section(contents, defaults),
     ]
     span, outcome = contents.span_ns, contents.outcome
     begin, end = ("", "") if span is None else (time_text(each)[:16] for each in span)
