@@ -11,10 +11,10 @@ import numpy as np
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.results.outcome.outcome import leaves
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import CONFIG_NAME
-from replay_kit.results.views.record import leaves
 
 #: Values are the same to this, of themselves where they are above 1.
 TOLERANCE = 1e-9

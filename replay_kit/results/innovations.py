@@ -159,8 +159,8 @@ class Measured:
         observations: At most ``MOST`` profiles, evenly spread within each topic, and all mean currents, as ``Result.observations``.
         innovations: Their bins, as ``Result.innovations``.
         sums: Sums over all measurements by dive, topic, kind of mean current (empty for profiles), decision and acceptance:
-            ``measurements``, those ``with_bins`` used, ``dof``, ``nis``, ``signal_dof``, those with a prior, ``square_*`` of the
-            innovations [m^2/s^2], and times of the ``first`` and the ``last``.
+            ``measurements``, those ``with_bins``, ``dof``, ``nis``, ``signal_dof``, those with a prior, ``square_*`` of the
+            innovations [m^2/s^2], and times of ``first`` and ``last``.
     """
 
     observations: "pd.DataFrame"

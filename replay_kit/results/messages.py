@@ -4,7 +4,7 @@ Poses are in the frame ``map``: local east, local north, up, so z = -depth.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from operator import attrgetter
@@ -12,17 +12,16 @@ from typing import Any, Literal
 from zlib import crc32
 
 import foxglove.messages as fox
-import numpy as np
-from numpy.typing import ArrayLike
 
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic, unwrap_longitude
+from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place, Plan, leg_statistics
-from replay_kit.core.region import Feature, collection_text, feature, positions
-from replay_kit.core.surfacing import DiveOutcome, Ellipse, SurfacingOutcome, planned_ellipses
+from replay_kit.core.region import collection_text
+from replay_kit.core.surfacing import DiveOutcome, Ellipse, SurfacingOutcome
+from replay_kit.results.plans import plan_features
 from replay_kit.results.schemas import MESSAGES, TIME, attributes, encode
 
 Level = Literal["debug", "info", "warning", "error"]
@@ -196,42 +195,6 @@ def plan_path(plan: Plan) -> fox.PosesInFrame:
     return fox.PosesInFrame(timestamp=stamp(plan.start_time_ns), frame_id=FRAME, poses=poses)
 
 
-def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
-    """Yield the predicted track as a line, start and goal as points, surfacing ellipses and areas as polygons.
-
-    The plan's figures are properties of the line.
-    """
-
-    def line(longitude: ArrayLike, latitude: ArrayLike) -> list[list[float]]:
-        return positions(longitude, latitude, plan.start.longitude)
-
-    # A line of fewer than two positions is not GeoJSON; a failed plan may have none.
-    if len(plan.track) > 1:
-        track = line(*to_geographic(projection, *plan.track[:, :2].T))
-        numbers = {
-            "heading_deg": plan.heading_deg,
-            "glide_angle_deg": plan.glide_angle_deg,
-            "duration_s": plan.duration,
-            "energy_j": plan.energy,
-            "closest_approach_m": plan.closest_approach,
-        }
-        words = {"name": "plan", "status": plan.status, "message": plan.message}
-        figures = {name: _finite(value) for name, value in numbers.items()}
-        yield feature("LineString", track, words | figures)
-    for name, end in (("start", plan.start), ("goal", plan.goal)):
-        (at,) = line([end.longitude], [end.latitude])
-        yield feature("Point", at, {"name": name, "depth_m": _finite(end.depth)})
-    for number, ellipse in enumerate(planned_ellipses(plan.legs), start=1):
-        ring = line(*to_geographic(projection, *ellipse.outline(projection).T))
-        name = f"90 % of surfacings {number}"
-        yield feature("Polygon", [ring], {"name": name, "kind": "ellipse"})
-    for area in plan.areas:
-        kind = "fence" if area.fence else "no_go"
-        about = {"name": area.name, "kind": kind, "surface_only": area.surface_only}
-        rings = [line(*np.array([*ring, ring[0]]).T) for ring in (area.corners, *area.holes)]
-        yield feature("Polygon", rings, about)
-
-
 def plan_geojson(plan: Plan, projection: Projection) -> fox.GeoJson:
     """Return a plan on a map."""
     return fox.GeoJson(geojson=collection_text([*plan_features(plan, projection)]))
@@ -253,11 +216,6 @@ def orientation(east: float, north: float, up: float) -> fox.Quaternion:
         z=math.sin(yaw) * math.cos(down),
         w=math.cos(yaw) * math.cos(down),
     )
-
-
-def _finite(number: float) -> float | None:
-    """Return the number, or None (JSON null) if it is not finite."""
-    return float(number) if math.isfinite(number) else None
 
 
 def _time(time_ns: int) -> dict[str, int]:

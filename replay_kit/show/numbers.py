@@ -8,6 +8,8 @@ from math import floor, isfinite, log10
 from string import Formatter
 from typing import Any, NamedTuple
 
+from replay_kit.core.quantities import parse_time
+
 
 class Shown(NamedTuple):
     """Formatted number of a field.
@@ -55,8 +57,9 @@ def sentence(template: str, fields: Mapping[str, Any], at: str = "") -> Sentence
     """Return a sentence with formatted fields.
 
     Args:
-        template: Text with field paths in braces and formats: ``cm`` for a speed [m/s] in cm/s, ``share`` in per cent, ``min`` for seconds
-            in signed minutes, ``kJ`` and ``MJ`` for an energy [J], or Python's; ``cm/s`` and ``%`` omit the unit.
+        template: Text with field paths in braces, and formats: ``cm`` and ``cm/s`` for a speed [m/s], ``share`` and ``%``, ``min``,
+            ``hours``, ``span`` and ``days`` for a duration [s, days], ``size`` for an amount without its sign, ``km`` and ``far`` for a
+            distance [m], ``course`` for a direction [degrees], ``kJ`` and ``MJ`` for an energy [J], or Python's.
         fields: Values, nested in mappings and sequences; None if unknown.
         at: Path prefix of the fields, ending with a dot.
     """
@@ -79,6 +82,13 @@ def _part(key: str, value: Any, form: str) -> str | Shown:
         "share": lambda: f"{100.0 * value:.0f} %",
         "%": lambda: f"{100.0 * value:.0f}",
         "min": lambda: f"{value / 60.0:+.0f} min",
+        "hours": lambda: f"{value / 3600.0:.1f}",
+        "span": lambda: hours_text(value),
+        "days": lambda: hours_text(86_400.0 * value),
+        "size": lambda: f"{abs(value):,.1f}",
+        "km": lambda: f"{value / 1e3:,.1f} km" if value >= 1e3 else f"{value:.0f} m",
+        "far": lambda: f"{value / 1e3:.1f}",
+        "course": lambda: f"{round(value) % 360:03d}",
         "kJ": lambda: f"{value / 1e3:,.0f} kJ",
         "MJ": lambda: f"{value / 1e6:g} MJ",
     }
@@ -88,18 +98,6 @@ def _part(key: str, value: Any, form: str) -> str | Shown:
 def number(key: str, value: float | int | None, text: str) -> str:
     """Return a number as HTML, see ``Shown``; ``unknown`` for None."""
     return "unknown" if value is None else Shown(key, value, text).html
-
-
-def leg_number(count: int, name: str, value: float, text: str) -> str:
-    """Return a number of a plan's leg as HTML, see ``number``.
-
-    Args:
-        count: Number of the leg, from 1.
-        name: Name of the value.
-        value: Exact value.
-        text: Rounded value.
-    """
-    return number(f"plan.statistics.leg_{count:03d}#{name}", value, text)
 
 
 def nice(value: float, least: bool = False) -> float:
@@ -130,6 +128,12 @@ def clock_text(time_ns: int) -> str:
     """Return a time [ns, UTC] as day and minute, such as ``18 Nov 19:16``."""
     text = datetime.fromtimestamp(time_ns // 10**9, UTC)
     return f"{text.day} {text:%b %H:%M}"
+
+
+def clock(text: str, beside: str = "") -> str:
+    """Return a time in the form of ``time_text`` as by ``clock_text``, without the day if a time beside it has the same."""
+    shown = clock_text(parse_time(text))
+    return shown.rpartition(" ")[2] if text[:10] == beside[:10] else shown
 
 
 def hours_text(seconds: float) -> str:

@@ -1,8 +1,10 @@
 """Sentences on the figures of an outcome."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from typing import Any
 
+from replay_kit.core.plan import Odds
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.numbers import Sentence, joined, sentence
 
@@ -68,27 +70,19 @@ def trust_sentences(outcome: Outcome) -> Iterator[Sentence]:
         yield surfacings_sentence(outcome.predicted_surfacings)
 
 
-def odds_sentence(odds: Mapping[str, Any]) -> Sentence:
-    """Return a sentence on the odds of a plan.
-
-    Args:
-        odds: ``n_samples`` and ``reached``.
-    """
-    return sentence(
-        "{reached:share} of {n_samples} simulated flights arrive",
-        odds,
-        "plan.odds.",
-    )
+def odds_sentence(odds: Odds) -> Sentence:
+    """Return a sentence on the odds of a plan."""
+    form = "{reached:share} of {n_samples} simulated flights arrive"
+    return sentence(form, asdict(odds), "plan.odds.")
 
 
 def energy_sentence(energy: float, battery: float | None) -> Sentence:
     """Return a sentence on an energy [J], with its fraction of the battery [J] if stated."""
-    fields = {"energy_j": energy, "battery_j": battery}
-    if battery is None:
-        return sentence("{energy_j:kJ}", fields, "plan.")
-    more = ": more than the battery holds" if energy > battery else ""
-    share = f"{100.0 * energy / battery:.1f}"
-    return sentence(f"{{energy_j:kJ}}, {share} % of {{battery_j:MJ}}{more}", fields, "plan.")
+    fields, form = {"energy_j": energy, "battery_j": battery}, "{energy_j:kJ}"
+    if battery is not None and battery > 0.0:
+        more = ": more than the battery holds" if energy > battery else ""
+        form += f", {100.0 * energy / battery:.1f} % of {{battery_j:MJ}}{more}"
+    return sentence(form, fields, "plan.")
 
 
 def outcomes_sentence(found: Mapping[str, Any]) -> Sentence:

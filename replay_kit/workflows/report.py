@@ -4,6 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
+from replay_kit.config.run import RunConfig
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.paths import check_paths
 from replay_kit.results.outcome.outcome import Outcome
@@ -36,13 +39,16 @@ def report(
 
     check_paths([path], [out], overwrite)
     with opened(path, made) as contents:
+        settings = RunConfig().model_dump(mode="json")
         each = {name: part_path(out, name, out.parent) for name in contents.each if name}
         check_paths([path], each.values(), overwrite)
         for name, page in each.items():
-            _write(page, report_html(contents.each[name].result, contents.notes))
+            _write(page, report_html(contents.each[name].result, contents.notes, settings))
         names = {name: page.name for name, page in each.items()}
         text = (
-            several_html(contents, names) if each else report_html(contents.result, contents.notes)
+            several_html(contents, names, settings)
+            if each
+            else report_html(contents.result, contents.notes, settings)
         )
         return _write(out, text), contents
 
@@ -65,7 +71,8 @@ def opened(path: Path, made: Outcome | None = None) -> Iterator[Contents]:
     Raises:
         LogError: The file is missing, or is not a result.
     """
-    with sound_result(path) as sound:
+    # of such small products the threads of a library only wait for each other
+    with threadpool_limits(limits=1), sound_result(path) as sound:
         result = read_result(sound.path, made, sound.file)
         notes = (*sound.lines, *(_RECOVERED for _ in sound.losses[:1]), *_version_notes(result))
         yield Contents(result, notes, sound.exit_code)

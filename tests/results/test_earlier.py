@@ -12,8 +12,8 @@ import pytest
 from replay_kit import open_result
 from replay_kit.results.views.along_track import mean_currents
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.status.figures import dive_current
 from replay_kit.show.status.held import read_held
+from replay_kit.show.status.status import status_of
 from tests.synthetic_flow import TIME_NS
 
 FILES = Path(__file__).parent / "files"
@@ -58,12 +58,11 @@ def test_a_mean_current_has_the_name_of_what_it_is(result, contract, innovation)
     np.testing.assert_allclose(means.estimated, corrected - innovation.residual[:1], rtol=1e-6)
     errors = [0.01, 0.02, 0.03] if contract == 5 else [np.nan] * 3
     np.testing.assert_array_equal(means.errors, [errors])
-    found = dive_current(read_held(result.reader))
-    assert found is not None
-    assert (found.time_ns, found.dive) == (TIME_NS + 3 * SECOND, 2)
-    assert (found.measured is None) == (contract == 4)
+    found = status_of(read_held(result.reader)).figures["current"]
+    assert found["dive"] == 2
+    assert ("measured" in found) == (contract == 5)
     off = np.hypot(*innovation.innovation[0])
-    assert found.difference == pytest.approx(off, rel=1e-6)
+    assert found["difference_m_s"] == pytest.approx(off, rel=1e-6)
 
 
 def test_the_estimate_and_its_weights(flow):

@@ -24,13 +24,15 @@ from replay_kit.workflows.report import opened
 from tests.results.cases import (
     across_the_antimeridian,
     at_80_north,
+    failed,
     of_nothing,
     of_one_ping,
     without_estimate,
     write,
 )
 from tests.results.result_samples import CONFIG, METADATA
-from tests.show.report.html_of import elements, figures, text_of
+from tests.show.figures.texts import words
+from tests.show.report.html_of import elements, figures
 
 #: Writes a result to a path.
 Case = Callable[[Path, FlowEstimate, Innovation, Plan], object]
@@ -63,64 +65,108 @@ def without_positions(path: Path, flow: FlowEstimate, innovation: Innovation, pl
         writer.finish(flow)
 
 
-#: Each case, what its page says of it, and which tables of its exports have rows.
-CASES: list[tuple[Case, str, set[str]]] = [
-    (
-        of_another_version,
-        f"The result has version 4 of the contract, this program version {CONTRACT_VERSION}",
-        {"plans", "section", "track"},
+def nothing_of_the_current(
+    path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan
+) -> None:
+    write(path, flow, [innovation], None, grids=False, estimate=False)
+
+
+def plan_failed(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
+    write(path, flow, [innovation], failed(plan))
+
+
+ALL = {"plans", "section", "track"}
+NO_CURRENT = "The result holds no published current."
+#: Each case with what sections of its page and figures say of it, and which tables of its exports have rows.
+CASES: dict[Case, tuple[dict[str, str], set[str]]] = {
+    of_another_version: (
+        {
+            "answer": f"The result has version 4 of the contract, this program version {CONTRACT_VERSION}"
+        },
+        ALL,
     ),
-    (without_estimate, "carries no estimate.npz", {"plans", "section", "track"}),
-    (cut_short, "The result is damaged or truncated: ", {"section", "track"}),
-    (without_plan, "The result holds no plan", {"section", "track"}),
-    (of_one_ping, "1 measurement of the current used", {"section", "track"}),
-    (
-        of_a_vessel,
-        "without dives",
-        {"plans", "section", "track"},
+    without_estimate: (
+        {
+            "answer": "carries no estimate.npz",
+            "figure map": "The result holds no estimate: the map shows the last published current.",
+        },
+        ALL,
     ),
-    (across_the_antimeridian, "km travelled", {"plans", "section", "track"}),
-    (at_80_north, "km travelled", {"plans", "section", "track"}),
-    (without_positions, "Observations used: unknown", {"section"}),
-    (of_nothing, "The result holds neither a position nor a measurement.", set()),
-]
+    cut_short: ({"answer": "The result is damaged or truncated: "}, {"section", "track"}),
+    without_plan: ({"plan": "The result holds no plan"}, {"section", "track"}),
+    nothing_of_the_current: (
+        {
+            "figure map": "The result holds no current: the map shows only positions.",
+            "figure series": NO_CURRENT,
+            "figure trust": "Fewer than two grids with a standard error were published",
+        },
+        {"section", "track"},
+    ),
+    of_one_ping: (
+        {
+            "answer": "1 measurement of the current used",
+            "figure plan": "The result holds no plan: no goal was given, or none was due",
+            "figure series": "The current was published once: there is no series.",
+            "figure trust": "Fewer than two dives: none can be predicted from another.",
+        },
+        {"section", "track"},
+    ),
+    plan_failed: ({"figure plan": "The last plan has no track: no path."}, ALL),
+    of_a_vessel: ({"answer": "without dives"}, ALL),
+    across_the_antimeridian: ({"answer": "km travelled"}, ALL),
+    at_80_north: ({"answer": "km travelled"}, ALL),
+    without_positions: ({"answer": "Observations used: unknown"}, {"section"}),
+    of_nothing: (
+        {
+            "answer": "The result holds neither a position nor a measurement.",
+            "map": "The result holds no current",
+            "section": "The result holds no profile that was used",
+            "trust": "The result holds no measurement",
+            "plan": "The result holds no plan",
+            "again": "The result does not name its inputs.",
+            "figure map": "The result holds neither a current nor a position.",
+            "figure series": NO_CURRENT,
+            "figure trust": "The result holds no measurement to compare the estimate with.",
+        },
+        set(),
+    ),
+}
 # the others take seconds each
-QUICK = (cut_short, without_plan, without_positions, of_nothing)
+QUICK = (
+    cut_short,
+    without_plan,
+    nothing_of_the_current,
+    plan_failed,
+    without_positions,
+    of_nothing,
+)
 
 
 @pytest.mark.parametrize(
-    ("case", "said", "tables"),
+    "case",
     [
-        pytest.param(*each, id=each[0].__name__, marks=() if each[0] in QUICK else pytest.mark.full)
-        for each in CASES
+        pytest.param(case, marks=() if case in QUICK else pytest.mark.full, id=case.__name__)
+        for case in CASES
     ],
 )
-def test_each_is_shown_and_exported(
-    case,
-    said,
-    tables,
-    flow,
-    innovation,
-    plan,
-    tmp_path,
-):
+def test_each_is_shown_and_exported(case, flow, innovation, plan, tmp_path):
     case(tmp_path / "case.mcap", flow, innovation, plan)
+    said, tables = CASES[case]
     with opened(tmp_path / "case.mcap") as contents:
         page = report_html(contents.result, contents.notes)
-        assert said in " ".join(text_of(page, section) for section in ("answer", "plan"))
         # a section without a figure says why
         for attrs, text in elements(page, "section"):
             assert len(text) > 60, attrs
+            assert said.get(attrs["id"], "") in text
         assert all(figure.get("panels") or figure.get("map") for figure in figures(page).values())
         for kind in KINDS:
             figure = drawn(contents, kind, columns=1)
-            assert figure.axes
+            assert said.get(f"figure {kind}", "") in words(figure)
+            figure.draw_without_rendering()
             # axes that are off hold the legend
-            for axes in figure.axes:
-                assert axes.has_data() or axes.texts or not axes.axison, (
-                    kind,
-                    axes.get_title(loc="left"),
-                )
+            for axes in filter(lambda axes: axes.axison, figure.axes):
+                assert axes.has_data() or axes.texts, kind
+                assert axes.get_position().height > 0.02
         _check_exports(contents, tmp_path, tables)
 
 
@@ -128,11 +174,12 @@ def _check_exports(contents: Contents, folder: Path, tables: set[str]) -> None:
     """See that each export has the rows that are there, that it can be read, and that it says so where there are none."""
     for ending in ENDINGS:
         rows = export(contents, folder / f"out{ending}")
-        assert {name for name in ("plans", "section", "track") if rows.get(name)} == tables & set(
-            rows
-        ), ending
+        # of a failed plan a map has start and goal alone
+        failed_plan = tables == ALL and ending in (".nc", ".csv") and not rows.get("plans", 1)
+        expected = tables - ({"plans"} if failed_plan else set())
+        assert {name for name in ALL if rows.get(name)} == expected & set(rows), ending
     with xr.open_dataset(folder / "out.nc") as found:
-        assert {str(name) for name in found.sizes} >= tables
+        assert {str(name) for name in found.sizes} >= tables - {"plans"}
     track = pd.read_csv(folder / "out.csv")
     assert (len(track) > 0) == ("track" in tables)
     features = json.loads((folder / "out.geojson").read_text())["features"]

@@ -17,7 +17,6 @@ from replay_kit.show.text import (
     SafeConsole,
     fold_names,
     folded,
-    iso,
     not_used_lines,
     print_table,
     short_times,
@@ -82,10 +81,6 @@ def test_rows_fold_that_are_equal_but_for_one_number():
 )
 def test_times_are_shown_without_what_they_share(times, short):
     assert short_times(times) == short
-
-
-def test_a_time_is_iso_and_none_stays_none():
-    assert (iso(START), iso(None)) == ("2018-11-16T00:00:00Z", None)
 
 
 def test_a_table_keeps_names_and_folds_words_at_80_columns():

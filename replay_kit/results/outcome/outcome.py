@@ -3,7 +3,7 @@
 Summary, ``--json``, status, report, fleet table and alarms format this value.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -207,3 +207,16 @@ def _with_codes(outcome: Outcome) -> Outcome:
     lost = outcome.losses or outcome.late or outcome.unused
     found = any(one["severity"] != "warning" for of in each for one in of.consistency)
     return replace(outcome, exit_codes=(4,) * bool(lost) + (6,) * found)
+
+
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield each single value of nested mappings and lists with its path, such as ``by_dive.0.bins``."""
+    if isinstance(value, Mapping):
+        items = list(value.items())
+    elif isinstance(value, list):
+        items = [(str(number), item) for number, item in enumerate(value)]
+    else:
+        yield path, value
+        return
+    for key, item in items:
+        yield from leaves(item, f"{path}.{key}" if path else str(key))

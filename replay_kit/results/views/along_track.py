@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.results.innovations import Measured
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.history import EstimateHistory
-from replay_kit.results.views.track import Track, thinned
+from replay_kit.results.views.track import Track
 
 # Times and depths of a section without profiles.
 _SECTION = 160, 40
@@ -24,12 +25,12 @@ class BinsAlongTrack:
         time_ns: [ns, UTC].
         distance: Distance along the track [m].
         depth: [m], positive down.
-        estimated: shape (n, 2) [m/s], local east and north, estimate after the profile's update; NaN without one.
+        estimated: shape (n, 2) [m/s], local east and north, after the update; NaN without one.
         residual: shape (n, 2) [m/s], measured minus estimated.
-        replayed: shape (n, 2) [m/s], estimate before smoothing; NaN without smoothing.
+        replayed: shape (n, 2) [m/s], before smoothing; NaN without.
         standard_error: shape (n, 2) [m/s], of the last estimate; NaN without one.
         profiles: Number of profiles.
-        left_out: Number of omitted profiles, evenly spread.
+        left_out: Number of omitted profiles.
     """
 
     time_ns: NDArray[np.int64]
@@ -45,17 +46,17 @@ class BinsAlongTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeanCurrents:
-    """Mean currents of dives and the estimate; all arrays have one row per dive.
+    """Mean currents of dives and the estimate, one row per dive.
 
     Attributes:
         time_ns: End of the dive [ns, UTC].
         dive: Number of the dive.
-        measured: shape (n, 2) [m/s], local east and north, as logged; NaN if not in the result.
-        corrected: shape (n, 2) [m/s], corrected for the flight-model error; NaN without a correction.
-        estimated: shape (n, 2) [m/s], local east and north, mean of the updated estimate along the dive.
+        measured: shape (n, 2) [m/s], east and north; NaN if unknown.
+        corrected: shape (n, 2) [m/s], for the flight-model error; NaN if not.
+        estimated: shape (n, 2) [m/s], mean of the updated estimate along the dive.
         residual: shape (n, 2) [m/s], corrected, or else measured, minus estimated.
-        standard_error: shape (n, 2) [m/s], standard deviation of the innovation.
-        errors: shape (n, 3) [m/s], standard errors of a component of the measured, corrected and estimated current; NaN if unknown.
+        standard_error: shape (n, 2) [m/s], of the innovation.
+        errors: shape (n, 3) [m/s], of these three; NaN if unknown.
     """
 
     time_ns: NDArray[np.int64]

@@ -11,8 +11,10 @@ from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import ConfigError, ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection, Seabed
+from replay_kit.core.plan import Plan
 from replay_kit.results.innovations import Measured
 from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.plans import last_plan
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.along_track import (
     BinsAlongTrack,
@@ -23,7 +25,7 @@ from replay_kit.results.views.along_track import (
 )
 from replay_kit.results.views.history import EstimateHistory, Series, mean_to_depth, series_of
 from replay_kit.results.views.slices import CurrentSlices, on_grid, published_slices, slices_of
-from replay_kit.results.views.track import LastPlan, Track, last_plan, published_seabed, track_of
+from replay_kit.results.views.track import Track, published_seabed, track_of
 
 #: Profiles shown along the track; more are thinned.
 PROFILES_SHOWN = 600
@@ -178,11 +180,11 @@ class Contents:
         return mean_currents(self.measured)
 
     @cached_property
-    def last_plan(self) -> LastPlan | None:
+    def last_plan(self) -> Plan | None:
         """Last plan; None without plans and for several vehicles."""
         if "" not in self.each:
             return None
-        return last_plan(self.result, self.projection)
+        return last_plan(self.result.reader)
 
     @cached_property
     def seabed(self) -> Seabed | None:

@@ -11,10 +11,10 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
+from replay_kit.results.plans import thinned
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.slices import Slice, depth_slices, grid_cells, slice_axes
 from replay_kit.results.topics import WINDOW_NAME
-from replay_kit.results.views.track import thinned
 
 #: Of the fields of a slice, those kept: u, v and their standard errors.
 KEPT = ("u", "v", "u_standard_error", "v_standard_error")
@@ -31,7 +31,7 @@ class CurrentSlices:
         east: shape (I,) [m], cell centres.
         north: shape (J,) [m], cell centres.
         fields: shape (D, T, 4, J, I) [m/s]: u, v along the local axes and their standard errors; NaN where dry or unknown.
-        left_out: Number of omitted published times, evenly spread.
+        left_out: Number of omitted published times.
         outside: shape (J, I), True for cells off the forecast's grid; other cells without a current are dry. None if the grid is unknown.
     """
 

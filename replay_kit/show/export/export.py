@@ -111,21 +111,6 @@ def dives_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     return table.merge(pd.DataFrame(columns), on="dive", how="outer")
 
 
-def innovations_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the innovations by bin, with components along the axes of the local frame, see ``Result.innovations``."""
-    return contents.result.innovations.reset_index()
-
-
-def surface_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return the surface currents of radar and estimate."""
-    return contents.result.surface.reset_index()
-
-
-def surfacings_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
-    """Return predicted and actual surfacings."""
-    return contents.result.surfacings.reset_index()
-
-
 def plans_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     """Return the predicted tracks and status of the plans."""
     plans, tracks = contents.result.plans, contents.result.plan_tracks.reset_index()
@@ -140,9 +125,9 @@ TABLES: Mapping[str, Callable[[Contents, Sequence[At]], pd.DataFrame]] = Mapping
         "track": track_table,
         "section": section_table,
         "dives": dives_table,
-        "innovations": innovations_table,
-        "surface": surface_table,
-        "surfacings": surfacings_table,
+        "innovations": lambda contents, _: contents.result.innovations.reset_index(),
+        "surface": lambda contents, _: contents.result.surface.reset_index(),
+        "surfacings": lambda contents, _: contents.result.surfacings.reset_index(),
         "plans": plans_table,
     }
 )
@@ -160,8 +145,7 @@ def export(
 ) -> dict[str, int]:
     """Write tables of a result to a file; return the number of rows, or map features, by table.
 
-    CSV holds one table, NetCDF all tables that are not empty. KML and GeoJSON hold the track, positions, surfacings, and the last plan with
-    ellipses and no-go areas.
+    CSV holds one table, NetCDF all that are not empty, KML and GeoJSON track, surfacings, and the last plan.
 
     Args:
         contents: Contents of the result.
@@ -196,7 +180,7 @@ def export(
     names = own if table is None else [table]
     if ending in (".kml", ".geojson"):
         return _write_features(contents, path, names, places)
-    tables = {name: _of_all(TABLES[name], contents, places) for name in names}
+    tables = {name: _of_all(name, contents, places) for name in names}
     if ending == ".nc":
         # loads xarray
         from replay_kit.show.export.netcdf import write_netcdf
@@ -221,15 +205,12 @@ def _write_features(
     return {name: of.count(name) for name in names}
 
 
-def _of_all(
-    table: Callable[[Contents, Sequence[At]], pd.DataFrame],
-    contents: Contents,
-    places: Sequence[At],
-) -> pd.DataFrame:
+def _of_all(name: str, contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     """Return a table of a result; for several vehicles with a column ``vehicle``, and common values once."""
-    if "" in contents.each or table in (series_table, surface_table):
+    table = TABLES[name]
+    if "" in contents.each or name in ("series", "surface"):
         return table(contents, places)
-    each = [table(one, places).assign(vehicle=name) for name, one in contents.each.items()]
+    each = [table(one, places).assign(vehicle=vehicle) for vehicle, one in contents.each.items()]
     held = [rows for rows in each if len(rows)]
     return pd.concat(held, ignore_index=True) if held else each[0]
 

@@ -7,12 +7,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from pandas.api.types import (
-    is_bool_dtype,
-    is_datetime64_any_dtype,
-    is_integer_dtype,
-    is_numeric_dtype,
-)
 
 from replay_kit.core.flow.cf import described, write_dataset
 from replay_kit.core.flow.dataset import ATTRIBUTES
@@ -36,6 +30,8 @@ _UNITS = (
     ("nis", {"units": "1"}),
     ("bottom", _METRES | {"standard_name": "sea_floor_depth_below_sea_surface"}),
 )
+# Data types by their kinds; counts and flags have no unit.
+_KINDS = {"M": "datetime64[ns]", "b": "int8", "i": "int32", "u": "int32", "f": "float64"}
 _COORDINATES = ("time", "latitude", "longitude", "depth")
 _COMPONENTS = {
     "u": "eastward",
@@ -79,7 +75,6 @@ def to_dataset(
         coordinates = [f"{before}{name}" for name in _COORDINATES if name in rows]
         for column in rows:
             values, attributes = _values(rows[column]), _attributes(table, str(column))
-            # counts and flags
             if values.dtype.kind == "i":
                 attributes.setdefault("units", "1")
             dataset[f"{before}{column}"] = (table, values, attributes)
@@ -94,14 +89,9 @@ def to_dataset(
 
 def _values(column: pd.Series) -> Any:
     """Return a column in a data type of CF."""
-    if is_datetime64_any_dtype(column):
-        return column.to_numpy("datetime64[ns]")
-    if is_bool_dtype(column):
-        return column.to_numpy(np.int8)
-    if is_integer_dtype(column):
-        return column.to_numpy(np.int64).astype(np.int32)
-    if is_numeric_dtype(column):
-        return column.to_numpy(np.float64)
+    values = column.to_numpy()
+    if (kind := values.dtype.kind) in _KINDS:
+        return values.astype(_KINDS[kind])
     texts = [str(value).encode() for value in column]
     return np.array(texts, dtype=f"S{max(map(len, texts))}")
 

@@ -123,7 +123,6 @@ def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
     look: Any = {
         **{"color": color, "linewidth": width, "label": mark.name or None},
         "linestyle": "none" if mark.kind == "points" else DASHES.get(mark.dash, "-"),
-        "drawstyle": "steps-mid" if mark.step else "default",
         "marker": MARKERS.get(mark.symbol, "o") if dots else None,
         "markersize": size,
         "markerfacecolor": "none" if mark.symbol.endswith("-open") else color,
@@ -200,13 +199,6 @@ def _draw_axes(axes: Axes, panel: Panel, tables: Tables, medium: _Medium) -> Non
             axes.set(**{f"{name}lim": axis.ends})
         elif axis.from_zero:
             axes.set(**{f"{name}lim": (0.0, None)})
-    if panel.x.labels:
-        every = 1 + len(panel.x.labels) // 40
-        axes.set_xticks(range(0, len(panel.x.labels), every), panel.x.labels[::every])
-        axes.tick_params(axis="x", labelrotation=40.0)
-        for text in axes.get_xticklabels():
-            text.set(ha="right", rotation_mode="anchor")
-        axes.set_xlabel("")
     if values_of(tables, panel.marks[0].x).dtype.kind == "M":
         date_axis(axes, medium.times)
     if panel.equal:
@@ -400,7 +392,6 @@ def panels_svg(figure: Figure, wide: float = _WIDE) -> Iterator[Drawn]:
 def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
     left, right, above, below = _AROUND
     below -= 0.0 if panel.x.label else 18.0
-    below += min(4.5 * max(map(len, panel.x.labels), default=0), 90.0)
     wide = full - left - right
     high = wide * (1.0 if panel.equal else panel.height)
     total = high + above + below
@@ -409,7 +400,7 @@ def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
     axes = canvas.add_axes((left / full, below / total, wide / full, high / total))
     draw_panel(axes, panel, figure.tables, _PAGE)
     axes.yaxis.set_label_coords(-46.0 / wide, 0.5)
-    if not panel.x.log and not panel.x.labels and not timed:
+    if not panel.x.log and not timed:
         axes.locator_params(axis="x", nbins=6)
     if not panel.y.log:
         axes.locator_params(axis="y", nbins=5)
@@ -424,7 +415,6 @@ def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
         ],
         "log": [panel.x.log, panel.y.log],
         "axes": [str(panel.x), str(panel.y)],
-        "names": list(panel.x.labels),
         "marks": [_said(mark, figure.tables) for mark in panel.marks],
     }
     return Drawn(_slim(file.getvalue().decode(), f"{figure.key}-{number}"), about)

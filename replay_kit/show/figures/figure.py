@@ -23,7 +23,6 @@ class Axis:
         ends: Limits, the larger one first for an axis that points down; None to fit the data.
         from_zero: Whether the axis starts at 0 without ``ends``.
         log: Whether the axis is logarithmic.
-        labels: Labels of the positions 0, 1, ...; empty for numbers.
     """
 
     label: str
@@ -31,7 +30,6 @@ class Axis:
     ends: tuple[Any, Any] | None = None
     from_zero: bool = False
     log: bool = False
-    labels: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """Return the label with the unit."""
@@ -40,29 +38,29 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mark:
-    """Data series drawn in one style. Colours are roles of ``core.colors`` or ``#rrggbb``; sizes and widths are pixels of a page.
+    """Data series in one style; sizes in pixels of a page, colours by role.
 
     Attributes:
-        kind: ``line``; ``points``; ``joined``, points on a line; ``bars``; ``band``, a filled outline; ``ring``, a filled closed
-            line; ``mesh``, cells coloured by ``z``; ``arrows``, whose components are ``z``.
-        x: Horizontal coordinates; NaN leaves a gap; for a mesh the edges or corners of its cells.
+        kind: Kind of drawing.
+        x: Horizontal coordinates; NaN leaves a gap.
         y: Vertical coordinates.
-        name: Name in legend and tooltips; may be empty.
-        color: Colour of all kinds except a mesh.
-        symbol: Symbol of points, see ``core.colors``.
-        dash: Style of lines: ``solid``, ``dash``, ``dot``, ``dashdot``.
+        name: Name in the legend.
+        color: Colour.
+        symbol: Symbol of points.
+        dash: Style of lines.
         width: Width of lines.
         size: Size of points.
-        edge: Edge colour of points; may be empty.
-        halo: Whether a light line is drawn below, for marks on a coloured field.
-        step: Whether the line is a step function.
-        error: Standard errors of y, or None.
-        base: Lower limit of the ground filled below a line, or None.
-        text: Tooltip of each point, or None.
-        z: Cell values of a mesh, row by row; components of arrows, shape (2, n).
-        scale: Colour map of a mesh, its limits, and the label of the colour bar.
+        edge: Colour of their edge.
+        halo: Whether on a light line.
+        error: Standard errors of y.
+        base: Lower limit of filled ground.
+        text: Tooltips.
+        z: Values of a mesh or arrows.
+        scale: Colours of a mesh, limits, label.
     """
 
+    # joined: points on a line; band: a filled outline; ring: a filled closed line; mesh: cells coloured by z, of which x and y are edges or
+    # corners, row by row; arrows: their components are z, shape (2, n)
     kind: Literal["line", "points", "joined", "bars", "band", "ring", "mesh", "arrows"]
     x: Values
     y: Values
@@ -74,7 +72,6 @@ class Mark:
     size: float = 6.0
     edge: str = ""
     halo: bool = False
-    step: bool = False
     error: Values | None = None
     base: Values | None = None
     text: Values | None = None
@@ -87,17 +84,17 @@ class Panel:
     """Panel of marks on common axes.
 
     Attributes:
-        title: Title; without marks, a sentence on the missing data.
+        title: Title.
         x: Horizontal axis.
         y: Vertical axis.
         marks: Marks in drawing order.
         height: Ratio of height to width.
-        level: Reference value of y, drawn as a line, or None.
-        band: Reference interval of y and its name, or None.
+        level: Reference value of y, or None.
+        band: Reference interval of y and its name.
         note: Text in a corner.
         equal: Whether both axes have equal scales.
-        degrees: Whether the axes are longitude and latitude; uncovered areas are hatched.
-        labels: Labels (x, y, text); overlapping ones are omitted.
+        degrees: Whether the axes are longitude and latitude.
+        labels: Labels (x, y, text).
         shares_legend: Whether its legend is part of a common one below the figure.
     """
 

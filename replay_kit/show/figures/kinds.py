@@ -1,6 +1,7 @@
 """Figures of a result by name, for scripts and the command line."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partialmethod
 from types import MappingProxyType
 from typing import Any
@@ -37,24 +38,39 @@ _FREE = Chosen()
 _HAVE = {"at": ("map", "series", "plan"), "depth": ("map", "plan"), "time": ("map",)}
 
 
-def drawn(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 2) -> Canvas:
-    """Return a figure of a result.
+def made(contents: Contents, kind: str, chosen: Chosen = _FREE) -> Figure:
+    """Return a figure of a result as data, with the notes on its opening.
 
     Args:
         contents: Contents of the result.
         kind: Name of a figure, one of ``KINDS``.
         chosen: Position, depth and time.
-        columns: Width in columns of a page, 1 or 2.
 
     Raises:
-        ConfigError: Unknown figure or number of columns, or an option that does not apply to the figure.
+        ConfigError: Unknown figure, or an option that does not apply to it.
     """
     if kind not in KINDS:
         raise ConfigError(f"figure: expected one of {', '.join(KINDS)}, got '{kind}'")
+    _check_chosen(kind, chosen)
+    figure = KINDS[kind](contents, chosen)
+    return replace(figure, notes=(*contents.notes, *figure.notes))
+
+
+def drawn(contents: Contents, kind: str, chosen: Chosen = _FREE, columns: int = 2) -> Canvas:
+    """Return a figure of a result for a paper.
+
+    Args:
+        contents: See ``made``.
+        kind: See ``made``.
+        chosen: See ``made``.
+        columns: Width in columns of a page, 1 or 2.
+
+    Raises:
+        ConfigError: See ``made``; or an unknown number of columns.
+    """
     if columns not in WIDTHS:
         raise ConfigError(f"columns: expected 1 or 2, got {columns!r}")
-    _check_chosen(kind, chosen)
-    return compose(KINDS[kind](contents, chosen), columns)
+    return compose(made(contents, kind, chosen), columns)
 
 
 def _check_chosen(kind: str, chosen: Chosen) -> None:
@@ -91,8 +107,7 @@ class Plots:
         chosen = Chosen(**place, time_ns=None if time is None else parse_time(time))
         if ax is None:
             return drawn(self._contents, kind, chosen, columns)
-        _check_chosen(kind, chosen)
-        figure = KINDS[kind](self._contents, chosen)
+        figure = made(self._contents, kind, chosen)
         if not 0 <= panel < (count := len(figure.panels)):
             raise ConfigError(
                 f"panel: expected 0 to {count - 1}, got {panel}; {kind} has {count} here"

@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, unwrap_longitude
-from replay_kit.core.plan import ORIGIN
+from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_local, unwrap_longitude
+from replay_kit.core.plan import ORIGIN, Plan
 from replay_kit.core.region import Feature
 from replay_kit.core.text import time_text
 from replay_kit.results.geojson import ROLES, contours_of, features_of, until
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import typical_depth
 from replay_kit.results.views.slices import CurrentSlices, slices_of
-from replay_kit.results.views.track import LastPlan
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
 from replay_kit.show.figures.plan import profile_figure
 from replay_kit.show.figures.style import ON_MAP
@@ -88,7 +87,7 @@ def map_figure(contents: Contents, chosen: Chosen) -> Figure:
     Raises:
         ConfigError: No current was published before the time.
     """
-    slices, notes, title = slices_at(contents, chosen), list(contents.notes), "Map"
+    slices, notes, title = slices_at(contents, chosen), list[str](), "Map"
     if contents.estimate is None and chosen.time_ns is None and slices is not None:
         notes.append("The result holds no estimate: the map shows the last published current.")
     if slices is None and contents.track.time_ns.size == 0:
@@ -128,24 +127,26 @@ def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
         contents: Contents of the result.
         chosen: Depth of the current.
     """
-    plan, notes = contents.last_plan, list(contents.notes)
+    plan, notes = contents.last_plan, list[str]()
     if plan is None:
         why = (contents.outcome.plan or {}).get("message", "no goal was given, or none was due")
         text = f"The result holds no plan: {why}; replay-kit plan makes one on this estimate."
         return Figure("plan", "Plan", [missing("Plan", text)], notes=notes, across=1)
     if not len(plan.track):
-        notes.append(f"The last plan has no track: {plan.row['message']}.")
+        notes.append(f"The last plan has no track: {plan.message}.")
     else:
         notes += _in_words(plan)
     slices = slices_at(contents, chosen)
-    places = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal]) / 1e3
-    extent = Extent.around(places[:, 0], places[:, 1], 0.15)
+    ends = np.array([(end.longitude, end.latitude) for end in (plan.start, plan.goal)])
+    places = [plan.track[:, :2], np.column_stack(to_local(contents.projection, *ends.T))]
+    east, north = np.vstack(places).T / 1e3
+    extent = Extent.around(east, north, 0.15)
     marks = []
     if slices is not None:
         marks = speed_marks(contents, slices, 1e3 * (extent.east - extent.west))
         east, north = 1e3 * np.array(extent.ends).reshape(2, 2)
         notes += without_current(slices, (east, north))
-    title = f"last plan: {plan.row['status']}"
+    title = f"last plan: {plan.status}"
     roles = [role for role, table in ROLES.items() if table in ("plans", "surfacings")]
     panels, tables = [_map_panel(contents, title, extent, chosen, marks, 0.85, roles)], {}
     if len(plan.track):
@@ -155,16 +156,15 @@ def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
     return Figure("plan", "Plan", panels, tables, notes=notes)
 
 
-def _in_words(plan: LastPlan) -> list[str]:
+def _in_words(plan: Plan) -> list[str]:
     """Return notes on a plan: command, assumed dive parameters, energy and odds, as available."""
-    row, begin = plan.row, str(plan.row.name)[:16]
-    if not np.isfinite(row["heading_deg"]):
-        return [f"{begin} UTC: no command: {row['message']}."]
-    steer = f"heading {row['heading_deg']:.0f}° true, glide angle {row['glide_angle_deg']:.1f}°, {row['duration'] / 3600.0:.1f} h"
-    out = [f"{begin} UTC: {steer}, misses the goal by {row['closest_approach']:.0f} m."]
+    begin = time_text(plan.start_time_ns)[:16]
+    if not np.isfinite(plan.heading_deg):
+        return [f"{begin} UTC: no command: {plan.message}."]
+    steer = f"heading {plan.heading_deg:.0f}° true, glide angle {plan.glide_angle_deg:.1f}°, {plan.duration / 3600.0:.1f} h"
+    out = [f"{begin} UTC: {steer}, misses the goal by {plan.closest_approach:.0f} m."]
     out += [f"Dives {plan.statistics[ORIGIN]}."] if ORIGIN in plan.statistics else []
-    if plan.energy is not None:
-        out.append(f"Energy {energy_sentence(plan.energy, plan.battery)}.")
+    out += [f"Energy {energy_sentence(plan.energy, plan.battery)}."] if plan.energy > 0.0 else []
     return out + ([] if plan.odds is None else [f"{odds_sentence(plan.odds)}."])
 
 

@@ -5,8 +5,12 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.grid import Projection
+from replay_kit.core.plan import Plan
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.track import LastPlan, thinned
+from replay_kit.results.views.track import along
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 
 _POINTS = 1000
@@ -14,37 +18,39 @@ _POINTS = 1000
 _BELOW = 2.5
 
 
-def plan_table(plan: LastPlan) -> dict[str, Any]:
+def plan_table(plan: Plan, projection: Projection) -> dict[str, Any]:
     """Return the track of a plan as columns, thinned for display."""
     kept = thinned(len(plan.track), _POINTS)
-    track = plan.track.iloc[kept]
+    east, north, depth = plan.track[kept].T
+    longitude, latitude = to_geographic(projection, east, north)
+    times = plan.start_time_ns + np.rint(1e9 * plan.track_time[kept]).astype(np.int64)
     return {
-        "time": track.index.to_numpy(),
-        "hours": (track.index - track.index[0]).total_seconds().to_numpy() / 3600.0,
-        "longitude": track["longitude"].to_numpy(np.float64),
-        "latitude": track["latitude"].to_numpy(np.float64),
-        "depth_m": track["depth"].to_numpy(np.float64),
-        "distance_km": plan.along[kept] / 1e3,
-        "east_km": plan.east[kept] / 1e3,
-        "north_km": plan.north[kept] / 1e3,
+        "time": times.astype("datetime64[ns]"),
+        "hours": plan.track_time[kept] / 3600.0,
+        "longitude": longitude,
+        "latitude": latitude,
+        "depth_m": depth,
+        "distance_km": along(*plan.track[:, :2].T)[kept] / 1e3,
+        "east_km": east / 1e3,
+        "north_km": north / 1e3,
     }
 
 
-def profile_figure(contents: Contents, plan: LastPlan) -> Figure:
+def profile_figure(contents: Contents, plan: Plan) -> Figure:
     """Return the depth profile of the last plan over the bottom."""
-    table, kept = plan_table(plan), thinned(len(plan.track), _POINTS)
-    along, depth, hours = (table[name] for name in ("distance_km", "depth_m", "hours"))
+    table, kept = plan_table(plan, contents.projection), thinned(len(plan.track), _POINTS)
+    far, depth, hours = (table[name] for name in ("distance_km", "depth_m", "hours"))
     ground = None if plan.bottom is None else plan.bottom[kept]
     floor, x, marks, below = profile_floor(depth, ground), "plan.distance_km", [], ""
     if ground is not None:
         table["bottom_m"], below = ground, _over(ground, floor)
-        look: Any = {"color": "ink", "width": 1.5, "base": np.full(along.size, floor)}
+        look: Any = {"color": "ink", "width": 1.5, "base": np.full(far.size, floor)}
         marks = [Mark("line", x, "plan.bottom_m", "bottom", **look)]
-    elif (level := _deepest_wet(contents, plan.east[kept], plan.north[kept])) is not None:
+    elif (level := _deepest_wet(contents, *plan.track[kept, :2].T)) is not None:
         table["deepest_wet_level_m"], below = level, _below(level)
         floor = max(floor, 1.05 * float(level.max()))
         y = "plan.deepest_wet_level_m"
-        marks = [Mark("line", x, y, "deepest wet level", "ink", width=1.5, step=True)]
+        marks = [Mark("line", x, y, "deepest wet level", "ink", width=1.5)]
     marks.append(Mark("line", x, "plan.depth_m", "planned depth", text="plan.time"))
     over = "" if ground is None else ", over the bottom"
     axes = Axis("distance along the plan", "km"), Axis("depth", "m", (floor, 0.0))
@@ -53,8 +59,8 @@ def profile_figure(contents: Contents, plan: LastPlan) -> Figure:
         "Depth profile of the last plan",
         [Panel("depth along the plan", *axes, marks, shares_legend=True)],
         {"plan": table},
-        f"Depth of the last plan along its predicted track, {along[-1]:.1f} km in {hours[-1]:.1f} hours. {below}",
-        f"Depth against distance along the last plan, {along[-1]:.0f} km long{over}.",
+        f"Depth of the last plan along its predicted track, {far[-1]:.1f} km in {hours[-1]:.1f} hours. {below}",
+        f"Depth against distance along the last plan, {far[-1]:.0f} km long{over}.",
     )
 
 

@@ -121,7 +121,7 @@ def _rows(bins: BinsAlongTrack, deepest: float) -> int:
 
 def section_figure(contents: Contents) -> Figure:
     """Return the section of both components along the track."""
-    bins, notes, title = contents.section, list(contents.notes), "Profiles along the track"
+    bins, notes, title = contents.section, list[str](), "Profiles along the track"
     if bins.time_ns.size == 0:
         why = "The result holds no profile that was used, and no estimate along its track."
         return Figure("profiles", title, [missing("Section along the track", why)], notes=notes)
@@ -149,6 +149,7 @@ def section_figure(contents: Contents) -> Figure:
         "depth_m": np.repeat(0.5 * (depths[1:] + depths[:-1]), centres.size),
     }
     limits, panels = limits_of(grid.names, grid.values), []
+    x = Axis("time (UTC)", ends=(times[0], times[-1]))
     for k in shown:
         for axis, component in enumerate(COMPONENTS):
             name, most = f"{grid.names[k].replace(' ', '_')}_{component}_m_s", limits[k]
@@ -157,7 +158,7 @@ def section_figure(contents: Contents) -> Figure:
             scale = ("amp", 0.0, most, "m/s") if error else ("balance", -most, most, "m/s")
             mark = Mark("mesh", times, depths, grid.names[k], z=f"profiles.{name}", scale=scale)
             y = Axis("depth", "m", (float(depths[-1]), 0.0))
-            panels.append(Panel(f"{grid.names[k]}, {component}", _TIME, y, [mark], 0.42))
+            panels.append(Panel(f"{grid.names[k]}, {component}", x, y, [mark], 0.42))
     names = ", ".join(grid.names[k] for k in shown)
     words = f"Depth against time along the track, both velocity components, in {len(shown)} rows: {names}."
     return Figure(
@@ -172,28 +173,17 @@ def _caption(bins: BinsAlongTrack) -> str:
             "The estimate just after the last measurement before each time, along the local axes. It is based on the mean currents of "
             f"the dives; how it varies with depth comes from the ensemble only. {error}"
         )
-    every = bins.profiles + bins.left_out
-    thinned = (
-        f" {bins.profiles:,} of {every:,} profiles are shown, evenly spread."
-        if bins.left_out
-        else ""
-    )
-    smoothed = (
-        " The result is smoothed: the estimate at each time also uses later measurements; the one before smoothing is that of the replay."
-        if np.isfinite(bins.replayed).any()
-        else ""
-    )
     return (
         "Each bin and the estimate just after it was used, along the local axes, averaged over cells of time and depth. "
         "Look for structure in the difference; pure noise shows none. Stripes that follow the dives point to the "
         "instrument or the dead reckoning, layers to depths "
-        f"that the estimate does not resolve. {error}{smoothed}{thinned}"
+        f"that the estimate does not resolve. {error}"
     )
 
 
 def dives_figure(contents: Contents) -> Figure:
     """Return measured, corrected and estimated DACs against time, with a panel for each component."""
-    means, notes, title = contents.mean_currents, list(contents.notes), "Mean currents of the dives"
+    means, notes, title = contents.mean_currents, list[str](), "Mean currents of the dives"
     if means.time_ns.size == 0:
         why = "The result holds no mean current of a dive: its vehicle does not dive, or the log has none that was used."
         lacking = missing("Depth-averaged currents of dives", why)
@@ -258,7 +248,7 @@ def series_figure(contents: Contents, at: tuple[float, float, float] | None) -> 
         contents: Contents of the result.
         at: Position; None for the last one, at the published depth most typical of the measurements.
     """
-    notes, track, slices = list(contents.notes), contents.track, contents.slices
+    notes, track, slices = list[str](), contents.track, contents.slices
     lacking, title = "", "Current at a place"
     if at is None and track.time_ns.size:
         depth = typical_depth(slices, contents.measured.innovations["depth"].to_numpy(np.float64))

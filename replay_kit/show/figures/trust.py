@@ -7,6 +7,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.results.innovations import Measured
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import (
     Calibration,
@@ -15,11 +16,10 @@ from replay_kit.results.views.slices import (
     error_through_time,
     information_by_dive,
 )
-from replay_kit.results.views.track import thinned
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
 from replay_kit.show.numbers import fixed
 
-_TIME, _DIVE = Axis("time (UTC)"), Axis("dive")
+_TIME = Axis("time (UTC)")
 _RMS = Axis("RMS innovation", "m/s", from_zero=True)
 _POINTS, _BINS = 1500, 41
 _SYMBOLS = ("circle", "diamond", "square", "triangle-up")
@@ -32,15 +32,15 @@ _IN_PRINT = {"dives": 0, "innovations": 1, "calibration": 0, "error": 0}
 
 def trust_figure(contents: Contents) -> Figure:
     """Return the figures on the consistency of the estimate as one."""
-    notes, title = list(contents.notes), "Innovations"
+    title = "Innovations"
     if not contents.measured.count:
         why = "The result holds no measurement to compare the estimate with."
-        return Figure("trust", title, [missing(title, why)], notes=notes)
+        return Figure("trust", title, [missing(title, why)])
     figures, lacking = trust_figures(contents)
     shown = [(figures[key], number) for key, number in _IN_PRINT.items() if key in figures]
     panels = [figure.panels[number] for figure, number in shown]
     tables = {key: table for figure, _ in shown for key, table in figure.tables.items()}
-    return Figure("trust", title, panels, tables, notes=[*notes, *lacking])
+    return Figure("trust", title, panels, tables, notes=lacking)
 
 
 def trust_figures(contents: Contents) -> tuple[dict[str, Figure], list[str]]:
@@ -179,7 +179,7 @@ def _calibration(found: Calibration, measured: Measured) -> Figure:
     return Figure(
         "calibration",
         "Innovations against their stated errors",
-        [Panel(title, axis, Axis("density"), marks, note=note)],
+        [Panel(title, axis, Axis("density", from_zero=True), marks, note=note)],
         {"calibration": table},
         f"{found.standardized.size:,} components of the bins used{of}: mean {mean} (expected 0), standard deviation "
         f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias. "
@@ -232,13 +232,15 @@ def _dives(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Figure:
         Mark("joined", x, f"{y}_estimate_m_s", "estimate before the dive"),
         Mark("joined", x, f"{y}_ensemble_m_s", "prior forecast", "two", dash="dash"),
     ]
+    ends = table["dive"][[0, -1]] + np.array([-0.8, 0.8])
+    axis = Axis("dive", ends=(ends[0], ends[1]))
     bars = Mark("bars", x, "dives.independent_values", "independent values determined", "three")
     return Figure(
         "dives",
         "Each dive predicted from those before it",
         [
-            Panel("RMS innovation of each dive", _DIVE, _RMS, rms),
-            Panel("information of each dive", _DIVE, Axis("values", from_zero=True), [bars]),
+            Panel("RMS innovation of each dive", axis, _RMS, rms),
+            Panel("information of each dive", axis, Axis("values", from_zero=True), [bars]),
         ],
         {"dives": table},
         "First: RMS innovation of each dive against the estimate before it and against the prior forecast; the gap between the "

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,14 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.region import Feature
 from replay_kit.core.text import time_text
 from replay_kit.results.geojson import POSITIONS, features_of
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.record import bathymetry_name
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.results.views.track import Track, thinned
+from replay_kit.results.views.track import Track
 from replay_kit.show.figures.draw import column
 from replay_kit.show.figures.map import Extent, bottom_lines, dry_text, places_of
 from replay_kit.show.figures.style import ON_MAP
-from replay_kit.show.page.page import Control, Map, pack
+from replay_kit.show.page.page import Map, pack
 
 #: Of one step of the packed current [m/s].
 _STEP = 5e-4
@@ -38,68 +37,56 @@ _NODES = 33
 def map_of(contents: Contents) -> Map | None:
     """Return the map of a result with all its vehicles; None without any position."""
     slices, track = contents.slices, contents.track
-    if slices is None and track.time_ns.size == 0 and not len(contents.result.plan_tracks):
+    if slices is None and track.time_ns.size == 0 and contents.last_plan is None:
         return None
     packed, drawn = _field(contents, slices) if slices is not None else ({}, {})
     each = {name: one.track for name, one in contents.each.items() if one.track.time_ns.size}
     tables = {f"{name} track".strip(): _track_table(track) for name, track in each.items()}
-    views = _views(contents, slices)
+    marks = marks_of(features_of(contents), contents.projection)
+    views = _views(marks, slices, "" not in contents.each)
     lines = bottom_lines(contents, views["region"])
     drawn |= {
         "frame": frame_of(contents.projection, views["region"]),
         "views": {name: view.ends for name, view in views.items()},
-        "marks": marks_of([*lines, *features_of(contents)], contents.projection),
+        "marks": [*marks_of(lines, contents.projection), *marks],
     }
     title = "The current, the track and the plan"
-    controls = [] if slices is None else _controls(contents, slices)
+    choices = {} if slices is None else _choices(contents, slices)
     texts = _caption(contents, slices), _alternative(contents)
-    return Map("current-map", title, *texts, tables, controls, packed, drawn)
+    return Map("current-map", title, *texts, tables, choices, packed, drawn)
 
 
 def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[str, Any]]:
-    """Return features for the page's script, with consecutive ones of a role joined; positions [km], times [ms since 1970]."""
-
-    def alike(one: Feature) -> tuple[str, str]:
-        about = one["properties"]
-        # the depth of a line, and the last ellipse, stand beside it
-        own = about["name"] if about["role"] == "bottom" or about.get("last") else ""
-        return about["role"], own
-
+    """Return features for the page's script: positions [km], look, texts beside the pointer, and times [ms since 1970]."""
     marks = []
-    for (role, own), group in groupby(features, key=alike):
-        look = {
-            "symbol": "",
-            "dash": "solid",
-            "width": 2.0,
-            "size": 6.0,
-            "edge": "",
-            **ON_MAP[role],
-        }
-        x, y, text, when = [], [], [], []
-        label = own if role == "bottom" else "90 % end here" if own else ""
-        for one in group:
-            about, gap = one["properties"], look["kind"] != "points"
-            at = places_of(one["geometry"])
-            east, north = (each / 1e3 for each in to_local(projection, *at.T))
-            x += [*np.round(east, 3).tolist(), *[None] * gap]
-            y += [*np.round(north, 3).tolist(), *[None] * gap]
-            text += [*_said(about, len(at)), *[""] * gap]
-            times = about.get("coordTimes", ()) if "time" not in about else ()
-            each = times or [about.get("time", "1970-01-01T00:00:00Z")] * len(at)
-            when += [*_milliseconds(each), *[0] * gap]
-            if role in ("goal", "vehicle"):
-                label = about.get("vehicle", about["name"]) if role == "vehicle" else about["name"]
-        mark = {"name": "", **look, "label": label, "role": role, "x": x, "y": y}
-        marks.append(
-            mark | {"text": text if any(text) else None, "when": when if any(when) else None}
-        )
+    for one in features:
+        about = one["properties"]
+        role, at = about["role"], places_of(one["geometry"])
+        east, north = (np.round(each / 1e3, 3).tolist() for each in to_local(projection, *at.T))
+        made = [about["time"]] * len(at) if "time" in about else about.get("coordTimes", [])
+        said = [] if role in _SILENT else _said(about, len(at))
+        mark = {"name": "", "symbol": "", "width": 2.0, "size": 6.0, **ON_MAP[role]}
+        place = {"role": role, "label": _label(about), "x": east, "y": north}
+        marks.append(mark | place | {"text": said or None, "when": _milliseconds(made) or None})
     return marks
 
 
+# Features that the pointer says nothing of.
+_SILENT = ("bottom", "apart", "ellipse", "between", "past")
+
+
+def _label(about: Mapping[str, Any]) -> str:
+    """Return the text beside a feature; empty for most."""
+    role, name = about["role"], str(about["name"])
+    if role == "ellipse":
+        return "90 % end here" if about["last"] else ""
+    if role == "vehicle":
+        return str(about.get("vehicle", name))
+    return name if role in ("bottom", "goal") else ""
+
+
 def _said(about: Mapping[str, Any], count: int) -> list[str]:
-    """Return the tooltip of each position of a feature."""
-    if about["role"] in ("bottom", "apart", "ellipse", "between", "past"):
-        return [""] * count
+    """Return the text beside the pointer at each position of a feature."""
     name, depths = escape(about["name"]), about.get("depth_m")
     if "coordTimes" in about:
         each = [f"{name} {time[:16].replace('T', ' ')}" for time in about["coordTimes"]]
@@ -107,13 +94,10 @@ def _said(about: Mapping[str, Any], count: int) -> list[str]:
             return each
         deep = ("unknown" if depth is None else f"{depth:.0f} m" for depth in depths)
         return [f"{one}<br>depth {depth}" for one, depth in zip(each, deep, strict=True)]
-    time = (
-        about.get("time", "")
-        if about["role"] in ("begin", "vehicle", "predicted", "actual")
-        else ""
-    )
-    said = [f"{name} {time[:16].replace('T', ' ')}".strip(), escape(about.get("description", ""))]
-    return ["<br>".join(filter(None, said))] * count
+    # of a plan the time is that at which it was made
+    time = about["time"] if about["role"] in ("begin", "vehicle", "predicted", "actual") else ""
+    said = f"{name} {time[:16].replace('T', ' ')}".strip()
+    return ["<br>".join(filter(None, [said, escape(about.get("description", ""))]))] * count
 
 
 def _milliseconds(times: Sequence[str]) -> list[int]:
@@ -136,39 +120,36 @@ def _track_table(track: Track) -> dict[str, Any]:
     }
 
 
-def _controls(contents: Contents, slices: CurrentSlices) -> list[Control]:
-    depths = [f"mean to {contents.dive_depth:.0f} m", *(f"{d:g} m" for d in slices.depths)]
-    shown = [time_text(int(time))[:16] for time in slices.time_ns]
-    return [
-        Control("Show", "select", ("speed", "standard error")),
-        Control("Depth", "range", depths),
-        Control("Time", "range", shown, len(shown) - 1),
-    ]
+def _choices(contents: Contents, slices: CurrentSlices) -> dict[str, Sequence[str]]:
+    return {
+        "Show": ("speed", "standard error"),
+        "Depth": [
+            f"mean to {contents.dive_depth:.0f} m",
+            *(f"{depth:g} m" for depth in slices.depths),
+        ],
+        "Time": [time_text(int(time))[:16] for time in slices.time_ns],
+    }
 
 
-def _views(contents: Contents, slices: CurrentSlices | None) -> dict[str, Extent]:
+def _views(
+    marks: Sequence[Mapping[str, Any]], slices: CurrentSlices | None, several: bool
+) -> dict[str, Extent]:
     """Return the extents to choose from: vehicle with plan and goal, track, and everything."""
-    track, plan, views = contents.track, contents.last_plan, {}
-    whole = [np.column_stack([track.east, track.north])]
-    plans = [one.last_plan for name, one in contents.each.items() if name]
-    ways = [np.vstack([one.goal, np.column_stack([one.east, one.north])]) for one in plans if one]
-    if plan is not None:
-        vehicle = whole[0][-1:]
-        way = np.vstack([np.column_stack([plan.east, plan.north]), plan.start, plan.goal, vehicle])
-        views["plan"] = Extent.around(way[:, 0] / 1e3, way[:, 1] / 1e3, 0.14)
-        whole.append(way)
-    if track.time_ns.size:
-        shown = np.vstack([*whole[:1], *ways]) / 1e3
-        views["track"] = Extent.around(shown[:, 0], shown[:, 1], 0.14)
+
+    def places(*roles: str) -> Array:
+        found = [np.column_stack([one["x"], one["y"]]) for one in marks if one["role"] in roles]
+        return np.vstack([np.empty((0, 2)), *found])
+
+    track, plan = places("track", "vehicle"), places("plan", "start", "goal")
+    whole = np.vstack([track, plan])
+    views = {} if several or not plan.size else {"plan": np.vstack([plan, places("vehicle")])}
+    if track.size:
+        views["track"] = whole if several else track
+    found = {name: Extent.around(at[:, 0], at[:, 1], 0.14) for name, at in views.items()}
     if slices is not None:
-        corners = [[slices.east[k], slices.north[k]] for k in (0, -1)]
-        whole.append(np.array(corners, dtype=np.float64))
-    if len(tracks := contents.result.plan_tracks):
-        places = to_local(contents.projection, tracks["longitude"], tracks["latitude"])
-        whole.append(np.column_stack(places))
-    everything = np.vstack(whole) / 1e3
-    views["region"] = Extent.around(everything[:, 0], everything[:, 1])
-    return views
+        ends = np.column_stack([slices.east[[0, -1]], slices.north[[0, -1]]]) / 1e3
+        whole = np.vstack([whole, ends])
+    return found | {"region": Extent.around(whole[:, 0], whole[:, 1])}
 
 
 def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -178,22 +159,22 @@ def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], d
     packed = {"current": pack(np.concatenate([mean[None], slices.fields]), _STEP, 1)}
     if slices.outside is not None and slices.outside.any():
         packed["outside"] = pack(np.where(slices.outside, 1.0, np.nan), 1.0)
-    most, limits = {"speed": ("speed", "speed-dark"), "error": ("amp", "amp")}, limits_of(slices)
+    names = {"speed": ("speed", "speed-dark"), "error": ("amp", "amp")}
+    scales = {
+        name: {"light": [color for _, color in scale(light)], "dark": [c for _, c in scale(dark)]}
+        for name, (light, dark) in names.items()
+    }
     drawn = {
         "east": column(slices.east / 1e3, 7),
         "north": column(slices.north / 1e3, 7),
         "times": (slices.time_ns // 1_000_000).tolist(),
         "scales": {
-            name: {"most": limit, **dict(zip(("light", "dark"), map(_colors, each), strict=True))}
-            for (name, each), limit in zip(most.items(), limits, strict=True)
+            name: {"most": most, **colors}
+            for (name, colors), most in zip(scales.items(), limits_of(slices), strict=True)
         },
         "dry": dry_text(slices),
     }
     return packed, drawn
-
-
-def _colors(name: str) -> list[str]:
-    return [color for _, color in scale(name)]
 
 
 def limits_of(slices: CurrentSlices) -> tuple[float, float]:
@@ -294,8 +275,9 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
     if count > POSITIONS:
         texts.append(f"Of {count:,} positions {POSITIONS:,} are drawn, evenly spread.")
     if contents.seabed is not None:
-        name = escape(bathymetry_name(contents.metadata))
-        texts.append(f"Labelled lines: depth of the bottom, from {name}.")
+        inputs = contents.metadata.get("replay_kit.inputs", {})
+        name, *_ = inputs.get("bathymetry", "the bathymetry").partition(" sha256:")
+        texts.append(f"Labelled lines: depth of the bottom, from {escape(name)}.")
     texts.append(
         "Ellipses hold 90 % of the predicted surfacings; a line joins each predicted surfacing to the actual one. Land is from Natural "
         "Earth, for orientation: plans avoid what the forecast and the bathymetry hold, not this coast."

@@ -18,7 +18,7 @@ function packedArray(figure, name) {
 }
 
 // Values in charts: what is nearest to the pointer, in the columns that the page offers.
-function listenChart(figure, svg, { box, ends, log, axes, names, marks }) {
+function listenChart(figure, svg, { box, ends, log, axes, marks }) {
   const column = (value) => (typeof value === "string" ? figure.tables[value.slice(0, value.indexOf("."))][value.slice(value.indexOf(".") + 1)] : value);
   const place = (value, axis) => {
     const number = typeof value === "string" ? Date.parse(`${value.replace(" ", "T")}Z`) : value;
@@ -38,7 +38,7 @@ function listenChart(figure, svg, { box, ends, log, axes, names, marks }) {
         const far = xs[k] === null || ys[k] === null ? best : Math.hypot(place(xs[k], 0) - px, place(ys[k], 1) - py);
         if (far >= best) continue;
         best = far;
-        words = `${mark.name}${texts ? `, ${text(texts[k])}` : ""}<br>${axes[0]}: ${text(names[xs[k]] ?? xs[k])}<br>${axes[1]}: ${text(ys[k])}`;
+        words = `${mark.name}${texts ? `, ${text(texts[k])}` : ""}<br>${axes[0]}: ${text(xs[k])}<br>${axes[1]}: ${text(ys[k])}`;
       }
     }
     return words;

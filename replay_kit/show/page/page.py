@@ -21,7 +21,6 @@ from replay_kit.show.figures.figure import Figure, Panel
 from replay_kit.show.page.parts import items_html, table_html
 
 __all__ = [
-    "Control",
     "Map",
     "Section",
     "figure_html",
@@ -38,23 +37,6 @@ _DASHES = {"dash": "dashed", "dot": "dotted", "dashdot": "dashed", "longdash": "
 
 
 @dataclass(frozen=True, slots=True)
-class Control:
-    """Control of a map.
-
-    Attributes:
-        name: Name of the quantity to choose.
-        kind: ``range`` for a slider, ``select`` for a list.
-        choices: Choices as text.
-        chosen: Index of the initial choice.
-    """
-
-    name: str
-    kind: str
-    choices: Sequence[str]
-    chosen: int = 0
-
-
-@dataclass(frozen=True, slots=True)
 class Map:
     """Map of a page, at most one.
 
@@ -64,7 +46,7 @@ class Map:
         caption: Caption as HTML.
         alternative: Text alternative.
         tables: Data by table and column, offered as CSV.
-        controls: Controls of quantity, depth and time.
+        choices: What to choose from as text, by name of the control: of the last one the last is chosen, otherwise the first.
         packed: Large numeric arrays, see ``pack``.
         drawn: Data for the script, see ``map.py``.
     """
@@ -74,7 +56,7 @@ class Map:
     caption: str
     alternative: str
     tables: Mapping[str, Mapping[str, Any]]
-    controls: Sequence[Control]
+    choices: Mapping[str, Sequence[str]]
     packed: Mapping[str, Any]
     drawn: Mapping[str, Any]
 
@@ -199,13 +181,15 @@ def figure_html(figure: Figure | Map, data: list[dict[str, Any]]) -> str:
         f'<button type="button" data-figure="{figure.key}" data-table="{escape(name)}">Data: {escape(name)} (CSV)</button>'
         for name in figure.tables
     )
-    about = f'<figcaption>{figure.caption}</figcaption><div class="data">{buttons}</div>'
+    notes = () if isinstance(figure, Map) else map(escape, figure.notes)
+    caption = " ".join([figure.caption, *notes])
+    about = f'<figcaption>{caption}</figcaption><div class="data">{buttons}</div>'
     held: dict[str, Any] = {"key": figure.key, "tables": tables_of(figure.tables)}
     plot = f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}">'
     data.append(held)
     if isinstance(figure, Map):
         held |= {"packed": figure.packed, "map": figure.drawn}
-        held["choices"] = [list(control.choices) for control in figure.controls]
+        held["choices"] = [list(choices) for choices in figure.choices.values()]
         return _map_html(figure, plot, about)
     panels, held["panels"] = [], []
     for panel, (svg, said) in zip(figure.panels, panels_svg(figure), strict=True):
@@ -294,18 +278,18 @@ def _map_html(figure: Map, plot: str, about: str) -> str:
 
 
 def _controls_html(figure: Map) -> Iterator[str]:
-    for number, control in enumerate(figure.controls):
-        name, chosen = f"{figure.key}-{number}", escape(control.choices[control.chosen])
-        if control.kind == "select":
-            options = "".join(
-                f'<option value="{k}"{" selected" if k == control.chosen else ""}>{escape(text)}</option>'
-                for k, text in enumerate(control.choices)
+    """Yield a list for the first control and sliders for the others."""
+    for number, (title, choices) in enumerate(figure.choices.items()):
+        name, last = f"{figure.key}-{number}", len(choices) - 1
+        if number == 0:
+            options = (
+                f'<option value="{k}">{escape(text)}</option>' for k, text in enumerate(choices)
             )
-            yield f'<label for="{name}">{escape(control.name)} <select id="{name}">{options}</select></label>'
+            yield f'<label for="{name}">{title} <select id="{name}">{"".join(options)}</select></label>'
             continue
-        last = len(control.choices) - 1
+        chosen = last if number == len(figure.choices) - 1 else 0
+        text, fixed = escape(choices[chosen]), " disabled" if last == 0 else ""
         yield (
-            f'<label for="{name}">{escape(control.name)} <input type="range" id="{name}" min="0" max="{last}" '
-            f'value="{control.chosen}"{" disabled" if last == 0 else ""} aria-valuetext="{chosen}">'
-            f'<output for="{name}">{chosen}</output></label>'
+            f'<label for="{name}">{title} <input type="range" id="{name}" min="0" max="{last}" '
+            f'value="{chosen}"{fixed} aria-valuetext="{text}"><output for="{name}">{text}</output></label>'
         )

@@ -2,31 +2,31 @@
 
 from collections.abc import Mapping
 from html import escape
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
-from replay_kit.core.plan import ORIGIN
+from replay_kit.core.quantities import parse_time
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.track import LastPlan
 from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.numbers import (
-    clock_text,
+    clock,
     error_text,
     fixed,
     hours_text,
-    leg_number,
     minutes_text,
     nice,
     number,
+    sentence,
 )
 from replay_kit.show.page.page import legend
 from replay_kit.show.page.parts import compass
-from replay_kit.show.sentences import by_habit
+from replay_kit.show.status.held import Values, read_held
+from replay_kit.show.status.lines import BASIS
+from replay_kit.show.status.status import status_of
 
 _CLASSES = {"trust": "good", "with care": "care", "do not use": "stop"}
 _WORDS = {"trust": "Trust", "with care": "Use with care", "do not use": "Do not use"}
@@ -36,13 +36,12 @@ _NINETY = 1.645
 
 def card_html(contents: Contents) -> str:
     """Return the summary card as HTML."""
-    plan = contents.last_plan
-    steered = (
-        plan is not None and plan.row["status"] != "failed" and np.isfinite(plan.row["heading_deg"])
-    )
-    answer = _steer(plan, contents.flown) + _arrival(plan) if steered and plan else _water(contents)
+    figures = status_of(read_held(contents.result.reader)).figures
+    command = figures.get("command", {})
+    steered = command.get("heading_deg") is not None
+    answer = _steer(command) + _arrival(figures["odds"]) if steered else _water(contents)
     parts = [
-        *(_chip(contents), answer, _surfacing(contents), _profile(contents), _lights(contents)),
+        *(_chip(contents), answer, _surfacing(figures), _profile(contents), _lights(contents)),
         _why(contents),
     ]
     return "".join(f"<div>{part}</div>" for part in parts if part)
@@ -62,9 +61,9 @@ def _why(contents: Contents) -> str:
     """Return further reasons for care, the plan's message and the next step; empty for a trusted result."""
     verdict, plan = contents.outcome.verdict, contents.last_plan
     texts = [*verdict.reasons[1:]]
-    if plan is not None and plan.row["status"] != "reached":
-        why = str(plan.row["message"]).partition(". ")[0]
-        texts.append(f"the plan failed: {why}" if plan.row["status"] == "failed" else why)
+    if plan is not None and plan.status != "reached":
+        why = plan.message.partition(". ")[0]
+        texts.append(f"the plan failed: {why}" if plan.status == "failed" else why)
     said = "; ".join(texts)
     first = f'<p class="below">{escape(said[:1].upper() + said[1:])}.</p>' if texts else ""
     if verdict.word == "trust":
@@ -74,124 +73,88 @@ def _why(contents: Contents) -> str:
     return f'{first}<p class="below">Next step: {next_steps(contents)[0]}</p>'
 
 
-def _steer(plan: LastPlan, flown: AsFlown | None) -> str:
+def _steer(command: Values) -> str:
     """Return the command: heading, true and magnetic if known, target position and dive."""
-    row, leg = plan.row, plan.legs[0] if plan.legs else {}
-    heading, speed = float(row["heading_deg"]), float(row["speed"])
-    place = _unbroken(minutes_text(leg["longitude"], leg["latitude"])) if leg else ""
-    dive = (
-        f"dive to {leg_number(1, 'depth_m', leg['depth_m'], fixed(leg['depth_m'], 0))} m, "
-        if leg
-        else ""
+    heading, magnetic, deep = (
+        command[name] for name in ("heading_deg", "magnetic_heading_deg", "depth_m")
     )
-    angle = number(
-        "plan.glide_angle_deg", float(row["glide_angle_deg"]), fixed(row["glide_angle_deg"], 0)
+    place = minutes_text(command["longitude"], command["latitude"]) if deep is not None else ""
+    origin = command["dives"].partition(":")[0]
+    form = (
+        f"{'' if magnetic is None else '{magnetic_heading_deg:course}° magnetic, '}"
+        f"{f'for {_unbroken(place)}, ' if place else ''}{'' if deep is None else 'dive to {depth_m:,.0f} m, '}"
+        f"glide angle {{glide_angle_deg:.0f}}°, {{speed:.2f}} m/s through water{f' ({origin})' if origin else ''}"
     )
-    origin = plan.statistics.get(ORIGIN, "").partition(":")[0]
-    shown = number("plan.heading_deg", heading, f"{round(heading) % 360:03d}")
-    magnetic = flown.magnetic(heading) if flown else None
-    compass_text = "" if magnetic is None else f"{round(magnetic) % 360:03d}° magnetic, "
+    shown, said = (_said(text, command, "command") for text in ("{heading_deg:course}", form))
     return (
         f'<div class="steer">{compass(heading, f"Steer {heading:.0f} degrees true")}<div><p class="big">{shown}°</p>'
-        f"<p>{compass_text}{f'for {place}, ' if place else ''}{dive}glide angle {angle}°, "
-        f"{number('plan.speed', speed, fixed(speed, 2))} m/s through water{f' ({escape(origin)})' if origin else ''}</p></div></div>"
+        f"<p>{said}</p></div></div>"
     )
+
+
+def _said(template: str, values: Values, answer: str) -> str:
+    """Return a sentence on an answer of the status as HTML."""
+    return sentence(template, values, f"status.{answer}.").html
 
 
 def _unbroken(place: str) -> str:
     """Return a position with non-breaking spaces within coordinates."""
-    return ", ".join(part.replace(" ", "\u00a0") for part in place.split(", "))
+    return place.replace(" ", "\u00a0")
 
 
-def _arrival(plan: LastPlan) -> str:
-    begin, duration = int(plan.row.name.value), float(plan.row["duration"])
-    odds, key, text = plan.odds, "plan.duration_s", f"in the mean current, {hours_text(duration)}"
-    if odds is not None and np.isfinite(half := odds["arrival_median"]):
-        duration, key, most = half, "plan.odds.arrival_median", odds["arrival_90_percent"]
-        late = clock_text(begin + round(1e9 * most)) if np.isfinite(most) else ""
-        ninety = number("plan.odds.arrival_90_percent", most, late) if late else ""
-        text = f"half of the flights; 90 % by {ninety}" if late else "half; fewer than 90 % in time"
-    end = clock_text(begin + round(1e9 * duration))
-    status, miss = str(plan.row["status"]), float(plan.row["closest_approach"])
-    arrives = status in ("reached", "uncertain")
+def _arrival(odds: Values) -> str:
+    if odds.get("duration_s") is None:
+        return ""
+    arrives, half = odds["status"] in ("reached", "uncertain"), odds.get("arrival_median")
+    end, below = odds["arrival"], "in the mean current, {duration_s:span}"
+    if not arrives:
+        below = "{closest_approach_m:km} from it"
+    elif half:
+        most = odds["arrival_90_percent"]
+        ninety = f"half of the flights; 90 % by {clock(most)}" if most else ""
+        end, below = half, ninety or "half; fewer than 90 % in time"
     title = "Arrives (UTC)" if arrives else "Nearest to the goal (UTC)"
-    off = number(
-        "plan.closest_approach_m", miss, f"{miss:.0f} m" if miss < 2e3 else f"{miss / 1e3:.1f} km"
+    first = _fact(title, clock(end), _said(below, odds, "odds"))
+    if "reached" not in odds:
+        return _facts(first, _fact("Odds of arriving", "unknown", "no samples were flown"))
+    share, count = (
+        _said(form, odds, "odds") for form in ("{reached:share}", "of {samples} samples")
     )
-    below = text if arrives else f"{off} from it"
-    first = _fact(title, number(key, duration, end), below)
-    if odds is None:
-        return f'<div class="facts">{first}{_fact("Odds of arriving", "unknown", "no samples were flown")}</div>'
-    share = float(odds["reached"])
-    count = number("plan.odds.n_samples", odds["n_samples"], str(odds["n_samples"]))
-    text = number("plan.odds.reached", share, f"{100.0 * share:.0f} %")
-    bar = f'of {count} samples<span class="meter"><i style="width:{100.0 * share:.0f}%"></i></span>'
-    return f'<div class="facts">{first}{_fact("Odds of arriving", text, bar)}</div>'
+    wide = f"{100.0 * odds['reached']:.0f}%"
+    bar = f'{count}<span class="meter"><i style="width:{wide}"></i></span>'
+    return _facts(first, _fact("Odds of arriving", share, bar))
+
+
+def _facts(*facts: str) -> str:
+    return f'<div class="facts">{"".join(facts)}</div>'
 
 
 def _fact(title: str, value: str, below: str = "") -> str:
     return f'<div><p class="title">{title}</p><p class="value">{value}</p><p class="below">{below}</p></div>'
 
 
-class _Surfacing(NamedTuple):
-    """Predicted surfacing: time [ns, UTC], basis, and numbers as HTML."""
-
-    time_ns: int
-    basis: str
-    shown: str
-    size: str
-
-
-def _surfacing(contents: Contents) -> str:
+def _surfacing(figures: Mapping[str, Any]) -> str:
     """Return time and ellipse of the next surfacing, by the plan and by persistence, the more reliable first."""
-    predicted = contents.outcome.predicted_surfacings
-    each = [_by_plan(contents), _as_last_dive(predicted or {})]
-    known = [one for one in (each[::-1] if by_habit(predicted) else each) if one is not None]
-    if not known:
+    values, at = figures.get("surfacing", {}), figures.get("position")
+    if (first := values.get("next")) is None:
         return ""
-    first, *others = known
-    when = ""
-    if contents.track.time_ns.size:
-        ahead = (first.time_ns - int(contents.track.time_ns[-1])) / 1e9
-        when = f"in {hours_text(ahead)}, " if ahead >= 0.0 else f"{hours_text(-ahead)} ago, "
-    below = "".join(f"{one.shown} {one.basis}, {one.size}" for one in others) or "semi-axes"
-    return (
-        f'<div class="facts">{_fact("Next surfacing (UTC)", first.shown, f"{when}{first.basis}")}'
-        f"{_fact('Within (90 %)', first.size, ''.join(below) or 'semi-axes')}</div>"
+    when, below = "", "semi-axes"
+    if at is not None:
+        ahead = (parse_time(first["time"]) - parse_time(at["since"])) / 1e9
+        when = f"in {hours_text(ahead)}, " if ahead >= 0.0 else f"{hours_text(ahead)} ago, "
+    if (other := values["other"]) is not None:
+        below = f"{clock(other['time'])} {BASIS[other['basis']]}, {_size(other, 'other')}"
+    return _facts(
+        _fact("Next surfacing (UTC)", clock(first["time"]), f"{when}{BASIS[first['basis']]}"),
+        _fact("Within (90 %)", _size(first, "next"), below),
     )
 
 
-def _by_plan(contents: Contents) -> _Surfacing | None:
-    plan = contents.last_plan
-    if plan is None or not plan.legs:
-        return None
-    table, count = contents.result.surfacings, len(plan.legs)
-    done = int((table["planned_time"] == plan.row.name).sum()) if len(table) else 0
-    leg = plan.legs[min(done, count - 1)]
-    time = int(plan.row.name.value) + round(1e9 * leg["surfacing_s"])
-    shown = leg_number(leg["leg"], "surfacing_s", leg["surfacing_s"], clock_text(time))
-    axes = {
-        f"plan.statistics.leg_{leg['leg']:03d}#ellipse_{name}_m": leg.get(f"ellipse_{name}_m")
-        for name in ("major", "minor")
-    }
-    return _Surfacing(time, "if it flies this plan", shown, _size(axes))
-
-
-def _as_last_dive(predicted: Mapping[str, Any]) -> _Surfacing | None:
-    following, at = predicted.get("next"), "predicted_surfacings.next"
-    if not following:
-        return None
-    time, ellipse = following["time_ns"], following["ellipse_90"]
-    axes = {f"{at}.ellipse_90.{name}_m": ellipse[f"{name}_m"] for name in ("major", "minor")}
-    shown = number(f"{at}.time_ns", time, clock_text(time))
-    return _Surfacing(time, "as the last dive", shown, _size(axes))
-
-
-def _size(axes: Mapping[str, float | None]) -> str:
-    """Return the semi-axes of an ellipse by their fields."""
-    known = {key: axis for key, axis in axes.items() if axis is not None}
-    texts = [number(key, axis, fixed(axis / 1e3, 1)) for key, axis in known.items()]
-    return f"± {' × '.join(texts)} km" if texts else "unknown"
+def _size(one: Values, name: str) -> str:
+    """Return the semi-axes of the ellipse of a surfacing."""
+    if one["major_m"] is None:
+        return "unknown"
+    return _said("± {major_m:far} × {minor_m:far} km", one, f"surfacing.{name}")
 
 
 def _water(contents: Contents) -> str:
@@ -220,7 +183,7 @@ def _water(contents: Contents) -> str:
         prior = number("rms_innovation.prior", rms["prior"], f"{100.0 * rms['prior']:.1f}")
         facts = _fact("Against the forecast", value, f"misfit {missed} cm/s, forecast {prior}")
     facts += _least_known(contents, mean) if flow is not None else ""
-    return parts + (f'<div class="facts">{facts}</div>' if facts else "")
+    return parts + (_facts(facts) if facts else "")
 
 
 def _cell(contents: Contents, fields: Array, east: float, north: float) -> Array:

@@ -2,17 +2,19 @@
 
 import json
 import shlex
-from collections.abc import Callable, Mapping
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
+from types import MappingProxyType
 from typing import Any
 
 from replay_kit.core.errors import finding_line
 from replay_kit.core.extensions import additions
 from replay_kit.core.text import count_text, time_text
+from replay_kit.results.outcome.outcome import leaves
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import CONFIG_NAME
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.record import changed_settings, leaves
 from replay_kit.show.numbers import Sentence, clock_text, number
 from replay_kit.show.page.map import map_of
 from replay_kit.show.page.page import Section, page_html
@@ -25,104 +27,84 @@ from replay_kit.show.report.sections.trust import trust_section
 from replay_kit.show.sentences import estimate_sentences
 from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_cells, vehicle_sentences
 
+#: Defaults of settings by table.
+Defaults = Mapping[str, Mapping[str, Any]]
+_NONE: Defaults = MappingProxyType({})
 # Entries of a list of the summary that are shown.
 _LONG = 12
 
 
-def again_section(contents: Contents) -> Section:
+def again_section(contents: Contents, defaults: Defaults) -> Section:
     """Return the section on reproducing the result, with the summary as a table."""
-    metadata, missing = contents.metadata, []
-    inputs = metadata.get("replay_kit.inputs", {})
-    html = ""
+    metadata, missing, html = contents.metadata, list[str](), ""
+    inputs = {
+        name: text.rpartition(" sha256:")
+        for name, text in metadata.get("replay_kit.inputs", {}).items()
+    }
     if any(name.startswith("log") for name in inputs):
-        html += (
-            f"<p>The command; <code>config.toml</code> is attached "
-            f"to the result:</p><pre>{escape(_command(contents))}</pre>"
+        html = (
+            "<p>The command; <code>config.toml</code> is attached to the result:</p>"
+            f"<pre>{escape(_command(contents, {name: file for name, (file, *_) in inputs.items()}))}</pre>"
         )
     elif inputs:
         made = "; replay-kit verify reproduces it" if "replay_kit.plan" in metadata else ""
         missing.append(f"This result was made by replay-kit plan; its options are below{made}.")
     else:
         missing.append("The result does not name its inputs.")
-    if inputs:
-        html += table_html(
-            ["input", "file", "SHA-256"],
-            [_input(name, text) for name, text in inputs.items()],
-            "Inputs",
-        )
-    versions = {
-        **metadata.get("contract", {}),
-        **metadata.get("replay_kit.versions", {}),
-    }
+    digests = {name: (file, digest) for name, (file, _, digest) in inputs.items()}
+    versions = {**metadata.get("contract", {}), **metadata.get("replay_kit.versions", {})}
     names = {"version": "contract of the result", "replay_kit": "replay-kit"}
-    shown = {names.get(name, name): value for name, value in versions.items()}
-    html += table_html(
-        ["what", "version"],
-        [[escape(name), escape(value)] for name, value in shown.items()],
-        "Versions",
-    )
-    html += _settings(contents, missing)
+    shown = {names.get(name, name): (value,) for name, value in versions.items()}
     region = {
         **metadata.get("replay_kit.region", {}),
         **metadata.get("replay_kit.options", {}),
     }
-    rows = [
-        [escape(name.replace("_", " ")), escape(value)] for name, value in region.items() if value
-    ]
-    html += table_html(["what", "value"], rows, "Region, basis and options") if rows else ""
-    html += _numbers(contents)
-    title, answer = (
-        "How was it made?",
-        "Files, versions, settings, and every number of the summary.",
+    options = {name.replace("_", " "): (value,) for name, value in region.items() if value}
+    html += _rows_html("Inputs", ("input", "file", "SHA-256"), digests)
+    html += _rows_html("Versions", ("what", "version"), shown) + _settings(
+        contents, defaults, missing
     )
-    return Section("again", title, html, missing=missing, menu="Files", answer=answer)
+    html += _rows_html("Region, basis and options", ("what", "value"), options) + _numbers(contents)
+    answer = "Files, versions, settings, and every number of the summary."
+    return Section("again", "How was it made?", html, missing=missing, menu="Files", answer=answer)
 
 
-def _command(contents: Contents) -> str:
-    inputs = contents.metadata["replay_kit.inputs"]
-    names = {key: text.rpartition(" sha256:")[0] for key, text in inputs.items()}
-    logs = [names[key] for key in names if key.startswith("log")]
+def _rows_html(caption: str, heads: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
+    """Return texts by name as an HTML table; empty without any."""
+    cells = [[escape(name), *map(escape, texts)] for name, texts in rows.items()]
+    return table_html(heads, cells, caption) if cells else ""
+
+
+def _command(contents: Contents, inputs: Mapping[str, str]) -> str:
+    """Return the commands that make and verify the result."""
+    logs, ensemble = (
+        [file for name, file in inputs.items() if name.startswith(begin)]
+        for begin in ("log", "ensemble")
+    )
     goal = contents.metadata.get("replay_kit.options", {}).get("goal", "")
-    parts = [
-        "replay-kit",
-        "replay",
-        *logs,
-        "--ensemble",
-        *_ensemble(names),
-        "--config",
-        "config.toml",
-    ]
-    parts += [f"--goal={goal}"] if goal else []
+    parts = ["replay-kit", "replay", *logs, "--ensemble", *(ensemble or ["ENSEMBLE"])]
+    parts += ["--config", "config.toml", *([f"--goal={goal}"] if goal else [])]
+    out = contents.result.reader.name
     return (
-        f"{shlex.join([*parts, '-o', contents.result.reader.name])}\nreplay-kit verify "
-        f"{shlex.quote(contents.result.reader.name)} --inputs FOLDER"
+        f"{shlex.join([*parts, '-o', out])}\nreplay-kit verify {shlex.quote(out)} --inputs FOLDER"
     )
 
 
-def _ensemble(names: dict[str, str]) -> list[str]:
-    return [names[key] for key in names if key.startswith("ensemble")] or ["ENSEMBLE"]
-
-
-def _input(name: str, text: str) -> list[str]:
-    file, _, digest = text.rpartition(" sha256:")
-    return [escape(name), escape(file), f"<code>{escape(digest)}</code>"]
-
-
-def _settings(contents: Contents, missing: list[str]) -> str:
+def _settings(contents: Contents, defaults: Defaults, missing: list[str]) -> str:
     toml = contents.result.reader.text(CONFIG_NAME)
     if not toml:
         missing.append("The result does not hold its configuration.")
         return ""
-    changed = changed_settings(toml)
+    changed = {
+        f"{section}.{key}": (json.dumps(value), json.dumps(defaults.get(section, {}).get(key)))
+        for section, values in tomllib.loads(toml).items()
+        for key, value in values.items()
+        if value != defaults.get(section, {}).get(key)
+    }
     if not changed:
         return "<p>All settings have their defaults.</p>"
-    rows = [
-        [f"<code>{escape(key)}</code>", escape(json.dumps(value)), escape(json.dumps(default))]
-        for key, value, default in changed
-    ]
-    return table_html(
-        ["setting", "value", "default"], rows, "Settings that differ from their defaults"
-    )
+    caption = "Settings that differ from their defaults"
+    return _rows_html(caption, ("setting", "value", "default"), changed)
 
 
 def _shortened(value: Any) -> Any:
@@ -164,20 +146,26 @@ def map_section(contents: Contents, card: str = "") -> Section:
 
 #: The sections from top to bottom; each is a pure function of the opened result.
 SECTIONS: tuple[Callable[[Contents], Section], ...] = (
-    *(map_section, words_section, along_track_section, trust_section, plan_section, again_section),
+    *(map_section, words_section, along_track_section, trust_section, plan_section),
 )
 
 
-def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
+def report_html(
+    result: ResultFile,
+    notes: tuple[str, ...] = (),
+    defaults: Defaults = _NONE,
+) -> str:
     """Return a result as a self-contained, reproducible HTML page.
 
     Args:
         result: Opened result.
         notes: Notes on opening the result.
+        defaults: Defaults of the settings by table; the page names those that differ.
     """
     contents = Contents(result, notes)
     added = additions("sections", callable, "a function").values()
     sections = [section(contents) for section in (*SECTIONS, *added)]
+    sections.insert(len(SECTIONS), again_section(contents, defaults))
     title = contents.outcome.mission or f"Report on {result.reader.name}"
     return page_html(title, sections, _subtitle(contents))
 
@@ -195,17 +183,18 @@ def _subtitle(contents: Contents) -> str:
     return " · ".join(filter(None, [f"{begin} to {end} UTC", fix, dive, used]))
 
 
-def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
+def several_html(contents: Contents, pages: Mapping[str, str], defaults: Defaults) -> str:
     """Return the report page on all vehicles of a result.
 
     Args:
         contents: Contents of the result.
         pages: File names of the vehicles' pages by vehicle.
+        defaults: See ``report_html``.
     """
     sections = [
         map_section(contents, _card(contents, pages)),
         _vehicles(contents, pages),
-        again_section(contents),
+        again_section(contents, defaults),
     ]
     span, outcome = contents.span_ns, contents.outcome
     begin, end = ("", "") if span is None else (time_text(each)[:16] for each in span)

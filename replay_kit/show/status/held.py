@@ -1,5 +1,6 @@
 """Data of a status, read from the result with as few messages decoded as possible."""
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,14 +10,20 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.errors import LogError
+from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.grid import Projection
+from replay_kit.core.plan import Plan
+from replay_kit.core.quantities import parse_time
 from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.plans import plan_of
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import decode
 from replay_kit.results.topics import CONFIG_NAME, complete
 from replay_kit.show.sentences import SOURCES
 
+#: Values of an answer by name.
+Values = dict[str, Any]
 # Two plans tell what changed; their surfacings and the measurements between them tell why.
 _PLANS, _OUTCOMES = 2, 50
 
@@ -44,21 +51,19 @@ class Held:
 
     Attributes:
         name: File name.
-        first_ns: Time of the first message [ns, UTC].
-        last_ns: Time of the last message, except plans for later times [ns, UTC].
+        last_ns: Time of the last message but plans for later [ns, UTC].
         metadata: Records by name.
         settings: Effective configuration.
         outcome: Outcome of the run; None if unfinished.
         projection: Local frame.
-        fixes: Fixes: the first, the last at least a day older than the last, and the last.
-        reckoned: Last dead-reckoned position, if newer than the last fix.
-        plans: Last two plans, ``replay_kit.Plan``.
-        outcomes: Last surfacings and their predictions, ``replay_kit.PlanOutcome``.
-        dive: Innovations of the last dive with any, columns of ``replay_kit.Innovations``; None without any.
+        fixes: The first, the last one a day older than the last, and the last.
+        reckoned: Dead-reckoned position, if newer.
+        plans: Last two plans.
+        outcomes: Last surfacings, ``replay_kit.PlanOutcome``.
+        dive: Innovations of the last dive; None without any.
     """
 
     name: str
-    first_ns: int
     last_ns: int
     metadata: Mapping[str, Mapping[str, str]]
     settings: Mapping[str, Any]
@@ -66,9 +71,37 @@ class Held:
     projection: Projection
     fixes: Sequence[Fix]
     reckoned: Fix | None
-    plans: Sequence[Any]
+    plans: Sequence[Plan]
     outcomes: Sequence[Any]
     dive: Columns | None
+
+    @property
+    def goal(self) -> tuple[float, float, float] | None:
+        """Longitude, latitude [degrees] and depth [m] of the goal of the last plan or the run; None without one."""
+        if self.plans:
+            goal = self.plans[-1].goal
+            return goal.longitude, goal.latitude, goal.depth
+        text = self.metadata.get("replay_kit.options", {}).get("goal", "")
+        return tuple(float(part) for part in text.split(",")) if text else None  # type: ignore[return-value]
+
+    @property
+    def fix_error(self) -> float:
+        """Standard error of a fix [m]; 0 if not set."""
+        return float(self.settings.get("measurements", {}).get("fix_std", 0.0))
+
+    @property
+    def forecast_ns(self) -> tuple[int, int] | None:
+        """First and last time of the forecast [ns, UTC]; None without times."""
+        record = self.metadata.get("replay_kit.forecast", {})
+        if "first" not in record:
+            return None
+        return parse_time(record["first"]), parse_time(record["last"])
+
+
+def course(velocity: Mapping[str, float]) -> tuple[float, float]:
+    """Return speed [m/s] and direction [degrees clockwise from true north] of a velocity ``east``, ``north``."""
+    east, north = velocity["east"], velocity["north"]
+    return math.hypot(east, north), float(heading_deg(east, north))
 
 
 def read_held(reader: ResultReader) -> Held:
@@ -85,7 +118,8 @@ def read_held(reader: ResultReader) -> Held:
         )
     with complete(reader.path):
         fixes, reckoned = _positions(reader)
-        plans, outcomes = (_last(reader, topic, name, most) for topic, name, most in _OF_PLANS)
+        plans = [plan_of(one) for one in _last(reader, "/plan/controls", "Plan", _PLANS)]
+        outcomes = _last(reader, "/plan/outcome", "PlanOutcome", _OUTCOMES)
         dive = _last_dive(reader)
     known = [
         *(fix.time_ns for fix in fixes),
@@ -94,7 +128,6 @@ def read_held(reader: ResultReader) -> Held:
     ]
     return Held(
         name=reader.name,
-        first_ns=ends.message_start_time,
         last_ns=max(
             [*known, *([reckoned.time_ns] if reckoned else [])],
             default=ends.message_end_time,
@@ -111,7 +144,6 @@ def read_held(reader: ResultReader) -> Held:
     )
 
 
-_OF_PLANS = (("/plan/controls", "Plan", _PLANS), ("/plan/outcome", "PlanOutcome", _OUTCOMES))
 _DAY_NS = 86_400 * 10**9
 
 

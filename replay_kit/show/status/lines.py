@@ -8,24 +8,19 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from replay_kit.core.geodesy import heading_deg
-from replay_kit.core.quantities import parse_time
 from replay_kit.core.text import printable
 from replay_kit.show.numbers import (
     Sentence,
-    Shown,
-    clock_text,
-    fixed,
+    clock,
     hours_text,
     minutes_text,
     sentence,
 )
+from replay_kit.show.status.held import Values, course
 from replay_kit.show.status.status import Status
 
 #: Columns of a screen, and of its labels.
 WIDTH, _LABEL = 80, 11
-Values = Mapping[str, Any]
-Parts = list[str | Shown]
 
 
 class Line(NamedTuple):
@@ -33,25 +28,15 @@ class Line(NamedTuple):
 
     Attributes:
         label: Label of one word.
-        parts: Texts and numbers.
+        said: Text with numbers.
     """
 
     label: str
-    parts: Sequence[str | Shown]
+    said: Sentence
 
     def __str__(self) -> str:
         """Return the line with its label."""
-        return f"{self.label:<{_LABEL}}{printable(self.text)}".rstrip()
-
-    @property
-    def text(self) -> str:
-        """Text of the line without its label."""
-        return str(Sentence(self.parts))
-
-    @property
-    def html(self) -> str:
-        """HTML of the line without its label, with the figure of each number."""
-        return Sentence(self.parts).html
+        return f"{self.label:<{_LABEL}}{printable(str(self.said))}".rstrip()
 
 
 def title(status: Status) -> str:
@@ -60,15 +45,13 @@ def title(status: Status) -> str:
     if (at := status.figures.get("position")) is None:
         return name
     dive = f", dive {at['dive']}" if "dive" in at else ""
-    place = minutes_text(at["longitude"], at["latitude"])
     old = f"{hours_text(at['age_s'])} ago" if at["age_s"] >= 60.0 else "now"
-    text = f"{dive}: fix {place} {_clock(at['since'])} UTC, {old}"
+    text = f"{dive}: fix {_place(at)} {clock(at['since'])} UTC, {old}"
     return f"{name[: WIDTH - len(text)]}{text}"
 
 
 def lines(status: Status) -> list[Line]:
     """Return the summary: verdict with reasons, then the answers."""
-    found, out = status.figures, [Line(*_first(status))]
     makers = {
         "command": _steer,
         "odds": _arrival,
@@ -77,44 +60,31 @@ def lines(status: Status) -> list[Line]:
         "current": _current,
         "fit": _fit,
     }
-    for key, make in makers.items():
-        if values := found.get(key):
-            out += make(values)
-    return out
+    found = [(make, status.figures.get(key)) for key, make in makers.items()]
+    return [_first(status), *(line for make, values in found if values for line in make(values))]
 
 
-def _first(status: Status) -> tuple[str, Parts]:
+def _first(status: Status) -> Line:
     """Return the first line: an alarm outside the verdict, otherwise the verdict, with the reasons that fit."""
-    fit, odds = status.figures.get("fit", {}), status.figures.get("odds", {})
+    fit, odds = (status.figures.get(key, {}) for key in ("fit", "odds"))
     texts = [alarm.text for alarm in status.alarms if alarm.kind not in ("plan", "consistency")]
     label = "ALARM" if texts else (fit.get("verdict") or "no verdict").upper()
-    texts += [
-        f"{one['name']}: {one['evidence']}"
-        for one in fit.get("findings", ())
-        if one["severity"] != "warning"
-    ]
-    said = _odds_text(odds)
+    findings, said = fit.get("findings", ()), _odds_sentence(odds)
+    severe = [one for one in findings if one["severity"] != "warning"]
+    texts += [f"{one['name']}: {one['evidence']}" for one in severe]
+    named = [one["name"] for one in findings]
     # the odds say it with numbers
-    reasons = [text for text in fit.get("reasons", ()) if not (said and "plan" in text)]
-    named = [one["name"] for one in fit.get("findings", ())]
+    reasons = [text for text in fit.get("reasons", ()) if not (said.parts and "plan" in text)]
     texts += [text for text in reasons if text not in named]
-    texts += [one["name"] for one in fit.get("findings", ()) if one["severity"] == "warning"]
-    texts += [said] if said else []
+    texts += [one["name"] for one in findings if one not in severe]
+    texts += [str(said)] if said.parts else []
     if not texts:
         known = fit.get("verdict") is not None
-        texts = ["no contradiction found"] if known else ["the run did not finish"]
+        texts = ["no contradiction found" if known else "the run did not finish"]
     text = fitting(texts, WIDTH - _LABEL)
-    if "reached" not in odds or not text.endswith(said):
-        return label, [text]
-    arrived, count = (odds[name] for name in ("arrived", "samples"))
-    _, _, rest = said.partition(f" of {count}")
-    numbers: Parts = [Shown("odds.arrived", arrived, f"{arrived}"), " of "]
-    return label, [
-        text.removesuffix(said),
-        *numbers,
-        Shown("odds.samples", count, f"{count}"),
-        rest,
-    ]
+    if not text.endswith(str(said)):
+        return Line(label, Sentence([text]))
+    return Line(label, Sentence([text.removesuffix(str(said)), *said.parts]))
 
 
 def fitting(texts: Sequence[str], width: int) -> str:
@@ -128,63 +98,58 @@ def fitting(texts: Sequence[str], width: int) -> str:
     return f"{cut}: -v{left}" if len(texts) == 1 else f"{cut}{left}"
 
 
-def _odds_text(odds: Values) -> str:
-    """Return the odds as text, or the status of a plan without them; empty without a plan."""
+def _odds_sentence(odds: Values) -> Sentence:
+    """Return the odds, or the status of a plan without them; empty without a plan or where the mean arrives."""
     if "reached" in odds:
-        count = odds["samples"]
-        asked = f" ({math.ceil(odds['asked'] * count - 1e-9)} required)" if odds["asked"] else ""
-        return f"{odds['arrived']} of {count} simulated flights arrive{asked}"
-    return f"plan {odds['status']}" if odds.get("status") not in (None, "reached") else ""
+        required = math.ceil(odds["asked"] * odds["samples"] - 1e-9) if odds["asked"] else None
+        asked = "" if required is None else f" ({required} required)"
+        return sentence(
+            f"{{arrived}} of {{samples}} simulated flights arrive{asked}", odds, "odds."
+        )
+    lacks = odds.get("status") not in (None, "reached")
+    return Sentence([f"plan {odds['status']}"] if lacks else [])
 
 
 def _steer(values: Values) -> Iterator[Line]:
     if values["heading_deg"] is None:
-        yield Line("Steer", [fitting([f"no command: {values['message']}"], WIDTH - _LABEL)])
+        said = fitting([f"no command: {values['message']}"], WIDTH - _LABEL)
+        yield Line("Steer", Sentence([said]))
         return
-    heading, angle = values["heading_deg"], values["glide_angle_deg"]
-    parts: Parts = [Shown("command.heading_deg", heading, f"{round(heading) % 360:03d}"), "° true"]
-    if (magnetic := values["magnetic_heading_deg"]) is not None:
-        shown = Shown("command.magnetic_heading_deg", magnetic, f"{round(magnetic) % 360:03d}")
-        parts += [", ", shown, "° magnetic"]
-    if values["longitude"] is not None:
-        parts.append(f" to {minutes_text(values['longitude'], values['latitude'])}")
-    if values["depth_m"] is not None:
-        parts += [", ", Shown("command.depth_m", values["depth_m"], fixed(values["depth_m"], 0))]
-        parts.append(" m")
-    parts += [", ", Shown("command.glide_angle_deg", angle, fixed(angle, 0)), "°"]
-    basis = values["dives"].partition(":")[0] or "as set"
-    if values["speed"] is not None:
-        parts += [", ", Shown("command.speed", values["speed"], fixed(values["speed"], 2))]
-        parts.append(" m/s")
-        said = f" ({basis})"
-        parts += [said] if len(str(Line("Steer", [*parts, said]))) <= WIDTH else []
-    yield Line("Steer", parts)
+    known = (
+        ("heading_deg", "{heading_deg:course}° true"),
+        ("magnetic_heading_deg", ", {magnetic_heading_deg:course}° magnetic"),
+        ("longitude", f" to {_place(values) if values['longitude'] is not None else ''}"),
+        ("depth_m", ", {depth_m:,.0f} m"),
+        ("glide_angle_deg", ", {glide_angle_deg:.0f}°"),
+        ("speed", ", {speed:.2f} m/s"),
+    )
+    form = "".join(text for name, text in known if values[name] is not None)
+    basis = f" ({values['dives'].partition(':')[0] or 'as set'})"
+    whole, line = (
+        Line("Steer", sentence(text, values, "command.")) for text in (form + basis, form)
+    )
+    yield whole if values["speed"] is not None and len(str(whole)) <= WIDTH else line
 
 
 def _arrival(values: Values) -> Iterator[Line]:
     if values.get("duration_s") is None:
         return
-    seconds, legs = values["duration_s"], values["legs"]
-    flown: Parts = [Shown("odds.duration_s", seconds, hours_text(seconds))]
-    flown += [f", {legs} legs"] if legs else []
+    legs = f", {values['legs']} legs" if values["legs"] else ""
+    flown, label, end = f" ({{duration_s:span}}{legs})", "Arrive", clock(values["arrival"])
     if values["status"] not in ("reached", "uncertain"):
-        off = values["closest_approach_m"]
-        far = Shown("odds.closest_approach_m", off, f"{off / 1e3:.1f} km")
-        yield Line(
-            "Nearest", [far, f" from the goal, {_clock(values['arrival'])} UTC (", *flown, ")"]
-        )
-    elif values.get("arrival_median"):
-        half, most = values["arrival_median"], values["arrival_90_percent"]
-        ninety = f", 90 % by {_clock(most, half)}" if most else ", fewer than 90 % in time"
-        yield Line("Arrive", [f"50 % by {_clock(half)} UTC{ninety} (", *flown, ")"])
+        label, text = "Nearest", f"{{closest_approach_m:km}} from the goal, {end} UTC"
+    elif half := values.get("arrival_median"):
+        most = values["arrival_90_percent"]
+        ninety = f", 90 % by {clock(most, half)}" if most else ", fewer than 90 % in time"
+        text = f"50 % by {clock(half)} UTC{ninety}"
     else:
         fewer = "fewer than 50 % in time; " if "reached" in values else ""
-        yield Line(
-            "Arrive", [f"{fewer}{_clock(values['arrival'])} UTC in the mean current (", *flown, ")"]
-        )
+        text = f"{fewer}{end} UTC in the mean current"
+    yield Line(label, sentence(text + flown, values, "odds."))
 
 
-_BASIS = {"plan": "if it flies this plan", "last_dive": "as the last dive"}
+#: What a predicted surfacing relies on.
+BASIS = {"plan": "if it flies this plan", "last_dive": "as the last dive"}
 
 
 def _surfacing(values: Values) -> Iterator[Line]:
@@ -192,80 +157,61 @@ def _surfacing(values: Values) -> Iterator[Line]:
     if one is None:
         return
     late = "OVERDUE " if one.get("overdue_s") else ""
-    parts = [late, _clock(one["time"]), " UTC ", *_within("next", one), f" {_BASIS[one['basis']]}"]
-    yield Line("Next", parts)
+    yield Line("Next", _within(f"{late}{clock(one['time'])} UTC", "next", one))
     if other is not None:
-        parts = [_clock(other["time"], one["time"]), " ", *_within("other", other)]
-        yield Line("  or", [*parts, f" {_BASIS[other['basis']]}"])
+        yield Line("  or", _within(clock(other["time"], one["time"]), "other", other))
 
 
-def _within(name: str, one: Values) -> Parts:
+def _within(begin: str, name: str, one: Values) -> Sentence:
     """Return the position of a surfacing and the major semi-axis of its 90 % ellipse."""
-    parts: Parts = [minutes_text(one["longitude"], one["latitude"])]
-    if (size := one["major_m"]) is not None:
-        text = f"{fixed(size / 1e3, 1)} km" if size >= 1e3 else f"{fixed(size, 0)} m"
-        parts += [" ± ", Shown(f"surfacing.{name}.major_m", size, text)]
-    return parts
+    size = "" if one["major_m"] is None else " ± {major_m:km}"
+    form = f"{begin} {_place(one)}{size} {BASIS[one['basis']]}"
+    return sentence(form, one, f"surfacing.{name}.")
 
 
 def _goal(values: Values) -> Iterator[Line]:
-    far = values["distance_km"]
-    parts: Parts = [Shown("goal.distance_km", far, fixed(far, 1)), " km away"]
+    form = "{distance_km:,.1f} km away"
     if values["made_good"]:
-        rate = values["made_good"][0]
-        made, key = rate["km_a_day"], "goal.made_good.0"
-        word = "receding" if made < 0.0 else "approaching"
-        parts += [f"; {word} ", Shown(f"{key}.km_a_day", abs(made), fixed(abs(made), 1))]
-        days = Shown(f"{key}.days", rate["days"], hours_text(86_400.0 * rate["days"]))
-        parts += [" km a day over ", days]
-    yield Line("Goal", parts)
+        word = "receding" if values["made_good"][0]["km_a_day"] < 0.0 else "approaching"
+        form += f"; {word} {{made_good.0.km_a_day:size}} km a day over {{made_good.0.days:days}}"
+    yield Line("Goal", sentence(form, values, "goal."))
 
 
 def _current(values: Values) -> Iterator[Line]:
     name = "corrected" if "corrected" in values else "measured"
-    off = values["difference_m_s"]
-    apart: Parts = (
-        [] if off is None else [Shown("current.difference_m_s", off, fixed(100.0 * off, 1))]
-    )
+    apart = "" if values["difference_m_s"] is None else "{difference_m_s:cm/s}"
     dive = f"dive {values['dive']}" if values["dive"] else "last"
-    if (one := values.get(name)) is None:
-        if apart:
-            yield Line("Current", [f"{dive}: profiles ", *apart, " cm/s from the estimate"])
-        return
-    parts: Parts = [f"{dive}: ", *_velocity(name, one)]
-    parts += [" corrected"] if name == "corrected" else []
-    parts += [", rejected"] if values["rejected"] else []
-    yield Line("Current", [*parts, *([", ", *apart, " from the estimate"] if apart else [])])
+    form = f"{dive}: profiles {apart} cm/s from the estimate" if apart else ""
+    if (one := values.get(name)) is not None:
+        form = f"{dive}: {_velocity(one)}{' corrected' * (name == 'corrected')}"
+        form += ", rejected" * values["rejected"] + f", {apart} from the estimate" * bool(apart)
+    if form:
+        yield Line("Current", sentence(form, values, "current."))
 
 
-def _velocity(name: str, one: Mapping[str, float]) -> Parts:
-    """Return speed and direction of a velocity, with its two figures."""
-    speed = math.hypot(one["east"], one["north"])
-    toward = f"{round(float(heading_deg(one['east'], one['north']))) % 360:03d}"
-    return [Shown(f"current.{name}#speed", speed, fixed(100.0 * speed, 1)), f" cm/s to {toward}°"]
+def _velocity(one: Mapping[str, float]) -> str:
+    """Return speed and direction of a velocity."""
+    speed, toward = course(one)
+    return f"{100.0 * speed:.1f} cm/s to {round(toward) % 360:03d}°"
 
 
 def _fit(values: Values) -> Iterator[Line]:
     if values["verdict"] is None:
         return
-    rms = values["rms_innovation"]
+    rms, counts = values["rms_innovation"], values["observations"]
     if rms["before"] is not None and rms["prior"] is not None:
-        said = sentence(
-            "misfit {before:cm/s} cm/s, forecast {prior:cm/s}", rms, "fit.rms_innovation."
-        )
-        yield Line("Trust", [*said.parts, *([f"; {values['errors']}"] if values["errors"] else [])])
-    counts = values["observations"]
-    total = counts["used"] + counts["rejected"]
-    if not total:
+        errors = f"; {values['errors']}" if values["errors"] else ""
+        form = f"misfit {{before:cm/s}} cm/s, forecast {{prior:cm/s}}{errors}"
+        yield Line("Trust", sentence(form, rms, "fit.rms_innovation."))
+    if not (total := counts["used"] + counts["rejected"]):
         return
-    parts: Parts = [Shown("fit.observations.used", counts["used"], f"{counts['used']:,}")]
-    parts.append(f" of {total:,} observations used")
+    form = f"{{used:,}} of {total:,} observations used"
     if counts["profile_bins"] and (why := counts["bins_rejected"]):
         out = sum(why.values())
-        parts.append(f"; {out:,} of {out + counts['profile_bins']:,} bins ")
-        room = WIDTH - _LABEL - len(str(Sentence(parts)))
-        parts.append(reasons_text(sorted(why, key=lambda name: -why[name]), room))
-    yield Line("Data", parts)
+        form += f"; {out:,} of {out + counts['profile_bins']:,} bins "
+        room = WIDTH - _LABEL - len(str(sentence(form, counts)))
+        form += reasons_text(sorted(why, key=lambda name: -why[name]), room)
+    yield Line("Data", sentence(form, counts, "fit.observations."))
 
 
 def reasons_text(reasons: Iterable[str], room: int) -> str:
@@ -314,14 +260,13 @@ def details(status: Status) -> Iterator[Detail]:
 
 def _reckoned(values: Values) -> Iterator[str]:
     error = f" ± {values['error_m']:g} m" if values["error_m"] else ""
-    yield f"fix {minutes_text(values['longitude'], values['latitude'])}{error}"
+    yield f"fix {_place(values)}{error}"
     if at := values.get("dead_reckoned"):
-        place = minutes_text(at["longitude"], at["latitude"])
-        yield f"dead reckoned {place} at {_clock(at['time'])} UTC"
+        yield f"dead reckoned {_place(at)} at {clock(at['time'])} UTC"
 
 
 def _rates(values: Values) -> Iterator[str]:
-    yield f"goal {minutes_text(values['longitude'], values['latitude'])}, {values['depth_m']:g} m"
+    yield f"goal {_place(values)}, {values['depth_m']:g} m"
     for one in values["made_good"]:
         over = hours_text(86_400.0 * one["days"])
         # over a long time the fixes' errors are far below the digit that is shown
@@ -335,25 +280,21 @@ def _compared(values: Values) -> Iterator[str]:
     for name in ("measured", "corrected", "predicted"):
         if one := values.get(name):
             error = one["standard_error"]
-            of = f" ± {100.0 * error:.1f} cm/s" if error else ""
-            yield f"{name} {Sentence(_velocity(name, one))}{of}"
+            yield f"{name} {_velocity(one)}" + (f" ± {100.0 * error:.1f} cm/s" if error else "")
 
 
 def _expected(values: Values) -> Iterator[str]:
-    for name in ("next", "other"):
-        if one := values.get(name):
-            yield f"{_BASIS[one['basis']]}: {_clock(one['time'])} UTC{_ellipse_text(one)}"
-            if "margin_s" in one:
-                late = one["overdue_s"]
-                yield (
-                    f"OVERDUE by {hours_text(late)}"
-                    if late
-                    else f"overdue {hours_text(one['margin_s'])} after that"
-                )
-            yield from (one["why"] for _ in (1,) if "why" in one)
+    for one in filter(None, (values.get("next"), values.get("other"))):
+        yield f"{BASIS[one['basis']]}: {clock(one['time'])} UTC{_ellipse_text(one)}"
+        if late := one.get("overdue_s"):
+            yield f"OVERDUE by {hours_text(late)}"
+        elif "margin_s" in one:
+            yield f"overdue {hours_text(one['margin_s'])} after that"
+        if "why" in one:
+            yield one["why"]
     if one := values.get("last"):
         side = {True: ", inside its ellipse", False: ", outside its ellipse", None: ""}
-        late = f"{hours_text(abs(one['delay_s']))} {'late' if one['delay_s'] >= 0.0 else 'early'}"
+        late = f"{hours_text(one['delay_s'])} {'late' if one['delay_s'] >= 0.0 else 'early'}"
         yield (
             f"surfaced {one['distance_m'] / 1e3:.1f} km from the plan toward {one['direction_deg']:.0f}°, {late}"
             + side[one["inside"]]
@@ -370,7 +311,7 @@ def _ellipse_text(one: Values) -> str:
 def _planned(values: Values) -> Iterator[str]:
     yield f"{values['status']}: {values['message']}"
     yield from filter(None, [values.get("dives")])
-    if (energy := values.get("energy_j")) is not None and energy > 0.0:
+    if energy := values.get("energy_j"):
         battery = values["battery_j"]
         yield f"energy {energy / 1e3:.0f} kJ" + (f" of {battery / 1e3:.0f} kJ" if battery else "")
 
@@ -380,14 +321,12 @@ def _ages(values: Values) -> Iterator[str]:
     if ahead is None:
         yield f"of {values['since']}, held constant"
         return
-    ends = f"ends in {hours_text(ahead)}" if ahead >= 0.0 else f"ENDED {hours_text(-ahead)} ago"
+    ends = f"ends in {hours_text(ahead)}" if ahead >= 0.0 else f"ENDED {hours_text(ahead)} ago"
     yield f"{values['since']} to {values['last']}; {ends}"
 
 
-def _clock(text: str, beside: str = "") -> str:
-    """Return a time as by ``clock_text``, without the day if the text before it has the same."""
-    clock = clock_text(parse_time(text))
-    return clock.rpartition(" ")[2] if text[:10] == beside[:10] else clock
+def _place(values: Mapping[str, Any]) -> str:
+    return minutes_text(values["longitude"], values["latitude"])
 
 
 def detail_lines(status: Status) -> Iterator[str]:

@@ -1,22 +1,25 @@
-"""Status of a result: figures for the pilot, and alarms; ``lines`` writes the text."""
+"""Status of a result: answers for the pilot as figures, and alarms; ``lines`` writes the text."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from replay_kit.core.as_flown import AsFlown
-from replay_kit.core.geodesy import to_local
-from replay_kit.core.plan import ORIGIN, plan_legs, share_interval
+from replay_kit.core.geodesy import distance, rotate_to_geographic, to_local
+from replay_kit.core.plan import ORIGIN, share_interval
 from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.core.text import time_text
-from replay_kit.show.sentences import profile_bins
-from replay_kit.show.status import figures
+from replay_kit.show.sentences import by_habit, profile_bins
 from replay_kit.show.status.alarms import Alarm, alarms_of, change_of
-from replay_kit.show.status.held import Held
+from replay_kit.show.status.held import Held, Values
 
-_SECOND = 1_000_000_000
-Values = dict[str, Any]
+_SECOND, _DAY_NS = 1_000_000_000, 86_400 * 10**9
+#: A surfacing is overdue by this share of its leg's duration, at least by so many seconds; by all of it after fewer dives than these.
+OVERDUE_SHARE, OVERDUE_LEAST, OVERDUE_FEW = 0.2, 1800.0, 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +50,10 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
         now_ns: Present time [ns, UTC]; None for the last time of the result.
     """
     now = held.last_ns if now_ns is None else now_ns
-    alarms = alarms_of(held, now)
-    answers = {key: answer(held, now) for key, answer in _ANSWERS.items()}
+    answers = {key: values for key, answer in _ANSWERS.items() if (values := answer(held, now))}
+    if "command" in answers:
+        answers["command"]["why"] = list(change_of(held, answers.get("current")))
+    alarms = alarms_of(held, answers)
     mission = held.outcome.mission if held.outcome else ""
     about = {
         "result": held.name,
@@ -57,40 +62,39 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
         "last": time_text(held.last_ns),
         "alarms": [alarm.record() for alarm in alarms],
     }
-    known = {key: values for key, values in answers.items() if values}
-    return Status(mission or held.name, now, alarms, {**about, **known}, _places(held))
+    return Status(mission or held.name, now, alarms, {**about, **answers}, _places(held))
 
 
 def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
     """Return the points of the small map, see ``Status``."""
-    goal, following = figures.goal_of(held), figures.next_surfacing(held)
-    legs = plan_legs(figures.statistics_of(held.plans[-1])) if held.plans else []
+    goal, following = held.goal, _next_leg(held)
     known = {
         "track": [(fix.longitude, fix.latitude) for fix in held.fixes],
-        "plan": [(leg["longitude"], leg["latitude"]) for leg in legs],
+        "plan": [
+            (leg["longitude"], leg["latitude"])
+            for leg in (held.plans[-1].legs if held.plans else ())
+        ],
         "goal": [goal[:2]] if goal else [],
     }
-    found: dict[str, Sequence[tuple[float, float]]] = {}
-    for name, points in known.items():
-        if points:
-            east, north = to_local(held.projection, *zip(*points, strict=True))
-            found[name] = list(zip(east.tolist(), north.tolist(), strict=True))
-    if following is not None and (ellipses := planned_ellipses([following.leg])):
-        found["ellipse"] = [
-            (east, north) for east, north in ellipses[0].outline(held.projection).tolist()
-        ]
-    return found
+    found: dict[str, Any] = {
+        name: np.column_stack(to_local(held.projection, *zip(*points, strict=True)))
+        for name, points in known.items()
+        if points
+    }
+    if following and (ellipses := planned_ellipses([following])):
+        found["ellipse"] = ellipses[0].outline(held.projection)
+    return {name: [*map(tuple, points.tolist())] for name, points in found.items()}
 
 
 def _position(held: Held, now_ns: int) -> Values:
     if not held.fixes:
         return {}
-    fix, error = held.fixes[-1], held.settings.get("measurements", {}).get("fix_std")
+    fix = held.fixes[-1]
     values: Values = {
         "since": time_text(fix.time_ns),
         "longitude": fix.longitude,
         "latitude": fix.latitude,
-        "error_m": error or None,
+        "error_m": held.fix_error or None,
         "age_s": (now_ns - fix.time_ns) / _SECOND,
     }
     if (at := held.reckoned) is not None:
@@ -102,69 +106,122 @@ def _position(held: Held, now_ns: int) -> Values:
 
 
 def _goal(held: Held, now_ns: int) -> Values:
-    goal = figures.goal_of(held)
+    """Return the goal, and how fast it was approached over the last day, if known, and since the first fix."""
+    goal = held.goal
     if goal is None or not held.fixes:
         return {}
+    last = held.fixes[-1]
+    far = [float(distance(fix.longitude, fix.latitude, *goal[:2])) / 1e3 for fix in held.fixes]
+    rates = []
+    for fix, away in zip(held.fixes[-2::-1], far[-2::-1], strict=True):
+        if days := (last.time_ns - fix.time_ns) / _DAY_NS:
+            error = math.sqrt(2.0) * held.fix_error / 1e3 / days
+            rates.append({"days": days, "km_a_day": (away - far[-1]) / days, "error": error})
     return {
-        "since": time_text(held.fixes[-1].time_ns),
-        "longitude": goal[0],
-        "latitude": goal[1],
-        "depth_m": goal[2],
-        "distance_km": figures.far(held.fixes[-1], goal) / 1e3,
-        "made_good": [
-            {"days": rate.days, "km_a_day": rate.km_a_day, "error": rate.error}
-            for rate in figures.made_good(held)
-        ],
+        "since": time_text(last.time_ns),
+        **dict(zip(("longitude", "latitude", "depth_m"), goal, strict=True)),
+        "distance_km": far[-1],
+        "made_good": rates,
     }
 
 
 def _current(held: Held, now_ns: int) -> Values:
-    found = figures.dive_current(held)
-    if found is None:
+    """Return the current of the last dive as measured, corrected and predicted; of profiles their RMS difference alone."""
+    dive = held.dive
+    if dive is None:
         return {}
-    values: Values = {
-        "since": time_text(found.time_ns),
-        "dive": found.dive,
-        "rejected": found.rejected,
-        "difference_m_s": _finite(found.difference),
-        "predicted_difference_m_s": _finite(found.expected),
+    means = np.flatnonzero(dive["mean_current_kind"] == "dac")
+    row = int(means[-1]) if means.size else -1
+    off = [dive[f"innovation_{end}"] for end in ("east", "north")]
+    spread = [dive[f"innovation_std_{end}"] for end in ("east", "north")]
+    if not means.size:
+        found, rejected, difference, expected = Values(), False, _rms(off), _rms(spread)
+    else:
+        first = int(dive["bins"][:row].sum())
+        found = _currents(held, row, *(float(each[first]) for each in off))
+        less = found.pop("less")
+        known = math.isfinite(difference := math.hypot(*less.values()))
+        rejected = known and not bool(dive["accepted"][row])
+        expected = _rms([each[[first]] for each in spread])
+    return {
+        "since": time_text(int(dive["timestamp"][row])),
+        "dive": int(dive["dive"][row]),
+        "rejected": rejected,
+        "difference_m_s": _finite(difference),
+        "predicted_difference_m_s": _finite(expected),
+        **found,
     }
-    for name in ("measured", "corrected", "predicted"):
-        if (current := getattr(found, name)) is not None:
-            both = {"east": current.east, "north": current.north}
-            values[name] = both | {"standard_error": _finite(current.error)}
-    return values
+
+
+def _currents(held: Held, row: int, east: float, north: float) -> Values:
+    """Return the currents of a dive towards true east and north [m/s], and ``less``, the one used less the predicted one."""
+    dive, found = held.dive, Values()
+    assert dive is not None
+    for name in ("measured", "corrected"):
+        ends = [float(dive[f"mean_current_{name}_{end}"][row]) for end in ("east", "north")]
+        if math.isfinite(ends[0]):
+            error = _finite(float(dive[f"mean_current_{name}_standard_error"][row]))
+            found[name] = _true(held, *ends) | {"standard_error": error}
+    used, less = found.get("corrected") or found["measured"], _true(held, east, north)
+    if math.isfinite(less["east"]):
+        predicted = {end: used[end] - less[end] for end in less}
+        found["predicted"] = predicted | {"standard_error": None}
+    return found | {"less": less}
+
+
+def _true(held: Held, east: float, north: float) -> dict[str, float]:
+    """Return a velocity along local axes as one towards true east and north."""
+    turned = [east, north]
+    if held.fixes:
+        at = held.fixes[-1]
+        places = held.projection, at.longitude, at.latitude
+        turned = [float(end) for end in rotate_to_geographic(*places, east, north)]
+    return dict(zip(("east", "north"), turned, strict=True))
+
+
+def _rms(components: Sequence[ArrayLike]) -> float:
+    """Return the RMS of finite values; NaN without any."""
+    values = np.concatenate(components).astype(np.float64)
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+
+
+def _next_leg(held: Held) -> Mapping[str, Any]:
+    """Return the leg of the last plan after the vehicle's last surfacing; empty without one."""
+    if not held.plans:
+        return {}
+    legs = held.plans[-1].legs
+    planned_ns = held.plans[-1].start_time_ns
+    surfaced = sum(one.planned_time.ToNanoseconds() == planned_ns for one in held.outcomes)
+    return legs[surfaced] if surfaced < len(legs) else {}
 
 
 def _surfacing(held: Held, now_ns: int) -> Values:
-    following = figures.next_surfacing(held)
+    """Return the next surfacing by the plan and by the last dive, the more reliable first, and the last surfacing."""
     found = held.outcome.predicted_surfacings if held.outcome else None
-    by_plan = None if following is None else _by_plan(following, now_ns)
-    by_dive = None if not (found and found["next"]) else _as_last_dive(found["next"])
-    record = (found or {}).get("record") or {}
-    first, other = by_plan, by_dive
-    if by_plan is None or (by_dive is not None and record.get("shown") == "habit"):
-        first, other = by_dive, by_plan
+    each = [_by_plan(held, now_ns), _as_last_dive((found or {}).get("next"))]
+    first, other = each[::-1] if not each[0] or by_habit(found) else each
     values: Values = {"since": time_text(held.last_ns)}
-    if first is not None:
-        why = _why_first(first["basis"], other, record.get("count", 0), bool(held.plans))
-        values |= {"next": first | {"why": why}, "other": other}
+    if first:
+        count = ((found or {}).get("record") or {}).get("count", 0)
+        why = _why_first(first["basis"], bool(other), count, bool(held.plans))
+        values |= {"next": first | {"why": why}, "other": other or None}
     if held.outcomes:
-        one, size = held.outcomes[-1], held.outcomes[-1].ellipse_major
+        one = held.outcomes[-1]
         values["last"] = {
             "distance_m": one.distance,
             "direction_deg": one.direction_deg,
             "delay_s": one.delay,
-            "inside": bool(one.inside_ellipse) if math.isfinite(size) else None,
+            "inside": bool(one.inside_ellipse) if math.isfinite(one.ellipse_major) else None,
         }
     if found:
         values["predicted"] = {name: found[name] for name in ("inside_50", "inside_90", "count")}
     return values if len(values) > 1 else {}
 
 
-def _why_first(basis: str, other: Values | None, count: int, planned: bool) -> str:
+def _why_first(basis: str, compared: bool, count: int, planned: bool) -> str:
     """Return a short reason for the choice between predicted surfacings."""
-    if other is None:
+    if not compared:
         if basis == "plan":
             return "its dives are unknown"
         return "the plan has no surfacing left" if planned else "no plan is flown"
@@ -173,22 +230,36 @@ def _why_first(basis: str, other: Values | None, count: int, planned: bool) -> s
     return f"{better} predicted {judged} better" if count else "no surfacing was predicted yet"
 
 
-def _by_plan(following: figures.NextSurfacing, now_ns: int) -> Values:
-    """Return the next surfacing if the plan is flown."""
-    leg, axes = following.leg, ("major_m", "minor_m", "bearing_deg")
+def _by_plan(held: Held, now_ns: int) -> Values:
+    """Return the next surfacing if the plan is flown; empty without one.
+
+    A dive is not late while the longest before it would have gone on, and of few dives the longest may be a short one.
+    """
+    leg, flown = _next_leg(held), AsFlown.in_metadata(held.metadata)
+    if not leg:
+        return {}
+    lasts, longest, share = leg["surfacing_s"] - leg["start_s"], 0.0, OVERDUE_SHARE
+    if flown is not None:
+        longest = flown.longest or flown.duration
+        share = 1.0 if flown.longest and flown.dives < OVERDUE_FEW else share
+    margin = max(longest - lasts, 0.0) + max(share * max(longest, lasts), OVERDUE_LEAST)
+    time_ns = held.plans[-1].start_time_ns + int(leg["surfacing_s"] * _SECOND)
+    late = (now_ns - time_ns) / _SECOND
     return {
         "basis": "plan",
-        "time": time_text(following.time_ns),
-        "overdue_s": following.late_s(now_ns),
-        "margin_s": following.margin_s,
+        "time": time_text(time_ns),
+        "overdue_s": late if late > margin else 0.0,
+        "margin_s": margin,
         "longitude": leg["longitude"],
         "latitude": leg["latitude"],
-        **{name: leg.get(f"ellipse_{name}") for name in axes},
+        **{name: leg.get(f"ellipse_{name}") for name in ("major_m", "minor_m", "bearing_deg")},
     }
 
 
-def _as_last_dive(following: Mapping[str, Any]) -> Values:
-    """Return the next surfacing by persistence of the last dive."""
+def _as_last_dive(following: Mapping[str, Any] | None) -> Values:
+    """Return the next surfacing by persistence of the last dive; empty without one."""
+    if not following:
+        return {}
     longitude, latitude = following["expected"]
     return {
         "basis": "last_dive",
@@ -202,50 +273,54 @@ def _as_last_dive(following: Mapping[str, Any]) -> Values:
 def _command(held: Held, now_ns: int) -> Values:
     if not held.plans:
         return {}
-    plan, following = held.plans[-1], figures.next_surfacing(held)
-    leg = following.leg if following else {}
-    heading = _finite(leg.get("heading_deg", plan.heading_deg))
+    plan, leg = held.plans[-1], _next_leg(held)
+    # a failed plan may state where its search ended
+    failed = plan.status == "failed"
+    heading = None if failed else _finite(leg.get("heading_deg", plan.heading_deg))
     flown = AsFlown.in_metadata(held.metadata)
     return {
-        "since": time_text(plan.timestamp.ToNanoseconds()),
+        "since": time_text(plan.start_time_ns),
         "heading_deg": heading,
         "magnetic_heading_deg": flown.magnetic(heading) if flown and heading is not None else None,
         "glide_angle_deg": _finite(leg.get("glide_angle_deg", plan.glide_angle_deg)),
         "depth_m": leg.get("depth_m"),
         "speed": _finite(plan.speed),
         "message": plan.message,
-        "dives": figures.statistics_of(plan).get(ORIGIN, ""),
+        "dives": plan.statistics.get(ORIGIN, ""),
         "longitude": leg.get("longitude"),
         "latitude": leg.get("latitude"),
-        "why": list(change_of(held)),
     }
 
 
 def _odds(held: Held, now_ns: int) -> Values:
-    said, since_ns = figures.last_plan(held)
-    if said is None:
+    """Return outcome and odds of the last plan; of an attempt that failed since, for which no plan was written, its message."""
+    said = None if held.outcome is None else held.outcome.plan
+    if said is not None and said["status"] == "failed":
+        about = {name: said[name] for name in ("status", "message")}
+        return {"since": time_text(held.last_ns), **about}
+    if not held.plans:
         return {}
-    values: Values = {
-        "since": time_text(since_ns),
-        "status": said["status"],
-        "message": said["message"],
-    }
-    if said["status"] == "failed":
-        return values
     plan = held.plans[-1]
-    begin, odds = plan.timestamp.ToNanoseconds(), plan.odds
-    statistics = figures.statistics_of(plan)
+    begin, odds, statistics = plan.start_time_ns, plan.odds, plan.statistics
+    values: Values = {
+        "since": time_text(begin),
+        "status": plan.status,
+        "message": plan.message,
+    }
+    if plan.status == "failed":
+        return values
+    asked = statistics.get("arrive")
     values |= {
         "duration_s": _finite(plan.duration),
         "arrival": _time_after(begin, plan.duration),
         "closest_approach_m": _finite(plan.closest_approach),
-        "legs": len(plan_legs(statistics)),
+        "legs": len(plan.legs),
         "energy_j": _finite(plan.energy),
         "battery_j": _finite(plan.battery),
         "dives": statistics.get(ORIGIN, ""),
-        "asked": _number(statistics.get("arrive")),
+        "asked": None if asked is None else float(asked),
     }
-    if plan.HasField("odds") and odds.n_samples:
+    if odds is not None:
         values |= {
             "reached": odds.reached,
             "arrived": round(odds.reached * odds.n_samples),
@@ -264,10 +339,10 @@ def _time_after(begin_ns: int, seconds: float) -> str | None:
 
 
 def _forecast(held: Held, now_ns: int) -> Values:
-    times = figures.forecast_times(held)
-    if times is None:
+    if (times := held.forecast_ns) is None:
         return {}
-    first, last, evolves = times
+    first, last = times
+    evolves = held.metadata["replay_kit.forecast"].get("evolves") == "true"
     return {
         "since": time_text(first),
         "last": time_text(last),
@@ -281,6 +356,7 @@ def _fit(held: Held, now_ns: int) -> Values:
     outcome, since = held.outcome, time_text(held.last_ns)
     if outcome is None or not outcome.complete:
         return {"since": since, "verdict": None}
+    counts = outcome.observations
     return {
         "since": since,
         "verdict": outcome.verdict.word,
@@ -291,8 +367,8 @@ def _fit(held: Held, now_ns: int) -> Values:
         "nis_per_dof": outcome.nis_per_dof,
         "errors": outcome.errors_text,
         "observations": {
-            **{name: outcome.observations[name] for name in ("used", "rejected", "bins_rejected")},
-            "profile_bins": profile_bins(outcome.observations),
+            **{name: counts[name] for name in ("used", "rejected", "bins_rejected")},
+            "profile_bins": profile_bins(counts),
         },
     }
 
@@ -308,10 +384,6 @@ _ANSWERS: Mapping[str, Callable[[Held, int], Values]] = {
     "forecast": _forecast,
     "fit": _fit,
 }
-
-
-def _number(text: str | None) -> float | None:
-    return None if text is None else float(text)
 
 
 def _finite(value: float | None) -> float | None:

@@ -23,15 +23,15 @@ def texts_of(
     made, odds, projection = planned.plan, planned.odds, planned.on.region.projection
     if geojson is not None:
         # loads the messages of results
-        from replay_kit.results.messages import plan_features
+        from replay_kit.results.plans import plan_features
 
-        drawn = [*plan_features(as_plan(made, projection, odds), projection)]
+        # all goals and surfacings in place of the last goal and the surfacings before it
+        every = plan_features(as_plan(made, projection, odds), projection)
+        drawn = [one for one in every if one["properties"]["role"] not in ("goal", "planned")]
         rows = places_table(made, odds)
         longitude, latitude = ([row[name] for row in rows] for name in ("longitude", "latitude"))
         at = positions(longitude, latitude, made.start.longitude)
-        # all goals and surfacings in place of the last goal
-        k = [one["properties"]["name"] for one in drawn].index("goal")
-        drawn[k : k + 1] = [feature("Point", *one) for one in zip(at, rows, strict=True)]
+        drawn += [feature("Point", *one) for one in zip(at, rows, strict=True)]
         yield geojson, collection_file(drawn)
     if csv is not None:
         yield csv, to_csv(made, odds)

@@ -25,14 +25,13 @@ def completed(request: PlanRequest) -> PlanRequest:
     """
     if request.glider or not request.flows or (request.start is not None and request.goal):
         return request
-    from replay_kit.show.status.figures import goal_of
     from replay_kit.workflows.planning.inputs import ends_of
 
     starts, goals = dict[str, str](), dict[str, str]()
     for name, held in ends_of(request.flows[-1]).items():
         if held.fixes:
             starts[name] = f"{held.fixes[-1].longitude},{held.fixes[-1].latitude},0"
-        if (goal := goal_of(held)) is not None:
+        if (goal := held.goal) is not None:
             goals[name] = ",".join(map(str, goal))
     if set(starts) | set(goals) <= {""}:
         found: dict[str, Any] = {}

@@ -11,39 +11,22 @@ from matplotlib.figure import Figure
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.text import time_text
+from replay_kit.results.views.along_track import BinsAlongTrack
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import series_at, typical_depth
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.figures.draw import ENDINGS, colormap, date_axis, degrees_text, saved
 from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.figures.map import Chosen
+from replay_kit.show.figures.section import QUANTITIES, limits_of, quantities_of
 from replay_kit.show.numbers import nice
 from tests.results.cases import (
     across_the_antimeridian,
-    at_80_north,
-    failed,
-    of_nothing,
-    of_one_ping,
     without_estimate,
     write,
 )
+from tests.show.figures.texts import words
 from tests.synthetic_flow import synthetic_flow
-
-
-def words(figure):
-    """Return all text of a figure as one line."""
-    texts = [
-        text.get_text()
-        for axes in figure.axes
-        for text in [*axes.texts, axes.title, axes._left_title]
-    ]
-    return " ".join(" ".join([*texts, notes_of(figure)]).split())
-
-
-def notes_of(figure):
-    """Return what is said below a figure, as one line."""
-    titles = [legend.get_title().get_text() for legend in figure.legends]
-    return " ".join(" ".join([*titles, figure.get_supxlabel()]).split())
 
 
 @pytest.fixture
@@ -101,73 +84,6 @@ def test_the_same_result_gives_the_same_bytes(contents, kind, ending):
     assert first == second
     assert len(first) > 10_000
     assert first[:4] == {".png": b"\x89PNG", ".svg": b"<?xm", ".pdf": b"%PDF"}[ending]
-
-
-def nothing_of_the_current(path, flow, innovation, plan):
-    return write(path, flow, [innovation], None, grids=False, estimate=False)
-
-
-def plan_failed(path, flow, innovation, plan):
-    return write(path, flow, [innovation], failed(plan))
-
-
-# what figures say of each case, and of which of them texts and panels have room
-CASES = {
-    without_estimate: (
-        {
-            "map": "The result holds no estimate: the map shows the last published current.",
-        },
-        ["section"],
-    ),
-    nothing_of_the_current: (
-        {
-            "map": "The result holds no current: the map shows only positions.",
-            "series": "The result holds no published current.",
-            "trust": "Fewer than two grids with a standard error were published",
-        },
-        ["map"],
-    ),
-    of_one_ping: (
-        {
-            "plan": "The result holds no plan: no goal was given, or none was due; replay-kit plan makes one",
-            "series": "The current was published once: there is no series.",
-            "trust": "Fewer than two dives: none can be predicted from another.",
-        },
-        ["section", "map"],
-    ),
-    of_nothing: (
-        {
-            "map": "The result holds neither a current nor a position.",
-            "section": "The result holds no profile that was used, and no estimate along its track.",
-            "series": "The result holds no published current.",
-            "trust": "The result holds no measurement to compare the estimate with.",
-        },
-        [],
-    ),
-    plan_failed: ({"plan": "The last plan has no track: no path."}, ["plan"]),
-    across_the_antimeridian: ({}, ["plan"]),
-    at_80_north: ({}, ["map"]),
-}
-
-
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(each, marks=pytest.mark.full) if each in (at_80_north, of_one_ping) else each
-        for each in CASES
-    ],
-)
-def test_a_figure_says_what_there_is_not_and_can_be_laid_out(
-    tmp_path, flow, innovation, plan, case
-):
-    contents = case(tmp_path / "case.mcap", flow, innovation, plan)
-    said, laid_out = CASES[case]
-    for kind in {*said, *laid_out}:
-        figure = drawn(contents, kind, columns=1)
-        assert said.get(kind, "") in words(figure)
-        if kind in laid_out:
-            figure.draw_without_rendering()
-            assert all(axes.get_position().height > 0.02 for axes in figure.axes if axes.axison)
 
 
 @pytest.mark.full
@@ -320,11 +236,10 @@ def test_the_typical_depth_is_the_last_one_published_above_the_measurements(dept
         np.zeros((3, 1, 4, 2, 2)),
     )
     assert typical_depth(slices, np.array(depths)) == expected
-
-
-def test_the_typical_depth_without_grids_is_the_median():
-    assert typical_depth(None, np.array([1.0, 3.0, np.nan, 8.0])) == 3.0
-    assert typical_depth(None, np.array([])) == 0.0
+    # without grids the median
+    known = np.isfinite(depths)
+    median = np.median(np.array(depths)[known]) if known.any() else 0.0
+    assert typical_depth(None, np.array(depths)) == median
 
 
 def test_labels_of_degrees_and_of_arrows():
@@ -351,3 +266,23 @@ def test_an_axis_of_time_has_a_step_for_every_span(minutes, most):
 def test_colours_are_cmoceans():
     assert [to_hex(colormap("balance")(end)) for end in (0.0, 1.0)] == ["#171c42", "#3c0911"]
     assert [to_hex(colormap("speed")(end)) for end in (0.0, 1.0)] == ["#eafdfd", "#3e478f"]
+
+
+def test_a_section_shows_the_estimate_before_smoothing_where_there_is_one():
+    estimated, residual, replayed, error = np.random.default_rng(0).normal(size=(4, 6, 2))
+    times = np.arange(6)
+    bins = BinsAlongTrack(
+        times, times, times, estimated, residual, replayed, error, profiles=6, left_out=0
+    )
+    names, values = quantities_of(bins)
+    assert names[1:5] == (
+        *("estimated before smoothing", "smoothed"),
+        *("measured minus before", "measured minus smoothed"),
+    )
+    measured = estimated + residual
+    expected = measured, replayed, estimated, measured - replayed, residual, error
+    np.testing.assert_allclose(values, expected, rtol=1e-12)
+    plain = replace(bins, replayed=np.full((6, 2), np.nan))
+    assert quantities_of(plain)[0] == QUANTITIES
+    sizes = [np.full((2, 3), value) for value in (0.1, 0.3, np.nan, 0.02, 0.04, 0.005)]
+    assert limits_of(names, np.stack(sizes)) == [0.3, 0.3, 0.3, 0.04, 0.04, 0.005]

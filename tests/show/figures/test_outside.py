@@ -12,7 +12,7 @@ from replay_kit.results.views.slices import on_grid, published_slices, slices_of
 from replay_kit.show.figures.kinds import drawn
 from replay_kit.show.report.pages import report_html
 from tests.results.cases import turned, write
-from tests.show.figures.test_kinds import notes_of
+from tests.show.figures.texts import notes_of
 from tests.show.report.html_of import figures, text_of, unpacked
 from tests.synthetic_flow import synthetic_flow
 

@@ -138,15 +138,9 @@ def test_the_map_has_the_plan_and_its_goal(tmp_path, innovation, plan):
     contents = crowded(tmp_path / "crowded.mcap", scaled(6.0, 5.5), innovation, plan)
     axes = drawn(contents, "map").axes[0]
     (goal,) = (line for line in axes.lines if line.get_label() == "goal")
-    row = contents.last_plan.row
-    np.testing.assert_allclose(
-        [*goal.get_xdata(), *goal.get_ydata()],
-        [row["goal_longitude"], row["goal_latitude"]],
-        atol=1e-6,
-    )
-    assert axes.bbox.contains(
-        *axes.transData.transform((row["goal_longitude"], row["goal_latitude"]))
-    )
+    at = contents.last_plan.goal.longitude, contents.last_plan.goal.latitude
+    np.testing.assert_allclose([*goal.get_xdata(), *goal.get_ydata()], at, atol=1e-6)
+    assert axes.bbox.contains(*axes.transData.transform(at))
     longitude, latitude = contents.track.longitude[-1], contents.track.latitude[-1]
     figure = drawn(contents, "map", Chosen((longitude, latitude, 0.0)))
     (place,) = (line for line in figure.axes[0].lines if line.get_label() == "requested place")

@@ -52,3 +52,19 @@ def _rectangle(text: Text) -> shapely.Polygon:
         y + 0.5 * upright.height,
     )
     return shapely.affinity.rotate(box, angle)
+
+
+def words(figure: Figure) -> str:
+    """Return all text of a figure as one line."""
+    texts = [
+        text.get_text()
+        for axes in figure.axes
+        for text in [*axes.texts, axes.title, axes._left_title]
+    ]
+    return " ".join(" ".join([*texts, notes_of(figure)]).split())
+
+
+def notes_of(figure: Figure) -> str:
+    """Return what is said below a figure, as one line."""
+    titles = [legend.get_title().get_text() for legend in figure.legends]
+    return " ".join(" ".join([*titles, figure.get_supxlabel()]).split())

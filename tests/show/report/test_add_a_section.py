@@ -34,7 +34,7 @@ def _mine(contents: Contents) -> Section:
 def test_an_added_section_is_on_the_page_with_its_figure(replayed, monkeypatch):
     monkeypatch.setattr(report, "SECTIONS", (*report.SECTIONS[1:2], _mine))
     page = report.report_html(rk.open_result(replayed.path))
-    assert [attrs["id"] for attrs, _ in elements(page, "section")] == ["answer", "mine"]
+    assert [attrs["id"] for attrs, _ in elements(page, "section")] == ["answer", "mine", "again"]
     assert f"{len(replayed.fixes)} positions" in text_of(page, "mine")
     assert "What is not there." in text_of(page, "mine")
     assert "my-depths" in check_figures(page)

@@ -52,18 +52,6 @@ def write(tmp_path: Path, flow: FlowEstimate) -> Write:
     return make
 
 
-def test_nothing_at_all(write):
-    page = write(lambda writer: None)
-    assert figures(page) == {}
-    assert "The result holds neither a position nor a measurement." in text_of(page, "answer")
-    assert "carries no estimate.npz" in text_of(page, "answer")
-    assert "The result holds no current" in text_of(page, "map")
-    assert "The result holds no profile of the current" in text_of(page, "section")
-    assert "The result holds no measurement" in text_of(page, "trust")
-    assert "The result holds no plan" in text_of(page, "plan")
-    assert "The result does not name its inputs." in text_of(page, "again")
-
-
 def test_one_ping_without_an_estimate(write, state, innovation):
     def fill(writer: ResultWriter) -> None:
         writer.fix(state)
@@ -76,7 +64,9 @@ def test_one_ping_without_an_estimate(write, state, innovation):
     assert "Observations used: unknown." in words
     assert "The result does not hold the counts of messages" in words
     assert "--no-estimate" in words
-    assert "Without an estimate, the section shows the difference" in text_of(page, "section")
+    assert "The result holds no estimate: the section shows only measured minus" in text_of(
+        page, "section"
+    )
     shown = [panel["marks"][0]["name"] for panel in figures(page)["profiles"]["panels"]]
     assert shown == ["measured minus estimated"] * 2
 
@@ -135,9 +125,7 @@ def test_a_vehicle_far_from_the_estimate_has_no_section(write, state, flow):
         lambda writer: writer.fix(replace(state, longitude=-128.0, latitude=51.7)), estimate=flow
     )
     assert "profiles" not in figures(page)
-    assert "no profile of the current that was used: there is no section." in text_of(
-        page, "section"
-    )
+    assert "no profile that was used, and no estimate along its track." in text_of(page, "section")
 
 
 def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state, plan):
@@ -195,6 +183,7 @@ def test_a_plan_alone_is_drawn(write, plan):
         "heading_deg": 45.4,
         "glide_angle_deg": 15.0,
         "depth_m": 300.0,
+        "start_s": 3600.0,
         "surfacing_s": 5400.0,
         "longitude": 5.1,
         "latitude": 62.0,

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.show.report.sections.answer import _depths, found_warnings, next_steps
+from replay_kit.show.report.sections.answer import found_warnings, next_steps
 
 
 def test_notes_on_how_the_log_was_read_are_notes():
@@ -50,7 +50,3 @@ def test_steps_follow_the_verdict_and_can_be_run(nis, profiles, first):
     (step,) = next_steps(contents)  # type: ignore[arg-type]
     assert step.startswith(first)
     assert (outcome.verdict.word == "trust") == step.startswith("No action")
-
-
-def test_a_depth_of_a_little_above_the_surface_is_no_negative_zero():
-    assert _depths(np.array([-0.2, np.nan, 12.4])) == "0 to 12 m"

@@ -1,12 +1,13 @@
 """What small results hold, made by hand."""
 
-import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Innovation, Source
+from replay_kit.core.plan import Odds, Place, Plan
 from replay_kit.results.innovations import Columns, block_of, columns_of
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.schemas import decode, encode
@@ -20,8 +21,8 @@ def stamp(time_ns: int) -> dict[str, int]:
     return {"seconds": time_ns // 10**9, "nanos": time_ns % 10**9}
 
 
-def plan(time_ns: int, **values: Any) -> Any:
-    """A mission of two legs of four hours, with ellipses, read back as a result holds it."""
+def plan(time_ns: int, **values: Any) -> Plan:
+    """A mission of two legs of four hours, with ellipses."""
     legs = [
         {
             "leg": k + 1,
@@ -40,34 +41,26 @@ def plan(time_ns: int, **values: Any) -> Any:
         }
         for k in range(2)
     ]
-    odds = {
-        "n_samples": 10,
-        "reached": 0.9,
-        "safe": 1.0,
-        "radius": 250.0,
-        "deadline": 9e4,
-        "arrival_median": 7e4,
-        "arrival_90_percent": 8e4,
-    }
-    held = {
-        "timestamp": stamp(time_ns),
-        "status": "reached",
-        "message": "meets the goal",
-        "start": {"longitude": 5.0, "latitude": 62.0, "depth": 0.0},
-        "goal": {"longitude": 5.5, "latitude": 62.0, "depth": 100.0},
-        "heading_deg": 80.0,
-        "glide_angle_deg": 20.0,
-        "speed": 0.3,
-        "duration": 28_800.0,
-        "closest_approach": 12.0,
-        "energy": 250_000.0,
-        "battery": 1_000_000.0,
-        "odds": odds,
-        "statistics": [
-            {"name": f"leg_{k + 1:03d}", "value": json.dumps(leg)} for k, leg in enumerate(legs)
-        ],
-    }
-    return decode("Plan", encode("Plan", held | values))
+    made = Plan(
+        status="reached",
+        message="meets the goal",
+        start=Place(5.0, 62.0, 0.0),
+        goal=Place(5.5, 62.0, 100.0),
+        start_time_ns=time_ns,
+        heading_deg=80.0,
+        glide_angle_deg=20.0,
+        speed=0.3,
+        velocity_through_water=np.zeros(3),
+        duration=28_800.0,
+        closest_approach=12.0,
+        track_time=np.empty(0),
+        track=np.empty((0, 3)),
+        legs=tuple(legs),
+        energy=250_000.0,
+        battery=1_000_000.0,
+        odds=Odds(10, 0.9, 1.0, 250.0, 9e4, 7e4, 8e4),
+    )
+    return replace(made, **values)
 
 
 def outcome(time_ns: int, planned_ns: int, *, inside: bool) -> Any:
@@ -132,7 +125,6 @@ def held(**values: Any) -> Held:
     end = START_NS + 48 * HOUR_NS
     given = {
         "name": "r.mcap",
-        "first_ns": START_NS,
         "last_ns": end,
         "metadata": {
             "replay_kit.forecast": {

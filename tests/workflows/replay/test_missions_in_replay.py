@@ -19,7 +19,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.core.plan import Place, plan_legs
+from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Ellipse, Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
 from replay_kit.measurements.track.surfacings import SurfacingState, detect_surfacing
@@ -27,7 +27,6 @@ from replay_kit.results.reader import ResultReader
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.map import Chosen, plan_figure
 from replay_kit.show.notebook import read_result
-from replay_kit.show.status.figures import statistics_of
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import detail_lines
 from replay_kit.show.status.status import status_of
@@ -123,8 +122,8 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
     # the first one is made when the first dive has ended
     assert plans[0].message.endswith("; as flown in a single dive: 0.30 m/s, 19 degrees")
     assert all(plan.message.endswith(f"; {words}") for plan in plans[1:])
-    legs = [leg for plan in plans for leg in plan_legs(statistics_of(plan))]
-    assert min(leg["glide_angle_deg"] for leg in legs) >= 19.0 - 0.01
+    legs = (one.value for plan in plans for one in plan.statistics if "leg_" in one.name)
+    assert min(json.loads(leg)["glide_angle_deg"] for leg in legs) >= 19.0 - 0.01
     flown = AsFlown.in_metadata(held.metadata)
     assert (flown.speed, flown.glide_angle_deg, flown.depth, flown.dives) == (
         0.3,

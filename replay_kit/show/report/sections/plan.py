@@ -2,14 +2,17 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from html import escape
+from typing import Any
 
 import numpy as np
 
+from replay_kit.core.plan import Plan
+from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.track import LastPlan, thinned
 from replay_kit.show.figures.plan import profile_figure, surfacing_figure
-from replay_kit.show.numbers import fixed, leg_number, number, sentence
+from replay_kit.show.numbers import sentence
 from replay_kit.show.page.page import Section
 from replay_kit.show.page.parts import table_html
 from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_sentence
@@ -24,44 +27,30 @@ _STATUS = {
 }
 
 
-def last_plan_html(contents: Contents, plan: LastPlan) -> str:
+def last_plan_html(contents: Contents, plan: Plan) -> str:
     """Return the outcome of the last plan as a table."""
-    row = plan.row
-    rows = [
-        ["status", f"<strong>{escape(row['status'])}</strong>: {_STATUS.get(row['status'], '')}"],
-        ["message", escape(row["message"])],
-    ]
-    if plan.energy is not None:
-        stated = "" if plan.battery else "; the energy of the battery was not stated"
-        rows.append(["energy", energy_sentence(plan.energy, plan.battery).html + stated])
+    rows = {
+        "status": f"<strong>{escape(plan.status)}</strong>: {_STATUS.get(plan.status, '')}",
+        "message": escape(plan.message),
+    }
+    if plan.energy > 0.0:
+        stated = "" if plan.battery > 0.0 else "; the energy of the battery was not stated"
+        rows["energy"] = energy_sentence(plan.energy, plan.battery).html + stated
     if plan.odds is not None:
-        rows.append(["odds of arriving", _odds(plan.odds)])
+        form = "; {safe:share} violate no constraint; within {radius:,.0f} m"
+        more = sentence(form, asdict(plan.odds), "plan.odds.")
+        rows["odds of arriving"] = odds_sentence(plan.odds).html + more.html
     if plan.areas:
-        rows.append(
-            [
-                "no-go areas",
-                ", ".join(
-                    escape(area.name + (" (surface only)" if area.surface_only else ""))
-                    for area in plan.areas
-                ),
-            ]
-        )
+        names = (area.name + " (surface only)" * area.surface_only for area in plan.areas)
+        rows["no-go areas"] = ", ".join(map(escape, names))
     if (named := contents.metadata.get("replay_kit.inputs", {}).get("bathymetry")) is not None:
         name, _, digest = named.partition(" sha256:")
-        rows.append(["bathymetry", f"{escape(name)}, SHA-256 <code>{escape(digest)}</code>"])
-    if (bottom := plan.bottom) is not None:
-        height = float(np.nanmin(bottom - plan.track["depth"].to_numpy(np.float64)))
-        rows.append(["least height above the bottom", f"{height:.0f} m"])
-    return table_html(["what", "of the last plan"], rows, "The last plan")
-
-
-def _odds(odds: Mapping[str, float]) -> str:
-    more = sentence(
-        "; {safe:share} violate no constraint; within {radius:,.0f} m",
-        odds,
-        "plan.odds.",
-    )
-    return odds_sentence(odds).html + more.html
+        rows["bathymetry"] = f"{escape(name)}, SHA-256 <code>{escape(digest)}</code>"
+    if plan.bottom is not None:
+        height = float(np.nanmin(plan.bottom - plan.track[:, 2]))
+        rows["least height above the bottom"] = f"{height:.0f} m"
+    cells = [[what, text] for what, text in rows.items()]
+    return table_html(["what", "of the last plan"], cells, "The last plan")
 
 
 _PLANS, _TITLE = 30, "How does the plan turn out?"
@@ -95,93 +84,81 @@ def plan_section(contents: Contents) -> Section:
         + _plans_html(contents)
         + ("" if found is None else f"<p>{outcomes_sentence(found).html}.</p>")
     )
-    status = str(plan.row["status"])
-    answer = f"{escape(status.capitalize())}: {_STATUS.get(status, '')}."
+    answer = f"{escape(plan.status.capitalize())}: {_STATUS.get(plan.status, '')}."
     return Section("plan", _TITLE, html, figures, menu="Plan", answer=answer)
 
 
-def _legs_html(plan: LastPlan) -> str:
+# Columns of tables, by their headings, as templates of a row.
+_LEG = {
+    "leg": "{leg}",
+    "heading [° true]": "{heading_deg:.0f}",
+    "glide angle [°]": "{glide_angle_deg:.1f}",
+    "depth [m]": "{depth_m:.0f}",
+    "surfaces after [h]": "{surfacing_s:hours}",
+    "longitude": "{longitude:.4f}",
+    "latitude": "{latitude:.4f}",
+}
+_DEPARTURE = {
+    "departure (UTC)": "{departure}",
+    "status": "{status}",
+    "arrival (UTC)": "{arrives}",
+    "duration [h]": "{duration_s:hours}",
+    "energy": "{energy_j:kJ}",
+    "odds of arriving": "{reached:share}",
+    "": "{best}",
+}
+_PLAN = {
+    "begins (UTC)": "{begins}",
+    "status": "{status}",
+    "heading [° true]": "{heading_deg:.0f}",
+    "glide angle [°]": "{glide_angle_deg:.1f}",
+    "duration [h]": "{duration_s:hours}",
+    "misses the goal by [m]": "{closest_approach_m:,.0f}",
+    "message": "{message}",
+}
+
+
+def _row(columns: Mapping[str, str], record: Mapping[str, Any], at: str = "") -> list[str]:
+    """Return the cells of a row; with the path of its record in the outcome, numbers keep their fields."""
+    each = [sentence(form, record, at) for form in columns.values()]
+    return [one.html if at else escape(str(one)) for one in each]
+
+
+def _legs_html(plan: Plan) -> str:
     """Return the legs of a plan as an HTML table."""
-    forms = {
-        **{"heading_deg": ".0f", "glide_angle_deg": ".1f", "depth_m": ".0f"},
-        **{"surfacing_s": ".1f", "longitude": ".4f", "latitude": ".4f"},
-    }
-    rows = []
-    for leg in plan.legs:
-        row = [str(leg["leg"])]
-        for name, form in forms.items():
-            value = leg[name] / 3600.0 if name == "surfacing_s" else leg[name]
-            row.append(leg_number(leg["leg"], name, leg[name], f"{value:{form}}"))
-        rows.append(row)
-    heads = [
-        "leg",
-        "heading [° true]",
-        "glide angle [°]",
-        "depth [m]",
-        "surfaces after [h]",
-        "longitude",
-        "latitude",
-    ]
-    return table_html(heads, rows, "Legs of the last plan") if rows else ""
+    at = "plan.statistics.leg_{:03d}#".format
+    rows = [_row(_LEG, leg, at(leg["leg"])) for leg in plan.legs]
+    return table_html([*_LEG], rows, "Legs of the last plan") if rows else ""
 
 
 def _departures_html(contents: Contents) -> str:
     """Return the compared departures as an HTML table; empty for a single one."""
-    rows = [json.loads(row) for row in contents.metadata.get("departures", {}).values()]
-    cells = [
-        [
-            row["departure"],
-            escape(row["status"]),
-            row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km",
-            f"{row['duration_s'] / 3600.0:.2f}",
-            f"{row['energy_j'] / 1e3:.0f}",
-            "" if row["reached"] is None else f"{100.0 * row['reached']:.0f} %",
-            ", ".join(row["best"]),
-        ]
-        for row in rows
-    ]
-    heads = [
-        "departure (UTC)",
-        "status",
-        "arrival (UTC)",
-        "duration [h]",
-        "energy [kJ]",
-        "odds of arriving",
-        "",
-    ]
-    return table_html(heads, cells, "Departures compared") if rows else ""
+    rows = []
+    for row in map(json.loads, contents.metadata.get("departures", {}).values()):
+        arrives = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
+        record = {**row, "arrives": arrives, "best": ", ".join(row["best"])}
+        rows.append(_row(_DEPARTURE, record))
+    return table_html([*_DEPARTURE], rows, "Departures compared") if rows else ""
 
 
 def _plans_html(contents: Contents) -> str:
+    """Return all plans as an HTML table; the numbers of the last one are those of the outcome."""
     plans = contents.result.plans
-    kept = thinned(len(plans), _PLANS)
-    rows = []
-    forms = {
-        **{"heading_deg": ("heading_deg", 1.0, 0), "glide_angle_deg": ("glide_angle_deg", 1.0, 1)},
-        **{
-            "duration": ("duration_s", 3600.0, 1),
-            "closest_approach": ("closest_approach_m", 1.0, 0),
-        },
-    }
-    for row in kept.tolist():
-        plan, cells = plans.iloc[row], list[str]()
-        for name, (key, unit, digits) in forms.items():
-            value, steers = float(plan[name]), name in ("heading_deg", "glide_angle_deg")
-            known = np.isfinite(value) and not (steers and plan["status"] == "failed")
-            text = fixed(value / unit, digits) if known else ""
-            # the outcome has the last plan alone
-            last = known and row == len(plans) - 1
-            cells.append(number(f"plan.{key}", value, text) if last else text)
-        head = str(plan.name)[:16], escape(plan["status"])
-        rows.append([*head, *cells, escape(plan["message"])])
+    kept, rows = thinned(len(plans), _PLANS), []
+    for count in kept.tolist():
+        plan = plans.iloc[count]
+        numbers = {
+            "heading_deg": plan["heading_deg"],
+            "glide_angle_deg": plan["glide_angle_deg"],
+            "duration_s": plan["duration"],
+            "closest_approach_m": plan["closest_approach"],
+        }
+        steers = plan["status"] != "failed"
+        record = {
+            name: float(value) if np.isfinite(value) and (steers or "deg" not in name) else None
+            for name, value in numbers.items()
+        }
+        about = {"begins": str(plan.name)[:16], **plan[["status", "message"]]}
+        rows.append(_row(_PLAN, record | about, "plan." * (count == len(plans) - 1)))
     thin = f"; {len(kept)} of {len(plans)}" if len(kept) < len(plans) else ""
-    heads = [
-        "begins (UTC)",
-        "status",
-        "heading [° true]",
-        "glide angle [°]",
-        "duration [h]",
-        "misses the goal by [m]",
-        "message",
-    ]
-    return table_html(heads, rows, f"All plans, oldest first{thin}")
+    return table_html([*_PLAN], rows, f"All plans, oldest first{thin}")

@@ -7,6 +7,7 @@ from replay_kit.core.errors import severity_word
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import errors_hold
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.figures.figure import Figure
 from replay_kit.show.figures.trust import trust_figures
 from replay_kit.show.numbers import Sentence, Shown, sentence
 from replay_kit.show.page.page import Section
@@ -92,31 +93,24 @@ def _errors_hold(outcome: Outcome) -> Light:
 
 def trust_section(contents: Contents) -> Section:
     """Return the section on innovations, calibration, error over time and gate decisions."""
-    if not contents.measured.count:
-        return Section(
-            "trust",
-            "How far can it be trusted?",
-            warnings_html(contents),
-            missing=["The result holds no measurement to compare the estimate with."],
-            menu="Trust",
-            answer=_answer(contents),
-        )
-    figures, missing = trust_figures(contents)
-    parts, placed = {}, []
-    for light in lights(contents):
-        head = f'<span class="light {light.color}">{escape(light.name)}</span> {light.text.html}'
-        parts[head] = [key for key in light.figures if key in figures]
-        placed += [figures[key] for key in parts[head]]
-    told = [each.html for each in trust_sentences(contents.outcome)]
-    html = warnings_html(contents) + _gate_html(contents) + (items_html(told) if told else "")
-    title, answer = "How far can it be trusted?", _answer(contents)
+    outcome, figures, parts = contents.outcome, dict[str, Figure](), {}
+    missing = ["The result holds no measurement to compare the estimate with."]
+    html = warnings_html(contents)
+    if contents.measured.count:
+        figures, missing = trust_figures(contents)
+        told = [each.html for each in trust_sentences(outcome)]
+        html += _gate_html(contents) + (items_html(told) if told else "")
+        for light in lights(contents):
+            head = (
+                f'<span class="light {light.color}">{escape(light.name)}</span> {light.text.html}'
+            )
+            parts[head] = [key for key in light.figures if key in figures]
+    placed = [figures[key] for keys in parts.values() for key in keys]
+    answer = "No verdict: the run did not finish, or an earlier version made the result."
+    if outcome.complete:
+        answer = f"{escape(str(outcome.verdict).capitalize())}."
+    title = "How far can it be trusted?"
     return Section("trust", title, html, placed, missing, "Trust", answer, parts=parts)
-
-
-def _answer(contents: Contents) -> str:
-    if not contents.outcome.complete:
-        return "No verdict: the run did not finish, or an earlier version made the result."
-    return f"{escape(str(contents.outcome.verdict).capitalize())}."
 
 
 def _gate_html(contents: Contents) -> str:
