@@ -4,8 +4,10 @@ import io
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -50,7 +52,9 @@ class RadialsReader(LogFile):
         Raises:
             LogError: A file cannot be read, or lacks its time, origin, frequency or a column.
         """
-        self._times = sorted((_time_ns(path, header(path)), path) for path in self.files)
+        self._headers = sorted(
+            map(read_header, self.files), key=lambda each: (each.time_ns, each.path)
+        )
 
     def messages(self) -> Iterator[Message]:
         """Yield the radials of each file as a message on ``/radar/radials/STATION``.
@@ -60,42 +64,63 @@ class RadialsReader(LogFile):
         """
         self.statistics = ReadStatistics()
         lost: Counter[str] = Counter()
-        for position, (time_ns, path) in enumerate(self._times):
-            head = header(path)
-            columns, dropped = _radials(path, head)
-            name = self._topic(f"{TOPIC}/{station(head)}")
+        for position, head in enumerate(self._headers):
+            columns, dropped = _radials(head)
+            name = self._topic(f"{TOPIC}/{head.station}")
             lost.update(dropped)
-            unstated = not set(_ERRORS) & set(head["TableColumnTypes"].split())
-            self.statistics.notes = (
-                *(
-                    f"{station(head)}: {count} radials {what}, not used"
-                    for what, count in lost.items()
-                ),
-                *([f"{station(head)}: {_NO_STATED_ERROR}"] if unstated else []),
-            )
+            notes = [f"{count} radials {what}, not used" for what, count in lost.items()]
+            notes += [] if set(_ERRORS) & set(head.names) else [_NO_STATED_ERROR]
+            self.statistics.notes = tuple(f"{head.station}: {note}" for note in notes)
             self.statistics.read[name] += 1
             payload = {
-                "stamp": stamp(time_ns),
-                "depth": depth_of(*_numbers(path, head, "TransmitCenterFreqMHz")),
-                "averaged": 60.0 * _numbers(path, head, "TimeCoverage", "60")[0],
+                "stamp": stamp(head.time_ns),
+                "depth": depth_of(head.frequency),
+                "averaged": 60.0 * head.coverage,
                 "error_length": 0.0,
                 **{key: numbers(values) for key, values in columns.items()},
             }
-            yield Message(time_ns, name, RADAR, payload, self.input, position)
+            yield Message(head.time_ns, name, RADAR, payload, self.input, position)
 
 
-def header(path: Path) -> Mapping[str, str]:
-    """Return the keys of a file's header, and its line of units as ``units``.
+class Header(NamedTuple):
+    """Header of a file.
+
+    Attributes:
+        path: The file.
+        station: Name of the station.
+        time_ns: Time of the radials [ns, UTC].
+        origin: Latitude and longitude of the station [degrees].
+        frequency: Frequency of the radar [MHz].
+        coverage: Minutes that the radials are averaged over.
+        resolution: Resolution of the Doppler spectrum [Hz]; NaN if not stated.
+        names: Names of the columns.
+        units: Line with their units.
+    """
+
+    path: Path
+    station: str
+    time_ns: int
+    origin: list[float]
+    frequency: float
+    coverage: float
+    resolution: float
+    names: list[str]
+    units: str
+
+
+def read_header(path: Path) -> Header:
+    """Return the header of a file.
 
     Raises:
-        LogError: The file cannot be read or lacks a required key.
+        LogError: The file cannot be read, lacks a required key, or one is invalid.
     """
     found: dict[str, str] = {}
+    units = ""
     for line in _lines(path):
         if not line.startswith("%"):
             break
         if line.startswith("%%"):
-            found["units"] = line if "(" in line and "deg" in line else found.get("units", "")
+            units = line if "(" in line and "deg" in line else units
         elif ":" in line:
             key, _, value = line[1:].partition(":")
             found.setdefault(key.strip(), value.strip())
@@ -106,21 +131,45 @@ def header(path: Path) -> Mapping[str, str]:
         raise LogError(
             f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the original file"
         )
-    if not _numbers(path, found, "TransmitCenterFreqMHz")[0] > 0.0:
+
+    def values_of(key: str, default: str = "", count: int = 1) -> list[float]:
+        """Return the first numbers of a key."""
+        parts = found.get(key, default).split()[:count]
+        try:
+            values = [float(part) for part in parts]
+        except ValueError:
+            values = []
+        if len(values) != count:
+            raise LogError(f"{path}: {key}: expected {count_text(count, 'number')}, got {parts}")
+        return values
+
+    (frequency,), (coverage,) = values_of("TransmitCenterFreqMHz"), values_of("TimeCoverage", "60")
+    (resolution,) = values_of("DopplerResolutionHzPerBin", "nan")
+    if not frequency > 0.0:
         raise LogError(
             f"{path}: TransmitCenterFreqMHz: expected a frequency above 0, got {found['TransmitCenterFreqMHz']}"
         )
-    return found
+    stamped = values_of("TimeStamp", count=6)
+    try:
+        time = datetime(*map(int, stamped), tzinfo=UTC)  # type: ignore[arg-type,misc]
+    except ValueError as error:
+        raise LogError(f"{path}: TimeStamp: expected six numbers, got {stamped}") from error
+    return Header(
+        path,
+        (found.get("Site", "").split() or ["unnamed"])[0],
+        round(time.timestamp()) * 1_000_000_000,
+        values_of("Origin", count=2),
+        frequency,
+        coverage,
+        resolution,
+        names,
+        units,
+    )
 
 
 def station_of(path: Path) -> tuple[str]:
     """Return the name of a file's station, common to the files of one log."""
-    return (station(header(path)),)
-
-
-def station(head: Mapping[str, str]) -> str:
-    """Return the name of the station in a header."""
-    return (head.get("Site", "").split() or ["unnamed"])[0]
+    return (read_header(path).station,)
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -136,107 +185,65 @@ def _lines(path: Path) -> Iterator[str]:
     return (line.decode("latin-1") for line in io.BytesIO(data))
 
 
-def _numbers(
-    path: Path, head: Mapping[str, str], key: str, default: str = "", count: int = 1
-) -> list[float]:
-    """Return the first numbers of a key in a header.
-
-    Raises:
-        LogError: They are not numbers.
-    """
-    parts = head.get(key, default).split()[:count]
-    try:
-        numbers = [float(part) for part in parts]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count:
-        raise LogError(f"{path}: {key}: expected {count_text(count, 'number')}, got {parts}")
-    return numbers
-
-
-def _time_ns(path: Path, head: Mapping[str, str]) -> int:
-    parts = head["TimeStamp"].split()
-    try:
-        year, month, day, hour, minute, second = (int(part) for part in parts)
-        time = np.datetime64(
-            f"{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}", "ns"
-        )
-    except ValueError as error:
-        raise LogError(f"{path}: TimeStamp: expected six numbers, got {parts}") from error
-    return int(time.astype(np.int64))
-
-
-def _radials(path: Path, head: Mapping[str, str]) -> tuple[dict[str, Array], Counter[str]]:
+def _radials(head: Header) -> tuple[dict[str, Array], Counter[str]]:
     """Return the columns of the usable radials, and counts of the excluded ones."""
-    names = head["TableColumnTypes"].split()
-    values, left_out = array("d"), 0
-    for line in _lines(path):
+    names, values, left_out = head.names, array("d"), 0
+    for line in _lines(head.path):
         row = [] if line.startswith("%") else line.split()
         left_out += 0 < len(row) != len(names)
         if len(row) == len(names):
             try:
                 values.extend(map(float, row))
             except ValueError as error:
-                raise LogError(f"{path}: radials: expected numbers, got {error}") from error
-    table = np.array(values).reshape(-1, len(names))
-    of = {name: table[:, k] for k, name in enumerate(names)}
+                raise LogError(f"{head.path}: radials: expected numbers, got {error}") from error
+    of = dict(zip(names, np.array(values).reshape(-1, len(names)).T, strict=True))
     east, north, speed, heading, distance, bearing = (of[name] for name in _COLUMNS)
-    _check_station(path, head, (east, north), (distance, bearing))
-    _check_unit(path, head, speed)
-    errors = [of[name] for name in _ERRORS if name in of] or [np.full(len(table), _USUAL_ERROR)]
+    _check_station(head, (east, north), (distance, bearing))
+    _check_unit(head, speed)
+    errors = [of[name] for name in _ERRORS if name in of] or [np.full(speed.size, _USUAL_ERROR)]
     std = np.fmax.reduce([np.where(each < _NO_ERROR, each, np.nan) for each in errors])
-    flag = of.get("VFLG", np.zeros(len(table))).astype(np.int64)
+    flag = of.get("VFLG", np.zeros(speed.size)).astype(np.int64)
     tests = [_PRIMARY] if _PRIMARY in of else [name for name in names if _TEST.fullmatch(name)]
-    quality = worst_flag([of[name].astype(np.int8) for name in tests], (len(table),))
+    quality = worst_flag([of[name].astype(np.int8) for name in tests], (speed.size,))
     known, over_land, failed = np.isfinite(std), flag & _OVER_LAND > 0, is_failed(quality)
-    good = known & (flag == 0) & ~failed
-    dropped = Counter(
-        {
-            "over land": int(over_land.sum()),
-            "flagged otherwise": int(((flag != 0) & ~over_land).sum()),
-            f"failed by their quality flags ({', '.join(tests)})": int(
-                (failed & (flag == 0)).sum()
-            ),
-            "without an error": int((~known & (flag == 0) & ~failed).sum()),
-            "in incomplete lines": left_out,
-        }
-    )
+    dropped = {
+        "over land": over_land,
+        "flagged otherwise": (flag != 0) & ~over_land,
+        f"failed by their quality flags ({', '.join(tests)})": failed & (flag == 0),
+        "without an error": ~known & (flag == 0) & ~failed,
+    }
+    counts = Counter({what: int(which.sum()) for what, which in dropped.items()})
+    good = ~np.any(list(dropped.values()), axis=0)
     columns = {"longitude": east, "latitude": north, "direction": heading, "flag": quality}
     columns |= {"speed": 1e-2 * speed, "error": 1e-2 * np.fmax(std, _LEAST_ERROR)}
-    return {key: values[good] for key, values in columns.items()}, +dropped
+    used = {key: column[good] for key, column in columns.items()}
+    return used, +counts + Counter({"in incomplete lines": left_out})
 
 
-def _check_station(
-    path: Path,
-    head: Mapping[str, str],
-    places: tuple[Array, Array],
-    polar: tuple[Array, Array],
-) -> None:
+def _check_station(head: Header, places: tuple[Array, Array], polar: tuple[Array, Array]) -> None:
     """Raise LogError if radials do not lie at their range and bearing from the station in the header."""
-    latitude, longitude = _numbers(path, head, "Origin", count=2)
+    latitude, longitude = head.origin
     x, y = to_local(Projection(longitude, latitude), *places)
     distance, angle = 1e3 * polar[0], np.deg2rad(polar[1])
     away = np.hypot(x - distance * np.sin(angle), y - distance * np.cos(angle))
     if away.size and float(np.median(away)) > 1e3 * _NEAR:
         raise LogError(
-            f"{path}: radials of another station: they lie {np.median(away) / 1e3:.0f} km from their range and bearing about "
-            f"{station(head)} at {latitude:.4f} N, {longitude:.4f} E; give the original file"
+            f"{head.path}: radials of another station: they lie {np.median(away) / 1e3:.0f} km from their range and bearing about "
+            f"{head.station} at {latitude:.4f} N, {longitude:.4f} E; give the original file"
         )
 
 
-def _check_unit(path: Path, head: Mapping[str, str], speed: Array) -> None:
+def _check_unit(head: Header, speed: Array) -> None:
     """Raise LogError if speeds are not in cm/s, by the stated unit or the resolution of the Doppler spectrum."""
-    if _OTHER_UNITS.search(head.get("units", "")):
+    if _OTHER_UNITS.search(head.units):
         raise LogError(
-            f"{path}: radials: expected speeds in cm/s, the file states {head['units'].strip('% ')}; convert them first"
+            f"{head.path}: radials: expected speeds in cm/s, the file states {head.units.strip('% ')}; convert them first"
         )
-    (resolved,) = _numbers(path, head, "DopplerResolutionHzPerBin", "nan")
     # half a radar's wavelength a cycle, in cm
-    (frequency,) = _numbers(path, head, "TransmitCenterFreqMHz")
-    resolution = 50.0 * LIGHT / frequency * resolved
+    resolution = 50.0 * LIGHT / head.frequency * head.resolution
     rms = float(np.sqrt(np.mean(speed**2))) if speed.size else np.nan
     if rms < resolution:
         raise LogError(
-            f"{path}: radials: expected speeds in cm/s, got {rms:.2f} RMS, less than the {resolution:.1f} cm/s that the radar resolves: "
-            "they look like knots or m/s; convert them first"
+            f"{head.path}: radials: expected speeds in cm/s, got {rms:.2f} RMS, less than the {resolution:.1f} cm/s that the radar "
+            "resolves: they look like knots or m/s; convert them first"
         )

@@ -8,35 +8,47 @@ _HEADER = """%CTF: 1.00
 %Site: MADE ""
 %TimeStamp: 2019 01 01  0{hour} 00 00
 %TimeCoverage: 75.000 Minutes
-%Origin:  {latitude}  {longitude}
+%Origin:  {origin[1]}  {origin[0]}
 %DopplerResolutionHzPerBin: 0.001953125
 %TransmitCenterFreqMHz: 13.450000
-%TableColumnTypes: LOND LATD VELU VELV VFLG ESPC ETMP RNGE BEAR VELO HEAD
+%TableColumnTypes: {names}
 %TableStart:
 %%     (deg)       (deg)     (cm/s)   (cm/s)  (GridCode)  Quality  Quality (km)  (True)  ({unit})  (True)
 """
 START = np.datetime64("2019-01-01T00:00:00", "ns")
+_NAMES = "LOND LATD VELU VELV VFLG ESPC ETMP RNGE BEAR VELO HEAD"
 
 
 def write_radials(
-    path, current, origin=(152.0, -39.8), hour=0, unit="cm/s", scale=1.0, moved=0.0, spread=True
+    path, current, origin=(152.0, -39.8), hour=0, unit="cm/s", names=_NAMES, change=None
 ):
-    """Write the radials of a current, (east, north) [m/s], that a station sees on the eastern side; the last is over land."""
+    """Write the radials of a current, (east, north) [m/s], that a station sees on the eastern side; the last is over land.
+
+    ``change`` takes the number of a radial and its columns, and returns columns that differ.
+    """
     rows = []
-    for distance in (10.0, 16.0, 22.0, 28.0):
-        for bearing in range(40, 141, 5):
-            angle, heading = np.deg2rad(bearing), (bearing + 180.0) % 360.0
-            towards = np.deg2rad(heading)
-            speed = 100.0 * (current[0] * np.sin(towards) + current[1] * np.cos(towards))
-            north = origin[1] + distance * np.cos(angle) / 111.0
-            east = origin[0] + distance * np.sin(angle) / (111.32 * np.cos(np.deg2rad(origin[1])))
-            flag = 128 if (distance, bearing) == (28.0, 140) else 0
-            spatial = 999.0 if bearing == 40 else 4.0
-            rows.append(
-                f" {east + moved:.6f} {north:.6f} 0.0 0.0 {flag} {spatial} 5.0 {distance} {bearing} {scale * speed:.4f} {heading}"
-            )
-    text = _HEADER.format(hour=hour, longitude=origin[0], latitude=origin[1], unit=unit)
-    path.write_text(text + "\n".join(rows) + "\n%TableEnd:\n%%\n%TableType: rads rad1\n")
+    for k, (distance, bearing) in enumerate(np.ndindex(4, 21)):
+        distance, bearing = 10.0 + 6.0 * distance, 40 + 5 * bearing
+        angle, heading = np.deg2rad(bearing), (bearing + 180.0) % 360.0
+        towards = np.deg2rad(heading)
+        parallel = 111.32 * np.cos(np.deg2rad(origin[1]))
+        row = {
+            "LOND": origin[0] + distance * np.sin(angle) / parallel,
+            "LATD": origin[1] + distance * np.cos(angle) / 111.0,
+            "VELU": 0.0,
+            "VELV": 0.0,
+            "VFLG": 128 if k == 83 else 0,
+            "ESPC": 999.0 if bearing == 40 else 4.0,
+            "ETMP": 5.0,
+            "RNGE": distance,
+            "BEAR": bearing,
+            "VELO": 100.0 * (current[0] * np.sin(towards) + current[1] * np.cos(towards)),
+            "HEAD": heading,
+        }
+        row |= {} if change is None else change(k, row)
+        rows.append(" " + " ".join(f"{row[name]:.10g}" for name in names.split()))
+    head = _HEADER.format(hour=hour, origin=origin, unit=unit, names=names)
+    path.write_text(head + "\n".join(rows) + "\n%TableEnd:\n%%\n%TableType: rads rad1\n")
 
 
 def totals(current, hours=3, n=(12, 14), west=152.0, south=-40.0, step=0.03, noise=0.0, seed=1):
@@ -48,23 +60,16 @@ def totals(current, hours=3, n=(12, 14), west=152.0, south=-40.0, step=0.03, noi
     error[:, :, 0, 0] = 0.9
     u[:, :, 0, 1] = np.nan
     dims = ("time", "z", "lat", "lon")
-    cm = {"units": "cm/s"}
-    parameters = [300.0, 2.0, 3.0, 0.02, 10.0, 10.0, 400.0, 66.0]
-    return xr.Dataset(
-        {
-            "u": (dims, u, cm),
-            "v": (dims, v, cm),
-            "u_err": (dims, error, {"units": "1"}),
-            "v_err": (dims, error, {"units": "1"}),
-            "processing_parameters": ("parameters", parameters),
-        },
-        {
-            "time": ("time", START + np.arange(hours) * np.timedelta64(1, "h")),
-            "lat": ("lat", south + step * np.arange(n[0])),
-            "lon": ("lon", west + step * np.arange(n[1])),
-        },
-        {"platform": "HF Radar 13 MHz Network"},
-    )
+    held = {"u": (u, "cm/s"), "v": (v, "cm/s"), "u_err": (error, "1"), "v_err": (error, "1")}
+    variables = {name: (dims, values, {"units": unit}) for name, (values, unit) in held.items()}
+    parameters = "parameters", [300.0, 2.0, 3.0, 0.02, 10.0, 10.0, 400.0, 66.0]
+    axes = {
+        "time": START + np.arange(hours) * np.timedelta64(1, "h"),
+        "lat": south + step * np.arange(n[0]),
+        "lon": west + step * np.arange(n[1]),
+    }
+    about = {"platform": "HF Radar 13 MHz Network"}
+    return xr.Dataset(variables | {"processing_parameters": parameters}, axes, about)
 
 
 def drifters(velocity=(0.2, 0.0), lost_after=99, n=9, west=152.1, south=-39.8):

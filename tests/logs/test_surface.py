@@ -1,5 +1,7 @@
 """Files of HF radars and drifters to messages: units, errors, depths, what is left out, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,12 +9,15 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.logs import merge, open_log, open_logs
-from replay_kit.logs.netcdf import surface
+from replay_kit.logs.netcdf import reader, surface
 from tests.logs import surface_samples as made
 from tests.measurements.samples import Skipped, events_of
 
 CURRENT = (0.15, -0.25)
 NO_TIDE = MeasurementConfig(surface_tide_std=0.0, surface_spacing=10e3)
+STRICT = NO_TIDE.model_copy(
+    update={"quality": NO_TIDE.quality.model_copy(update={"use_suspect": False})}
+)
 
 
 def read(paths, config=NO_TIDE):
@@ -20,6 +25,11 @@ def read(paths, config=NO_TIDE):
     events = [event for each in events_of(merge(logs, 1.0), config) for event in each]
     notes = [note for log in logs for note in log.report().notes]
     return logs, [each for each in events if isinstance(each, LinearMeasurement)], events, notes
+
+
+def payload(path):
+    (message,) = open_log(path).messages()
+    return message.payload
 
 
 def test_totals_have_their_units_errors_and_depth(tmp_path, monkeypatch):
@@ -38,17 +48,26 @@ def test_totals_have_their_units_errors_and_depth(tmp_path, monkeypatch):
     assert first.error_std.max() <= 0.1 + 1e-9
     assert len(first.value) < 12 * 14 / 4
     assert any("times the signal's stated variance of 400 cm2/s2" in note for note in notes)
-    whole.to_netcdf(tmp_path / "one.nc", engine="h5netcdf")
-    # its times are read two by two
+    # in one file, whose times are read two by two; and in one of other names, with a dialect of its own
     monkeypatch.setattr(surface, "_ROWS", 2)
-    _, same, _, _ = read([tmp_path / "one.nc"])
-    assert [each.value.tolist() for each in same] == [each.value.tolist() for each in found]
+    names = {"u": "ucomp", "v": "vcomp", "u_err": "ustd", "v_err": "vstd", "time": "HOUR"}
+    usual = surface.TOTALS.names.items()
+    own = {key: names.get(name, name).lower() for key, name in usual}
+    signature = " ".join(names.values()).lower()
+    other = replace(surface.TOTALS, name="mine", signature=signature, names=own)
+    monkeypatch.setattr(reader, "DIALECTS", (other, *reader.DIALECTS))
+    for form, held in (("radar-totals", whole), ("mine", whole.rename(names))):
+        held.to_netcdf(tmp_path / "one.nc", engine="h5netcdf")
+        (log,), same, _, _ = read([tmp_path / "one.nc"])
+        assert log.format == form
+        assert [each.value.tolist() for each in same] == [each.value.tolist() for each in found]
 
 
 def test_two_stations_give_the_current_of_the_totals(tmp_path):
     for name, origin in (("west", (151.8, -39.8)), ("north", (152.2, -39.5))):
         made.write_radials(tmp_path / f"{name}.ruv", CURRENT, origin)
-    _, found, _, notes = read([tmp_path / "west.ruv", tmp_path / "north.ruv"])
+    (log,), found, _, notes = read([tmp_path / "west.ruv", tmp_path / "north.ruv"])
+    assert log.format == "radar-radials"
     assert "MADE: 2 radials over land, not used" in notes
     components = np.concatenate([np.repeat(each.components, len(each.value), 0) for each in found])
     speeds = np.concatenate([each.value[:, 0] for each in found])
@@ -60,131 +79,117 @@ def test_two_stations_give_the_current_of_the_totals(tmp_path):
     assert ((errors > 0.02) & (errors < 0.06)).all()
 
 
-def _rewrite(path, names, columns):
-    """Give a file of radials other columns: ``columns`` makes them of the number of the row and its values by name."""
-    lines, had, k = [], [], 0
-    for line in path.read_text().splitlines():
-        if line.startswith("%TableColumnTypes:"):
-            had, line = line.split()[1:], f"%TableColumnTypes: {names}"
-        elif line[:1] == " ":
-            row = columns(k, dict(zip(had, line.split(), strict=True)))
-            line, k = " " + " ".join(str(row[name]) for name in names.split()), k + 1
-        lines.append(line)
-    path.write_text("\n".join(lines) + "\n")
-
-
 @pytest.mark.parametrize(
-    ("flags", "bad"),
-    [("PRIM", {"PRIM": 4}), ("Q201 Q206", {"Q206": 4}), ("Q206 PRIM", {"PRIM": 9})],
+    ("flags", "bad", "by"),
+    [
+        ("PRIM", {"PRIM": 4}, "PRIM"),
+        ("Q201 Q206", {"Q206": 4}, "Q201, Q206"),
+        ("Q206 PRIM", {"PRIM": 9}, "PRIM"),
+    ],
 )
 def test_radials_that_their_quality_flags_fail_are_not_used_and_suspect_ones_as_asked(
-    tmp_path, flags, bad
+    tmp_path, flags, bad, by
 ):
-    path = tmp_path / "one.ruv"
+    path, names = tmp_path / "one.ruv", "LOND LATD VFLG ESPC ETMP RNGE BEAR VELO HEAD"
     made.write_radials(path, CURRENT)
-    sound, (_, found, _, _) = path.read_bytes(), read([path])
+    sound = read([path])[1]
 
-    def with_flags(suspect):
-        def columns(k, row):
+    def flagged(suspect, config=NO_TIDE):
+        def change(k, row):
             row |= dict.fromkeys(flags.split(), 1) | ({"Q201": 2} if "Q201" in flags else {})
             if k % 4 == 1:
-                row |= {"VELO": float(row["VELO"]) + 120.0, **bad}
-            return row | ({next(iter(bad)): 3} if k % 4 == 2 and suspect else {})
+                return row | {"VELO": row["VELO"] + 120.0, **bad}
+            return row | (dict.fromkeys(bad, 3) if k % 4 == 2 and suspect else {})
 
-        path.write_bytes(sound)
-        _rewrite(path, f"LOND LATD VFLG ESPC ETMP RNGE BEAR VELO HEAD {flags}", columns)
-        return path
+        made.write_radials(path, CURRENT, names=f"{names} {flags}", change=change)
+        _, found, _, notes = read([path], config)
+        assert f"MADE: 21 radials failed by their quality flags ({by}), not used" in notes
+        return found
 
-    (log,), flagged, _, notes = read([with_flags(suspect=False)])
-    tests = "PRIM" if "PRIM" in flags else "Q201, Q206"
-    assert f"MADE: 21 radials failed by their quality flags ({tests}), not used" in notes
-    assert len(flagged) == len(found)
-    speeds = [np.abs(each.value).max() for each in flagged]
-    assert max(speeds) < 0.35
-    strict = NO_TIDE.model_copy(
-        update={"quality": NO_TIDE.quality.model_copy(update={"use_suspect": False})}
-    )
-    fewer, all_of_them = (read([with_flags(True)], config)[1] for config in (strict, NO_TIDE))
+    found = flagged(suspect=False)
+    assert len(found) == len(sound)
+    assert max(np.abs(each.value).max() for each in found) < 0.35
+    fewer, all_of_them = (flagged(True, config) for config in (STRICT, NO_TIDE))
     assert sum(v.weights.size for v in fewer) < sum(v.weights.size for v in all_of_them)
-    assert log.format == "radar-radials"
 
 
 def test_radials_of_phased_arrays_state_no_errors_and_no_flags(tmp_path):
     path = tmp_path / "one.ruv"
     made.write_radials(path, CURRENT)
     _, found, _, _ = read([path])
-    _rewrite(path, "LOND LATD VELU VELV RNGE BEAR VELO HEAD", lambda k, row: row)
+    made.write_radials(path, CURRENT, names="LOND LATD VELU VELV RNGE BEAR VELO HEAD")
     _, same, _, notes = read([path])
     assert notes == ["MADE: radials state no error; 10 cm/s is assumed for each"]
     assert sum(len(each.value) for each in same) >= sum(len(each.value) for each in found)
-    assert min(each.error_std.min() for each in same) > min(each.error_std.min() for each in found)
-    (message,) = open_log(path).messages()
-    assert set(message.payload["error"]) == {0.1}
+    assert set(payload(path)["error"]) == {0.1}
 
 
-def test_totals_that_their_quality_flags_fail_are_not_used(tmp_path):
+_FAILED, _SUSPECT = np.ones((2, 1, 1, 12, 14), np.int32)
+_FAILED[..., 4:6], _SUSPECT[..., 8] = 4, 3
+_OWN = {"flag_values": "0 1 2", "flag_meanings": "fine doubtful_suspect rejected"}
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        {"primary_flag": np.maximum(_FAILED, _SUSPECT)},
+        {"qc": np.select([_FAILED == 4, _SUSPECT == 3], [2, 1], 0)},
+        {"qc16_maxspeed": _FAILED, "qc18_validlocation": _SUSPECT},
+        {"qc_primary_flag": np.maximum(_FAILED, _SUSPECT), "qc19_uerr": np.full_like(_FAILED, 4)},
+    ],
+)
+def test_totals_that_their_quality_flags_fail_are_not_used(tmp_path, flags):
     path, whole = tmp_path / "one.nc", made.totals(CURRENT, hours=1)
-    good = np.ones(whole.u.shape, np.int32)
-    failed, suspect = good.copy(), good.copy()
-    failed[:, :, 4:6], suspect[:, :, 8] = 4, 3
-    off = whole.assign(u=whole.u.where(failed == 1, 150.0))
-    meanings = {"flag_values": "0 1 2", "flag_meanings": "fine doubtful_suspect rejected"}
-    own = np.where(failed == 4, 2, np.where(suspect == 3, 1, 0))
-    dims = off.u.dims
-    for flags in (
-        {"primary_flag": (dims, np.maximum(failed, suspect))},
-        {"qc": (dims, own, meanings)},
-        {"qc16_maxspeed": (dims, failed), "qc18_validlocation": (dims, suspect)},
-        {"qc_primary_flag": (dims, np.maximum(failed, suspect)), "qc19_uerr": (dims, 4 * good)},
-    ):
-        off.assign(flags).to_netcdf(path, engine="h5netcdf")
-        _, found, _, notes = read([path])
-        assert "28 vectors failed by their quality flags, not used" in notes
-        for each in found:
-            np.testing.assert_allclose(
-                each.value, np.tile(CURRENT, (len(each.value), 1)), atol=1e-6
-            )
-        (message,) = open_log(path).messages()
-        assert message.payload["flag"].count(3.0) == 14
+    held = {name: (whole.u.dims, v, _OWN if name == "qc" else {}) for name, v in flags.items()}
+    off = whole.assign(u=whole.u.where(_FAILED == 1, 150.0), **held)
+    off.to_netcdf(path, engine="h5netcdf")
+    _, found, _, notes = read([path])
+    # of two columns of twelve, two vectors are missing or of questionable quality
+    assert "24 vectors failed by their quality flags, not used" in notes
+    for each in found:
+        np.testing.assert_allclose(each.value, np.tile(CURRENT, (len(each.value), 1)), atol=1e-6)
+    assert payload(path)["flag"].count(3.0) == 12
 
 
-@pytest.mark.parametrize("form", ["attributes", "seven"])
-def test_the_signals_variance_is_found_by_its_description(tmp_path, form):
+_WORDS = {
+    1: "Minimum sites",
+    2: "Minimum vectors",
+    3: "Search window",
+    4: "Decorrelation scales in the north direction",
+    5: "Decorrelation scales in the east direction",
+    6: "Signal variance of the surface current fields (cm2 s-2)",
+}
+_VALUES = [2.0, 3.0, 0.02, 10.0, 10.0, 400.0, 66.0]
+_NUMBERED = {f"parameter{n}": _VALUES[n - 1] for n in _WORDS}
+_NUMBERED |= {f"parameter{n}_description": words for n, words in _WORDS.items()}
+_LISTED = {"comment": "\n".join(f"{n}) {words}" for n, words in _WORDS.items())}
+
+
+@pytest.mark.parametrize("held", [((), 0.0, _NUMBERED), ("seven", _VALUES, _LISTED)])
+def test_the_signals_variance_is_found_by_its_description(tmp_path, held):
     whole = made.totals(CURRENT, hours=1)
-    words = [
-        "Minimum sites",
-        "Minimum vectors",
-        "Search window",
-        "Decorrelation scales in the north direction",
-    ]
-    words += [
-        "Decorrelation scales in the east direction",
-        "Signal variance of the surface current fields (cm2 s-2)",
-    ]
-    values = [2.0, 3.0, 0.02, 10.0, 10.0, 400.0, 66.0]
-    if form == "attributes":
-        whole["processing_parameters"] = ((), 0.0)
-        numbered = list(enumerate(zip(values, words, strict=False), 1))
-        whole.processing_parameters.attrs = {f"parameter{n}": value for n, (value, _) in numbered}
-        whole.processing_parameters.attrs |= {
-            f"parameter{n}_description": w for n, (_, w) in numbered
-        }
-    else:
-        whole["processing_parameters"] = ("seven", values)
-        listed = "\n".join(f"{n}) {word}" for n, word in enumerate(words, 1))
-        whole.processing_parameters.attrs = {"comment": listed}
+    whole["processing_parameters"] = held
     whole.to_netcdf(tmp_path / "one.nc", engine="h5netcdf")
-    (message,) = open_log(tmp_path / "one.nc").messages()
-    assert message.payload["east_error"][0] == pytest.approx(0.1)
-    assert message.payload["error_length"] == 10e3
+    found = payload(tmp_path / "one.nc")
+    assert found["east_error"][0] == pytest.approx(0.1)
+    assert found["error_length"] == 10e3
+
+
+def _moved(k, row):
+    return {"LOND": row["LOND"] + 0.5}
+
+
+def _in_knots(k, row):
+    return {"VELO": row["VELO"] / 51.44}
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"moved": 0.5}, "radials of another station: they lie 43 km"),
+        ({"change": _moved}, "radials of another station: they lie 43 km"),
         ({"unit": "knots"}, "expected speeds in cm/s, the file states .*knots"),
-        ({"scale": 1.0 / 51.44}, "they look like knots or m/s"),
+        ({"change": _in_knots}, "they look like knots or m/s"),
+        ({"names": "LOND LATD VELO HEAD RNGE"}, "it lacks BEAR"),
     ],
 )
 def test_radials_that_are_not_what_they_say_are_refused(tmp_path, change, words):
@@ -193,35 +198,41 @@ def test_radials_that_are_not_what_they_say_are_refused(tmp_path, change, words)
         read([tmp_path / "one.ruv"])
 
 
-def test_a_file_that_lacks_a_key_or_a_variance_is_refused(tmp_path):
-    path = tmp_path / "one.ruv"
-    made.write_radials(path, CURRENT)
-    path.write_text(path.read_text().replace("%Origin", "%Place"))
-    with pytest.raises(LogError, match="it lacks Origin"):
-        open_logs([path])
-    totals = made.totals(CURRENT).drop_vars("processing_parameters")
-    totals.to_netcdf(tmp_path / "totals.nc", engine="h5netcdf")
-    with pytest.raises(LogError, match="expected the signal's variance"):
-        read([tmp_path / "totals.nc"])
+def test_a_file_that_lacks_a_key_a_variance_or_ends_of_rows_is_refused(tmp_path):
+    for name in ("radials.ruv", "totals.nc", "drifters.csv"):
+        path = tmp_path / name
+        if name == "radials.ruv":
+            made.write_radials(path, CURRENT)
+            path.write_text(path.read_text().replace("%Origin", "%Place"))
+            words = "it lacks Origin"
+        elif name == "totals.nc":
+            totals = made.totals(CURRENT).drop_vars("processing_parameters")
+            totals.to_netcdf(path, engine="h5netcdf")
+            words = "expected the signal's variance"
+        else:
+            _table(made.drifters(), path)
+            path.write_text(path.read_text()[:-30])
+            words = "expected a table: names, perhaps units, rows as long"
+        with pytest.raises(LogError, match=words):
+            read([path])
 
 
 def _table(ds, path):
     """Write drifters as ERDDAP does: names, units, a row a fix; a drogue that is not lost has the calendar's first date."""
     count = ds["rowsize"].values
-    lost = np.repeat(ds["drogue_lost_date"].values, count).astype("datetime64[s]").astype(str)
-    rows = zip(
-        np.repeat(ds["ID"].values, count),
-        np.repeat(count, count),
-        ds["time"].values.astype("datetime64[s]").astype(str),
-        ds["latitude"].values,
-        ds["longitude"].values,
-        ["1970-01-01T00:00:00Z" if each > "2019-01-20" else f"{each}Z" for each in lost],
-        strict=True,
-    )
-    names = "ID,rowsize,time,latitude,longitude,drogue_lost_date"
-    lines = [names, ",,UTC,degrees_north,degrees_east,UTC"]
-    lines += [f"{a},{n},{b}Z,{c},{d},{e}" for a, n, b, c, d, e in rows]
-    path.write_text("\n".join(lines) + "\n")
+    lost = np.repeat(ds["drogue_lost_date"].values, count)
+    lost[lost > np.datetime64("2019-01-20")] = 0
+    columns = {
+        "ID": ("", np.repeat(ds["ID"].values, count)),
+        "rowsize": ("", np.repeat(count, count)),
+        "time": ("UTC", np.datetime_as_string(ds["time"].values, "s", timezone="UTC")),
+        "latitude": ("degrees_north", ds["latitude"].values),
+        "longitude": ("degrees_east", ds["longitude"].values),
+        "drogue_lost_date": ("UTC", np.datetime_as_string(lost, "s", timezone="UTC")),
+    }
+    units, values = zip(*columns.values(), strict=True)
+    rows = [columns, units, *zip(*values, strict=True)]
+    path.write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
 
 
 @pytest.mark.parametrize("suffix", ["nc", "csv"])
@@ -246,11 +257,3 @@ def test_drifters_give_the_current_at_their_drogues_until_they_lose_them(
     assert {event.reason for event in lost} == {"drifter without its drogue: the wind moves it"}
     assert len(lost) == 18 - means - 1
     assert "depth of the drogues is not stated: 15 m taken" in notes
-
-
-def test_a_table_whose_rows_are_cut_is_refused(tmp_path):
-    path = tmp_path / "drifters.csv"
-    _table(made.drifters(), path)
-    path.write_text(path.read_text()[:-30])
-    with pytest.raises(LogError, match="expected a table: names, perhaps units, rows as long"):
-        read([path])

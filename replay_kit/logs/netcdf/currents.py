@@ -84,10 +84,7 @@ def fixes_of(columns: Columns, told: Told) -> Fixes:
         told: Receives assumptions and counts of unusable values.
     """
     samples = columns.samples
-    parts = [
-        Fixes.of(columns.gps, "gps_"),
-        *(Fixes.of(samples, part) for part in ("start_", "end_")),
-    ]
+    parts = [Fixes.of(columns.gps, "gps_"), Fixes.of(samples, "end_")]
     found = Fixes(*map(np.concatenate, zip(*parts, strict=True)))
     # files repeat the fix, or write none, at each sample of a dive: only a time without a place in a table of fixes is a loss
     own = parts[0].time_ns.size
@@ -99,7 +96,7 @@ def fixes_of(columns: Columns, told: Told) -> Fixes:
     found = found.at(found.known)
     _, first = np.unique(found.time_ns, return_index=True)
     repeated = found.time_ns.size - first.size
-    if repeated and not {"start_time", "end_time"} & samples.keys():
+    if repeated and "end_time" not in samples:
         told.notes.append(f"{repeated} fixes at the time of another, excluded")
     return found.at(first)
 
@@ -269,9 +266,7 @@ def _ends(
     row: Row, rows: NDArray[np.intp], samples: Table, fixes: Fixes, ascent_share: float
 ) -> tuple[Fix, Fix] | None:
     """Return the fixes before and after a dive: stated, around a time within it, its outer samples, or those at the surface."""
-    start, end, middle = (_fix(row, part) for part in ("start_", "end_", "dac_"))
-    if start and end:
-        return start, end
+    end, middle = _fix(row, "end_"), _fix(row, "dac_")
     other = end or (_fix(row, "") if ascent_share > 0.5 else None)
     if middle and other:
         near = float(unwrap_longitude(other.longitude, middle.longitude))

@@ -184,8 +184,8 @@ def _read_hdf5(path: Path, choose: Choose, rows: slice) -> NetcdfFile:
     # neither through xarray nor through h5netcdf, which look up the dimensions of each of the thousand variables: ten times as long
     with h5py.File(path, "r") as file, ExitStack() as stack:
         group = file.get("Data/Average", file)
-        config = _attributes(file["Config"]) if "Config" in file else {}
-        attributes = config | _attributes(file)
+        config = file.get("Config")
+        attributes = ({} if config is None else _attributes(config)) | _attributes(file)
         held = {name: item for name in group if isinstance(item := group[name], h5py.Dataset)}
         about = {name: Stored(item, item.attrs) for name, item in held.items()}
         chosen = {name: held[name] for name in choose(about, attributes) if name in held}

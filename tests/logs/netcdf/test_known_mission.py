@@ -19,6 +19,7 @@ from tests import synthetic
 from tests.command import run_command
 from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read
+from tests.logs.slocum import slocum_samples as slocum
 
 VELOCITY = np.array([0.3, -0.1, 0.05])
 _FORE, _SIDE = np.deg2rad([47.5, 25.0])
@@ -41,6 +42,8 @@ class Form(NamedTuple):
         inside: Seconds by which the ends of a dive are its first and last sample.
         numbered: Whether the dives have numbers.
         deepest: Of the second dive [m].
+        exact: How near its mean currents are [m/s].
+        lost: Fixes without a place, which are counted.
         notes: Parts of what is noted.
     """
 
@@ -51,6 +54,8 @@ class Form(NamedTuple):
     inside: float = 0.0
     numbered: bool = False
     deepest: float = 100.0
+    exact: float = 1e-12
+    lost: int = 0
     notes: tuple[str, ...] = ()
 
     def written(self, path: Path) -> Path | list[Path]:
@@ -160,6 +165,15 @@ DIALECTS = {
         ),
     ),
 }
+
+
+def _binary(**form):
+    def write(path):
+        return slocum.mission(path, **form)[0].parent
+
+    return Form("slocum-binary", write, exact=1e-7, lost=2)
+
+
 _STATED_ONCE = "2 profiles of 118 samples: values stated once"
 VARIANTS = {
     "lower case": Form("og1", made.bodc, _lower),
@@ -176,6 +190,9 @@ VARIANTS = {
         fixes=False,
         notes=("4 of 4 ends are not fixes of the file",),
     ),
+    "binary": _binary(),
+    "caches": _binary(crc=True),
+    "compressed": _binary(crc=True, compress=True),
     "ragged": Form("erddap", made.ragged, notes=(_STATED_ONCE,), **_IN),
 }
 
@@ -184,11 +201,13 @@ VARIANTS = {
 def test_fixes_mean_currents_and_their_ends_come_back(tmp_path, form):
     row = (DIALECTS | VARIANTS)[form]
     said = read(row.written(tmp_path / "a.nc"))
-    assert (said.report.format, said.report.undecodable) == (row.format, {})
+    assert (said.report.format, said.report.losses) == (row.format, ())
+    lost = {"/vehicle/fix": (row.lost, "GPS fix without time or position")}
+    assert said.report.undecodable == (lost if row.lost else {})
     assert len(said.of("/dac")) == 2
     for dive, mean in enumerate(said.of("/dac")):
         known = (mean["dac_eastward"], mean["dac_northward"])
-        assert known == pytest.approx(made.mean(dive), abs=1e-12)
+        assert known == pytest.approx(made.mean(dive), abs=row.exact)
         before, after = made.FIXES[2 * dive : 2 * dive + 2]
         step = np.array([1.0, *((after - before)[1:] / made.DIVE)]) * row.inside
         for end, place in (("start_fix", before + step), ("end_fix", after - step)):
@@ -197,7 +216,7 @@ def test_fixes_mean_currents_and_their_ends_come_back(tmp_path, form):
         assert mean["duration"] == pytest.approx(made.DIVE - 2 * row.inside)
         # where samples come to the surface, their depths number the dives
         assert mean.get("dive") == (dive + 1 if row.numbered else None)
-        assert mean["max_depth"] == pytest.approx((100.0, row.deepest)[dive], abs=1e-9)
+        assert mean["max_depth"] == pytest.approx((100.0, row.deepest)[dive], abs=1e3 * row.exact)
     assert said.fixes() == pytest.approx(made.PLACES[: 4 * row.fixes], abs=1e-6)
     for words in row.notes:
         assert said.noted(words)

@@ -4,6 +4,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import gsw
 import lz4.block
 import numpy as np
 
@@ -125,7 +126,8 @@ def cycles_of(dive: int, step: float = 60.0) -> tuple[list[Cycle], list[Cycle]]:
         science.append(
             {
                 "sci_m_present_time": time + 2.0,
-                "sci_water_pressure": depth / 9.9,
+                # the file has no latitude, so that of 45 degrees is taken
+                "sci_water_pressure": gsw.p_from_z(-depth, 45.0) / 10.0,
                 "sci_water_temp": 10.0,
                 "sci_water_cond": 4.0,
             }
