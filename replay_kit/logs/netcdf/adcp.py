@@ -1,16 +1,4 @@
-"""Glider ADCPs as ``replay_kit.AdcpPing``: Seaglider, Nortek AD2CP exported by MIDAS, SeaExplorer in real time, absolute profiles.
-
-Properties that Seaglider files do not state, and their evidence:
-
-* ``ad2cp_velX, velY, velZ`` are not along the instrument's axes: the basestation takes them as east, north and up, and on real dives velZ
-  equals the vertical speed from pressure at pitches of 35 degrees. East and north are magnetic: they deviate from the track by the
-  declination, which is thus not applied.
-* The first cell's centre is one blanking and one cell from the instrument, which looks up or down (``orientation``).
-* ``ad2cp_soundspeed`` is in tenths of m/s and ``ad2cp_temperature`` in tenths of a degree, whatever their units attribute states.
-
-The beams of Nortek's glider head: 1 fore and 3 aft at 47.5 degrees from its axis, 2 and 4 abeam at 25 degrees (bastienqueste/gliderad2cp,
-``process_shear.py``). Ranges are distances along the axis; velocities are positive away from the instrument.
-"""
+"""Glider ADCPs as ``replay_kit.AdcpPing``: Seaglider, Nortek AD2CP exported by MIDAS, SeaExplorer in real time, absolute profiles."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -22,11 +10,11 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.quantities import metres
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Columns, Table
+from replay_kit.logs.netcdf.columns import Columns, Table, entries
 from replay_kit.logs.netcdf.currents import DiveMean
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
+from replay_kit.logs.shared.payloads import PING, number
 
 #: Topics of profiles that were computed from a dive's own pings, and of those of a whole mission.
 INVERTED, PROFILES = "/adcp/inverted", "/adcp/absolute"
@@ -50,40 +38,37 @@ _RELATIVE = {"reference": "platform", "bin_mapped": False, "declination_applied"
 
 
 def _pings(
-    topic: str,
-    time_ns: NDArray[np.int64],
-    cells: tuple[float | None, float],
-    common: Mapping[str, Any],
-    columns: Table,
+    topic: str, columns: Table, cells: tuple[float | None, float], common: Mapping[str, Any]
 ) -> Iterator[Entry]:
     """Yield the pings of a topic in earth coordinates if nothing else is stated; unknown fields are null.
 
     Args:
         topic: Their topic.
-        time_ns: shape (n,) [ns, UTC]; pings without a time, 0, are excluded.
+        columns: Fields of each ping, shape (n, ...): ``time`` [ns, UTC], 0 for pings that are excluded, and ``velocity``, shape
+            (n, n_cells, k) [m/s]: east, north, perhaps up.
         cells: Cell size, None if unknown, and distance of the first cell's centre [m].
         common: Fields of all pings.
-        columns: Fields of each ping, shape (n, ...), among them ``velocity``, shape (n, n_cells, k) [m/s]: east, north, perhaps up.
     """
-    held = columns | {"velocity": np.round(columns["velocity"], 6)}
-    rows = [v.tolist() if v.dtype.kind == "i" else numbers(v) for v in held.values()]
-    for k, (time, *row) in enumerate(zip(time_ns.tolist(), *rows, strict=True)):
-        payload = {
-            "stamp": stamp(time),
-            "frame_id": "adcp",
-            "ping": k,
-            "coordinate_system": "earth",
-            "n_cells": columns["velocity"].shape[1],
-            "cell_size": cells[0],
-            "bin0_distance": cells[1],
-            "transducer_depth": 0.0,
-            **_UNKNOWN,
-            **common,
-        }
-        if time:
-            yield time, topic, PING, payload | dict(zip(held, row, strict=True))
+    n, n_cells = columns["velocity"].shape[:2]
+    fields = {
+        "frame_id": "adcp",
+        "coordinate_system": "earth",
+        "n_cells": n_cells,
+        "cell_size": cells[0],
+        "bin0_distance": cells[1],
+        "transducer_depth": 0.0,
+        **_UNKNOWN,
+        **common,
+    }
+    rounded = {"velocity": np.round(columns["velocity"], 6)}
+    held = {"ping": np.arange(n)} | columns | rounded
+    return entries(topic, PING, held, np.flatnonzero(columns["time"]), fields)
 
 
+# What Seaglider files do not state, and the evidence: these velocities are not along the instrument's axes. The basestation takes them as
+# east, north and up, and on real dives velZ equals the vertical speed from pressure at pitches of 35 degrees. East and north are magnetic:
+# they deviate from the track by the declination, which is thus not applied. The first cell's centre is one blanking and one cell from the
+# instrument, which looks up or down (``orientation``). Sound speed and temperature are in tenths, whatever their units attribute states.
 _VELOCITY = ("ad2cp_velX", "ad2cp_velY", "ad2cp_velZ")
 _ENU = 0.0  # of ad2cp_coordinateSystem; 1 along the instrument's axes, 2 along its beams
 _FASTEST_SOUND = 2000.0  # m/s; more than this is stated in tenths
@@ -140,7 +125,7 @@ def _relative(file: NetcdfFile, common: dict[str, Any], notes: list[str]) -> Ite
     }
     rounded = {name: np.round(values, 4) for name, values in sensors.items()}
     cells = cell_size, bin0_distance
-    yield from _pings("/adcp", time_ns, cells, common, {"velocity": velocity, **rounded})
+    yield from _pings("/adcp", {"time": time_ns, "velocity": velocity, **rounded}, cells, common)
 
 
 def _inverted(file: NetcdfFile) -> Iterator[Entry]:
@@ -155,8 +140,8 @@ def _inverted(file: NetcdfFile) -> Iterator[Entry]:
     dive, n = file.dive_number or 0, ends.size
     common = {**_FROM_SURFACE, "dive": dive, "computed_from": ["/adcp", "/dac"]}
     velocity = np.stack([component.T[:n] for component in components], axis=-1)
-    columns = {"velocity": velocity, "ping": 2 * dive + np.arange(n)}
-    yield from _pings(INVERTED, ends, (float(steps[0]), float(levels[0])), common, columns)
+    columns = {"time": ends, "velocity": velocity, "ping": 2 * dive + np.arange(n)}
+    yield from _pings(INVERTED, columns, (float(steps[0]), float(levels[0])), common)
 
 
 def _leg_ends(file: NetcdfFile) -> NDArray[np.int64]:
@@ -210,9 +195,9 @@ def absolute_profiles(
     common = _FROM_SURFACE | {"computed_from": ["/dac"]}
     common |= {} if even else {"cell_distances": depth.tolist()}
     time_ns = np.where(has, np.where(placed, middle, samples["time"]), 0)
-    own = {"velocity": velocity, "dive": samples["dive"].astype(np.int64)}
+    own = {"time": time_ns, "velocity": velocity, "dive": samples["dive"].astype(np.int64)}
     cells = float(steps[0]) if even else 1.0, float(depth[0])
-    yield from _pings(PROFILES, time_ns, cells, common, own)
+    yield from _pings(PROFILES, own, cells, common)
 
 
 # cells between two whose difference is a shear; nearer ones differ by noise alone
@@ -302,13 +287,14 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         )
     time_ns, _ = units.time_ns("time", file.variables[held["time"]], file.path, notes)
     beams = [k for k in range(1, 5) if f"velocitybeam{k}" in held]
-    columns = {
+    columns: Table = {
         word: _by_ping(file, [held[f"{word}beam{k}"] for k in beams], time_ns.size)
         for word in ("velocity", "amplitude", "correlation")
         if all(f"{word}beam{k}" in held for k in beams)
     }
     flat = {name: file.array(held[own]).ravel() for name, own in _SENSORS.items() if own in held}
     columns |= {name: values for name, values in flat.items() if values.size == time_ns.size}
+    columns |= {"time": time_ns}
     up, distance = (
         file.array(held[name]).ravel() if name in held else np.empty(0)
         for name in ("accelerometerz", "velocityrange")
@@ -334,7 +320,7 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         "attitude_convention": "nortek",
         "beam_unit_vectors": _BEAMS[[beam - 1 for beam in beams]].tolist(),
     }
-    yield from _pings("/adcp", time_ns, (cell_size, float(distance[0])), common, columns)
+    yield from _pings("/adcp", columns, (cell_size, float(distance[0])), common)
 
 
 def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
@@ -354,6 +340,8 @@ def _by_ping(file: NetcdfFile, names: list[str], n: int) -> Array:
     return np.asarray(np.stack(by_ping, axis=-1))
 
 
+# Beams of Nortek's glider head: 1 fore and 3 aft at 47.5 degrees from its axis, 2 and 4 abeam at 25 degrees (bastienqueste/gliderad2cp,
+# ``process_shear.py``). Ranges are distances along the axis; velocities are positive away from the instrument.
 _FORE, _SIDE = np.deg2rad(47.5), np.deg2rad(25.0)
 _BEAMS = np.array(
     [

@@ -1,6 +1,6 @@
 """Columns of a file in SI units, and those of a glider as tables: samples along the track, fixes, mean currents, absolute profiles."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gsw
@@ -12,9 +12,13 @@ from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.dialects import SIZES, Dialect, Told
 from replay_kit.logs.netcdf.quality import flagged_bad
 from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.reader import Entry
+from replay_kit.logs.shared.payloads import numbers, stamp
 
 #: Columns by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
 Table = dict[str, NDArray[Any]]
+# Rows of which messages are made at once.
+_ROWS = 4096
 # degrees north, where no position tells it
 _LATITUDE = 45.0
 
@@ -268,3 +272,25 @@ def _stacked(tables: Sequence[Table]) -> Table:
         )
         for key in keys
     }
+
+
+def entries(
+    topic: str, schema: str, columns: Table, rows: NDArray[np.intp], common: Mapping[str, Any]
+) -> Iterator[Entry]:
+    """Yield a message for each of some rows of a table: its time as ``stamp``, common fields, and its columns, null where not finite.
+
+    Args:
+        topic: Topic of the messages.
+        schema: Name of their schema.
+        columns: Columns, shape (n, ...), of which ``time`` is the messages' [ns, UTC].
+        rows: Indices of the rows, in order of time.
+        common: Fields of all messages.
+    """
+    own = {key: column for key, column in columns.items() if key != "time"}
+    # some rows at once, to limit memory
+    for some in np.split(rows, range(_ROWS, rows.size, _ROWS)):
+        parts = [column[some] for column in own.values()]
+        held = [numbers(part) if part.dtype.kind == "f" else part.tolist() for part in parts]
+        for time_ns, *row in zip(columns["time"][some].tolist(), *held, strict=True):
+            payload = {"stamp": stamp(time_ns), **common, **dict(zip(own, row, strict=True))}
+            yield time_ns, topic, schema, payload

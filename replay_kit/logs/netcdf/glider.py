@@ -12,12 +12,12 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
 from replay_kit.core.text import count_text
 from replay_kit.logs.netcdf.adcp import INVERTED, PROFILES, absolute_profiles
-from replay_kit.logs.netcdf.columns import Table, joined, read_columns
+from replay_kit.logs.netcdf.columns import Table, entries, joined, read_columns
 from replay_kit.logs.netcdf.currents import DiveMean, Fixes, fixes_of, mean_currents
 from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import FIX, location_fix, number, stamp
+from replay_kit.logs.shared.payloads import FIX, location_fix
 
 _DECIMATED_NS = 60 * 1_000_000_000
 # m; samples of one time that lie farther apart have no depth of their own
@@ -28,9 +28,8 @@ _DAC = "replay_kit.DepthAveragedCurrent"
 def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
     """Return the messages of a glider's files, which are read whole.
 
-    ``/vehicle/fix``: GPS. ``/vehicle/position``: dead-reckoned or interpolated, with depth, once a minute. ``/adcp``: velocity relative to
-    the glider. ``/ctd``, ``/vehicle/altimeter``, ``/vehicle/battery``, ``/vehicle/waypoint``: see ``_INSTRUMENTS``. ``/adcp/inverted``,
-    ``/adcp/absolute``: absolute profiles. ``/dac``: mean current of each dive, at the fix after it.
+    ``/vehicle/fix``: GPS. ``/vehicle/position``: once a minute. ``/adcp``: velocity relative to the glider. ``/adcp/inverted``,
+    ``/adcp/absolute``: absolute profiles. ``/dac``: mean current of each dive, at the fix after it. Others: see ``_INSTRUMENTS``.
 
     Args:
         files: Files of one log, in order of time.
@@ -167,10 +166,8 @@ def _instrument(topic: str, samples: Table) -> Iterator[Entry]:
     else:
         new = np.diff(samples["time"][known] // _DECIMATED_NS) > 0
     names = [*(name for name in beside if name in samples), *held]
-    for k in known[np.r_[True, new][: known.size]].tolist():
-        time_ns = int(samples["time"][k])
-        payload = {name: number(float(samples[name][k])) for name in names}
-        yield time_ns, topic, schema, {"stamp": stamp(time_ns), **payload}
+    columns = {name: samples[name] for name in ("time", *names)}
+    yield from entries(topic, schema, columns, known[np.r_[True, new][: known.size]], {})
 
 
 #: Attributes that name the mission, with the dialects of which they do; of others ``id`` names the file

@@ -13,12 +13,12 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Table, read_values
+from replay_kit.logs.netcdf.columns import Table, entries, read_values
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.quality import as_qartod, is_failed, worst_flag
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import number, numbers, stamp
+from replay_kit.logs.shared.payloads import numbers, stamp
 
 RADAR, _TOTALS = "replay_kit.RadarCurrents", "/radar/totals"
 _FIX, _DRIFTERS = "replay_kit.DrifterFix", "/drifters"
@@ -236,14 +236,9 @@ def _drifter_fixes(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Tabl
 
 def _fixes(table: Table) -> Iterator[Entry]:
     """Yield the fixes in order of time."""
-    times = table["time"]
-    known = np.isfinite(table["longitude"] + table["latitude"]) & (times > 0)
-    for k in np.argsort(times, kind="stable").tolist():
-        if known[k]:
-            row = {name: column[k].item() for name, column in table.items()}
-            row["error"] = number(row["error"])
-            time_ns = row.pop("time")
-            yield time_ns, _DRIFTERS, _FIX, {"stamp": stamp(time_ns), **row}
+    order = np.argsort(table["time"], kind="stable")
+    known = (table["time"] > 0) & np.isfinite(table["longitude"] + table["latitude"])
+    return entries(_DRIFTERS, _FIX, table, order[known[order]], {})
 
 
 #: The Global Drifter Program, of one drifter or of several as a ragged array, or as a table of ERDDAP.
