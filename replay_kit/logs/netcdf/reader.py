@@ -11,7 +11,7 @@ from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Told
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
 from replay_kit.logs.netcdf.pings import PINGS
-from replay_kit.logs.netcdf.rows import ROWS, on_a_grid
+from replay_kit.logs.netcdf.rows import ROWS, require_no_grid
 from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
 from replay_kit.logs.netcdf.text import form_of, open_text
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
@@ -21,9 +21,6 @@ from replay_kit.logs.shared.payloads import by_variable, gather
 
 #: All dialects, in the order in which they are tried; a file of none is of ``PINGS`` or ``ROWS``.
 DIALECTS: tuple[Dialect, ...] = (*GLIDERS, TOTALS, DRIFTERS)
-# names of currents in forecasts, and bytes from which a file is asked for them before it is read
-_USUAL = ("u", "uo", "water_u", "vozocrtx", "uvel", "u_eastward", "ucur", "vxo")
-_LARGE = 1 << 24
 
 
 def dialect_of(
@@ -155,10 +152,7 @@ def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFi
         dialect = dialect_of(held, attributes, form == "table")
         if dialect is None:
             flat = {name: stored for name, stored in held.items() if stored.values.ndim < 3}
-            if path.stat().st_size >= _LARGE and any(
-                name.lower() in _USUAL for name in held.keys() - flat.keys()
-            ):
-                raise on_a_grid(path, held)
+            require_no_grid(path, held)
             asked = (
                 form != "netcdf" or config.columns or len(PINGS.chosen(flat)) == len(PINGS.names)
             )

@@ -1,6 +1,6 @@
 """NetCDF files of unknown dialect: a message per time, for ``[[measurements.map]]``."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.text import some_text
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
-from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import numbers
 
@@ -24,17 +24,22 @@ _VELOCITY = (
     "sea_water_x_velocity",
     "sea_water_y_velocity",
 )
+# names of currents in forecasts
+_USUAL = ("u", "uo", "water_u", "vozocrtx", "uvel", "u_eastward", "ucur", "vxo")
 # Rows of which messages are made at once.
 _ROWS = 4096
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
 _EXPECTED = "expected a Seaglider basestation file or a glider file of another known dialect"
 
 
-def on_a_grid(path: str | Path, names: Collection[str]) -> LogError:
-    """Return the error for a forecast given as a log."""
-    return LogError(
-        f"{path}: {_EXPECTED}, got currents on a grid: {some_text(list(names))}{_NOT_A_LOG}"
-    )
+def require_no_grid(path: Path, held: Mapping[str, Stored]) -> None:
+    """Raise LogError if a file with these variables is a forecast given as a log."""
+    for name, stored in held.items():
+        is_current = name.lower() in _USUAL or stored.standard in _VELOCITY
+        if is_current and stored.values.ndim > 2:
+            raise LogError(
+                f"{path}: {_EXPECTED}, got currents on a grid: {some_text(list(held))}{_NOT_A_LOG}"
+            )
 
 
 def rows_of(
@@ -43,19 +48,14 @@ def rows_of(
     """Return the messages of a file with rows over one time; rows without a time are counted and excluded.
 
     Raises:
-        LogError: The file has no time, or is a forecast.
+        LogError: The file has no time, or no variable along it.
     """
     del dialect, config
     file = files[0]
-    if any(
-        stored.text("standard_name") in _VELOCITY and stored.values.ndim > 2
-        for stored in file.variables.values()
-    ):
-        raise on_a_grid(file.path, file.variables)
     name = _time_name(file)
     said: list[str] = []
     time_ns, known = units.time_ns(name, file.variables[name], file.path, said)
-    time_ns, known = time_ns.ravel(), known.ravel()
+    time_ns = time_ns.ravel()
     rows, fixed = _split(file, name, time_ns.size)
     if not rows:
         raise LogError(
@@ -66,8 +66,7 @@ def rows_of(
         + (f", and at each row {', '.join(fixed)}" if fixed else "")
     )
     told.notes += said
-    at = np.flatnonzero(known)
-    at = at[np.argsort(time_ns[at], kind="stable")]
+    at = np.argsort(time_ns, kind="stable")[int((~known).sum()) :]
     topic = f"{TOPIC}{name}"
     told.skipped[topic, "row without a time"] += int((~known).sum())
     return lambda: [(), _entries(topic, time_ns, rows, fixed, at)]

@@ -3,7 +3,7 @@
 import h5netcdf
 import numpy as np
 import pytest
-from scipy.io import netcdf_file
+import xarray as xr
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
@@ -77,18 +77,9 @@ def _write_hdf5(path, variables):
 
 
 def _write_classic(path, variables):
-    with netcdf_file(path, "w") as file:
-        file.dive_number = 7
-        for name, (dims, values, attributes) in variables.items():
-            values = np.asarray(values)
-            for dim, size in zip(dims, values.shape, strict=True):
-                if dim not in file.dimensions:
-                    file.createDimension(dim, size)
-            kind = "c" if values.dtype.kind == "S" else "d"
-            variable = file.createVariable(name, kind, dims)
-            variable[...] = values
-            for key, value in attributes.items():
-                setattr(variable, key, value)
+    modern = _write_hdf5(path.with_suffix(".h5"), variables)
+    with xr.open_dataset(modern, engine="h5netcdf", decode_cf=False) as dive:
+        dive.to_netcdf(path, engine="scipy")
     return path
 
 

@@ -83,10 +83,7 @@ def test_a_netcdf_file_without_rows_is_no_log(tmp_path):
     )
     done = invoke(f"info {log}")
     assert done.exit_code == 3
-    assert (
-        "got no variable along t alone: t, u; a forecast is given with --ensemble, not as a log"
-        in done.stderr
-    )
+    assert "got currents on a grid: t, y, x, u; a forecast is given with --ensemble" in done.stderr
 
 
 def test_the_next_command_has_the_ensemble_that_was_given(tmp_path):
