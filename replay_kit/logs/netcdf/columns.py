@@ -254,24 +254,22 @@ def joined(parts: Sequence[Columns]) -> Columns:
         raise LogError(
             "expected one file with absolute profiles in a log, got several; give them one by one"
         )
-    columns = Columns(*(_stacked([t for t in tables if t]) for tables in zip(*parts, strict=True)))
+    columns = Columns(*(stacked([t for t in tables if t]) for tables in zip(*parts, strict=True)))
     order = np.argsort(columns.samples.get("time", np.empty(0)), kind="stable")
     return columns._replace(samples={key: v[order] for key, v in columns.samples.items()})
 
 
-def _stacked(tables: Sequence[Table]) -> Table:
-    """Return concatenated tables; missing columns are unknown."""
+def stacked(tables: Sequence[Table], unknown: float = np.nan) -> Table:
+    """Return concatenated tables; missing columns are ``unknown``, times 0."""
     sizes = [len(next(iter(table.values()))) for table in tables]
     keys = dict.fromkeys(key for table in tables for key in table)
-    return {
-        key: np.concatenate(
-            [
-                table.get(key, np.full(n, np.nan) if not key.endswith("time") else np.zeros(n, int))
-                for n, table in zip(sizes, tables, strict=True)
-            ]
-        )
-        for key in keys
-    }
+
+    def column(key: str) -> NDArray[Any]:
+        empty = 0 if key.endswith("time") else unknown
+        parts = zip(tables, sizes, strict=True)
+        return np.concatenate([table.get(key, np.full(n, empty)) for table, n in parts])
+
+    return {key: column(key) for key in keys}
 
 
 def entries(

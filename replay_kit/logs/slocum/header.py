@@ -15,9 +15,9 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.inputs import open_input
 from replay_kit.logs.reader import unreadable
 
-#: Endings of the files, in lower case: flight computer, then science computer; all sensors before subsets, raw before compressed.
-FLIGHT = (".dbd", ".mbd", ".sbd", ".dcd", ".mcd", ".scd")
-SCIENCE = (".ebd", ".nbd", ".tbd", ".ecd", ".ncd", ".tcd")
+#: Endings of the files of the flight and the science computer, in lower case: all sensors before subsets, raw before compressed.
+FLIGHT = (".dbd", ".dcd", ".mbd", ".mcd", ".sbd", ".scd")
+SCIENCE = (".ebd", ".ecd", ".nbd", ".ncd", ".tbd", ".tcd")
 _CACHES = (".cac", ".ccc")
 # LZ4 writes the first bytes of a block as they are, after the block's length and their number
 _COMPRESSED = re.compile(rb".{3,5}(?:dbd_label:|s: [TF] )", re.DOTALL)

@@ -169,10 +169,8 @@ def _without_subsets(paths: Sequence[Path], notes: list[str]) -> list[Path]:
 
 def _rank(path: Path) -> int:
     """Return the rank of a file among those of one segment and computer, the one with most sensors first."""
-    endings = (*zip(FLIGHT, SCIENCE, strict=True),)
-    return next(
-        (k % 3 * 2 + k // 3 for k, pair in enumerate(endings) if path.suffix.lower() in pair), 9
-    )
+    ending = path.suffix.lower()
+    return next((part.index(ending) for part in (FLIGHT, SCIENCE) if ending in part), len(FLIGHT))
 
 
 def _joined(parts: Sequence[Segment], notes: list[str]) -> NetcdfFile:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
+from replay_kit.logs.netcdf.columns import stacked
 from replay_kit.logs.netcdf.units import from_minutes
 from replay_kit.logs.netcdf.variables import Stored
 
@@ -61,19 +62,12 @@ class Rows(NamedTuple):
     @classmethod
     def joined(cls, parts: Sequence["Rows"]) -> "Rows":
         """Return the cycles of several files in order of time; missing sensors count as not written."""
+        held = stacked([{"time": part.time, **part.held} for part in parts])
+        written = stacked([{"time": part.time, **part.written} for part in parts], 0)
+        order = np.argsort(held["time"], kind="stable")
+        held, written = ({key: v[order] for key, v in t.items()} for t in (held, written))
         units = {name: unit for part in parts for name, unit in part.units.items()}
-        time = np.concatenate([part.time for part in parts])
-        order = np.argsort(time, kind="stable")
-
-        def column(tables: Sequence[Mapping[str, NDArray[Any]]], name: str, empty: Any) -> Any:
-            sizes = [part.time.size for part in parts]
-            unknown = (np.full(size, empty) for size in sizes)
-            held = [t.get(name, u) for t, u in zip(tables, unknown, strict=True)]
-            return np.concatenate(held)[order]
-
-        held = {name: column([part.held for part in parts], name, np.nan) for name in units}
-        written = {name: column([p.written for p in parts], name, np.uint8(0)) for name in units}
-        return cls(time[order], held, written, units)
+        return cls(held.pop("time"), held, written, units)
 
     def has(self, names: Sequence[str]) -> bool:
         """Return whether all these sensors exist."""
