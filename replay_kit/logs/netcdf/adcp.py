@@ -188,7 +188,7 @@ def absolute_profiles(
     notes.append(
         "absolute profiles: taken as east and north relative to the earth, each at the middle of its dive"
     )
-    middle = samples.get("dac_time", np.zeros(len(profile["east"]), np.int64))
+    middle = samples["dac_time"]
     placed = np.isin(middle, [mean.middle.time_ns for mean in means if mean.middle])
     velocity = np.stack([profile["east"], profile["north"]], axis=-1)
     has = np.isfinite(velocity).all(axis=-1).any(axis=-1)

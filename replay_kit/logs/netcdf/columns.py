@@ -19,6 +19,8 @@ from replay_kit.logs.shared.payloads import numbers, stamp
 Table = dict[str, NDArray[Any]]
 # Rows of which messages are made at once.
 _ROWS = 4096
+# Columns that samples have, known or not.
+_OF_SAMPLES = ("longitude", "latitude", "depth", "declination")
 # degrees north, where no position tells it
 _LATITUDE = 45.0
 
@@ -27,7 +29,8 @@ class Columns(NamedTuple):
     """Contents of a file, or of the files of one log; the columns of a table have one length.
 
     Attributes:
-        samples: Samples along the track in order of time, with their dive's mean current if the file repeats it.
+        samples: Samples along the track in order of time: at least ``time``, ``dac_time`` and those of ``_OF_SAMPLES``; with their dive's
+            mean current if the file repeats it.
         gps: Fixes with their own variables.
         dac: Mean currents with their own dimension.
         profile: Absolute currents ``east`` and ``north``, shape (n, k) [m/s], at the samples of a file with one per profile, and ``depth``,
@@ -196,7 +199,9 @@ def _tables(values: Table) -> Columns:
     n = time.size
     order = np.argsort(time, kind="stable")
     order = order[time[order] > 0]
-    samples = {
+    samples = {name: np.full(order.size, np.nan) for name in _OF_SAMPLES}
+    samples |= {"time": time[order], "dac_time": np.zeros(order.size, np.int64)}
+    samples |= {
         key: np.broadcast_to(found.ravel(), n)[order]
         for key, found in values.items()
         if n and found.size in (1, n) and not key.startswith(("gps_", "profile_"))
@@ -255,8 +260,13 @@ def joined(parts: Sequence[Columns]) -> Columns:
             "expected one file with absolute profiles in a log, got several; give them one by one"
         )
     columns = Columns(*(stacked([t for t in tables if t]) for tables in zip(*parts, strict=True)))
-    order = np.argsort(columns.samples.get("time", np.empty(0)), kind="stable")
-    return columns._replace(samples={key: v[order] for key, v in columns.samples.items()})
+    order = np.argsort(columns.samples["time"], kind="stable")
+    return columns._replace(samples=rows_of(columns.samples, order))
+
+
+def rows_of(table: Table, rows: NDArray[Any]) -> Table:
+    """Return some rows of a table, by a mask or indices."""
+    return {key: column[rows] for key, column in table.items()}
 
 
 def stacked(tables: Sequence[Table], unknown: float = np.nan) -> Table:

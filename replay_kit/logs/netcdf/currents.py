@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Fix
-from replay_kit.logs.netcdf.columns import Columns, Table
+from replay_kit.logs.netcdf.columns import Columns, Table, rows_of, stacked
 from replay_kit.logs.netcdf.dialects import Dialect, Told
 from replay_kit.logs.shared.payloads import number, stamp
 
@@ -30,51 +29,30 @@ _PLACE = ("time", "longitude", "latitude")
 Row = Mapping[str, float]
 
 
-class Fixes(NamedTuple):
-    """Times and positions.
-
-    Attributes:
-        time_ns: shape (n,) [ns, UTC]; 0 if unknown.
-        longitude: shape (n,) [degrees east].
-        latitude: shape (n,) [degrees north].
-        error: shape (n,) [m], standard error of each component; NaN if unknown.
-    """
-
-    time_ns: NDArray[np.int64]
-    longitude: Array
-    latitude: Array
-    error: Array
-
-    @classmethod
-    def of(cls, table: Table, part: str = "") -> "Fixes":
-        """Return the times and positions in columns whose names begin with ``part``."""
-        time_ns = table.get(f"{part}time", np.empty(0, np.int64))
-        unknown = np.full(time_ns.size, np.nan)
-        names = ("longitude", "latitude", "error")
-        return cls(time_ns, *(table.get(f"{part}{name}", unknown) for name in names))
-
-    def at(self, rows: NDArray[Any]) -> "Fixes":
-        """Return some rows, by a mask or indices."""
-        return Fixes(*(column[rows] for column in self))
-
-    @property
-    def known(self) -> NDArray[np.bool_]:
-        """Whether both time and position are known, shape (n,)."""
-        return np.asarray((self.time_ns > 0) & np.isfinite(self.longitude + self.latitude))
-
-    def around(self, inside: int) -> tuple[Fix, Fix] | None:
-        """Return the positions before and at or after a time [ns, UTC]; None without them."""
-        after = int(np.searchsorted(self.time_ns, inside))
-        if not 0 < after < self.time_ns.size:
-            return None
-        before, end = zip(
-            *(column[after - 1 : after + 1].tolist() for column in self[:3]), strict=True
-        )
-        return Fix(*before), Fix(*end)
+def places_in(table: Table, part: str = "") -> Table:
+    """Return ``time``, ``longitude``, ``latitude`` and ``error`` of the columns whose names begin with ``part``; NaN if missing."""
+    time_ns = table.get(f"{part}time", np.empty(0, np.int64))
+    unknown = np.full(time_ns.size, np.nan)
+    names = ("longitude", "latitude", "error")
+    return {"time": time_ns, **{name: table.get(f"{part}{name}", unknown) for name in names}}
 
 
-def fixes_of(columns: Columns, told: Told) -> Fixes:
-    """Return the fixes of a mission; incomplete ones are counted.
+def are_known(places: Table) -> NDArray[np.bool_]:
+    """Return whether both time and position are known, shape (n,)."""
+    return np.asarray((places["time"] > 0) & np.isfinite(places["longitude"] + places["latitude"]))
+
+
+def _around(places: Table, inside: int) -> tuple[Fix, Fix] | None:
+    """Return the positions before and at or after a time [ns, UTC]; None without them."""
+    after = int(np.searchsorted(places["time"], inside))
+    if not 0 < after < places["time"].size:
+        return None
+    before, end = (Fix(*(places[name][k].item() for name in _PLACE)) for k in (after - 1, after))
+    return before, end
+
+
+def fixes_of(columns: Columns, told: Told) -> Table:
+    """Return time, longitude, latitude and error of the fixes of a mission; incomplete ones are counted.
 
     Fixes with their own variables are preferred; else samples at either end of each time at the surface, by dead-reckoning flag or vehicle
     state, as the last position is repeated between them.
@@ -84,27 +62,27 @@ def fixes_of(columns: Columns, told: Told) -> Fixes:
         told: Receives assumptions and counts of unusable values.
     """
     samples = columns.samples
-    parts = [Fixes.of(columns.gps, "gps_"), Fixes.of(samples, "end_")]
-    found = Fixes(*map(np.concatenate, zip(*parts, strict=True)))
+    own = places_in(columns.gps, "gps_")
+    found = stacked([own, places_in(samples, "end_")])
     # files repeat the fix, or write none, at each sample of a dive: only a time without a place in a table of fixes is a loss
-    own = parts[0].time_ns.size
-    lost = 0 if own in (0, samples.get("time", np.empty(0)).size) else int((~found.known).sum())
+    is_table = own["time"].size not in (0, samples["time"].size)
+    lost = int((~are_known(found)).sum()) if is_table else 0
     flagged = sum(n for (topic, _), n in told.skipped.items() if topic == "/vehicle/fix")
     told.skipped["/vehicle/fix", "GPS fix without time or position"] += max(lost - flagged, 0)
-    if not found.known.any():
+    if not are_known(found).any():
         found = _measured(samples, told.notes)
-    found = found.at(found.known)
-    _, first = np.unique(found.time_ns, return_index=True)
-    repeated = found.time_ns.size - first.size
+    found = rows_of(found, are_known(found))
+    _, first = np.unique(found["time"], return_index=True)
+    repeated = found["time"].size - first.size
     if repeated and "end_time" not in samples:
         told.notes.append(f"{repeated} fixes at the time of another, excluded")
-    return found.at(first)
+    return rows_of(found, first)
 
 
-def _measured(samples: Table, notes: list[str]) -> Fixes:
+def _measured(samples: Table, notes: list[str]) -> Table:
     """Return the first and last sample of each period marked as measured by a flag or state."""
-    places = Fixes.of(samples)
-    measured = np.zeros(places.time_ns.size, np.bool_)
+    places = places_in(samples)
+    measured = np.zeros(places["time"].size, np.bool_)
     if "dead_reckoning" in samples:
         measured = samples["dead_reckoning"] == 0.0
     elif "nav_state" in samples:
@@ -113,11 +91,11 @@ def _measured(samples: Table, notes: list[str]) -> Fixes:
             notes.append(
                 f"fixes: positions in the navigation state {_FIX_STATE}, because no flag marks dead reckoning"
             )
-    held = np.r_[False, measured & places.known, False]
+    held = np.r_[False, measured & are_known(places), False]
     edges = held[1:-1] & ~(held[:-2] & held[2:])
     if not edges.any():
         notes.append("no fixes: nothing marks measured positions; all are treated as dead-reckoned")
-    return places.at(edges)
+    return rows_of(places, edges)
 
 
 class DiveMean(NamedTuple):
@@ -139,7 +117,7 @@ class DiveMean(NamedTuple):
 
 
 def mean_currents(
-    columns: Columns, fixes: Fixes, dialect: Dialect, told: Told
+    columns: Columns, fixes: Table, dialect: Dialect, told: Told
 ) -> tuple[DiveMean, ...]:
     """Return the mean currents of a mission in order of time.
 
@@ -179,7 +157,7 @@ def mean_currents(
         )
     means = tuple(made[key] for key in sorted(made))
     ends = [end.time_ns for mean in means for end in (mean.start, mean.end)]
-    if other := int((~np.isin(ends, fixes.time_ns)).sum()):
+    if other := int((~np.isin(ends, fixes["time"])).sum()):
         how = "the first or last sample of their dive, or follow from its middle"
         notes.append(
             f"mean current: {other} of {len(ends)} ends are not fixes of the file; they are {how}"
@@ -188,7 +166,7 @@ def mean_currents(
         "/dac", "mean current without fixes before and after it, or samples of its dive"
     ] += lost
     # numbered by order if the file neither numbers dives nor has samples at the surface
-    surfaced = (samples.get("depth", np.empty(0)) <= _SURFACE).any()
+    surfaced = (samples["depth"] <= _SURFACE).any()
     if surfaced or any("dive" in mean.payload for mean in means):
         return means
     return tuple(
@@ -207,15 +185,15 @@ def _fix(row: Row, part: str) -> Fix | None:
 
 
 def _repeated(
-    table: Table, velocity: NDArray[Any], rows: NDArray[np.intp], fixes: Fixes, notes: list[str]
+    table: Table, velocity: NDArray[Any], rows: NDArray[np.intp], fixes: Table, notes: list[str]
 ) -> list[NDArray[np.intp]]:
     """Return the samples that repeat each mean current, told apart by their own time or the fixes around them."""
     # a value that a dive repeats may stand at the fixes at its ends, too, where it could be of either dive
-    at_fix = np.isin(table["time"][rows], fixes.time_ns)
+    at_fix = np.isin(table["time"][rows], fixes["time"])
     rows = rows[~(at_fix & np.isin(velocity[rows], velocity[rows[~at_fix]]))]
-    value, own = velocity[rows], table.get("dac_time", np.zeros(velocity.size, np.int64))[rows]
-    segment = np.searchsorted(fixes.time_ns, table["time"][rows])
-    if not fixes.time_ns.size:
+    value, own = velocity[rows], table["dac_time"][rows]
+    segment = np.searchsorted(fixes["time"], table["time"][rows])
+    if not fixes["time"].size:
         segment = np.cumsum((np.diff(value, prepend=np.nan) != 0) | (np.diff(own, prepend=0) != 0))
     keys = np.column_stack([np.where(own > 0, own, segment), value.real, value.imag])
     _, first, of = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -226,18 +204,16 @@ def _repeated(
 
 
 def _mean(
-    row: Row, rows: NDArray[np.intp], samples: Table, fixes: Fixes, dialect: Dialect
+    row: Row, rows: NDArray[np.intp], samples: Table, fixes: Table, dialect: Dialect
 ) -> DiveMean | None:
     """Return the mean current in a row, which some samples repeat; None without its ends."""
     ends = _ends(row, rows, samples, fixes, dialect.ascent_share)
     if ends is None or not 0 < ends[1].time_ns - ends[0].time_ns <= _LONGEST_NS:
         return None
     start, end = ends
-    times = samples.get("time", np.empty(0, np.int64))
+    times = samples["time"]
     of_dive = (times >= start.time_ns) & (times <= end.time_ns)
-    depth, declination = (
-        samples.get(name, np.full(times.size, np.nan))[of_dive] for name in ("depth", "declination")
-    )
+    depth, declination = samples["depth"][of_dive], samples["declination"][of_dive]
     once, dive = np.unique(times[rows]).size == 1, row.get("dive", np.nan)
     deepest = np.nanmax(depth) if np.isfinite(depth).any() else row.get("deepest", np.nan)
     turn = np.nanmedian(declination) if np.isfinite(declination).any() else np.nan
@@ -263,7 +239,7 @@ def _end(end: Fix) -> dict[str, Any]:
 
 
 def _ends(
-    row: Row, rows: NDArray[np.intp], samples: Table, fixes: Fixes, ascent_share: float
+    row: Row, rows: NDArray[np.intp], samples: Table, fixes: Table, ascent_share: float
 ) -> tuple[Fix, Fix] | None:
     """Return the fixes before and after a dive: stated, around a time within it, its outer samples, or those at the surface."""
     end, middle = _fix(row, "end_"), _fix(row, "dac_")
@@ -276,17 +252,17 @@ def _ends(
         return _displaced(middle, [-part for part in step]), end or _displaced(middle, step)
     inside = _time_within(row, rows, samples)
     # where nothing tells a time of the dive, it is between the fixes farthest apart
-    farthest = fixes.time_ns[np.argmax(np.diff(fixes.time_ns)) + 1] if len(fixes.time_ns) > 1 else 0
-    if found := fixes.around(inside or farthest):
+    times = fixes["time"]
+    farthest = times[np.argmax(np.diff(times)) + 1] if times.size > 1 else 0
+    if found := _around(fixes, inside or farthest):
         return found
     if rows.size:
         first, last = (_fix(_row(samples, rows[k]), "") for k in (0, -1))
         if first and last and first.time_ns != last.time_ns:
             return first, last
-    if not {*_PLACE, "depth"} <= samples.keys():
-        return None
-    places = Fixes.of(samples)
-    return places.at(places.known & (samples["depth"] <= _SURFACE)).around(inside)
+    places = places_in(samples)
+    shallow = are_known(places) & (samples["depth"] <= _SURFACE)
+    return _around(rows_of(places, shallow), inside)
 
 
 def _displaced(middle: Fix, step: Sequence[float]) -> Fix:
@@ -298,7 +274,7 @@ def _displaced(middle: Fix, step: Sequence[float]) -> Fix:
 
 def _time_within(row: Row, rows: NDArray[np.intp], samples: Table) -> int:
     """Return a time within the dive [ns]; 0 if the file has neither times nor depths to determine it."""
-    time_ns, depth = samples.get("time", np.empty(0, np.int64)), samples.get("depth", np.empty(0))
+    time_ns, depth = samples["time"], samples["depth"]
     known, stated = np.isfinite(depth), int(row.get("dac_time", 0))
     if not known.any() or not (stated or rows.size):
         return stated

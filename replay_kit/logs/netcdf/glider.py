@@ -13,7 +13,13 @@ from replay_kit.core.message import NO_MEANS
 from replay_kit.core.text import count_text
 from replay_kit.logs.netcdf.adcp import INVERTED, PROFILES, absolute_profiles
 from replay_kit.logs.netcdf.columns import Table, entries, joined, read_columns
-from replay_kit.logs.netcdf.currents import DiveMean, Fixes, fixes_of, mean_currents
+from replay_kit.logs.netcdf.currents import (
+    DiveMean,
+    are_known,
+    fixes_of,
+    mean_currents,
+    places_in,
+)
 from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
@@ -54,7 +60,7 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
     means = mean_currents(columns, fixes, dialect, told)
     pings = [ping for file in files if dialect.pings for ping in dialect.pings(file, notes)]
     pings += absolute_profiles(columns, means, notes)
-    tracked = fixes.time_ns.size > 1 and {"longitude", "depth"} <= samples.keys()
+    tracked = fixes["time"].size > 1 and np.isfinite(samples["longitude"] + samples["depth"]).any()
     if tracked and not (means or pings):
         notes.append(
             f"{NO_MEANS}none is stated; if the dead-reckoned positions include no current, "
@@ -80,30 +86,28 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
     )
 
 
-def _fixes(fixes: Fixes) -> Iterator[Entry]:
-    for time_ns, *place, error in zip(*(column.tolist() for column in fixes), strict=True):
+def _fixes(fixes: Table) -> Iterator[Entry]:
+    for time_ns, *place, error in zip(*(column.tolist() for column in fixes.values()), strict=True):
         fix = location_fix(time_ns, place[0], place[1], 0.0, False, error)
         yield time_ns, "/vehicle/fix", FIX, fix
 
 
 def _positions(
-    samples: Table, means: Sequence[DiveMean], fixes: Fixes, dialect: Dialect
+    samples: Table, means: Sequence[DiveMean], fixes: Table, dialect: Dialect
 ) -> Iterator[Entry]:
     """Yield the track, one position per minute, first and deepest samples included."""
     for mean in means:
         if middle := mean.middle:
             fix = location_fix(*middle, mean.max_depth, True, math.nan)
             yield middle.time_ns, "/vehicle/position", FIX, fix
-    if not {"longitude", "latitude"} <= samples.keys():
-        return
     # a basestation's positions are of its CTD, its attitude of its ADCP
     basestation = dialect.name == "seaglider"
     time, depth = samples["time"], _depth_at_times(samples)
-    usable = Fixes.of(samples).known & ~np.isin(time, fixes.time_ns)
+    usable = are_known(places_in(samples)) & ~np.isin(time, fixes["time"])
     if basestation:
         usable &= np.isfinite(depth)
-    if dialect.raw and fixes.time_ns.size:
-        usable &= time >= fixes.time_ns[0]
+    if dialect.raw and fixes["time"].size:
+        usable &= time >= fixes["time"][0]
     angles = [] if basestation else [a for a in ("heading", "pitch", "roll") if a in samples]
     due = 0
     for k in np.flatnonzero(usable).tolist():
@@ -124,7 +128,7 @@ def _positions(
 def _depth_at_times(samples: Table) -> Any:
     """Return the samples' depths [m], NaN where samples of one time have different depths."""
     _, of_time = np.unique(samples["time"], return_inverse=True)
-    depth = samples.get("depth", np.full(of_time.size, np.nan))
+    depth = samples["depth"]
     least, most = np.full((2, of_time.max(initial=-1) + 1), [[np.inf], [-np.inf]])
     np.fmin.at(least, of_time, depth)
     np.fmax.at(most, of_time, depth)
