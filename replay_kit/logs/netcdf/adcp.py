@@ -62,7 +62,8 @@ def _pings(
     }
     rounded = {"velocity": np.round(columns["velocity"], 6)}
     held = {"ping": np.arange(n)} | columns | rounded
-    return entries(topic, PING, held, np.flatnonzero(columns["time"]), fields)
+    time_ns = columns["time"]
+    return entries((topic, PING), time_ns, held, np.flatnonzero(time_ns), fields)
 
 
 # What Seaglider files do not state, and the evidence: these velocities are not along the instrument's axes. The basestation takes them as

@@ -283,22 +283,28 @@ def stacked(tables: Sequence[Table], unknown: float = np.nan) -> Table:
 
 
 def entries(
-    topic: str, schema: str, columns: Table, rows: NDArray[np.intp], common: Mapping[str, Any]
+    kind: tuple[str, str],
+    time_ns: NDArray[np.int64],
+    columns: Table,
+    rows: NDArray[np.intp],
+    common: Mapping[str, Any],
+    stamped: bool = True,
 ) -> Iterator[Entry]:
-    """Yield a message for each of some rows of a table: its time as ``stamp``, common fields, and its columns, null where not finite.
+    """Yield a message for each of some rows of a table: common fields and its columns, null where not finite.
 
     Args:
-        topic: Topic of the messages.
-        schema: Name of their schema.
-        columns: Columns, shape (n, ...), of which ``time`` is the messages' [ns, UTC].
-        rows: Indices of the rows, in order of time.
+        kind: Topic and schema of the messages.
+        time_ns: Times of the rows, shape (n,) [ns, UTC].
+        columns: Columns, shape (n, ...); that of the times themselves is left out.
+        rows: Indices of the rows, in the order of the messages.
         common: Fields of all messages.
+        stamped: Whether the messages have their time as ``stamp``.
     """
-    own = {key: column for key, column in columns.items() if key != "time"}
+    own = {key: column for key, column in columns.items() if column is not time_ns}
     # some rows at once, to limit memory
     for some in np.split(rows, range(_ROWS, rows.size, _ROWS)):
         parts = [column[some] for column in own.values()]
         held = [numbers(part) if part.dtype.kind == "f" else part.tolist() for part in parts]
-        for time_ns, *row in zip(columns["time"][some].tolist(), *held, strict=True):
-            payload = {"stamp": stamp(time_ns), **common, **dict(zip(own, row, strict=True))}
-            yield time_ns, topic, schema, payload
+        for time, *row in zip(time_ns[some].tolist(), *held, strict=True):
+            payload = {**common, **dict(zip(own, row, strict=True))}
+            yield time, *kind, {"stamp": stamp(time)} | payload if stamped else payload

@@ -170,8 +170,9 @@ def _instrument(topic: str, samples: Table) -> Iterator[Entry]:
     else:
         new = np.diff(samples["time"][known] // _DECIMATED_NS) > 0
     names = [*(name for name in beside if name in samples), *held]
-    columns = {name: samples[name] for name in ("time", *names)}
-    yield from entries(topic, schema, columns, known[np.r_[True, new][: known.size]], {})
+    columns = {name: samples[name] for name in names}
+    rows = known[np.r_[True, new][: known.size]]
+    yield from entries((topic, schema), samples["time"], columns, rows, {})
 
 
 #: Attributes that name the mission, with the dialects of which they do; of others ``id`` names the file

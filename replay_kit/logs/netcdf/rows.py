@@ -1,19 +1,18 @@
 """NetCDF files of unknown dialect: a message per time, for ``[[measurements.map]]``."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.text import some_text
 from replay_kit.logs.netcdf import units
+from replay_kit.logs.netcdf.columns import entries
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
-from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import numbers
 
 #: First part of the topic, before the name of the time variable.
@@ -26,8 +25,6 @@ _VELOCITY = (
 )
 # names of currents in forecasts
 _USUAL = ("u", "uo", "water_u", "vozocrtx", "uvel", "u_eastward", "ucur", "vxo")
-# Rows of which messages are made at once.
-_ROWS = 4096
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
 _EXPECTED = "expected a Seaglider basestation file or a glider file of another known dialect"
 
@@ -69,27 +66,8 @@ def rows_of(
     at = np.argsort(time_ns, kind="stable")[int((~known).sum()) :]
     topic = f"{TOPIC}{name}"
     told.skipped[topic, "row without a time"] += int((~known).sum())
-    return lambda: [(), _entries(topic, time_ns, rows, fixed, at)]
-
-
-def _entries(
-    topic: str,
-    time_ns: NDArray[np.int64],
-    rows: Mapping[str, Array],
-    fixed: Mapping[str, Array],
-    at: NDArray[np.intp],
-) -> Iterator[Entry]:
-    """Yield the messages of rows in batches, to limit memory."""
-    for_all = {
-        name: numbers(values) if values.ndim else float(values) for name, values in fixed.items()
-    }
-    for some in np.split(at, range(_ROWS, at.size, _ROWS)):
-        columns = [
-            numbers(values[some]) if values.ndim > 1 else values[some].astype(float).tolist()
-            for values in rows.values()
-        ]
-        for time, *row in zip(time_ns[some].tolist(), *columns, strict=True):
-            yield time, topic, "netcdf", dict(zip(rows, row, strict=True)) | for_all
+    common = {key: numbers(values) for key, values in fixed.items()}
+    return lambda: [(), entries((topic, "netcdf"), time_ns, rows, at, common, stamped=False)]
 
 
 def _time_name(file: NetcdfFile) -> str:

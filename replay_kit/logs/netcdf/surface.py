@@ -238,7 +238,7 @@ def _fixes(table: Table) -> Iterator[Entry]:
     """Yield the fixes in order of time."""
     order = np.argsort(table["time"], kind="stable")
     known = (table["time"] > 0) & np.isfinite(table["longitude"] + table["latitude"])
-    return entries(_DRIFTERS, _FIX, table, order[known[order]], {})
+    return entries((_DRIFTERS, _FIX), table["time"], table, order[known[order]], {})
 
 
 #: The Global Drifter Program, of one drifter or of several as a ragged array, or as a table of ERDDAP.

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.logs.netcdf.columns import stacked
+from replay_kit.logs.netcdf.columns import rows_of, stacked
 from replay_kit.logs.netcdf.units import from_minutes
 from replay_kit.logs.netcdf.variables import Stored
 
@@ -65,7 +65,7 @@ class Rows(NamedTuple):
         held = stacked([{"time": part.time, **part.held} for part in parts])
         written = stacked([{"time": part.time, **part.written} for part in parts], 0)
         order = np.argsort(held["time"], kind="stable")
-        held, written = ({key: v[order] for key, v in t.items()} for t in (held, written))
+        held, written = rows_of(held, order), rows_of(written, order)
         units = {name: unit for part in parts for name, unit in part.units.items()}
         return cls(held.pop("time"), held, written, units)
 
