@@ -98,7 +98,7 @@ def _relative(file: NetcdfFile, common: dict[str, Any], notes: list[str]) -> Ite
             "ADCP: not read, because its velocities are not east, north and up (ad2cp_coordinateSystem)"
         )
         return
-    time_ns, _ = units.time_ns("ad2cp_time", file.variables["ad2cp_time"], file.path, notes)
+    time_ns = units.times_of(file, "ad2cp_time", notes)
     velocity = np.stack([file.array(name) for name in _VELOCITY], axis=-1)
     cell_size = _metres(file, "ad2cp_cellSize")
     bin0_distance = _metres(file, "ad2cp_blanking") + cell_size
@@ -147,11 +147,8 @@ def _inverted(file: NetcdfFile) -> Iterator[Entry]:
 
 def _leg_ends(file: NetcdfFile) -> NDArray[np.int64]:
     """Return the end times [ns] of descent and ascent; empty if the dive has no depths."""
-    (time_ns, known), (fixes, _) = (
-        units.time_ns(name, file.variables[name], file.path, [])
-        for name in ("ctd_time", "log_gps_time")
-    )
-    depth = np.where(known, file.array("ctd_depth"), np.nan)
+    time_ns, fixes = (units.times_of(file, name, []) for name in ("ctd_time", "log_gps_time"))
+    depth = np.where(time_ns > 0, file.array("ctd_depth"), np.nan)
     if not np.isfinite(depth).any():
         return np.empty(0, np.int64)
     last, deepest = time_ns[np.isfinite(depth)].max(), time_ns[np.nanargmax(depth)]
@@ -286,7 +283,7 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
         raise LogError(
             f"{file.path}: expected a variable time in the group Data/Average, it holds a dimension alone; export the file again"
         )
-    time_ns, _ = units.time_ns("time", file.variables[held["time"]], file.path, notes)
+    time_ns = units.times_of(file, held["time"], notes)
     beams = [k for k in range(1, 5) if f"velocitybeam{k}" in held]
     columns: Table = {
         word: _by_ping(file, [held[f"{word}beam{k}"] for k in beams], time_ns.size)

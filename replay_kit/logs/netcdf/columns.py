@@ -71,7 +71,7 @@ def read_values(
         stored = file.variables[name]
         if key.endswith("time"):
             try:
-                values[key], known = units.time_ns(name, stored, file.path, notes)
+                values[key] = units.times_of(file, name, notes)
             except LogError:
                 # of a basestation's file each time counts; others fill what they do not use with any number
                 if key == "time" or dialect.name == "seaglider":
@@ -79,8 +79,9 @@ def read_values(
                 notes.append(f"{name}: holds no plausible times, not used")
                 continue
             # a drogue without a date was not lost
-            if not known.all() and key != "lost_time":
-                notes.append(f"{name}: {int((~known).sum())} values without a time, excluded")
+            if key != "lost_time" and not values[key].all():
+                unknown = int((values[key] == 0).sum())
+                notes.append(f"{name}: {unknown} values without a time, excluded")
         elif key == "id":
             texts = stored.texts() or [f"{value:.0f}" for value in stored.unpacked().ravel()]
             values[key] = np.array(texts)

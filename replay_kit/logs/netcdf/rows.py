@@ -51,8 +51,7 @@ def rows_of(
     file = files[0]
     name = _time_name(file)
     said: list[str] = []
-    time_ns, known = units.time_ns(name, file.variables[name], file.path, said)
-    time_ns = time_ns.ravel()
+    time_ns = units.times_of(file, name, said).ravel()
     rows, fixed = _split(file, name, time_ns.size)
     if not rows:
         raise LogError(
@@ -63,9 +62,10 @@ def rows_of(
         + (f", and at each row {', '.join(fixed)}" if fixed else "")
     )
     told.notes += said
-    at = np.argsort(time_ns, kind="stable")[int((~known).sum()) :]
+    unknown = int((time_ns == 0).sum())
+    at = np.argsort(time_ns, kind="stable")[unknown:]
     topic = f"{TOPIC}{name}"
-    told.skipped[topic, "row without a time"] += int((~known).sum())
+    told.skipped[topic, "row without a time"] += unknown
     common = {key: numbers(values) for key, values in fixed.items()}
     return lambda: [(), entries((topic, "netcdf"), time_ns, rows, at, common, stamped=False)]
 

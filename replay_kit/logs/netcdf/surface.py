@@ -62,8 +62,7 @@ def _totals(
     notes = told.notes
     times: list[tuple[int, int, int]] = []
     for number_of, file in enumerate(files):
-        name = dialect.chosen(file.variables)["time"]
-        time_ns, _ = units.time_ns(name, file.variables[name], file.path, notes)
+        time_ns = units.times_of(file, dialect.chosen(file.variables)["time"], notes)
         times += [(at, number_of, k) for k, at in enumerate(time_ns.ravel().tolist()) if at]
     times.sort()
     begun = len(notes)

@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.quantities import decibars, metres, metres_per_second, seconds
-from replay_kit.logs.netcdf.variables import Stored, as_number
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, as_number
 
 _SINCE = re.compile(
     r"\s*(\w+)\s+since\s+(\d{4})-(\d{1,2})-(\d{1,2})(?:[T ]+(\d{1,2}):(\d{1,2})(?::(\d{1,2})(\.\d+)?)?)?.*",
@@ -166,17 +165,16 @@ def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str
     return np.rad2deg(values)
 
 
-def time_ns(
-    name: str, stored: Stored, where: str | Path, notes: list[str]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return times [ns, UTC] and whether each is known, 0 if not; precise to 1 ms, ``datetime64`` to 1 ns.
+def times_of(file: NetcdfFile, name: str, notes: list[str]) -> NDArray[np.int64]:
+    """Return a variable's times [ns, UTC], 0 where unknown; precise to 1 ms, ``datetime64`` to 1 ns.
 
     Raises:
         LogError: No value is plausible in the stated unit.
     """
+    stored = file.variables[name]
     if stored.values.dtype.kind == "M":
-        dated = ~np.isnat(stored.values)
-        return np.where(dated, stored.values.astype("M8[ns]").astype(np.int64), 0), dated
+        dated = stored.values.astype("M8[ns]").astype(np.int64)
+        return np.where(np.isnat(stored.values), 0, dated)
     texts = stored.texts()
     if texts and not np.isfinite(as_number(next(filter(None, texts), ""))):
         notes.append(f"{name}: times are texts, taken as UTC")
@@ -200,10 +198,10 @@ def time_ns(
     known &= (found > _FIRST_NS) & (found < _LAST_NS)
     if finite.any() and not known.any():
         raise LogError(
-            f"{where}: {name}: expected units 'seconds since 1970-01-01' or the like that give times of a mission, got '{units}' and "
+            f"{file.path}: {name}: expected units 'seconds since 1970-01-01' or the like that give times of a mission, got '{units}' and "
             f"times from {np.nanmin(plain):g} on; process the dive again, or correct the units"
         )
-    return np.where(known, found, 0), known
+    return np.where(known, found, 0)
 
 
 def _seconds_of(texts: Sequence[str]) -> Array:
