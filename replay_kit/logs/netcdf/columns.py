@@ -283,6 +283,11 @@ def stacked(tables: Sequence[Table], unknown: float = np.nan) -> Table:
     return {key: column(key) for key in keys}
 
 
+def are_known(places: Table) -> NDArray[np.bool_]:
+    """Return whether both time and position are known, shape (n,)."""
+    return np.asarray((places["time"] > 0) & np.isfinite(places["longitude"] + places["latitude"]))
+
+
 def entries(
     kind: tuple[str, str],
     time_ns: NDArray[np.int64],

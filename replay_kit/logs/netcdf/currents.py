@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Fix
-from replay_kit.logs.netcdf.columns import Columns, Table, rows_of, stacked
+from replay_kit.logs.netcdf.columns import Columns, Table, are_known, rows_of, stacked
 from replay_kit.logs.netcdf.dialects import Dialect, Told
 from replay_kit.logs.shared.payloads import number, stamp
 
@@ -35,11 +35,6 @@ def places_in(table: Table, part: str = "") -> Table:
     unknown = np.full(time_ns.size, np.nan)
     names = ("longitude", "latitude", "error")
     return {"time": time_ns, **{name: table.get(f"{part}{name}", unknown) for name in names}}
-
-
-def are_known(places: Table) -> NDArray[np.bool_]:
-    """Return whether both time and position are known, shape (n,)."""
-    return np.asarray((places["time"] > 0) & np.isfinite(places["longitude"] + places["latitude"]))
 
 
 def _around(places: Table, inside: int) -> tuple[Fix, Fix] | None:

@@ -12,10 +12,9 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
 from replay_kit.core.text import count_text
 from replay_kit.logs.netcdf.adcp import INVERTED, PROFILES, absolute_profiles
-from replay_kit.logs.netcdf.columns import Table, entries, joined, read_columns
+from replay_kit.logs.netcdf.columns import Table, are_known, entries, joined, read_columns
 from replay_kit.logs.netcdf.currents import (
     DiveMean,
-    are_known,
     fixes_of,
     mean_currents,
     places_in,

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
@@ -17,7 +16,7 @@ from replay_kit.core.observation import Observation, usable
 from replay_kit.core.quantities import measured_at
 from replay_kit.core.text import some_text
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import read_values
+from replay_kit.logs.netcdf.columns import Table, are_known, read_values, rows_of
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.shared.payloads import PING, numbers, stamp
@@ -89,30 +88,28 @@ def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[
     """
     file, chosen = _chosen(file, asked)
     rows = _over_rows(file, chosen, read_values(file, PINGS, chosen, notes))
-    known = (rows["time"] > 0) & np.isfinite(rows["longitude"] + rows["latitude"])
+    known = are_known(rows)
     good = np.isfinite(rows["depth"] + rows["u"] + rows["v"])
     if (bad := known & good & ~(rows["error"] > 0.0)).any():
         raise ConfigError(
             f"{file.path}['{chosen['error']}']: expected the standard error of each component [m/s], above 0, got "
             f"{rows['error'][bad][0]:g}; it is not guessed"
         )
-    error = np.where(good, rows["error"], 1.0)  # of a bin that is missing
-    at = np.flatnonzero(known)
-    at = at[np.lexsort([rows[name][at] for name in ("depth", *_PLACE[::-1])])]
-    apart = np.any([np.diff(rows[name][at]) != 0 for name in _PLACE], axis=0)
+    rows["error"] = np.where(good, rows["error"], 1.0)  # of a bin that is missing
+    order = np.lexsort([rows[name] for name in ("depth", *_PLACE[::-1])])
+    rows = rows_of(rows, order[known[order]])
+    apart = np.any([np.diff(rows[name]) != 0 for name in _PLACE], axis=0)
     return [
         Observation.profile(
             *(rows[name][k[0]].item() for name in _PLACE),
-            *(values[k] for values in (rows["depth"], rows["u"], rows["v"], error)),
+            *(rows[name][k] for name in ("depth", "u", "v", "error")),
         )
-        for k in np.split(at, np.flatnonzero(apart) + 1)
+        for k in np.split(np.arange(rows["time"].size), np.flatnonzero(apart) + 1)
         if k.size
     ], int((~known).sum())
 
 
-def _over_rows(
-    file: NetcdfFile, chosen: Mapping[str, str], values: Mapping[str, NDArray[Any]]
-) -> dict[str, NDArray[Any]]:
+def _over_rows(file: NetcdfFile, chosen: Mapping[str, str], values: Table) -> Table:
     """Return quantities by row in the order of all dimensions; missing dimensions are broadcast."""
     sizes: dict[str, int] = {}
     for key, own in values.items():
@@ -121,15 +118,14 @@ def _over_rows(
                 raise ConfigError(
                     f"{file.path}: {_EXPECTED}, of one length: {chosen[key]} has {size} values, others {sizes[dim]}"
                 )
-    shape = tuple(sizes.values())
+    shape, order = tuple(sizes.values()), list(sizes)
     # of a grid, or of columns that have no rows in common
     if len(shape) > 2 or np.prod(shape) > max(own.size for own in values.values()):
-        raise ConfigError(f"{file.path}: {_EXPECTED}, got columns over {some_text(list(sizes))}")
-    order = list(sizes)
+        raise ConfigError(f"{file.path}: {_EXPECTED}, got columns over {some_text(order)}")
     rows = {}
     for key, own in values.items():
         dims = file.variables[chosen[key]].dims[: own.ndim]
-        turned = own.transpose(sorted(range(own.ndim), key=lambda k: order.index(dims[k])))
+        turned = own.transpose(np.argsort([order.index(dim) for dim in dims]))
         spread = turned.reshape([sizes[dim] if dim in dims else 1 for dim in order])
         rows[key] = np.broadcast_to(spread, shape).ravel()
     return rows

@@ -39,7 +39,7 @@ def require_no_grid(path: Path, held: Mapping[str, Stored]) -> None:
             )
 
 
-def rows_of(
+def _read_rows(
     files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told
 ) -> Entries:
     """Return the messages of a file with rows over one time; rows without a time are counted and excluded.
@@ -52,7 +52,19 @@ def rows_of(
     name = _time_name(file)
     said: list[str] = []
     time_ns = units.times_of(file, name, said).ravel()
-    rows, fixed = _split(file, name, time_ns.size)
+    # one row per time, or constant, such as levels
+    rows, fixed = dict[str, Array](), dict[str, Array]()
+    n = time_ns.size
+    for other, stored in file.variables.items():
+        kind, size = stored.values.dtype.kind, stored.values.ndim
+        if other == name or "." in other or kind not in "iufb" or size > 2:
+            continue
+        values = stored.unpacked()
+        values = values.T if values.ndim == 2 and values.shape[0] != n else values
+        if values.ndim in (1, 2) and values.shape[0] == n:
+            rows[other] = values
+        elif values.ndim < 2 and values.size < n:
+            fixed[other] = values
     if not rows:
         raise LogError(
             f"{file.path}: {_EXPECTED}, got no variable along {name} alone: {', '.join(file.variables)}{_NOT_A_LOG}"
@@ -91,27 +103,5 @@ def _time_name(file: NetcdfFile) -> str:
     )
 
 
-def _split(file: NetcdfFile, time: str, n: int) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the variables with one row per time, and the constant ones, such as levels; names with dots are excluded."""
-    rows: dict[str, Array] = {}
-    fixed: dict[str, Array] = {}
-    for name, stored in file.variables.items():
-        if (
-            name == time
-            or "." in name
-            or stored.values.dtype.kind not in "iufb"
-            or stored.values.ndim > 2
-        ):
-            continue
-        values = stored.unpacked()
-        if values.ndim and values.shape[0] == n:
-            rows[name] = values
-        elif values.ndim == 2 and values.shape[1] == n:
-            rows[name] = values.T
-        elif values.ndim < 2 and values.size < n:
-            fixed[name] = values
-    return rows, fixed
-
-
 #: All variables of any file.
-ROWS = Dialect("netcdf", "NetCDF of no known dialect", "", {}, beside=".*", read=rows_of)
+ROWS = Dialect("netcdf", "NetCDF of no known dialect", "", {}, beside=".*", read=_read_rows)

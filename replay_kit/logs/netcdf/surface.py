@@ -13,7 +13,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Table, entries, read_values
+from replay_kit.logs.netcdf.columns import Table, are_known, entries, read_values
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.quality import as_qartod, is_failed, worst_flag
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
@@ -236,8 +236,7 @@ def _drifter_fixes(file: NetcdfFile, dialect: Dialect, notes: list[str]) -> Tabl
 def _fixes(table: Table) -> Iterator[Entry]:
     """Yield the fixes in order of time."""
     order = np.argsort(table["time"], kind="stable")
-    known = (table["time"] > 0) & np.isfinite(table["longitude"] + table["latitude"])
-    return entries((_DRIFTERS, _FIX), table["time"], table, order[known[order]], {})
+    return entries((_DRIFTERS, _FIX), table["time"], table, order[are_known(table)[order]], {})
 
 
 #: The Global Drifter Program, of one drifter or of several as a ragged array, or as a table of ERDDAP.
