@@ -91,16 +91,19 @@ def _vectors(
     file = open_netcdf(path, lambda held, _: dialect.wanted(held), slice(begin, begin + _ROWS))
     chosen = dialect.chosen(file.variables)
     values = read_values(file, dialect, chosen, notes)
-    places = [values[key].ravel() for key in ("longitude", "latitude")]
-    shape = (len(values["east"]), places[1].size, places[0].size)
+    longitude, latitude = (values[key].ravel() for key in ("longitude", "latitude"))
+    shape = (len(values["east"]), latitude.size, longitude.size)
     if values["east"].size != math.prod(shape):
         raise LogError(
             f"{path}: {chosen['east']}: expected {shape[1]} x {shape[2]} values, as lat and lon have, got {values['east'][0].size}"
         )
     variance, length = _parameters(file, chosen.get("parameters", ""))
-    columns = dict(zip(("longitude", "latitude"), np.meshgrid(*places), strict=True))
-    columns |= {key: values[key].reshape(shape) for key in ("east", "north")}
-    columns |= {
+    columns = {
+        "longitude": np.broadcast_to(longitude, shape),
+        "latitude": np.broadcast_to(latitude[:, None], shape),
+        "east": values["east"].reshape(shape),
+        "north": values["north"].reshape(shape),
+    } | {
         key: _error(file.variables[chosen[key]], variance, dialect, notes).reshape(shape)
         for key in ("east_error", "north_error")
     }
@@ -126,8 +129,7 @@ def _vectors(
     fixed = {"depth": depth, "averaged": _HOUR, "error_length": 1e3 * length}
 
     def at(k: int) -> tuple[dict[str, Any], int]:
-        of_time = {key: v if v.ndim == 2 else v[k] for key, v in columns.items()}
-        held = {key: numbers(column[known[k]]) for key, column in of_time.items()}
+        held = {key: numbers(column[k][known[k]]) for key, column in columns.items()}
         return fixed | held, int(failed[k].sum())
 
     return at
