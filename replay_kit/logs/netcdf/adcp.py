@@ -110,10 +110,9 @@ def _relative(file: NetcdfFile, common: dict[str, Any], notes: list[str]) -> Ite
     notes.append(
         f"ADCP: headings are magnetic; the declination used is {declination} degrees, by magnetic_variation"
     )
+    unknown = np.full(time_ns.size, np.nan)
     sensors = {
-        name: file.array(f"ad2cp_{name}")
-        if file.has(f"ad2cp_{name}")
-        else np.full(time_ns.size, np.nan)
+        name: file.array(f"ad2cp_{name}") if file.has(f"ad2cp_{name}") else unknown
         for name in ("pressure", "heading", "pitch", "roll", "temperature")
     }
     sensors["temperature"] = sensors["temperature"] * tenths

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.dialects import SIZES, Dialect, Told
-from replay_kit.logs.netcdf.quality import flagged_bad
+from replay_kit.logs.netcdf.quality import remove_bad
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
 from replay_kit.logs.shared.payloads import numbers, stamp
@@ -156,7 +156,7 @@ def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
             notes.append(f"{name}: has the standard name depth but is positive up; not used")
     if (dive := file.dive_number) is not None:
         values["dive"] = np.array([float(dive)])
-    _without_bad(file, dialect, chosen, values, told)
+    remove_bad(file, dialect, chosen, values, told)
     pressure = values.get("pressure", np.empty(0))
     if not np.isfinite(values.get("depth", np.nan)).any() and np.isfinite(pressure).any():
         latitude = values.get("latitude", np.empty(0))
@@ -167,31 +167,6 @@ def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
         if key in values and not dialect.raw:
             values[key] = units.attitude_degrees(chosen[key], values[key], key == "heading", notes)
     return _tables(values)
-
-
-def _without_bad(
-    file: NetcdfFile,
-    dialect: Dialect,
-    chosen: Mapping[str, str],
-    values: Table,
-    told: Told,
-) -> None:
-    """Remove values with bad flags, and count fixes and mean currents among them."""
-    for key, name in chosen.items():
-        # flags of a quantity of their own, or those beside a variable
-        part = key.removesuffix("_flag") if key.endswith("_flag") else ""
-        own = {name + suffix for suffix in ("_QC", "_qc")} & file.variables.keys()
-        masked = [f"{part}_east", f"{part}_longitude"] if part else [key]
-        for flag in [name] if part else sorted(own - {*chosen.values()}):
-            bad = flagged_bad(flag, file.variables[flag], dialect.flag_meanings, told.notes)
-            if part and bad.any():
-                topic = "/dac" if part == "dac" else "/vehicle/fix"
-                what = "mean current" if part == "dac" else "GPS fix"
-                told.skipped[topic, f"{what} flagged bad ({flag})"] += int(bad.sum())
-            for one in masked:
-                found = values.get(one, np.empty(0))
-                if found.size == bad.size and not one.endswith("time"):
-                    values[one] = np.where(bad.reshape(found.shape), np.nan, found)
 
 
 def _tables(values: Table) -> Columns:

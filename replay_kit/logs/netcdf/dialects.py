@@ -52,9 +52,8 @@ class Dialect:
         name: As in ``LogReport.format``.
         title: Description.
         signature: Names that all files of the dialect have; ``a|b`` is either.
-        names: Quantity to its possible names in order of preference, separated by spaces. Of gliders: samples along the track, fixes
-            (``gps_``), those after a dive (``end_``), mean currents (``dac_``), absolute profiles (``profile_``).
-            Quantities that end in ``time`` are times, those in ``flag`` flags.
+        names: Quantity to its possible names in order of preference, separated by spaces. Those that end in ``time`` are times, in
+            ``flag`` flags.
         convention: Text in the attribute ``Conventions`` that identifies the dialect; empty for none.
         standard: Quantity to the standard name that is tried before its names.
         quantities: Unit and bounds of quantities that differ from the usual ones.

@@ -86,8 +86,9 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
 
 
 def _fixes(fixes: Table) -> Iterator[Entry]:
-    for time_ns, *place, error in zip(*(column.tolist() for column in fixes.values()), strict=True):
-        fix = location_fix(time_ns, place[0], place[1], 0.0, False, error)
+    columns = (column.tolist() for column in fixes.values())
+    for time_ns, longitude, latitude, error in zip(*columns, strict=True):
+        fix = location_fix(time_ns, longitude, latitude, 0.0, False, error)
         yield time_ns, "/vehicle/fix", FIX, fix
 
 

@@ -1,6 +1,7 @@
 """Dialects of glider files: how each is recognised, and the names of its contents.
 
-To add one, write its ``Dialect`` here and add it to ``GLIDERS``.
+To add one, write its ``Dialect`` here and add it to ``GLIDERS``. Quantities are those of samples along the track, or begin with what they
+are of: fixes (``gps_``), fixes after dives (``end_``), mean currents (``dac_``), absolute profiles (``profile_``).
 """
 
 from dataclasses import replace

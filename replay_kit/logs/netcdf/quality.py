@@ -1,14 +1,15 @@
 """Quality flags of files as QARTOD flags, by the meanings that the files state."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.observation import Flag
-from replay_kit.logs.netcdf.variables import Stored
+from replay_kit.logs.netcdf.dialects import Dialect, Told
+from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 
 # by words in a meaning; without any the flag is good
 _WORDS = (
@@ -16,6 +17,41 @@ _WORDS = (
     (re.compile(r"bad|fail|miss|unsampled|reject|spike|stuck", re.IGNORECASE), Flag.FAIL),
     (re.compile(r"unknown|not_", re.IGNORECASE), Flag.NOT_EVALUATED),
 )
+# rank of a test that was passed: more than one that was not made
+_PASSED = Flag.NOT_EVALUATED + 0.5
+
+
+def remove_bad(
+    file: NetcdfFile,
+    dialect: Dialect,
+    chosen: Mapping[str, str],
+    values: dict[str, NDArray[Any]],
+    told: Told,
+) -> None:
+    """Remove values with bad flags, and count fixes and mean currents among them.
+
+    Args:
+        file: The file.
+        dialect: Dialect of the file.
+        chosen: Variable of each quantity.
+        values: Quantities, of which bad values become NaN.
+        told: Receives notes and counts.
+    """
+    for key, name in chosen.items():
+        # flags of a quantity of their own, or those beside a variable
+        part = key.removesuffix("_flag") if key.endswith("_flag") else ""
+        own = {name + suffix for suffix in ("_QC", "_qc")} & file.variables.keys()
+        masked = [f"{part}_east", f"{part}_longitude"] if part else [key]
+        for flag in [name] if part else sorted(own - {*chosen.values()}):
+            bad = flagged_bad(flag, file.variables[flag], dialect.flag_meanings, told.notes)
+            if part and bad.any():
+                of_fix = ("/vehicle/fix", "GPS fix")
+                topic, what = ("/dac", "mean current") if part == "dac" else of_fix
+                told.skipped[topic, f"{what} flagged bad ({flag})"] += int(bad.sum())
+            for one in masked:
+                found = values.get(one, np.empty(0))
+                if found.size == bad.size and not one.endswith("time"):
+                    values[one] = np.where(bad.reshape(found.shape), np.nan, found)
 
 
 def flagged_bad(name: str, stored: Stored, meanings: str, notes: list[str]) -> NDArray[np.bool_]:
@@ -51,12 +87,9 @@ def as_qartod(stored: Stored) -> NDArray[np.int8]:
 
 def worst_flag(flags: Sequence[NDArray[np.int8]], shape: tuple[int, ...]) -> NDArray[np.int8]:
     """Return the worst QARTOD flag of each value; not evaluated without flags."""
-    ranked = np.stack([np.full(shape, Flag.NOT_EVALUATED, np.float64), *flags])
-    # a test that was passed is more than one that was not made
-    passed = Flag.NOT_EVALUATED + 0.5
-    ranked[ranked == Flag.GOOD] = passed
-    worst = ranked.max(axis=0)
-    return np.where(worst == passed, Flag.GOOD, worst).astype(np.int8)
+    held = np.stack([np.full(shape, Flag.NOT_EVALUATED, np.int8), *flags])
+    worst = np.where(held == Flag.GOOD, _PASSED, held).max(axis=0)
+    return np.where(worst == _PASSED, Flag.GOOD, worst).astype(np.int8)
 
 
 def is_failed(flags: NDArray[np.int8]) -> NDArray[np.bool_]:

@@ -152,11 +152,12 @@ def _parameters(file: NetcdfFile, name: str) -> tuple[float, float]:
                 values[int(match[1])] = float(np.ravel(value)[0])
     variance, length = (
         values.get(
-            next((n for n, text in described.items() if re.search(words, text, re.I)), usual)
+            next((n for n, text in described.items() if re.search(words, text, re.I)), usual),
+            math.nan,
         )
         for words, usual in (("signal variance", _VARIANCE), ("decorrelation", _LENGTH))
     )
-    return math.nan if variance is None else variance, max(length or 0.0, 0.0)
+    return variance, length if length > 0.0 else 0.0
 
 
 def _error(stored: Stored, variance: float, dialect: Dialect, notes: list[str]) -> Array:

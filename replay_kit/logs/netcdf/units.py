@@ -139,11 +139,12 @@ def in_minutes(places: Mapping[str, Array]) -> bool:
     Args:
         places: Stored latitudes and longitudes by names with these endings; near the equator only longitudes are conclusive.
     """
-    most = {key: 90.0 if key.endswith("latitude") else 360.0 for key in places}
-    # marks of no fix, such as 69696969, are more than either
-    return any(
-        ((np.abs(v) > most[key]) & (np.abs(v) < 36_000.0)).any() for key, v in places.items()
-    )
+    for key, values in places.items():
+        most = 90.0 if key.endswith("latitude") else 360.0
+        # marks of no fix, such as 69696969, are more than degrees and minutes
+        if ((np.abs(values) > most) & (np.abs(values) < 36_000.0)).any():
+            return True
+    return False
 
 
 def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str]) -> Array:

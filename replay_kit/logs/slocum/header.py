@@ -173,7 +173,10 @@ class SensorLists:
         folders = [near[0], *(up / name for up in near[:4] for name in ("cac", "cache"))]
         for folder in folders if self._folder is None else [self._folder]:
             if folder not in self._listed:
-                held = sorted(folder.iterdir(), reverse=True) if folder.is_dir() else []
+                try:
+                    held = sorted(folder.iterdir(), reverse=True)
+                except OSError:
+                    held = []
                 lists = [path for path in held if path.suffix.lower() in _CACHES]
                 self._listed[folder] = {path.stem.lower(): path for path in lists}
             if path := self._listed[folder].get(name):
