@@ -203,6 +203,12 @@ def measured_of(
     return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)))
 
 
+def of_dives(sums: "pd.DataFrame") -> "pd.DataFrame":
+    """Return the rows of ``Measured.sums`` on profiles and mean currents used of dives; shear, radar and sensors are of no dive."""
+    own = sums["mean_current_kind"].isin(("", "dac", "drift"))
+    return sums[sums["accepted"] & (sums["dive"] > 0) & own]
+
+
 def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
     """Return the dives of a result; see ``Result.dives``.
 
@@ -212,7 +218,7 @@ def dives_of(sums: "pd.DataFrame", fixes: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    used = sums[sums["accepted"] & (sums["dive"] > 0)]
+    used = of_dives(sums)
     begins, measured = used["first"].copy(), fixes.index[~fixes["dead_reckoned"].to_numpy(np.bool_)]
     before = measured.searchsorted(begins) - 1
     # a dive's mean current begins at the last position measured before its end

@@ -12,15 +12,15 @@ COLUMNS = (
     "used",
     "misfit before [cm/s]",
     "errors",
-    "without it [cm/s]",
-    "error without it",
+    "change without it [cm/s]",
+    "errors without it",
     "plan",
     "verdict",
 )
 #: What the columns on data denial mean.
 ABOUT_VALUE = (
-    "without it: RMS change of the estimate at the published depths if the vehicle's measurements are withheld; "
-    "error without it: ratio of that standard error to the one with all vehicles"
+    "change without it: RMS difference of the estimate at the published depths if the vehicle's observations are withheld; "
+    "errors without it: ratio of those standard errors to the ones with all vehicles"
 )
 
 
@@ -43,7 +43,7 @@ def _row(name: str, own: Outcome, value: Mapping[str, Any]) -> tuple[str | Shown
     of, used = f"vehicles.{name}", counts["used"]
     return (
         name,
-        Shown(f"{of}.observations.used", used, str(used)),
+        Shown(f"{of}.observations.used", used, f"{used:,}"),
         _cm(f"{of}.rms_innovation.before", own.rms_innovation["before"]),
         own.errors_text.removeprefix("errors "),
         _cm(f"value.{name}.rms_change", value.get("rms_change")),

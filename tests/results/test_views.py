@@ -116,6 +116,9 @@ def test_the_estimate_at_a_bin_is_what_was_measured_less_the_residual(
     np.testing.assert_array_equal(means.residual, innovation.residual[[0, 0]])
     np.testing.assert_array_equal(means.standard_error, innovation.innovation_std[[0, 0]])
     assert information_by_dive(contents.measured.sums).to_dict() == {2: 3 * 3.25, 3: 3.25}
+    # shear of a line and vectors of a radar stand at a time of a dive, and are of none
+    others = contents.measured.sums.assign(mean_current_kind="shear")
+    assert information_by_dive(others).to_dict() == {}
 
 
 def test_a_smoothed_result_keeps_the_estimate_before_smoothing(flow, state, innovation, tmp_path):

@@ -11,6 +11,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
+from replay_kit.results.innovations import of_dives
 from replay_kit.results.plans import thinned
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.slices import Slice, depth_slices, grid_cells, slice_axes
@@ -192,5 +193,4 @@ def information_by_dive(sums: pd.DataFrame) -> pd.Series:
     Args:
         sums: ``Measured.sums``.
     """
-    used = sums[sums["accepted"] & (sums["dive"] > 0)]
-    return used.groupby("dive")["signal_dof"].sum()
+    return of_dives(sums).groupby("dive")["signal_dof"].sum()

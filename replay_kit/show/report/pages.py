@@ -201,7 +201,7 @@ def several_html(contents: Contents, pages: Mapping[str, str], defaults: Default
     parts = [
         f"{begin} to {end} UTC",
         count_text(len(contents.each), "vehicle"),
-        count_text(outcome.observations["used"], "measurement"),
+        count_text(outcome.observations["used"], "observation"),
     ]
     return page_html(f"Report on {contents.result.reader.name}", sections, " · ".join(parts))
 
@@ -210,7 +210,7 @@ def _card(contents: Contents, pages: Mapping[str, str]) -> str:
     """Return the summary card of several vehicles: verdict, and a line for each."""
     outcome = contents.outcome
     rows = [
-        f"{_link(str(name), pages)}: {Sentence([used]).html} measurements; {Sentence([verdict]).html}"
+        f"{_link(str(name), pages)}: {Sentence([used]).html} observations; {Sentence([verdict]).html}"
         for name, used, *_, verdict in vehicle_cells(outcome)
     ]
     return (

@@ -88,13 +88,13 @@ def _first(status: Status) -> Line:
 
 
 def fitting(texts: Sequence[str], width: int) -> str:
-    """Return the texts that fit into a width, the first one shortened if too long, and the number omitted."""
+    """Return the texts that fit into a width, the first one shortened if too long, to its first clause, and the number omitted."""
     for kept in range(len(texts), 0, -1):
         left = f"; {len(texts) - kept} more: -v" if kept < len(texts) else ""
         text = "; ".join(texts[:kept])
         if len(text) + len(left) <= width:
             return text + left
-    cut = textwrap.shorten(texts[0], width - len(left) - 4, placeholder="")
+    cut = textwrap.shorten(texts[0].partition(";")[0], width - len(left) - 4, placeholder="")
     return f"{cut}: -v{left}" if len(texts) == 1 else f"{cut}{left}"
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from replay_kit.core.colors import SYMBOLS, palette_css
 from replay_kit.core.text import time_text
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.page.parts import compass
 from replay_kit.show.status.held import course
@@ -150,6 +149,9 @@ def small_map(places: Mapping[str, Points]) -> str:
     Args:
         places: Points (east, north) [m] of ``track``, ``plan``, ``goal`` and ``ellipse``, if known.
     """
+    # its library loads slowly, and a status in words needs none
+    from replay_kit.show.figures.draw import panels_svg
+
     every = np.array([point for points in places.values() for point in points]) / 1e3
     if len(np.unique(every, axis=0)) < 2:
         return ""
