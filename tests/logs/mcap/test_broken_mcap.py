@@ -63,6 +63,7 @@ DAMAGES = {
     "length of a chunk too small": ([(THIRD + 1, lambda old: old ^ 1)], set(), (THIRD, 9, 0)),
     "opcode of a chunk unknown": ([(THIRD, 0x26)], set(), (THIRD, 9, 0)),
     "opcode of a chunk another": ([(THIRD, Opcode.METADATA)], set(), (THIRD, 9, 0)),
+    "opcode of a chunk a footer's": ([(THIRD, Opcode.FOOTER)], set(), (THIRD, 9, 0)),
     "opcode of a chunk a channel's": ([(THIRD, Opcode.CHANNEL)], set(), (THIRD, 9, 0)),
     "contents": ([(THIRD + 90, lambda old: old ^ 1)], THIRD_HOLDS, (THIRD, None, 6)),
     "contents without a checksum": (
@@ -89,6 +90,26 @@ def test_what_is_whole_comes_and_the_loss_is_counted(tmp_path, name, with_end):
         assert "6 messages of 1970-01-01T" in loss_words(loss)
     # the chunk may hold what the channels are: the summary says it again
     assert report.undecodable == {}
+
+
+def test_a_chunk_whose_own_length_reaches_over_others_hides_none(tmp_path):
+    whole = json_mcap(TIMES, CompressionType.LZ4)
+    third = record_offsets(whole, Opcode.CHUNK)[2]
+    # the second byte of the length of its data, of which the packed frame has an end of its own
+    damaged = flipped(whole, (third + 9 + 36 + 3 - 4 + 1, lambda old: old ^ 2))
+    for with_end in (True, False):
+        data = damaged if with_end else damaged[: record_offsets(whole, Opcode.DATA_END)[0]]
+        found, report = read(tmp_path, data)
+        assert numbers(found) == list(range(40))
+        assert report.losses[0].messages == 0
+
+
+def test_an_end_that_is_left_out_with_the_summarys_begin_is_told(tmp_path):
+    start = CHUNKS[-2]
+    gone = record_offsets(CHUNKED, Opcode.CHUNK_INDEX)[2]
+    found, report = read(tmp_path, CHUNKED[:start] + CHUNKED[gone:])
+    assert len(found) < 40
+    assert None in [loss.messages for loss in report.losses]
 
 
 def test_without_a_whole_index_a_lost_chunk_held_an_unknown_number(tmp_path):
