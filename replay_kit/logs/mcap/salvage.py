@@ -13,6 +13,7 @@ from mcap.opcode import Opcode
 
 from replay_kit.logs.mcap.chunk import (
     CHUNK_HEAD,
+    SHORTEST,
     Chunk,
     ChunkError,
     chunk_contents,
@@ -103,9 +104,9 @@ class Salvage:
 
     def is_sound(self, record: Record) -> bool:
         """Return whether a record is whole, of a known kind, and no chunk with another opcode."""
-        if not record.whole or record.opcode == Opcode.MESSAGE:
-            return record.whole
         length = record.end - record.offset - HEAD_SIZE
+        if not record.whole or record.opcode == Opcode.MESSAGE:
+            return record.whole and length >= SHORTEST
         if record.opcode == Opcode.MESSAGE_INDEX:
             return self._listed(record.offset) is not None
         # nothing but the closing magic bytes follows a footer

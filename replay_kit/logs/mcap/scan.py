@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
 
 from replay_kit.logs.mcap.channels import Channels
-from replay_kit.logs.mcap.chunk import SHORTEST, Part, walk
+from replay_kit.logs.mcap.chunk import Part, walk
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     INNER,
@@ -184,8 +184,6 @@ class Scan:
         what = "cut inside a record, or no record begins here: everything before is used"
         if is_chunk and record.whole:
             what = f"chunk skipped: {error}"
-        elif record.opcode == Opcode.CHUNK:
-            what = "cut inside a chunk: everything before it is used"
         on = "" if resume in (None, record.end) else f"; reading resumes at byte {resume}"
         end = self._size if resume is None else max(resume, record.offset)
         self._lose(what + on, record.offset, end, messages, span)
@@ -201,9 +199,6 @@ class Scan:
     def _outside_chunks(self, record: Record) -> Iterator[Part]:
         """Collect a message outside chunks; yield the collected ones if they are many."""
         self._n_outside += 1
-        if len(record.body) < SHORTEST:
-            self._lose("a message record is too short and excluded", record.offset, record.end, 1)
-            return
         self._outside += RECORD_HEAD.pack(record.opcode, len(record.body)) + record.body
         if len(self._outside) > _PART:
             yield from self._from_outside()
@@ -232,7 +227,7 @@ class Scan:
             elif record.opcode == Opcode.DATA_END:
                 self._ended = True
                 stated = parse(DataEnd, record.body).data_section_crc
-                self._verified = stated == record.crc
+                self._verified = stated == record.crc and not self._damaged
                 if stated not in (0, record.crc) and not self._damaged:
                     what = "the checksum of the data section does not match: messages outside chunks may be wrong"
                     self._lose(what, at, at)

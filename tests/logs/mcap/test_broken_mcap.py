@@ -117,21 +117,6 @@ def test_without_a_whole_index_a_lost_chunk_held_an_unknown_number(tmp_path):
     assert read(tmp_path, ended(damaged, False))[1].losses[0].messages is None
 
 
-@pytest.mark.parametrize("where", [12, 80, INDEXES[0] + 20 - THIRD])
-@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
-def test_the_chunk_after_one_that_lacks_bytes_is_read(tmp_path, compression, where):
-    whole = json_mcap(TIMES, compression)
-    whole = whole[: record_offsets(whole, Opcode.DATA_END)[0]]
-    at = record_offsets(whole, Opcode.CHUNK)[2] + where
-    if where > 80:
-        third = record_offsets(whole, Opcode.CHUNK)[2]
-        at = 20 + next(i for i in record_offsets(whole, Opcode.MESSAGE_INDEX) if i > third)
-    found, report = read(tmp_path, whole[:at] + whole[at + 3 :])
-    lost = set() if where > 80 else THIRD_HOLDS
-    assert set(numbers(found)) == set(range(40)) - lost
-    assert report.losses[0].messages is None
-
-
 @pytest.mark.parametrize("cut", [150, 0])
 def test_what_a_cut_took_is_said_to_be_unknown(tmp_path, cut):
     found, report = read(tmp_path, CHUNKED[: THIRD + cut])
@@ -142,12 +127,6 @@ def test_what_a_cut_took_is_said_to_be_unknown(tmp_path, cut):
     assert loss_json(loss)["messages"] is None
     assert loss.first_ns == (TIMES[11] if cut else None)
     assert "unknown number of messages" in loss_words(loss)
-
-
-def test_zeros_after_a_power_cut(tmp_path):
-    found, report = read(tmp_path, CHUNKED[:THIRD] + bytes(100_000))
-    assert numbers(found) == list(range(11))
-    assert [(loss.offset, loss.bytes) for loss in report.losses] == [(THIRD, 100_000)]
 
 
 @pytest.mark.parametrize("with_end", [True, False], ids=["with a summary", "without an end"])

@@ -82,15 +82,6 @@ def test_messages_come_in_order_of_log_time(tmp_path, order, chunk_size):
     assert sorted(m.position for m in raw) == list(range(3600))
 
 
-def test_a_copy_has_the_order_of_time(tmp_path):
-    write(tmp_path / "log.mcap", _by_topic)
-    assert run_command(tmp_path, "convert log.mcap -o out.mcap").returncode == 0
-    with (tmp_path / "out.mcap").open("rb") as file:
-        times = [m.log_time for _, _, m in make_reader(file).iter_messages(log_time_order=False)]
-    assert len(times) == 3600
-    assert times == sorted(times)
-
-
 def test_a_damaged_chunk_is_lost_alone(tmp_path):
     path = write(tmp_path / "log.mcap", _by_topic, compression=CompressionType.NONE)
     path.write_bytes(path.read_bytes().replace(b'{"n":700,', b'{"n":701,', 1))
