@@ -69,11 +69,11 @@ def _walk(
     end = len(data) if stop is None else stop
     at = data.find(magic, begin, end)
     while at >= 0:
-        found = found_at(at)
-        whole = found is not None and found[0] <= end
-        if found is not None and whole:
+        after, found = at + 1, found_at(at)
+        if found is not None and found[0] <= end:
             yield Record(at, *found)
-        at = data.find(magic, found[0] if found is not None and whole else at + 1, end)
+            after = found[0]
+        at = data.find(magic, after, end)
 
 
 def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: int) -> None:

@@ -55,27 +55,22 @@ class Configuration(NamedTuple):
 
     def changes_to(self, other: "Configuration") -> str:
         """Return the differences to another configuration as text."""
-        looks = {True: "up", False: "down"}
-        pairs = (
-            ("cells", self.cells, other.cells),
-            ("cell size", f"{self.cell_size / 100:g} m", f"{other.cell_size / 100:g} m"),
-            ("first cell", f"{self.first_cell / 100:g} m", f"{other.first_cell / 100:g} m"),
-            (
-                "coordinates",
-                _COORDINATES[self.coordinates >> 3 & 3],
-                _COORDINATES[other.coordinates >> 3 & 3],
-            ),
-            ("orientation", looks[self.instrument[2] > 127], looks[other.instrument[2] > 127]),
-            (
-                "declination",
-                f"{self.declination / 100:g} degrees",
-                f"{other.declination / 100:g} degrees",
-            ),
-        )
+        pairs = zip(self._shown().items(), other._shown().values(), strict=True)
         return (
-            ", ".join(f"{name} {one} -> {two}" for name, one, two in pairs if one != two)
+            ", ".join(f"{name} {one} -> {two}" for (name, one), two in pairs if one != two)
             or "transformations, sensors or firmware"
         )
+
+    def _shown(self) -> dict[str, str]:
+        """Return the settings that a change is told of."""
+        return {
+            "cells": f"{self.cells}",
+            "cell size": f"{self.cell_size / 100:g} m",
+            "first cell": f"{self.first_cell / 100:g} m",
+            "coordinates": _COORDINATES[self.coordinates >> 3 & 3],
+            "orientation": "up" if self.instrument[2] > 127 else "down",
+            "declination": f"{self.declination / 100:g} degrees",
+        }
 
 
 @dataclass(frozen=True, slots=True)

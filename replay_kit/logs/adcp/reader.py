@@ -147,7 +147,6 @@ def _declination(year: float, longitude: float, latitude: float) -> float | None
     return None
 
 
-_NS = 1_000_000_000
 _PINGS, _AVERAGES = "/adcp", "/adcp/average"
 # kind of a PD0 ensemble, and names of other packets
 _ENSEMBLE, _KNOWN = 0, {0x79: ", waves"}
@@ -285,7 +284,7 @@ class RawAdcpReader(LogFile):
                 **profiles.common,
                 "velocity_std": None,
                 **{name: values[k] for name, values in per_ping.items()},
-                "clock_offset": None if offset_ns is None else offset_ns / _NS,
+                "clock_offset": None if offset_ns is None else offset_ns / _SECOND_NS,
                 "bottom_track": _bottom_track(profiles, k),
             }
             if not payload["declination_applied"] and self._gps.time_ns.size:

@@ -32,19 +32,18 @@ class Sink:
 
 
 class Channels:
-    """Channels and schemas declared so far; decoders are built at the first message."""
+    """Channels and schemas of the summary and those declared so far; decoders are built at the first message."""
 
     def __init__(self, summary: Summary, rename: Callable[[str], str]) -> None:
-        """Create an empty registry.
+        """Create the registry.
 
         Args:
             summary: Summary of the file, for channels without a declaration, as after a lost chunk.
             rename: Returns the name of a topic of the file.
         """
-        self._summary = summary
         self._rename = rename
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, Schema] = dict(summary.schemas)
+        self._channels: dict[int, Channel] = dict(summary.channels)
         self._declared = 0
         #: By encoding and schema: channels of one schema share a decoder.
         self._decoders: dict[tuple[str, str, str, bytes], Decoder | str] = {}
@@ -80,15 +79,11 @@ class Channels:
         return found
 
     def _build(self, channel_id: int) -> Sink:
-        channel = self._channels.get(channel_id) or self._summary.channels.get(channel_id)
+        channel = self._channels.get(channel_id)
         if channel is None:
             unknown = RawChannel(channel_id, f"(channel {channel_id})", "", (), None)
             return Sink(unknown.topic, "", "the file does not declare this channel", unknown)
-        schema = None
-        if channel.schema_id != 0:
-            schema = self._schemas.get(channel.schema_id) or self._summary.schemas.get(
-                channel.schema_id
-            )
+        schema = self._schemas.get(channel.schema_id) if channel.schema_id else None
         definition = (schema.name, schema.encoding, schema.data) if schema else None
         topic = self._rename(channel.topic)
         raw = RawChannel(
@@ -96,19 +91,13 @@ class Channels:
         )
         name = schema.name if schema else ""
         # `mavlink/` first: the dialect takes longer to load than a small log to read
-        if channel.message_encoding == MessageEncoding.JSON and channel.topic.startswith(
-            "mavlink/"
-        ):
+        if raw.encoding == MessageEncoding.JSON and channel.topic.startswith("mavlink/"):
             from replay_kit.logs.decode.blueos import mavlink_channel
 
             if (known := mavlink_channel(channel.topic)) is not None:
                 return Sink(topic, known[0] or name, known[1], raw)
-        decode = (
-            None
-            if raw.encoding == MAVLINK_FRAMES
-            else self._decoder(channel.message_encoding, schema)
-        )
-        return Sink(topic, name, decode, raw)
+        framed = raw.encoding == MAVLINK_FRAMES
+        return Sink(topic, name, None if framed else self._decoder(raw.encoding, schema), raw)
 
     def _decoder(self, encoding: str, schema: Schema | None) -> Decoder | str:
         """Return the result of ``channel_decoder``, or the reason if the log's schemas are too large in total."""

@@ -31,6 +31,7 @@ FEW_MESSAGES, FEW_BYTES = 50_000, 16_000_000
 _MOST_FIRST, _MOST_CHUNKS = 100, 4
 # Bytes of a slice of time, about: its messages are held twice. Times that describe the messages of a chunk.
 _SLICE, _TIMES = 1 << 26, 17
+_LAST_NS = 2**63 - 1
 _INDEX_HEAD = struct.Struct("<BQHI")
 _INDEX_ENTRY = np.dtype([("log_ns", "<u8"), ("offset", "<u8")])
 
@@ -75,15 +76,13 @@ def overview_of(
     for chunk in summary.chunks:
         for number in chunk.message_index_offsets:
             held[number].append(chunk)
-    sinks = {number: channels.sink(number) for number in held}
     try:
         topics = _topics(file, held, channels)
         first = sorted(_first_messages(file, channels, held, decoded), key=attrgetter("time_ns"))
     except RECORD_ERRORS as error:
         return f"its index or one of the first chunks is damaged: {error}"
-    undecodable = {
-        sink.topic: sink.decode for sink in sinks.values() if isinstance(sink.decode, str)
-    }
+    sinks = [channels.sink(number) for number in held]
+    undecodable = {sink.topic: sink.decode for sink in sinks if isinstance(sink.decode, str)}
     return Overview(topics, undecodable, tuple(first))
 
 
@@ -162,7 +161,7 @@ class ChunkTimes(NamedTuple):
         chunk: Index entry of the chunk.
         first: Ordinal of its first message in the file.
         messages: Number of messages.
-        times: shape (17,) [ns], quantiles of the times in equal steps.
+        times: shape (17,) [ns], quantiles of the times in equal steps, from the first to the last that the chunk states.
     """
 
     chunk: ChunkIndex
@@ -198,8 +197,14 @@ def disordered(file: BinaryIO, summary: Summary, window_ns: int) -> list[ChunkTi
         lag, newest[-1] = _lag(times, newest.get(-1, 0))
         latest = max(latest, lag)
         if times.size:
+            start, end = chunk.message_start_time, chunk.message_end_time
+            # a message index that is damaged must not leave out messages
+            if not start <= times.min() <= times.max() <= end <= _LAST_NS:
+                return None
             at = np.linspace(0, times.size - 1, _TIMES).astype(np.int64)
-            held.append(ChunkTimes(chunk, first, times.size, np.sort(times)[at]))
+            quantiles = np.sort(times)[at]
+            quantiles[0], quantiles[-1] = start, end
+            held.append(ChunkTimes(chunk, first, times.size, quantiles))
         first += times.size
     counted = summary.statistics is not None and summary.statistics.message_count == first
     return held if latest > window_ns and counted else None
@@ -250,7 +255,8 @@ def _checked(file: BinaryIO, each: ChunkTimes, statistics: ReadStatistics) -> Pa
     """Return the messages of a chunk; none, counted as lost, if it is damaged."""
     try:
         chunk, part = _read_chunk(file, each.chunk)
-        if part.offset.size != each.messages:
+        log_ns, (first, *_, last) = part.head["log_ns"], each.times.tolist()
+        if part.offset.size != each.messages or ((log_ns < first) | (log_ns > last)).any():
             raise ValueError("its messages are not those of its index")
     except RECORD_ERRORS as error:
         span = int(each.times[0]), int(each.times[-1])

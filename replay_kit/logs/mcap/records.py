@@ -66,7 +66,7 @@ class Record:
 def file_records(
     file: BinaryIO, start: int, size: int, bound: Callable[[int], int | None] | None = None
 ) -> Iterator[Record]:
-    """Yield the records of a file up to the footer or the first incomplete record, inclusive.
+    """Yield the records of a file up to the first incomplete one, inclusive; the closing magic bytes are none.
 
     Args:
         file: Open log; its position may change between records.
@@ -90,8 +90,6 @@ def file_records(
         body = file.read(length) if kept else b""
         crc = zlib.crc32(body, crc) if kept else crc_of_rest(file, length, crc)
         yield Record(opcode, offset, end, body, True, before)
-        if opcode == Opcode.FOOTER:
-            return
         offset = end
 
 

@@ -11,7 +11,15 @@ from typing import BinaryIO
 
 from mcap.opcode import Opcode
 
-from replay_kit.logs.mcap.chunk import CHUNK_HEAD, Chunk, chunk_contents, own_length, parse_chunk
+from replay_kit.logs.mcap.chunk import (
+    CHUNK_HEAD,
+    SHORTEST,
+    Chunk,
+    ChunkError,
+    chunk_contents,
+    own_length,
+    parse_chunk,
+)
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     INNER,
@@ -58,8 +66,10 @@ class Salvage:
                 chunk = parse_chunk(record.body)
                 if chunk.crc or chunk.length == len(record.body):
                     return chunk, chunk_contents(chunk)
-            except RECORD_ERRORS as error:
+            except ChunkError as error:
                 problem = error
+            except RECORD_ERRORS:
+                pass
         if (own := self.own_chunk(record.offset)) is None:
             raise problem
         return own
@@ -94,11 +104,14 @@ class Salvage:
 
     def is_sound(self, record: Record) -> bool:
         """Return whether a record is whole, of a known kind, and no chunk with another opcode."""
-        if not record.whole or record.opcode == Opcode.MESSAGE:
-            return record.whole
         length = record.end - record.offset - HEAD_SIZE
+        if not record.whole or record.opcode == Opcode.MESSAGE:
+            return record.whole and length >= SHORTEST
         if record.opcode == Opcode.MESSAGE_INDEX:
             return self._listed(record.offset) is not None
+        # nothing but the closing magic bytes follows a footer
+        if record.opcode == Opcode.FOOTER and record.end + len(MAGIC) < self._size:
+            return False
         if length > _FIXED.get(record.opcode, length) + _SPARE or self.own_chunk(record.offset):
             return False
         # or a kind of a later version of the format
@@ -150,8 +163,6 @@ class Salvage:
             search_from: Start of the search [bytes]: before that record if the previous length may be wrong.
             inner: Whether schemas, channels and messages may come first; in a file of chunks they belong to a chunk with a checksum.
         """
-        if record.whole and record.opcode == Opcode.CHUNK and self.begins_chain(record.end):
-            return record.end
         following = self._summary.next_offset(record.offset)
         if self._summary.chunks:
             return following

@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
 
 from replay_kit.logs.mcap.channels import Channels
-from replay_kit.logs.mcap.chunk import SHORTEST, Part, walk
+from replay_kit.logs.mcap.chunk import Part, walk
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     INNER,
@@ -62,6 +62,7 @@ class Scan:
         self._position = 0
         self._lost = 0
         self._lost_all_known = True
+        self._damaged = False
         self._outside = bytearray()
         self._n_outside = 0
         self._ended = False
@@ -92,6 +93,7 @@ class Scan:
         messages: int | None = 0,
         span: tuple[int, int] | None = None,
     ) -> None:
+        self._damaged = True
         if messages is None:
             self._lost_all_known = False
         else:
@@ -105,7 +107,8 @@ class Scan:
             is_chunk = record.opcode == Opcode.CHUNK or self._summary.chunk_at(record.offset)
             if is_chunk or record.opcode != Opcode.MESSAGE:
                 yield from self._from_outside()
-            if record.opcode in _IN_CHUNKS and self._summary.in_index(record.offset):
+            in_index = record.whole and self._summary.in_index(record.offset)
+            if in_index and record.opcode in _IN_CHUNKS:
                 what = "a record of a chunk's index is damaged and ignored"
                 self._lose(what, record.offset, record.end)
             elif is_chunk or not self._salvage.is_sound(record):
@@ -119,6 +122,8 @@ class Scan:
                 self.pass_on(record)
             else:
                 self._check(record)
+                if record.opcode == Opcode.FOOTER:
+                    return None
             # should no record follow, the next one may begin within this one
             self._search_from = max(self._search_from, record.offset + 1)
         return None
@@ -146,11 +151,18 @@ class Scan:
             self._statistics.unchecked["chunks without a checksum"] += 1
         yield from self._counted(part)
         end = record.offset + HEAD_SIZE + chunk.length
-        if end != record.end or record.opcode != Opcode.CHUNK:
-            what = "the opcode or length of a chunk is damaged; its checksum fits, and all its messages are used"
-            self._lose(what, record.offset, record.offset + HEAD_SIZE)
-        self._search_from = max(self._search_from, end)
-        return end
+        if end == record.end and record.opcode == Opcode.CHUNK:
+            self._search_from = end
+            return end
+        what = "the opcode or length of a chunk is damaged; its checksum fits, and all its messages are used"
+        self._lose(what, record.offset, record.offset + HEAD_SIZE)
+        if record.whole and self._salvage.begins_chain(record.end):
+            return record.end
+        if self._salvage.begins_chain(end):
+            return end
+        resume = self._salvage.resume(record, record.offset + 1, False)
+        self._lose("bad bytes after a chunk", end, max(end, resume or self._size), None)
+        return resume
 
     def _skip(self, record: Record, error: Exception) -> int | None:
         """Count a damaged record; return the offset at which reading resumes, or None."""
@@ -172,8 +184,6 @@ class Scan:
         what = "cut inside a record, or no record begins here: everything before is used"
         if is_chunk and record.whole:
             what = f"chunk skipped: {error}"
-        elif record.opcode == Opcode.CHUNK:
-            what = "cut inside a chunk: everything before it is used"
         on = "" if resume in (None, record.end) else f"; reading resumes at byte {resume}"
         end = self._size if resume is None else max(resume, record.offset)
         self._lose(what + on, record.offset, end, messages, span)
@@ -189,9 +199,6 @@ class Scan:
     def _outside_chunks(self, record: Record) -> Iterator[Part]:
         """Collect a message outside chunks; yield the collected ones if they are many."""
         self._n_outside += 1
-        if len(record.body) < SHORTEST:
-            self._lose("a message record is too short and excluded", record.offset, record.end, 1)
-            return
         self._outside += RECORD_HEAD.pack(record.opcode, len(record.body)) + record.body
         if len(self._outside) > _PART:
             yield from self._from_outside()
@@ -220,8 +227,8 @@ class Scan:
             elif record.opcode == Opcode.DATA_END:
                 self._ended = True
                 stated = parse(DataEnd, record.body).data_section_crc
-                self._verified = stated == record.crc
-                if stated not in (0, record.crc) and not self._statistics.lost:
+                self._verified = stated == record.crc and not self._damaged
+                if stated not in (0, record.crc) and not self._damaged:
                     what = "the checksum of the data section does not match: messages outside chunks may be wrong"
                     self._lose(what, at, at)
             elif record.opcode == Opcode.STATISTICS:
@@ -238,6 +245,6 @@ class Scan:
         if self._file.read(len(MAGIC)) != MAGIC:
             what = "ends without the closing magic bytes: all messages are used"
             self._lose(what, footer.end, self._size)
-        if not self._ended and not self._statistics.lost:
+        if not self._ended and not self._damaged:
             what = "the end of the data section is missing, perhaps messages too"
             self._lose(what, footer.offset, footer.offset, None)

@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, BinaryIO
 
@@ -52,16 +52,14 @@ class Summary:
         offsets: Offsets of chunks, attachments, metadata and the summary [bytes], increasing.
         statistics: Counts stated in the file; None without.
         problem: Why an existing summary is not used; else empty.
-        checked: Whether it has a checksum.
     """
 
-    schemas: dict[int, Schema]
-    channels: dict[int, Channel]
-    chunks: tuple[ChunkIndex, ...]
-    offsets: tuple[int, ...]
+    schemas: Mapping[int, Schema] = field(default_factory=dict)
+    channels: Mapping[int, Channel] = field(default_factory=dict)
+    chunks: tuple[ChunkIndex, ...] = ()
+    offsets: tuple[int, ...] = ()
     statistics: Statistics | None = None
     problem: str = ""
-    checked: bool = False
 
     @cached_property
     def _chunk_starts(self) -> tuple[int, ...]:
@@ -87,9 +85,6 @@ class Summary:
         return begin <= offset < begin + chunk.message_index_length
 
 
-_NOTHING = Summary({}, {}, (), ())
-
-
 def read_summary(file: BinaryIO, size: int) -> Summary:
     """Return the summary section, verified by its checksum if any.
 
@@ -105,22 +100,18 @@ def read_summary(file: BinaryIO, size: int) -> Summary:
         or not tail.endswith(MAGIC)
         or RECORD_HEAD.unpack_from(tail) != (Opcode.FOOTER, 20)
     ):
-        return _NOTHING
+        return Summary()
     footer = parse(Footer, tail[HEAD_SIZE:])
     start = footer.summary_start
     if not len(MAGIC) <= start < size - length:
-        return (
-            Summary({}, {}, (), (), problem="the footer points to no summary")
-            if start
-            else _NOTHING
-        )
+        return Summary(problem="the footer points to no summary" if start else "")
     file.seek(start)
     if footer.summary_crc not in (0, crc_of_rest(file, size - len(MAGIC) - 4 - start, 0)):
-        return Summary({}, {}, (), (), problem="the checksum of the summary does not match")
-    return _collect(file, start, size, footer.summary_crc != 0)
+        return Summary(problem="the checksum of the summary does not match")
+    return _collect(file, start, size)
 
 
-def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
+def _collect(file: BinaryIO, start: int, size: int) -> Summary:
     found: dict[int, list[Any]] = {opcode: [] for opcode in _KINDS}
     declared = 0
     # of what is there twice the data section's own declarations count where these are left out
@@ -154,5 +145,4 @@ def _collect(file: BinaryIO, start: int, size: int, checked: bool) -> Summary:
             )
         ),
         statistics=found[Opcode.STATISTICS][-1] if found[Opcode.STATISTICS] else None,
-        checked=checked,
     )

@@ -35,11 +35,6 @@ class ReadStatistics:
         self._further: Loss | None = None
         self._n_further = 0
 
-    @property
-    def lost(self) -> bool:
-        """Whether any damage was found so far."""
-        return bool(self._losses)
-
     def undecodable(self, topic: str, reason: str, messages: int = 1) -> None:
         """Count undecodable messages; the first reason of a topic is kept."""
         count, first = self._undecodable.get(topic, (0, reason))
@@ -195,21 +190,19 @@ class TopicExtent:
     Attributes:
         schema: Name of its schema.
         messages: Number of messages.
-        first_ns: Earliest log time [ns]; None if it takes more than a few reads of the index.
+        first_ns: Earliest log time [ns].
         last_ns: Latest log time [ns].
     """
 
     schema: str
     messages: int
-    first_ns: int | None
-    last_ns: int | None
+    first_ns: int
+    last_ns: int
 
     def joined(self, other: "TopicExtent") -> "TopicExtent":
-        """Return the extent of this topic on two channels."""
-        firsts, lasts = (self.first_ns, other.first_ns), (self.last_ns, other.last_ns)
-        first_ns = None if None in firsts else min(firsts)  # type: ignore[type-var]
-        last_ns = None if None in lasts else max(lasts)  # type: ignore[type-var]
-        return TopicExtent(self.schema, self.messages + other.messages, first_ns, last_ns)
+        """Return the extent of this topic in two parts of the file."""
+        span = min(self.first_ns, other.first_ns), max(self.last_ns, other.last_ns)
+        return TopicExtent(self.schema, self.messages + other.messages, *span)
 
 
 @dataclass(frozen=True, slots=True)

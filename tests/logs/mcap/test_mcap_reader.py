@@ -105,7 +105,7 @@ def body(record):
 
 def declared(sizes):
     """Return channels, each with a schema of so many bytes of its own."""
-    channels = Channels(Summary({}, {}, (), ()), str)
+    channels = Channels(Summary(), str)
     for k, size in enumerate(sizes, 1):
         text = f"float64 x{k:04d}".encode().ljust(size)
         channels.declare(3, body(Schema(id=k, name="p/A", encoding="ros1msg", data=text)))

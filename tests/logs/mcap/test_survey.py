@@ -129,7 +129,6 @@ def test_a_hundred_messages_of_each_topic_are_enough(tmp_path, large):
     ("data", "words"),
     [
         (small_chunks()[:-20], "it has no index, or its end is missing"),
-        (small_chunks(use_statistics=False), "it has no index, or its end is missing"),
         (small_chunks(repeat_channels=False), "does not declare all topics"),
         (small_chunks(use_chunking=False), "does not locate the messages"),
         (small_chunks(index_types=IndexType.NONE), "does not locate the messages"),
@@ -138,7 +137,7 @@ def test_a_hundred_messages_of_each_topic_are_enough(tmp_path, large):
             "first chunks is damaged: its checksum does not match",
         ),
     ],
-    ids=["cut", "no statistics", "no channels", "no chunks", "no indexes", "damaged"],
+    ids=["cut", "no channels", "no chunks", "no indexes", "damaged"],
 )
 def test_an_index_that_says_too_little_is_told(tmp_path, large, data, words):
     found = write(tmp_path, data).overview()
