@@ -5,6 +5,7 @@ import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,10 @@ def read_memory(folder: Path) -> Memory:
         return Memory()
     try:
         with open_input(path) as file:
-            return _FORM.validate_json(file.read())
+            digest, _, data = file.read().partition(b"\n")
+        if digest != _digest(data):
+            raise ValueError("its content does not match its checksum")
+        return _FORM.validate_json(data)
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())[:200]
         raise LogError(
@@ -84,8 +88,13 @@ def read_memory(folder: Path) -> Memory:
 
 
 def write_memory(folder: Path, memory: Memory) -> None:
-    """Write the memory, completely or not at all."""
-    write_whole(folder / _NAME, _FORM.dump_json(replace(memory, said=memory.said[-_SAID:])))
+    """Write the memory with a checksum, completely or not at all."""
+    data = _FORM.dump_json(replace(memory, said=memory.said[-_SAID:]))
+    write_whole(folder / _NAME, _digest(data) + b"\n" + data)
+
+
+def _digest(data: bytes) -> bytes:
+    return sha256(data).hexdigest().encode()
 
 
 @dataclass(frozen=True, slots=True)

@@ -199,7 +199,7 @@ def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_pa
     assert read_memory(tmp_path) == memory
     file = tmp_path / "mission"
     data = file.read_bytes()
-    for damaged in (data[:-20], b"[]", data.replace(b'"a"', b"7")):
+    for damaged in (data[:-20], b"[]", data.replace(b'"a"', b'"b"')):
         file.write_bytes(damaged)
         with pytest.raises(LogError, match=f"{file}: .*memory of a followed mission"):
             read_memory(tmp_path)
