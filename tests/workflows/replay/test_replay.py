@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -171,7 +172,13 @@ def test_start_and_end_cut_the_log(ocean):
 
 
 def test_a_truncated_log_is_used_as_far_as_it_is_whole_and_the_loss_said(ocean, tmp_path):
-    data = (ocean / "survey.mcap").read_bytes()
+    # chunks so small that half of the log has whole ones
+    with (
+        mock.patch("replay_kit.logs.mcap.writer._CHUNK", 10_000),
+        open_log(ocean / "survey.mcap") as log,
+    ):
+        write_mcap_log(tmp_path / "whole.mcap", log.messages())
+    data = (tmp_path / "whole.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: len(data) // 2])
     summary, _ = run(
