@@ -1,7 +1,8 @@
-"""Files written completely or not at all."""
+"""Files written completely or not at all, and seals that show damage."""
 
 import errno
 import fcntl
+import hashlib
 import os
 import stat
 from collections.abc import Callable, Iterator
@@ -13,6 +14,30 @@ from replay_kit.core.errors import ConfigError, ReplayKitError
 
 # Of a disk, of a user's share of it, of the largest file.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+# Before the digest in a seal.
+_SEAL = b"\nreplay-kit sha256 "
+_SEAL_BYTES = len(_SEAL) + 65
+
+
+def sealed(data: bytes) -> bytes:
+    """Return bytes with their seal: a last line with their SHA-256."""
+    return data + _SEAL + hashlib.sha256(data).hexdigest().encode() + b"\n"
+
+
+def unsealed(data: bytes) -> bytes | None:
+    """Return sealed bytes without their seal; None without a seal.
+
+    Raises:
+        ValueError: The checksum does not match.
+    """
+    content, seal = data[:-_SEAL_BYTES], data[-_SEAL_BYTES:]
+    if not seal.startswith(_SEAL):
+        return None
+    if sealed(content) != data:
+        raise ValueError("it is damaged: its checksum does not match")
+    return content
 
 
 def write_whole(path: Path, content: str | bytes) -> None:

@@ -8,7 +8,6 @@ The file ends with the SHA-256 of all bytes before it (the seal), which other re
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 from collections.abc import Callable, Mapping
@@ -19,6 +18,7 @@ import h5py
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.atomic import sealed, unsealed
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, described, netcdf_bytes
 from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
@@ -46,8 +46,6 @@ if TYPE_CHECKING:
 FORMAT, FORMAT_VERSION = "replay_kit.FlowEstimate", 7
 # a flow without uncertainty has the same form there
 _EARLIER = 6
-_SEAL = b"\nreplay-kit sha256 "
-_SEAL_BYTES = len(_SEAL) + 65
 _EXACT_TIME = "nanoseconds_since_1970"
 _KINDS: dict[str, type] = {
     "node kernel": NodeKernel,
@@ -192,25 +190,6 @@ def to_lossless(flow: FlowEstimate) -> xr.Dataset:
     return described(dataset, "Ocean current estimate without loss", "save", flow.about)
 
 
-def sealed(data: bytes) -> bytes:
-    """Return bytes with their seal: a last line with their SHA-256."""
-    return data + _SEAL + hashlib.sha256(data).hexdigest().encode() + b"\n"
-
-
-def _unsealed(data: bytes) -> bytes | None:
-    """Return sealed bytes without their seal; None without a seal.
-
-    Raises:
-        ValueError: The checksum does not match.
-    """
-    content, seal = data[:-_SEAL_BYTES], data[-_SEAL_BYTES:]
-    if not seal.startswith(_SEAL):
-        return None
-    if sealed(content) != data:
-        raise ValueError("it is damaged: its checksum does not match")
-    return content
-
-
 def save_bytes(flow: FlowEstimate) -> bytes:
     """Return the sealed bytes of a saved flow; equal flows and libraries give equal bytes."""
     return sealed(netcdf_bytes(to_lossless(flow)))
@@ -243,7 +222,7 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
         ForecastError: See ``load``.
     """
     try:
-        content = _unsealed(data)
+        content = unsealed(data)
         # by the HDF5 library alone: xarray takes longer to load than a mission to plan
         with h5py.File(io.BytesIO(data if content is None else content)) as file:
             attrs = _attributes(file)

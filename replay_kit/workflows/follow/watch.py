@@ -5,14 +5,13 @@ import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.atomic import write_whole
+from replay_kit.core.atomic import sealed, unsealed, write_whole
 from replay_kit.core.errors import LogError
 from replay_kit.core.inputs import open_input
 from replay_kit.core.plan import Place
@@ -76,9 +75,9 @@ def read_memory(folder: Path) -> Memory:
         return Memory()
     try:
         with open_input(path) as file:
-            digest, _, data = file.read().partition(b"\n")
-        if digest != _digest(data):
-            raise ValueError("its content does not match its checksum")
+            data = unsealed(file.read())
+        if data is None:
+            raise ValueError("its checksum is missing")
         return _FORM.validate_json(data)
     except (OSError, ValueError) as error:
         why = " ".join(str(error).split())[:200]
@@ -88,13 +87,9 @@ def read_memory(folder: Path) -> Memory:
 
 
 def write_memory(folder: Path, memory: Memory) -> None:
-    """Write the memory with a checksum, completely or not at all."""
+    """Write the memory with its seal, completely or not at all."""
     data = _FORM.dump_json(replace(memory, said=memory.said[-_SAID:]))
-    write_whole(folder / _NAME, _digest(data) + b"\n" + data)
-
-
-def _digest(data: bytes) -> bytes:
-    return sha256(data).hexdigest().encode()
+    write_whole(folder / _NAME, sealed(data))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replay_kit
+from replay_kit.core.atomic import sealed
 from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
 from replay_kit.core.flow.compact import pack, unpack
 from replay_kit.core.flow.dataset import to_dataset, wet_at, write_grid
-from replay_kit.core.flow.file import load, load_bytes, save_bytes, sealed
+from replay_kit.core.flow.file import load, load_bytes, save_bytes
 from tests.core.flow.made import HOUR, LOCAL, SURFACE, changing
 from tests.places import ROOT
 from tests.synthetic_flow import TIME_NS, regular
