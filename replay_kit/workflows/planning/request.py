@@ -27,30 +27,30 @@ def completed(request: PlanRequest) -> PlanRequest:
         return request
     from replay_kit.workflows.planning.inputs import ends_of
 
-    starts, goals = dict[str, str](), dict[str, str]()
-    for name, held in ends_of(request.flows[-1]).items():
-        if held.fixes:
-            starts[name] = f"{held.fixes[-1].longitude},{held.fixes[-1].latitude},0"
-        if (goal := held.goal) is not None:
-            goals[name] = ",".join(map(str, goal))
-    if set(starts) | set(goals) <= {""}:
-        found: dict[str, Any] = {}
-        if request.start is None and starts:
-            found["start"] = starts[""]
-        if not request.goal and goals:
-            found["goal"] = (goals[""],)
+    ends = ends_of(request.flows[-1])
+    if len(ends) > 1:
+        if request.start is not None or request.goal:
+            raise ConfigError(
+                f"--start and --goal: expected both, or neither, for a result of several vehicles ({', '.join(ends)}), got one of them"
+            )
+        ends = {name: held for name, held in ends.items() if held.fixes and held.goal is not None}
+    starts = {
+        name: f"{held.fixes[-1].longitude},{held.fixes[-1].latitude},0"
+        for name, held in ends.items()
+        if held.fixes
+    }
+    goals = {
+        name: ",".join(map(str, held.goal)) for name, held in ends.items() if held.goal is not None
+    }
+    found: dict[str, Any] = {}
+    if len(ends) > 1:
+        found["glider"] = tuple(f"{name}={start}" for name, start in starts.items())
+        found["goal"] = tuple(f"{name}={goal}" for name, goal in goals.items())
         return request.model_copy(update=found)
-    if request.start is not None or request.goal:
-        names = ", ".join(starts)
-        raise ConfigError(
-            f"--start and --goal: expected both, or neither, for a result of several vehicles ({names}), got one of them"
-        )
-    going = [name for name in starts if name in goals]
-    if len(going) == 1:
-        found = {"start": starts[going[0]], "goal": (goals[going[0]],)}
-    else:
-        both = [(f"{name}={starts[name]}", f"{name}={goals[name]}") for name in going]
-        found = {"glider": tuple(one for one, _ in both), "goal": tuple(one for _, one in both)}
+    if request.start is None and starts:
+        (found["start"],) = starts.values()
+    if not request.goal and goals:
+        found["goal"] = tuple(goals.values())
     return request.model_copy(update=found)
 
 
