@@ -5,6 +5,7 @@ import reprlib
 import tomllib
 from collections import defaultdict
 from collections.abc import Mapping
+from inspect import cleandoc
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -177,7 +178,7 @@ def in_unit(value: object, description: str) -> object:
     return value
 
 
-_DESCRIBED = re.compile(r"^ {8}(\w+): (.*(?:\n {12}.*)*)", re.MULTILINE)
+_DESCRIBED = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
 #: Numbers above 0, from 0 on, and whole numbers from 1 on.
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -193,7 +194,8 @@ class Section(BaseModel):
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
         """Set the description of each setting."""
-        for name, text in _DESCRIBED.findall(cls.__doc__ or ""):
+        # Python 3.13 takes the indentation away
+        for name, text in _DESCRIBED.findall(cleandoc(cls.__doc__ or "")):
             cls.model_fields[name].description = " ".join(text.split())
 
     @model_validator(mode="before")

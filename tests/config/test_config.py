@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import pytest
 
+from replay_kit.config.file import Section
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.as_flown import AsFlown
@@ -297,3 +298,12 @@ def test_a_depth_is_a_number_or_a_range(stated, depth, depths):
 def test_what_is_no_range_is_refused(wrong):
     with pytest.raises(ValueError, match=r"expected a number above 0|convert|thrust"):
         PlannerConfig(**wrong)
+
+
+@pytest.mark.parametrize("indent", ["", "    "])
+def test_a_docstring_describes_settings_with_the_indentation_of_any_python(indent):
+    """Python 3.13 compiles docstrings without it."""
+    lines = ["Heights.", "", "Attributes:", "    low: Lowest height,", "        of the bottom [m]."]
+    members = {"__doc__": f"\n{indent}".join(lines), "__annotations__": {"low": float}, "low": 1.0}
+    made = type("Heights", (Section,), members | {"__module__": __name__})
+    assert made.model_fields["low"].description == "Lowest height, of the bottom [m]."
