@@ -22,7 +22,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 BUDGET = tomllib.loads((ROOT / "tests/budget.toml").read_text(encoding="utf-8"))
 FREE, BYTES, DOCUMENTED = 24, 4, 600
-LAYOUT = {"COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER", "ENCODING"}
+LAYOUT = ("COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENDMARKER", "ENCODING")
+UNCOUNTED = {getattr(tokenize, name) for name in LAYOUT}
+# a formatted text is one token, as before Python 3.12
+FORMATTED = {
+    number: 1 for number, name in tokenize.tok_name.items() if name.endswith("STRING_START")
+}
+FORMATTED |= {
+    number: -1 for number, name in tokenize.tok_name.items() if name.endswith("STRING_END")
+}
 # calls that make code of data, which would weigh less than code
 MAKERS = {"exec", "eval", "compile", "__import__", "run_module", "run_path", "FunctionType"}
 MAKERS |= {"spec_from_file_location", "makepyfile", "CodeType"}
@@ -55,11 +63,10 @@ def python_tokens(data: bytes) -> tuple[int, int]:
     """Return the weight of Python, and the number of its tokens without texts in triple quotes."""
     total, plain, depth, free = 0, 0, 0, set()
     for token in tokenize.tokenize(iter(data.splitlines(keepends=True)).__next__):
-        kind = tokenize.tok_name[token.type]
-        # a formatted text is one token, as before Python 3.12
-        depth += kind.endswith("STRING_START") - kind.endswith("STRING_END")
-        total += depth == 0 and kind not in LAYOUT
-        plain += depth == 0 and kind not in LAYOUT and not token.string.startswith('"""')
+        depth += FORMATTED.get(token.type, 0)
+        if depth == 0 and token.type not in UNCOUNTED:
+            total += 1
+            plain += not token.string.startswith('"""')
     starts = [0, *accumulate(map(len, data.splitlines(keepends=True)))]
     for node in ast.walk(ast.parse(data)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):

@@ -66,6 +66,8 @@ SCHEMAS = {
     },
     "sensor_msgs/msg/Imu": {"orientation_covariance": [0.0] * 9},
 }
+# Damaged messages of one stream.
+_TOGETHER = 12
 BROKEN = [[1e308] * 4] * 3, {"velocity": [1e308] * 4}, {"distance": ["b"]}, [[[1.0]]] * 3
 PLACES = {"time": {"sec": 1e308, "nsec": 0}, "lon": 1e308, "lat": 0.0}, {"time": 3}
 
@@ -85,10 +87,13 @@ def damaged(payload):
 @pytest.mark.parametrize("schema", SCHEMAS)
 def test_no_damaged_message_ends_a_replay_or_gives_a_good_bin_without_numbers(schema):
     ends = [fix(0, depth=0.0), fix(1, depth=9.0), fix(2, depth=0.0)]
-    for payload in damaged(SCHEMAS[schema]):
-        events = run([*ends, logged(schema, payload, 2, "/bad"), ping(2), fix(3)], STATED)
+    all_of = list(damaged(SCHEMAS[schema]))
+    for begin in range(0, len(all_of), _TOGETHER):
+        payloads = all_of[begin : begin + _TOGETHER]
+        bad = [logged(schema, payload, 2, "/bad") for payload in payloads]
+        events = run([*ends, *bad, ping(2), fix(3)], STATED)
         counted = [event.topic for event in only(Used | Skipped, events)]
-        assert sorted(counted) == ["/adcp", "/bad", *["/vehicle/fix"] * 4], payload
+        assert sorted(counted) == ["/adcp", *["/bad"] * len(bad), *["/vehicle/fix"] * 4], payloads
         numbers = []
         for one in only(Observation, events):
             good = one.flags == Flag.GOOD
@@ -96,7 +101,7 @@ def test_no_damaged_message_ends_a_replay_or_gives_a_good_bin_without_numbers(sc
         for one in only(PathMean, events):
             numbers += [one.longitude, one.depth, one.weight, one.velocity, 1.0 / one.error_std]
         numbers += [(one.longitude, one.latitude) for one in only(VehicleState, events)]
-        assert all(np.isfinite(each).all() for each in numbers), payload
+        assert all(np.isfinite(each).all() for each in numbers), payloads
 
 
 def test_alike_damage_has_one_short_reason():

@@ -60,27 +60,30 @@ def judged(seed):
     return flow, plan, odds, flown
 
 
-@pytest.mark.parametrize("seeds", [range(10), pytest.param(range(40), marks=pytest.mark.full)])
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(40), marks=pytest.mark.full)])
 def test_odds_and_times_that_are_stated_are_those_flown(seeds):
-    differences, outside, in_time = [], 0, []
+    differences, variances, outside, in_time = [], [], 0, []
     for seed in seeds:
         _, _, odds, flown = judged(seed)
         share = float(np.mean(np.isfinite(flown.when)))
         mean = 0.5 * (share + odds.reached)
         # half a flight of either beside the interval of the difference, as shares are whole flights
-        interval = 1.96 * np.sqrt(2.0 * mean * (1.0 - mean) / COUNT) + 1.0 / COUNT
+        variances.append(2.0 * mean * (1.0 - mean) / COUNT)
+        interval = 1.96 * np.sqrt(variances[-1]) + 1.0 / COUNT
         differences.append(share - odds.reached)
         outside += abs(differences[-1]) > interval
         if np.isfinite(odds.arrival_90_percent):
             in_time.append(np.mean(flown.when <= odds.arrival_90_percent))
-    assert abs(np.mean(differences)) < 0.02
-    assert outside <= len(seeds) // 10
     # of few missions the sampling error of both sides
+    many = len(seeds) > 10
+    error = 2.5 * np.sqrt(np.sum(variances)) / len(seeds)
+    assert abs(np.mean(differences)) < (0.02 if many else error)
+    assert outside <= len(seeds) // 10
     error = 2.5 * np.sqrt(2.0 * 0.9 * 0.1 / COUNT / len(in_time))
-    assert abs(np.mean(in_time) - 0.9) < (0.03 if len(seeds) > 10 else error)
+    assert abs(np.mean(in_time) - 0.9) < (0.03 if many else error)
 
 
-@pytest.mark.parametrize("seeds", [range(10), pytest.param(range(40), marks=pytest.mark.full)])
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(40), marks=pytest.mark.full)])
 def test_ellipses_hold_nine_of_ten_surfacings_of_other_draws(seeds):
     def held(flow, ellipse, places):
         at = np.column_stack(to_geographic(flow.grid.projection, *places.T))
@@ -176,8 +179,8 @@ def test_the_next_surfacing_alone_is_that_of_the_odds():
 
 def test_flights_are_safe_that_cross_nothing_at_steps_of_a_metre():
     harmed = []
-    # two enter areas, one goes below the bottom beside an island
-    for seed in (7, 8, 10):
+    # one enters areas, one goes below the bottom beside an island
+    for seed in (7, 10):
         mission = random_mission(seed, speeds=(0.15, 0.3))
         flow = mission.flow[0]
         plan = plan_mission(flow, mission.request)

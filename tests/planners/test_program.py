@@ -41,7 +41,10 @@ def test_rays_find_the_way_of_the_front_where_the_vehicle_is_faster():
     assert rays.passed[-1] == pytest.approx(front.passed[-1], rel=0.02)
 
 
-@pytest.mark.parametrize(("name", "number", "hours"), [("strong", 8, 95.0), ("three", 1, 30.5)])
+@pytest.mark.parametrize(
+    ("name", "number", "hours"),
+    [pytest.param("strong", 8, 95.0, marks=pytest.mark.full), ("three", 1, 30.5)],
+)
 def test_missions_that_0_3_planned_worse_are_planned_better(name, number, hours):
     answer = missions.answers(name, {number})[str(number)]
     assert answer["status"] == "reached"
@@ -80,7 +83,7 @@ def freer(seed):
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(2), *(pytest.param(k, marks=pytest.mark.full) for k in range(2, 40))]
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.full) for k in range(1, 40))]
 )
 def test_more_of_something_never_costs_time(seed):
     for flow, asked, more in freer(seed):
@@ -152,7 +155,7 @@ def brute_search(flow, request, legs, headings=16, cell=1500.0):
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(2), *(pytest.param(k, marks=pytest.mark.full) for k in range(2, 40))]
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.full) for k in range(1, 40))]
 )
 def test_what_a_brute_search_over_headings_reaches_is_reached(seed):
     rng = np.random.default_rng(seed)
