@@ -70,6 +70,16 @@ def test_no_dependency_has_a_licence_that_is_refused():
     } == {}
 
 
+def test_the_oldest_versions_that_are_tested_are_those_that_are_allowed():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = (project["optional-dependencies"][name] for name in ("adcp", "remote", "fleet"))
+    needed = [*project["dependencies"], *(each for extra in extras for each in extra)]
+    stated = (ROOT / "tests/release/oldest.txt").read_text(encoding="utf-8").splitlines()[1:]
+    # of zarr, the extra needs a later one
+    allowed = {each.replace(">=", "==") for each in needed} - {"zarr==2.18"}
+    assert set(stated) == allowed
+
+
 def test_the_citation_states_the_version_and_the_licence():
     text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
