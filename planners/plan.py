@@ -4,16 +4,9 @@ from math import inf
 
 import numpy as np
 
-from planners.program.starts import (
-    Answer,
-    arrives,
-    deviation,
-    is_feasible,
-    lacking_energy,
-    overtime,
-    search,
-    staying,
-)
+from planners.program.ranking import arrives, deviation, is_feasible, lacking_energy, overtime
+from planners.program.solution import staying
+from planners.program.starts import Answer, search
 from planners.program.words import outcome_text, tried_text
 from planners.request import Line, MissionPlan, MissionRequest, Mooring
 from planners.simulation.currents import Flow

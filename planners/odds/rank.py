@@ -15,8 +15,10 @@ from planners.odds.mission import (
     route_along,
 )
 from planners.plan import plan_mission, to_plan
-from planners.program.solve import Solution, again
-from planners.program.starts import AGAIN, Search, as_passage, cut, is_feasible, search
+from planners.program.legs import AGAIN, as_passage, cut
+from planners.program.ranking import is_feasible
+from planners.program.solution import Solution, again
+from planners.program.starts import Search, search
 from planners.request import MissionPlan, MissionRequest
 from planners.simulation.currents import Currents, Flow, Sample
 from planners.task import Task, task_of, yo_depths

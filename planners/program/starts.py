@@ -6,9 +6,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from planners.hazards.bottom import DEPTH_TOLERANCE
-from planners.program.solve import Solution, Solver, Start, again
-from planners.program.water import HOUR, KM
-from planners.request import Found, Line, MissionPlan, Mooring
+from planners.program.legs import AGAIN, MOST_LEGS, as_passage, cut, cut_by_depth, straight
+from planners.program.ranking import (
+    is_feasible,
+    length_of,
+    ranking,
+)
+from planners.program.solution import Solution, Start, again, staying
+from planners.program.solve import Solver
+from planners.request import Found, MissionPlan, Mooring
 from planners.route.bound import Bound, Limit, bound_of
 from planners.route.current import Route
 from planners.route.passage import (
@@ -20,37 +26,27 @@ from planners.route.passage import (
     passage,
     wider,
 )
-from planners.simulation.fly import Flight, Legs
-from planners.task import LEAST_DIVE, Task, yo_depths
-from replay_kit.core.arrays import Array
+from planners.task import LEAST_DIVE, Task
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.progress import announce
 
-# Points of each leg of a route.
-_POINTS = 9
-# Distance between places of a route whose depth is looked up, and between depths of dives [m].
-_SPACING, _STEP = 50.0, 5.0
 # Numbers of legs that are tried until one holds; share of them that is added at once at most; legs at most.
-_TRIES, _AT_ONCE, _MOST_LEGS, _CRAWLING, _MOORED = 5, 0.3, 150, 24, 60
+_TRIES, _AT_ONCE, _CRAWLING, _MOORED = 5, 0.3, 24, 60
 # The rest of an earlier plan that takes so many times as long as the route is reconsidered; durations of glides, in those of the route.
 _RECONSIDERED, _GLIDES = 1.02, (1.0, 1.1, 0.9, 1.3, 1.7)
 # Shares of a route to a goal out of reach that are cut, one after the other until the legs are enough.
 _PARTS = 1.0, 0.5, 0.25, 0.1
-# Depths over which a mooring's mean current is taken, glide angles tried for it; turn of a route at a corner [rad].
-_DEPTHS, _ANGLES, _CORNER = 51, 64, 0.15
+# Depths over which a mooring's mean current is taken, glide angles tried for it.
+_DEPTHS, _ANGLES = 51, 64
 # Share of the best mission's cost below which the route of a lesser depth is tried.
 _AT_LEAST = 0.995
-# Clearance that may be lacking of the margin [m].
-_KEPT = 3.0
 # A mission this near to walls [m] that takes so many times as long as its route is tried with a leg more.
-_BESIDE, _DETOUR, AGAIN = 500.0, 1.005, " again"
+_BESIDE, _DETOUR = 500.0, 1.005
 # By how much a mission may be quicker with a leg less.
 _SPARE = 1.01
 # Share of its time that a way across shallows takes at most to be tried beside the way round them.
 _ACROSS = 0.97
-# Of missions that miss: one that violates a constraint ranks behind all that do not [m].
-_UNSAFE = 1e9
 
 
 @dataclass(eq=False)
@@ -89,7 +85,7 @@ class Search:
         """Try routes with an estimated number of legs and more until one is feasible, then fewer."""
         task, settings = self.task, self.task.settings
         least = len(task.goals)
-        most = max(int(min(settings.most_legs, _MOST_LEGS)), least)
+        most = max(int(min(settings.most_legs, MOST_LEGS)), least)
         likely = int(np.ceil(ways[0][1].passed[-1] / task.leg_time(depth=depth) - 1e-6))
         count, held = settings.legs or max(min(likely, most), least), list[Solution]()
         for _ in range(_TRIES):
@@ -114,7 +110,7 @@ class Search:
         """Try the route with the closest approach to a goal out of reach, with a limited number of legs."""
         task, settings = self.task, self.task.settings
         likely = max(int(np.ceil(way.passed[-1] / task.leg_time() - 1e-6)), 1)
-        crawling = _MOST_LEGS if limit in ("duration", "legs") else _CRAWLING
+        crawling = MOST_LEGS if limit in ("duration", "legs") else _CRAWLING
         count = min(likely, int(min(settings.most_legs, crawling)))
         if limit == "legs" and settings.max_legs is not None:
             count = settings.max_legs
@@ -168,178 +164,10 @@ class Search:
             pace *= 1.0 - min(max(1.2 * float(np.max(one.miss)) / length_of(one), 0.04), 0.3)
 
 
-def length_of(found: Solution) -> float:
-    """Return the length of a solution's track over ground [m]."""
-    return max(float(np.sum(np.linalg.norm(np.diff(found.flight.place[0], axis=0), axis=1))), 1.0)
-
-
 def lacking(found: Solution) -> int:
     """Return the number of additional legs needed to cover the miss distance, at least one."""
     missed = float(np.max(found.miss)) / (length_of(found) / found.count)
     return max(int(np.ceil(min(missed, _AT_ONCE * found.count))), 1)
-
-
-def cut(task: Task, name: str, way: Passage, count: int, depth: float) -> Start:
-    """Return a route divided into legs of equal duration."""
-    lasts = float(way.route.times[-1])
-    angles = np.full(count, task.angle_of(lasts / count, depth))
-    if task.is_glide:
-        angles = np.array([lasts / HOUR])
-    ends = lasts * np.arange(count + 1) / count
-    lines = lines_of(way.route, ends if name.endswith(AGAIN) else snapped(way.route, ends))
-    return Start(name, lines, angles, np.full(count, depth), goal_legs(way.passed, count))
-
-
-def snapped(route: Route, ends: Array) -> Array:
-    """Return the ends of legs [s] with the nearest one moved to each corner of the route."""
-    way = np.diff(route.points[:, 0] + 1j * route.points[:, 1])
-    turn = np.abs(np.angle(way[1:] * way[:-1].conj()))
-    ends = ends.copy()
-    free = np.ones(ends.size, dtype=bool)
-    free[[0, -1]] = False
-    for k in np.argsort(-turn):
-        if turn[k] < _CORNER or not free.any():
-            break
-        at = route.times[k + 1]
-        near = int(np.argmin(np.where(free, np.abs(ends - at), np.inf)))
-        if ends[near - 1] < at < ends[near + 1]:
-            ends[near] = at
-            free[near] = False
-    return ends
-
-
-def lines_of(route: Route, ends: Array) -> Array:
-    """Return the lines of the legs, shape (L, n, 2) [m], between times of a route, shape (L + 1,) [s]."""
-    at = np.linspace(ends[:-1], ends[1:], _POINTS)
-    return route.at(at.ravel()).reshape(_POINTS, -1, 2).transpose(1, 0, 2)
-
-
-def cut_by_depth(task: Task, name: str, way: Passage, pace: float) -> Start | None:
-    """Return a route divided into legs as deep as the water allows; None if they exceed the allowed number.
-
-    Args:
-        task: Mission.
-        name: Name of the initial guess.
-        way: Passage along all goals.
-        pace: Length of legs relative to the longest.
-    """
-    route, settings = way.route, task.settings
-    length = float(np.sum(np.linalg.norm(np.diff(route.points, axis=0), axis=1)))
-    times = np.linspace(0.0, route.times[-1], int(length / _SPACING) + 2)
-    limits = task.bottom.limit_beside(route.at(times), LEAST_DIVE)
-    deepest = settings.depth if settings.depths is None else settings.depths[1]
-    tried = np.append(np.arange(deepest, LEAST_DIVE, -_STEP), LEAST_DIVE)
-    drift, most = settings.surface_time, int(min(settings.most_legs, _MOST_LEGS))
-    # the route's speed allows for drifts after full dives
-    spans = np.array([task.leg_time(depth=depth) - drift for depth in tried])
-    spans *= pace / (1.0 - drift / task.leg_time())
-    ends, depths, legs = [0.0], list[float](), list[int]()
-    for goal in way.passed:
-        while ends[-1] < goal - 1e-6:
-            until = np.minimum(ends[-1] + spans, goal)
-            first = int(np.searchsorted(times, ends[-1], side="right")) - 1
-            lows = np.minimum.accumulate(limits[first:])
-            least = lows[np.searchsorted(times[first:], until)]
-            fits = np.flatnonzero(least >= tried)
-            chosen = int(fits[0]) if fits.size else tried.size - 1
-            ends.append(float(until[chosen]))
-            depths.append(float(tried[chosen]))
-            if len(depths) > most:
-                return None
-        legs.append(max(len(depths), len(legs) + 1))
-    deep = np.array(depths)
-    at = np.array(legs) - 1
-    deep[at] = np.maximum(deep[at], task.goals[:, 2])
-    lasts = np.diff(ends)
-    angles = np.array([task.angle_of(float(t), float(d)) for t, d in zip(lasts, deep, strict=True)])
-    return Start(name, lines_of(route, np.array(ends)), angles, deep, tuple(legs))
-
-
-def goal_legs(passed: Array, count: int) -> tuple[int, ...]:
-    """Return the leg in which each goal is met, from 1: the nearest in time, distinct for each goal.
-
-    Args:
-        passed: Passing times, shape (G,) [s], increasing; the last is the end of the route.
-        count: Number of legs, at least G.
-    """
-    numbers: list[int] = []
-    for k, share in enumerate(passed / passed[-1]):
-        least, most = (numbers[-1] if numbers else 0) + 1, count - (len(passed) - 1 - k)
-        numbers.append(int(np.clip(np.round(count * share), least, most)))
-    return tuple(numbers)
-
-
-def as_passage(found: Solution) -> Passage:
-    """Return the track of a solution as a passage."""
-    flight = found.flight
-    passed = flight.time[0, found.points]
-    return Passage(Route(flight.place[0], flight.time[0], True), np.array(passed))
-
-
-def is_feasible(task: Task, found: Solution) -> bool:
-    """Return whether a solution is feasible: no violation, in time, and goals met unless the miss distance has a weight."""
-    met = task.settings.weighs_distance or arrives(task, found)
-    return found.violation is None and met and overtime(task, found) == 0.0
-
-
-def arrives(task: Task, found: Solution) -> bool:
-    """Return whether all goals are met within the tolerance and the track within the width of its line or mooring."""
-    if isinstance(task.shape, Mooring):
-        return deviation(task, found)[0] <= task.shape.radius
-    near = task.shape is None or deviation(task, found)[0] <= task.shape.width
-    return near and bool(np.all(found.miss <= task.settings.tolerance))
-
-
-def deviation(task: Task, found: Solution) -> tuple[float, float]:
-    """Return the largest and the RMS distance from the line or mooring [m]; zeros without one."""
-    flight, goal = found.flight, task.goals[-1, :2]
-    off = flight.place[0] - goal
-    if isinstance(task.shape, Line):
-        way = goal - task.line_begin
-        away = np.abs(off @ np.array([-way[1], way[0]])) / float(np.linalg.norm(way))
-    elif isinstance(task.shape, Mooring):
-        away = np.linalg.norm(off, axis=1)
-    else:
-        return 0.0, 0.0
-    lasts = np.diff(flight.time[0])
-    mean = float(np.sum(0.5 * (away[1:] ** 2 + away[:-1] ** 2) * lasts)) / max(found.seconds, 1.0)
-    if isinstance(task.shape, Mooring) and task.shape.surfacings_only:
-        away = away[flight.ends]
-        mean = float(np.mean(away**2))
-    return float(np.max(away)), float(np.sqrt(mean))
-
-
-def overtime(task: Task, found: Solution) -> float:
-    """Return the excess over the largest duration [s]; 0 for a mooring."""
-    late = found.seconds - task.settings.max_duration
-    return 0.0 if isinstance(task.shape, Mooring) else max(late, 0.0)
-
-
-def lacking_energy(task: Task, found: Solution) -> float:
-    """Return the energy in excess of the battery [J]."""
-    return max(found.energy - task.settings.battery, 0.0)
-
-
-def ranking(task: Task, found: Solution) -> tuple[bool, float, float]:
-    """Return the sort key of solutions: feasible ones within the battery by cost, then others by their deficit."""
-    feasible, aim, lacking = (
-        is_feasible(task, found),
-        task.settings.aim,
-        lacking_energy(task, found),
-    )
-    missing = overtime(task, found) + lacking / 1e3
-    if not feasible or aim.distance_first:
-        missing += float(np.max(found.miss)) + _UNSAFE * (found.violation is not None)
-    # the margin is kept first
-    missing += float(found.clearance < task.settings.margin - _KEPT)
-    depths, miss = yo_depths(found.legs.turns), float(np.sum(found.miss))
-    one = Found(task.vehicle, found.legs.angles, depths, found.seconds, found.energy, miss)
-    cost = aim.cost(one)
-    if isinstance(task.shape, Line):
-        cost += task.shape.weight * found.seconds / HOUR * (deviation(task, found)[1] / KM) ** 2
-    elif isinstance(task.shape, Mooring):
-        cost = deviation(task, found)[1]
-    return not feasible or lacking > 0.0, missing, cost
 
 
 def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
@@ -471,7 +299,7 @@ def _in_range(one: Search) -> None:
         angles = np.full(count, task.shallowest_angle)
         cost = settings.aim.cost(Found(task.vehicle, angles, legs, lasts, energy, 0.0))
         worth = best is None or cost < _AT_LEAST * ranking(task, best)[2]
-        if way.route.arrives and count <= _MOST_LEGS and worth and not task.is_late:
+        if way.route.arrives and count <= MOST_LEGS and worth and not task.is_late:
             one.sweep([("shallower", way)], depth)
 
 
@@ -503,9 +331,7 @@ def _rest(task: Task, warm: MissionPlan) -> list[Solution]:
         return []
     projection = task.region.grid.projection
     ends = np.column_stack(to_local(projection, *warm.surfacings[flown:].T))
-    points = np.vstack([task.start[None, :2], ends])
-    share = np.linspace(0.0, 1.0, _POINTS)[None, :, None]
-    lines = points[:-1, None] + share * np.diff(points, axis=0)[:, None]
+    lines = straight(task.start, ends)
     depths = np.array([max(leg[1:]) for leg in warm.yo_depths[flown:]])
     if np.any(depths < task.settings.depth) and len(depths) > 1 and task.settings.depths is None:
         depths = np.minimum(depths, task.settings.depth)
@@ -537,11 +363,7 @@ def _moored(task: Task) -> Answer:
     for hop in (0.0, 0.5 * max(along[best] - speed, 0.0) * lasts[best]):
         side = hop * (-1.0) ** np.arange(count)
         ends = place + np.column_stack([side, np.zeros(count)])
-        points = np.vstack([task.start[None, :2], ends])
-        lines = (
-            points[:-1, None]
-            + np.linspace(0.0, 1.0, _POINTS)[None, :, None] * np.diff(points, axis=0)[:, None]
-        )
+        lines = straight(task.start, ends)
         flat = np.full(count, angles[best]), np.full(count, settings.depth)
         one.attempt(Start("held" if hop == 0.0 else "hops", lines, *flat, (count,)))
     return Answer(_taken(task, one.found), one.found, None)
@@ -559,16 +381,6 @@ def _glide(task: Task) -> Answer:
         if is_feasible(task, one.found[-1]):
             break
     return Answer(_taken(task, one.found), one.found, None)
-
-
-def staying(task: Task) -> Solution:
-    """Return the mission without legs that stays at its start."""
-    none, nothing = np.zeros(0), np.zeros(0, dtype=int)
-    at = task.start[None, None, :2]
-    flight = Flight(np.zeros((1, 1)), task.start[2:], at, np.zeros(1, dtype=int), nothing)
-    legs = Legs(none, none, np.zeros((2, 0)), none)
-    goals = np.zeros(len(task.goals), dtype=int)
-    return Solution(task, None, legs, flight, tuple(goals.tolist()), goals, task.from_start, None)
 
 
 def _met_at_start(task: Task) -> int:
