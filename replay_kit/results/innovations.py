@@ -252,12 +252,12 @@ def _places(columns: Columns, seen: Counter[str]) -> NDArray[np.int64]:
 
 def _addends(observations: "pd.DataFrame") -> "pd.DataFrame":
     """Return measurements, one row each, with the terms of their sums."""
-    dof = observations["dof"]
+    dof, kind = observations["dof"], observations["mean_current_kind"].astype(object)
     squares = {
         f"square_{name}": (observations[f"rms_{name}"] ** 2 * dof).fillna(0.0) for name in _RMS
     }
     return observations.assign(
-        mean_current_kind=observations["mean_current_kind"].astype(object).fillna(""),
+        mean_current_kind=kind.where(kind.notna(), ""),
         measurements=1,
         with_bins=(dof > 0).astype(np.int64),
         first=observations.index,
