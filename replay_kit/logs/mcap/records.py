@@ -30,12 +30,8 @@ HEAD_SIZE = 9
 #: Opcode and length.
 RECORD_HEAD = struct.Struct("<BQ")
 _PIECE = 1 << 20
-# known kinds, but those whose bodies are read where they are needed
-_KEPT = frozenset(map(int, Opcode)) - {
-    Opcode.MESSAGE_INDEX,
-    Opcode.ATTACHMENT,
-    Opcode.SUMMARY_OFFSET,
-}
+# known kinds, but that whose body is read where it is needed
+_KEPT = frozenset(map(int, Opcode)) - {Opcode.ATTACHMENT}
 #: What a chunk holds, as plain numbers.
 INNER = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL), int(Opcode.MESSAGE)})
 

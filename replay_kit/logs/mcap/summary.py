@@ -1,5 +1,6 @@
-"""Summary section of an MCAP file."""
+"""Summary section of an MCAP file, and the message indexes that it locates."""
 
+import struct
 from bisect import bisect_right
 from collections.abc import Mapping
 from contextlib import suppress
@@ -7,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, BinaryIO
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import (
     AttachmentIndex,
@@ -17,6 +19,7 @@ from mcap.records import (
     Schema,
     Statistics,
 )
+from numpy.typing import NDArray
 
 from replay_kit.logs.decode.budget import MOST_DECLARED
 from replay_kit.logs.mcap.records import (
@@ -30,6 +33,8 @@ from replay_kit.logs.mcap.records import (
 )
 
 _FOOTER_SIZE = HEAD_SIZE + 20
+_INDEX_HEAD = struct.Struct("<BQHI")
+_INDEX_ENTRY = np.dtype([("log_ns", "<u8"), ("offset", "<u8")])
 #: Records of a summary that are used.
 _KINDS: Mapping[int, Any] = {
     Opcode.SCHEMA: Schema,
@@ -74,15 +79,6 @@ class Summary:
         """Return the offset of the next record listed in the summary; None without one."""
         place = bisect_right(self.offsets, offset)
         return self.offsets[place] if place < len(self.offsets) else None
-
-    def in_index(self, offset: int) -> bool:
-        """Return whether a byte belongs to a chunk's message index, which holds no messages."""
-        place = bisect_right(self._chunk_starts, offset) - 1
-        if place < 0:
-            return False
-        chunk = self.chunks[place]
-        begin = chunk.chunk_start_offset + chunk.chunk_length
-        return begin <= offset < begin + chunk.message_index_length
 
 
 def read_summary(file: BinaryIO, size: int) -> Summary:
@@ -132,17 +128,26 @@ def _collect(file: BinaryIO, start: int, size: int) -> Summary:
         index.offset
         for opcode in (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX)
         for index in found[opcode]
+        if len(MAGIC) <= index.offset < start
     }
     return Summary(
         schemas={schema.id: schema for schema in found[Opcode.SCHEMA]},
         channels={channel.id: channel for channel in found[Opcode.CHANNEL]},
         chunks=tuple(chunks[offset] for offset in sorted(chunks)),
-        offsets=tuple(
-            sorted(
-                {offset for offset in others if len(MAGIC) <= offset < start}.union(
-                    chunks, (start,)
-                )
-            )
-        ),
+        offsets=tuple(sorted({*others, *chunks, start})),
         statistics=found[Opcode.STATISTICS][-1] if found[Opcode.STATISTICS] else None,
     )
+
+
+def index_entries(file: BinaryIO, channel: int, chunk: ChunkIndex) -> NDArray[np.void]:
+    """Return a channel's message index in a chunk: ``log_ns``, and ``offset`` in the contents.
+
+    Raises:
+        struct.error, ValueError: ``RECORD_ERRORS``; the index is not at the offset in the summary.
+    """
+    offset = chunk.message_index_offsets[channel]
+    file.seek(offset)
+    opcode, _, number, size = _INDEX_HEAD.unpack(file.read(_INDEX_HEAD.size))
+    if opcode != Opcode.MESSAGE_INDEX or number != channel or size > chunk.message_index_length:
+        raise ValueError(f"no message index of channel {channel} begins at byte {offset}")
+    return np.frombuffer(file.read(size), _INDEX_ENTRY)
