@@ -207,12 +207,7 @@ def _covered(walk: Callable[[bytes], list[damage.Piece]], read: Read, needed: in
 
 def _dataflash(data: bytes, path: Path) -> Check:
     """Return the check of a log without checksums whose records are known: those before the damage come first."""
-    records = damage.records(data)
-    ends = [end for _, end, _ in records]
-    # formats are declared before the first record of another kind
-    declared = next(
-        (end for end, (_, _, one) in zip(ends, records, strict=True) if one[2] != 128), 0
-    )
+    ends = [end for _, end, _ in damage.records(data)]
     sound, _ = damage.read_messages(path)
 
     def check(harm: Mishap, path: Path) -> list[str]:
@@ -221,20 +216,11 @@ def _dataflash(data: bytes, path: Path) -> Check:
             return _uncovered(harm, path)
         said, report = damage.read_messages(path)
         wrong = [] if said[:whole] == sound[:whole] else [f"{whole} are whole before it"]
-        after = sum(start >= harm.kept[-1][0] for start, _, _ in records)
-        # what follows the next record comes too, unless its format may be another
-        sure = after - _NOT_SURE if kept >= declared and harm.kept[-1][1] == len(data) else 0
-        if len(harm.kept) > 1 and sure > 0 and said[-sure:] != sound[-sure:]:
-            wrong.append(f"{sure} are whole after it")
         if len(harm.kept) == 1 and len(harm.data) not in ends and not report.losses:
             wrong.append("cut without a word")
         return wrong + _uncovered(harm, path)
 
     return check
-
-
-# records after damage that may be taken for others: the one that the damage reaches into, and the next
-_NOT_SURE = 2
 
 
 def _uncovered(harm: Mishap, path: Path) -> list[str]:

@@ -42,21 +42,21 @@ def test_a_bag_is_the_files_that_its_metadata_lists(tmp_path):
         open_log(tmp_path)
 
 
-def test_a_bag_that_lacks_a_part_is_refused(tmp_path):
-    (_bag(tmp_path) / "b_1.mcap").unlink()
-    with pytest.raises(LogError, match=r"expected the files of metadata\.yaml, missing: b_1\.mcap"):
-        open_logs([tmp_path])
-
-
-def test_a_compressed_part_says_how_to_unpack_it(tmp_path):
-    (tmp_path / "metadata.yaml").write_text(METADATA.format("b_0.mcap.zstd", "b_1.mcap"))
-    with pytest.raises(LogError, match=r"unpack it with: zstd -d b_0\.mcap\.zstd"):
-        open_logs([tmp_path])
-
-
-def test_a_folder_without_logs_is_refused(tmp_path):
-    (tmp_path / "notes.txt").write_text("x")
-    with pytest.raises(LogError, match=r"the folder holds notes\.txt; give the logs themselves"):
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        (
+            "metadata.yaml",
+            METADATA.format("b_0.mcap", "b_1.mcap"),
+            r"missing: b_0\.mcap, b_1\.mcap",
+        ),
+        ("metadata.yaml", METADATA.format("b.mcap.zstd", "c.mcap"), r"with: zstd -d b\.mcap\.zstd"),
+        ("notes.txt", "x", r"the folder holds notes\.txt; give the logs themselves"),
+    ],
+)
+def test_a_folder_that_lacks_logs_is_refused(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(LogError, match=words):
         open_logs([tmp_path])
 
 

@@ -170,18 +170,6 @@ def test_after_a_clock_jumps_back_no_message_is_late_and_times_continue():
     assert len(merged.jumps) == 1
 
 
-def test_what_comes_once_may_be_older_than_the_recording():
-    stamps, topics = [START - 9 * DAY, *steady(3)], ["/tf_static", "/a", "/a", "/a"]
-    assert [m.time_ns for m in merge([Recorded(stamps, 0, topics)], 1.0)] == stamps
-
-
-def test_a_copy_keeps_stamps_as_they_are():
-    stamps = steady(40) + steady(40, START - 30 * DAY) + [YEAR_2200]
-    assert sorted(m.time_ns for m in merge([Recorded(stamps)], 1.0, keep_late=True)) == sorted(
-        stamps
-    )
-
-
 def test_no_more_than_the_look_ahead_is_held():
     log = Recorded([*steady(10), YEAR_2200, *steady(500, START + 10 * SECOND)])
     stream = iter(merge([log], 0.0))

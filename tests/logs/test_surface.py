@@ -175,46 +175,56 @@ def test_the_signals_variance_is_found_by_its_description(tmp_path, held):
     assert found["error_length"] == 10e3
 
 
-def _moved(k, row):
-    return {"LOND": row["LOND"] + 0.5}
+def _radials(**change):
+    def write(folder):
+        made.write_radials(folder / "a.ruv", CURRENT, **change)
+
+    return write
 
 
-def _in_knots(k, row):
-    return {"VELO": row["VELO"] / 51.44}
+def _edited(write, edit, pattern="a.*"):
+    def edited(folder):
+        write(folder)
+        (path,) = folder.glob(pattern)
+        path.write_text(edit(path.read_text()))
+
+    return edited
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("write", "words"),
     [
-        ({"change": _moved}, "radials of another station: they lie 43 km"),
-        ({"unit": "knots"}, "expected speeds in cm/s, the file states .*knots"),
-        ({"change": _in_knots}, "they look like knots or m/s"),
-        ({"names": "LOND LATD VELO HEAD RNGE"}, "it lacks BEAR"),
+        (
+            _radials(change=lambda k, row: {"LOND": row["LOND"] + 0.5}),
+            "radials of another station: they lie 43 km",
+        ),
+        (_radials(unit="knots"), "expected speeds in cm/s, the file states .*knots"),
+        (
+            _radials(change=lambda k, row: {"VELO": row["VELO"] / 51.44}),
+            "they look like knots or m/s",
+        ),
+        (_radials(names="LOND LATD VELO HEAD RNGE"), "it lacks BEAR"),
+        (_edited(_radials(), lambda text: text.replace("%Origin", "%Place")), "it lacks Origin"),
+        (
+            lambda folder: (
+                made.totals(CURRENT)
+                .drop_vars("processing_parameters")
+                .to_netcdf(folder / "a.nc", engine="h5netcdf")
+            ),
+            "expected the signal's variance",
+        ),
+        (
+            _edited(
+                lambda folder: _table(made.drifters(), folder / "a.csv"), lambda text: text[:-30]
+            ),
+            "expected a table: names, perhaps units, rows as long",
+        ),
     ],
 )
-def test_radials_that_are_not_what_they_say_are_refused(tmp_path, change, words):
-    made.write_radials(tmp_path / "one.ruv", CURRENT, **change)
+def test_files_that_are_not_what_they_say_or_lack_something_are_refused(tmp_path, write, words):
+    write(tmp_path)
     with pytest.raises(LogError, match=words):
-        read([tmp_path / "one.ruv"])
-
-
-def test_a_file_that_lacks_a_key_a_variance_or_ends_of_rows_is_refused(tmp_path):
-    for name in ("radials.ruv", "totals.nc", "drifters.csv"):
-        path = tmp_path / name
-        if name == "radials.ruv":
-            made.write_radials(path, CURRENT)
-            path.write_text(path.read_text().replace("%Origin", "%Place"))
-            words = "it lacks Origin"
-        elif name == "totals.nc":
-            totals = made.totals(CURRENT).drop_vars("processing_parameters")
-            totals.to_netcdf(path, engine="h5netcdf")
-            words = "expected the signal's variance"
-        else:
-            _table(made.drifters(), path)
-            path.write_text(path.read_text()[:-30])
-            words = "expected a table: names, perhaps units, rows as long"
-        with pytest.raises(LogError, match=words):
-            read([path])
+        read([*tmp_path.iterdir()])
 
 
 def _table(ds, path):

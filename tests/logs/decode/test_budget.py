@@ -146,19 +146,6 @@ def test_what_a_protobuf_message_costs(payload, values):
     assert before - budget.left == values
 
 
-@pytest.mark.parametrize(
-    ("payload", "words"),
-    [
-        (b"\x08", "ends inside a field"),
-        (b"\x0e", "unknown kind 6"),
-        (b"\xff" * 11, "more than ten bytes"),
-    ],
-)
-def test_bytes_that_are_no_protobuf_cost_nothing_but_an_error(payload, words):
-    with pytest.raises(ValueError, match=words):
-        pay(Cost(7, {}), payload, Budget(len(payload)))
-
-
 def test_protobuf_messages_that_contain_themselves_too_deeply_are_refused():
     node = Cost(7, {})
     node.parts[1] = node

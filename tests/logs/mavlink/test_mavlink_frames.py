@@ -33,12 +33,6 @@ def test_checksums_of_stretches_of_all_lengths(data, ends):
     ]
 
 
-def test_the_checksum_of_the_standard_check():
-    text = np.frombuffer(b"123456789" + bytes(PADDING), dtype=np.uint8)
-    crc = checksums(text, np.array([0]), np.array([8]), np.array([ord("9")], dtype=np.uint16))
-    assert crc.tolist() == [0x6F91]
-
-
 @quick
 @given(
     st.lists(

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from replay_kit.core.errors import ConfigError, LogError
+from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap.writer import open_mcap_log, write_mcap_log
-from tests.measurements.turned import stated as row_of
+from replay_kit.logs.mcap.writer import write_mcap_log
 
 START = 1_542_326_400_000_000_000
 
@@ -117,39 +116,6 @@ def test_what_was_written_is_read_back_without_loss(tmp_path):
     assert reader.report().losses == ()
 
 
-def test_an_error_leaves_the_part_and_the_old_file(tmp_path):
-    out = tmp_path / "a.mcap"
-    out.write_bytes(b"old")
-
-    def interrupted():
-        with open_mcap_log(out) as writer:
-            writer.write(_message({"a": 1}))
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert out.read_bytes() == b"old"
-    assert (tmp_path / "a.mcap.part").exists()
-
-
-def test_a_place_that_cannot_be_written_is_said(tmp_path):
-    with pytest.raises(ConfigError, match="cannot be written"):
-        write_mcap_log(tmp_path / "no" / "a.mcap", [])
-
-
 def test_a_payload_without_json_form_is_refused(tmp_path):
     with pytest.raises(LogError, match="/t at"):
         write_mcap_log(tmp_path / "a.mcap", [_message({"a": object()})])
-
-
-@pytest.mark.parametrize(
-    ("stated", "gps"),
-    [("1", 0), ("TRUE ", 0), (True, 0), (1, 0), ("0", 1), ("false", 1), (None, 1)],
-)
-def test_dead_reckoned_is_read_in_any_form(stated, gps):
-    fix = {
-        "latitude": 1.0,
-        "longitude": 2.0,
-        "metadata": [{"key": "dead_reckoned", "value": stated}],
-    }
-    assert row_of(_message(fix, schema="foxglove.LocationFix")).dead_reckoned == (gps == 0)

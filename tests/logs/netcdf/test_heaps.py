@@ -60,17 +60,6 @@ def test_a_heap_with_free_space_of_no_size_is_found_and_its_file_refused(sound, 
         list(open_log(path).messages())
 
 
-def test_a_size_in_a_byte_of_it_alone_leads_on(sound):
-    path, heap = sound
-    first, *_, free = _objects(path.read_bytes(), heap)
-    # free space in place of a text, as long as that with its head
-    assert endless_heap(_with(path, {first: bytes(8) + (24).to_bytes(8, "little")})) is None
-    assert (
-        endless_heap(_with(path, {free + 8: (16).to_bytes(8, "little"), free + 16: bytes(16)}))
-        == heap
-    )
-
-
 def test_the_end_of_a_heap_and_of_its_file_ends_the_search(sound):
     path, heap = sound
     second = _objects(path.read_bytes(), heap)[1]
@@ -82,10 +71,3 @@ def test_the_end_of_a_heap_and_of_its_file_ends_the_search(sound):
     for size, found in ((heap + 15, None), (second + 15, None), (second + 16, heap)):
         path.write_bytes(data[:size])
         assert endless_heap(path) == found
-
-
-def test_a_second_heap_is_looked_at(sound):
-    path, heap = sound
-    whole = path.read_bytes()
-    path.write_bytes(whole + whole[heap : heap + 16] + bytes(32))
-    assert endless_heap(path) == len(whole)

@@ -16,7 +16,6 @@ from tests.logs.said import read
 from tests.places import DATA
 
 WITH_ADCP = sorted((DATA / "seaglider").glob("p17101*.nc"))
-WITHOUT_ADCP = sorted((DATA / "seaglider").glob("p24900*.nc"))
 real = pytest.mark.skipif(not WITH_ADCP, reason="../shared/data/seaglider is not there")
 
 _SECONDS = {"units": "seconds since 1970-1-1 00:00:00"}
@@ -213,13 +212,3 @@ def test_relative_velocities_are_in_earth_coordinates(path):
     up, sinking = up.mean(axis=1)[steady], np.gradient(pressure, time)[steady]
     assert np.corrcoef(up, sinking)[0, 1] > 0.97
     assert np.polyfit(sinking, up, 1)[0] == pytest.approx(1.0, abs=0.08)
-
-
-@real
-@pytest.mark.parametrize("path", WITHOUT_ADCP, ids=lambda path: path.stem)
-def test_real_dives_without_adcp(path):
-    said = read(path)
-    assert set(said.counts()) == {"/vehicle/fix", "/vehicle/position", "/dac", "/ctd"}
-    (dac,) = said.of("/dac")
-    assert np.hypot(dac["dac_eastward"], dac["dac_northward"]) < 0.2
-    assert dac["error"] < 0.02

@@ -131,14 +131,6 @@ def test_any_cycles_are_read_as_by_the_slow_twin(cycles, order):
         )
 
 
-def test_a_compressed_file_is_the_file():
-    data = slocum.file_bytes(slocum.FLIGHT, slocum.cycles_of(0)[0])
-    assert unpacked(slocum.compressed(data, 700)) == (data, -1)
-    whole, lost_at = unpacked(slocum.compressed(data, 700)[:-5])
-    assert data.startswith(whole)
-    assert lost_at > 0
-
-
 def _cut(at):
     """Cut the second segment's flight file: at a byte, or a share of the way after the known bytes."""
 
@@ -289,13 +281,6 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path):
         slocum.mission(tmp_path / "b", vehicle=vehicle)
     with pytest.raises(LogError, match=r"holds 2: unit_1 \(unit_1-2023-317-0-\*\), unit_2"):
         open_logs([tmp_path / "b"])
-
-
-def test_a_list_of_more_sensors_than_there_are_is_refused_before_memory_is_taken():
-    many = tuple((f"s{k}", 1, "u") for k in range(9000))
-    data = slocum.file_bytes(many, [])
-    with pytest.raises(LogError, match="got 9000 in"):
-        cycles_of(data, ())
 
 
 @pytest.mark.parametrize("count", [100, pytest.param(5000, marks=pytest.mark.full)])
