@@ -10,8 +10,7 @@ from mcap.well_known import MessageEncoding
 from replay_kit.core.message import MAVLINK_FRAMES, RawChannel
 from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, MOST_SCHEMAS, check_size
 from replay_kit.logs.decode.decoders import Decoder, channel_decoder
-from replay_kit.logs.mcap.records import parse
-from replay_kit.logs.mcap.summary import Summary
+from replay_kit.logs.mcap.records import Summary, parse
 
 
 @dataclass(frozen=True, slots=True)

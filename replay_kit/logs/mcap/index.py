@@ -16,8 +16,13 @@ from numpy.typing import NDArray
 from replay_kit.core.message import Message
 from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.chunk import Part, Row, open_chunk
-from replay_kit.logs.mcap.records import HEAD_SIZE, RECORD_ERRORS, file_records
-from replay_kit.logs.mcap.summary import Summary, index_entries
+from replay_kit.logs.mcap.records import (
+    HEAD_SIZE,
+    RECORD_ERRORS,
+    Summary,
+    file_records,
+    index_entries,
+)
 from replay_kit.logs.merge import FAR_NS
 from replay_kit.logs.shared.blocks import Overview, ReadStatistics, TopicExtent
 

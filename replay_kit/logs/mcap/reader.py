@@ -26,9 +26,9 @@ from replay_kit.logs.mcap.records import (
     Record,
     file_records,
     parse,
+    read_summary,
 )
 from replay_kit.logs.mcap.scan import Scan
-from replay_kit.logs.mcap.summary import read_summary
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
 from replay_kit.logs.shared.clock import header_stamp

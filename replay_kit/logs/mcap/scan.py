@@ -31,10 +31,11 @@ from replay_kit.logs.mcap.records import (
     RECORD_ERRORS,
     RECORD_HEAD,
     Record,
+    Summary,
     file_records,
+    index_entries,
     parse,
 )
-from replay_kit.logs.mcap.summary import Summary, index_entries
 from replay_kit.logs.shared.blocks import ReadStatistics
 
 #: Bytes of messages outside chunks that are a part.

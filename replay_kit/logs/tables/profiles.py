@@ -1,8 +1,7 @@
 """Current profiles in messages of several packages, as payloads of ``replay_kit.AdcpPing``.
 
 Fields that a message does not state are omitted, such as ``reference``, which the configuration may give. Definitions:
-``ds_sensor_msgs/Adcp`` (Field-Robotics-Lab/ds_msgs), the Nortek Nucleus driver's ``CurrentProfile`` (NortekSupport/nucleus_driver),
-``CurrentProfile`` of IMC (LSTS/imc, messages 1014 to 1016).
+``ds_sensor_msgs/Adcp`` (Field-Robotics-Lab/ds_msgs), ``CurrentProfile`` of IMC (LSTS/imc, messages 1014 to 1016).
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +23,9 @@ from replay_kit.logs.tables.columns import (
 from replay_kit.logs.tables.instruments import SYSTEMS, pings
 from replay_kit.logs.tables.vehicle import no_place
 
-_NUCLEUS_BEAMS, _MM_PER_M, _INT16_MISSING = 3, 1000.0, -32768
+_NUCLEUS = (
+    "profile of a Nortek Nucleus: along three beams, whose directions and heading it does not state"
+)
 _WHOLE_METRES = (
     "cell_depth is 0: this message holds whole metres only, so that the size of cells below 1 m is lost; "
     "state it with a [[measurements.map]] entry for the topic"
@@ -99,48 +100,13 @@ def _ds_adcp(payload: Payload) -> Payload | str:
     }
 
 
-def _current_profile(payload: Payload) -> Payload | str:
-    """Return the profile of a ``CurrentProfile`` of Nortek's Nucleus or IMC, or the reason for exclusion."""
-    if "velocity_data" in payload:
-        return _nucleus(payload)
-    if isinstance(payload.get("profile"), list | tuple):
-        return _imc(payload)
-    return "CurrentProfile has neither velocity_data (Nortek Nucleus) nor profile (IMC)"
-
-
-ds_adcps, current_profiles = _reader_of(_ds_adcp), _reader_of(_current_profile)
-
-
-def _nucleus(payload: Payload) -> Payload | str:
-    """Return the profile of a Nucleus: int16 [mm/s] along three beams, cell after cell, -32768 for none.
-
-    Its pressure is ignored, as the unit is not stated; the vehicle's depth is used.
-    """
-    n, flat = whole_number(payload.get("number_of_cells")), list(payload["velocity_data"])
-    if n is None or n * _NUCLEUS_BEAMS != len(flat):
-        return "velocity_data does not hold three beams for each of number_of_cells"
-    values = [None if value == _INT16_MISSING else number(value) / _MM_PER_M for value in flat]
-    cell_size = number(payload.get("cell_size"))
-    quality = {name: payload.get(f"{name}_data") for name in ("amplitude", "correlation")}
-    return {
-        "coordinate_system": "beam",
-        "reference": "platform",
-        "orientation": "down",
-        "n_cells": n,
-        "cell_size": cell_size,
-        # blanking ends where the first cell begins
-        "bin0_distance": number(payload.get("blanking")) + 0.5 * cell_size,
-        "velocity": values,
-        **{
-            name: [*said] if isinstance(said, list | tuple | bytes) else None
-            for name, said in quality.items()
-        },
-    }
-
-
 def _imc(payload: Payload) -> Payload | str:
     """Return the profile of an IMC message in JSON: velocities relative to the vehicle, cells at stated distances."""
-    code, profile = payload.get("coord_sys"), payload["profile"]
+    if "velocity_data" in payload:
+        return _NUCLEUS
+    code, profile = payload.get("coord_sys"), payload.get("profile")
+    if not isinstance(profile, list | tuple):
+        return "CurrentProfile has neither velocity_data (Nortek Nucleus) nor profile (IMC)"
     name = _IMC_SYSTEMS.get(whole_number(code) or 0, str(code).upper())
     if name not in _IMC_COORDINATES:
         return "coord_sys is none of XYZ, NED, BEAMS, ENU"
@@ -166,3 +132,6 @@ def _vectors(values: Sequence[Payload]) -> Array:
     """Return x, y, z of messages, shape (n, 3)."""
     xyz = [[number(value.get(axis)) for axis in "xyz"] for value in values]
     return np.array(xyz, np.float64).reshape(-1, 3)
+
+
+ds_adcps, current_profiles = _reader_of(_ds_adcp), _reader_of(_imc)

@@ -13,7 +13,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, BudgetError
 from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.logs.mcap.summary import Summary
+from replay_kit.logs.mcap.records import Summary
 from replay_kit.logs.shared.clock import header_stamp
 from tests.logs.log_samples import SECOND, json_mcap, one_channel_mcap
 from tests.logs.log_samples import read_log as read

@@ -13,7 +13,7 @@ from replay_kit.logs.tables.schemas import canonical, reader_of
 from replay_kit.measurements.observed import blocks, rows
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
-from tests.measurements.foreign import BEAMS, NUCLEUS, ds_adcp, imc, pose, vectors
+from tests.measurements.foreign import BEAMS, ds_adcp, imc, pose, vectors
 from tests.measurements.samples import (
     Skipped,
     fix,
@@ -66,15 +66,6 @@ def test_ds_adcp_along_its_beams():
     assert_array_equal(found.vectors, BEAMS)
 
 
-def test_nucleus_profile(tmp_path):
-    message = through_ros2(tmp_path, "interfaces/msg/CurrentProfile", msg.NUCLEUS, NUCLEUS)
-    found = stated(message)
-    assert_array_equal(found.velocity, [[0.12, -0.05, 0.003], [np.nan, 0.007, 0.008]])
-    assert_array_equal(found.amplitude, [[70, 71, 72], [73, 74, 75]])
-    assert_array_equal(found.correlation, [[90, 91, 92], [93, 94, 95]])
-    assert found.distance[0] == 0.5
-
-
 @pytest.mark.parametrize(
     ("coord_sys", "system", "cell"),
     [
@@ -101,8 +92,7 @@ def test_imc_profile(tmp_path, coord_sys, system, cell):
         ("ds_sensor_msgs.Adcp", ds_adcp(), "measurements.reference"),
         ("ds_sensor_msgs.Adcp", ds_adcp(9), "none of 0"),
         ("ds_sensor_msgs.Adcp", ds_adcp(cell_depth=0), "cells below 1 m"),
-        ("interfaces.CurrentProfile", NUCLEUS, "declination unknown"),
-        ("interfaces.CurrentProfile", NUCLEUS | {"number_of_cells": 3}, "three beams"),
+        ("interfaces.CurrentProfile", {"velocity_data": [120, -50, 3]}, "does not state"),
         ("imc.CurrentProfile", imc(3, [[0.1] * 3]), "none of XYZ"),
         ("imc.CurrentProfile", imc(8, [[0.1] * 2]), "three components"),
         ("imc.CurrentProfile", {}, "neither velocity_data"),
