@@ -11,7 +11,6 @@ from replay_kit.logs import LogFormat, open_log, open_logs
 from replay_kit.logs.mcap.reader import McapReader
 from tests.logs.log_samples import json_mcap
 from tests.logs.netcdf import glider_samples
-from tests.places import DATA, needs
 
 METADATA = """rosbag2_bagfile_information:
   version: 5
@@ -66,11 +65,6 @@ def test_one_part_alone_is_a_log_with_the_input_asked_for(tmp_path):
     assert (log.input, {message.input for message in log.messages()}) == (3, {3})
 
 
-def test_a_file_given_twice_stays_two_logs(tmp_path):
-    path = glider_samples.bodc(tmp_path / "a.nc")
-    assert [log.input for log in open_logs([path, path])] == [0, 1]
-
-
 def test_profiles_of_two_missions_are_two_logs(tmp_path):
     raw = tmp_path / "raw"
     first, second = glider_samples.seaexplorer(raw)
@@ -111,18 +105,3 @@ def test_another_package_may_read_a_form_of_its_own(tmp_path, monkeypatch):
     assert isinstance(open_log(tmp_path), McapReader)
     with pytest.raises(LogError, match=r"expected an MCAP file, .* or a log of mine"):
         open_log(tmp_path / "a.xyz")
-
-
-@needs(DATA / "seaglider")
-@pytest.mark.full
-def test_a_folder_of_real_dives_is_one_log_a_dive():
-    logs = open_logs([DATA / "seaglider"], several_missions=True)
-    assert len(logs) == 11
-    assert {(log.format, log.mission) for log in logs} == {
-        ("seaglider", "SG171 mission 37"),
-        ("seaglider", "SG249 mission 2"),
-    }
-    with pytest.raises(
-        LogError, match=r"holds 2: SG171 mission 37 \(p171010\*\), SG249 mission 2 \(p249001\*\)"
-    ):
-        open_logs([DATA / "seaglider"])

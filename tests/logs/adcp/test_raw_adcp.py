@@ -2,21 +2,17 @@
 
 import struct
 import sys
-import time
 from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.observation import Flag
 from replay_kit.logs import open_log
 from replay_kit.logs.adcp.frames import AD2CP_TEXT, scan
 from replay_kit.logs.adcp.gps import clock_offset, declination_at
 from replay_kit.measurements import observations
-from replay_kit.workflows.info.inspect import inspect_logs
 from tests.logs.adcp import raw_adcp_samples as samples
 from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, write
 from tests.reference.adcp_records import slow_records
@@ -73,29 +69,6 @@ def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
         assert profile.platform_velocity == pytest.approx((1.5, 0.8), abs=3.0 * profile.common_std)
         assert profile.common_std < 0.5
     np.testing.assert_allclose(profiles[15].velocity[:10], np.tile([0.6, -0.3], (10, 1)), atol=0.02)
-
-
-def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
-    path = write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False)))
-    info = inspect_logs([path], RunConfig(measurements=MeasurementConfig(use_relative=False)))[0]
-    assert info.not_used == {
-        "/adcp": {"velocity relative to the platform, whose motion is unknown": 30}
-    }
-
-
-def test_a_magnetic_heading_without_a_declination_is_refused_until_one_is_given(tmp_path):
-    path = write(tmp_path, samples.pd0(Survey(gps=False)))
-    (reason,) = inspect_logs([path], RunConfig())[0].not_used["/adcp"]
-    assert "measurements.magnetic_declination" in reason
-    stated = RunConfig(measurements=MeasurementConfig(magnetic_declination=15.8))
-    (reason,) = inspect_logs([path], stated)[0].not_used["/adcp"]
-    assert reason == "no position within 600 s"
-
-
-def test_cells_that_the_bottom_spoils_are_flagged(tmp_path):
-    flags = _profiles(tmp_path, Survey(bottom=9.0, pitch=0.0, roll=0.0))[15].flags
-    # the side lobe comes back from 9 m * cos(20 degrees) = 8.46 m: the cell centred at 7 m ends above it, that at 8 m does not
-    assert flags.tolist() == [Flag.GOOD] * 6 + [Flag.FAIL] * 6
 
 
 def test_gps_sets_the_clock_right_over_midnight(tmp_path):
@@ -206,14 +179,6 @@ def test_records_are_found_as_by_a_walk(magic):
         assert [(record.start, record.end, record.kind) for record in scan(file)] == slow_records(
             file
         )
-
-
-def test_headers_that_claim_much_take_no_time_each():
-    """A megabyte of sound headers, each of a record of 65 kB that is not there; summed one by one they take two seconds."""
-    head = bytes([0xA5, 10, 0x15, 0x10, 0xFF, 0xFF, 0, 0])
-    begin = time.process_time()
-    assert scan((head + struct.pack("<H", samples.nortek_sum(head))) * 105_000) == ()
-    assert time.process_time() - begin < 0.8
 
 
 def test_a_clock_without_a_date_is_right_within_half_a_day():

@@ -98,15 +98,6 @@ def test_times_are_utc_by_gps(tmp_path):
     assert "21 pairs, 1 outliers, residual 0.0 ms" in report.notes[0]
 
 
-def test_unwanted_records_are_counted_only(tmp_path):
-    messages, report = read_log(
-        tmp_path, b"".join(dataflash(5)), wanted=frozenset({"dataflash.POS"})
-    )
-    assert [m.schema for m in messages] == ["dataflash.POS"] * 5
-    assert report.read["dataflash/IMU"] == 5
-    assert np.diff([m.position for m in messages]).tolist() == [6] * 4
-
-
 def test_a_kind_declared_anew(tmp_path):
     old, new = form("CTUN"), form("MSG")
     other = type(old)(old.type, "CTUN", new.length, new.letters, new.columns)

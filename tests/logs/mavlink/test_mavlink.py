@@ -1,7 +1,5 @@
 """Telemetry logs: as pymavlink's own reader gives them, and what is bad is counted and stepped over."""
 
-import math
-
 import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -41,26 +39,6 @@ def test_both_versions_come_back(tmp_path):
         (),
         unchecked={"stamps of frames": 10},
     )
-
-
-def test_text_arrays_and_nan(tmp_path):
-    values = [0.5, math.nan, *[0.0] * 56]
-    profile = dialect.MAVLink_debug_float_array_message(START, b"ADCP_E", 17, values)
-    text = dialect.MAVLink_statustext_message(6, b"hello")
-    messages, _ = read_log(
-        tmp_path, tlog_entry(START, profile, system=3, component=7) + tlog_entry(START + 1, text)
-    )
-    assert messages[0].topic == "mavlink/3/7/DEBUG_FLOAT_ARRAY"
-    payload = messages[0].payload
-    assert (payload["time_usec"], payload["name"], payload["array_id"], len(payload["data"])) == (
-        START,
-        "ADCP_E",
-        17,
-        58,
-    )
-    assert payload["data"][0] == 0.5
-    assert math.isnan(payload["data"][1])
-    assert messages[1].payload["text"] == "hello"
 
 
 def test_unwanted_frames_are_counted_only(tmp_path):

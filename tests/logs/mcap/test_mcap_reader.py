@@ -126,14 +126,6 @@ def test_the_schemas_of_a_log_are_parsed_up_to_a_megabyte():
     )
 
 
-def test_channels_of_one_schema_share_a_decoder():
-    channels = declared([20])
-    channels.declare(
-        4, body(Channel(id=2, topic="/again", message_encoding="ros1", metadata={}, schema_id=1))
-    )
-    assert channels.sink(1).decode is channels.sink(2).decode
-
-
 def test_a_log_that_declares_too_much_is_refused_further_declarations():
     channels = declared([MOST_DECLARED - 1000])
     with pytest.raises(BudgetError, match="all schemas and channels"):

@@ -18,36 +18,6 @@ def _message(payload, topic="/t", schema="some.Schema", time_ns=START):
     return Message(time_ns, topic, schema, payload, 0, 0)
 
 
-def _ping(n_cells=2, **fields: object):
-    payload = {
-        "ping": 65_537,
-        "coordinate_system": "earth",
-        "reference": "earth",
-        "orientation": "down",
-        "bin_mapped": True,
-        "n_cells": n_cells,
-        "cell_size": 32.0,
-        "bin0_distance": 16.0,
-        "velocity": [[0.5, -0.25, None]] * n_cells,
-        "velocity_std": 0.125,
-        "heading": 270.0,
-        **fields,
-    }
-    return _message(payload, "/adcp", "replay_kit.AdcpPing")
-
-
-def _fix(dead_reckoned):
-    metadata = [
-        {"key": "depth", "value": "12.345"},
-        {"key": "dead_reckoned", "value": "true" if dead_reckoned else "false"},
-    ]
-    return _message(
-        {"latitude": -40.1234567, "longitude": 152.7654321, "metadata": metadata},
-        "/vehicle/fix",
-        "foxglove.LocationFix",
-    )
-
-
 def test_json_has_null_for_nan_and_base64_for_bytes(tmp_path):
     payload = {
         "nan": math.nan,
@@ -84,13 +54,14 @@ def test_json_has_null_for_nan_and_base64_for_bytes(tmp_path):
 
 
 def test_known_schemas_are_described(tmp_path):
-    written = write_mcap_log(tmp_path / "a.mcap", [_ping(), _fix(False)])
-    assert written == {"/adcp": 1, "/vehicle/fix": 1}
+    names = {"/adcp": "replay_kit.AdcpPing", "/vehicle/fix": "foxglove.LocationFix"}
+    written = write_mcap_log(tmp_path / "a.mcap", [_message({}, *each) for each in names.items()])
+    assert written == dict.fromkeys(names, 1)
     with (tmp_path / "a.mcap").open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
     described = {schema.name: json.loads(schema.data) for schema in summary.schemas.values()}
-    assert set(described) == {"replay_kit.AdcpPing", "foxglove.LocationFix"}
+    assert {*described} == {*names.values()}
     assert described["replay_kit.AdcpPing"]["properties"]["reference"]["enum"] == [
         "earth",
         "platform",
