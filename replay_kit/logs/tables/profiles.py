@@ -1,10 +1,10 @@
-"""Current profiles in messages of several packages, as payloads of ``replay_kit.AdcpPing``.
+"""Current profiles in messages of two packages, as payloads of ``replay_kit.AdcpPing``.
 
 Fields that a message does not state are omitted, such as ``reference``, which the configuration may give. Definitions:
-``ds_sensor_msgs/Adcp`` (Field-Robotics-Lab/ds_msgs), ``CurrentProfile`` of IMC (LSTS/imc, messages 1014 to 1016).
+``ds_sensor_msgs/Adcp`` (Field-Robotics-Lab/ds_msgs).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,22 +23,10 @@ from replay_kit.logs.tables.columns import (
 from replay_kit.logs.tables.instruments import SYSTEMS, pings
 from replay_kit.logs.tables.vehicle import no_place
 
-_NUCLEUS = (
-    "profile of a Nortek Nucleus: along three beams, whose directions and heading it does not state"
-)
 _WHOLE_METRES = (
     "cell_depth is 0: this message holds whole metres only, so that the size of cells below 1 m is lost; "
     "state it with a [[measurements.map]] entry for the topic"
 )
-# of the coordinate systems of IMC: by number and by name, ours, and where in a cell east, north and up are, with their signs
-_ENU, _NED = ((0, 1.0), (1, 1.0), (2, 1.0)), ((1, 1.0), (0, 1.0), (2, -1.0))
-_IMC_SYSTEMS = {1: "XYZ", 2: "NED", 4: "BEAMS", 8: "ENU"}
-_IMC_COORDINATES = {
-    "XYZ": ("instrument", None),
-    "BEAMS": ("beam", None),
-    "NED": ("earth", _NED),
-    "ENU": ("earth", _ENU),
-}
 _BOTTOM_ALONE = "bottom track alone: motion of the vehicle, no current"
 
 
@@ -60,11 +48,9 @@ def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     return pings(raw, said, config, places=np.column_stack([*place, depth]))
 
 
-def _reader_of(
-    read: Callable[[Payload], Payload | str],
-) -> Callable[[Raw, MeasurementConfig], list[Table]]:
-    """Return the reader of profiles whose payloads are converted one by one."""
-    return lambda raw, config: pings(raw, [guarded(read, one) for one in raw.payloads], config)
+def ds_adcps(raw: Raw, config: MeasurementConfig) -> list[Table]:
+    """Return the tables of ``ds_sensor_msgs/Adcp`` messages."""
+    return pings(raw, [guarded(_ds_adcp, one) for one in raw.payloads], config)
 
 
 def _ds_adcp(payload: Payload) -> Payload | str:
@@ -100,38 +86,7 @@ def _ds_adcp(payload: Payload) -> Payload | str:
     }
 
 
-def _imc(payload: Payload) -> Payload | str:
-    """Return the profile of an IMC message in JSON: velocities relative to the vehicle, cells at stated distances."""
-    if "velocity_data" in payload:
-        return _NUCLEUS
-    code, profile = payload.get("coord_sys"), payload.get("profile")
-    if not isinstance(profile, list | tuple):
-        return "CurrentProfile has neither velocity_data (Nortek Nucleus) nor profile (IMC)"
-    name = _IMC_SYSTEMS.get(whole_number(code) or 0, str(code).upper())
-    if name not in _IMC_COORDINATES:
-        return "coord_sys is none of XYZ, NED, BEAMS, ENU"
-    system, axes = _IMC_COORDINATES[name]
-    cells = [[*map(number, field(cell["beams"], "vel"))] for cell in profile]
-    if axes is not None:
-        if any(len(cell) < len(axes) for cell in cells):
-            return f"fewer than three components in a cell of {name} coordinates"
-        cells = [[sign * cell[at] for at, sign in axes] for cell in cells]
-    return {
-        "coordinate_system": system,
-        "reference": "platform",
-        "orientation": "down",
-        "n_cells": len(cells),
-        "cell_distances": [abs(number(cell.get("cell_position"))) for cell in profile],
-        "velocity": cells,
-        "amplitude": [field(cell["beams"], "amp") for cell in profile],
-        "correlation": [field(cell["beams"], "cor") for cell in profile],
-    }
-
-
 def _vectors(values: Sequence[Payload]) -> Array:
     """Return x, y, z of messages, shape (n, 3)."""
     xyz = [[number(value.get(axis)) for axis in "xyz"] for value in values]
     return np.array(xyz, np.float64).reshape(-1, 3)
-
-
-ds_adcps, current_profiles = _reader_of(_ds_adcp), _reader_of(_imc)
