@@ -119,9 +119,3 @@ def test_an_index_that_says_too_little_is_told(tmp_path, large, data, words):
     found = write(tmp_path, data).overview()
     assert isinstance(found, str)
     assert words in found
-
-
-def test_an_index_has_log_times_alone(tmp_path, large):
-    assert write(tmp_path, json_mcap(TIMES), clock="publish").overview() == (
-        "the index holds log times alone, and the clock is publish"
-    )

@@ -339,20 +339,6 @@ def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
     np.testing.assert_allclose(pings[0].depth, 32.7 - np.arange(2.0, 12.0, 2.0), atol=0.2)
 
 
-def test_times_of_fixes_that_are_all_fill_do_not_cost_the_file(tmp_path):
-    path = made.bodc(tmp_path / "a.nc")
-    # the rows' own times stand for them
-    for rows, value, first in ((slice(None), -1.0, 0.0), (0, made.START + 5.0, 5.0)):
-        with h5py.File(path, "r+") as file:
-            file["TIME_GPS"][rows] = value
-        said = read(path)
-        assert said.fixes()[:, 0].tolist() == [
-            made.START + first,
-            *(made.START + made.FIXES[1:, 0]),
-        ]
-        assert said.noted("TIME_GPS: holds no plausible times") == (value < 0.0)
-
-
 TO = ("eastward_sea_water_velocity", "northward_sea_water_velocity")
 
 
