@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
@@ -57,18 +58,13 @@ class Channels:
             struct.error, ValueError, OverflowError, mcap.exceptions.McapError: The body is invalid, or the log declares too much.
         """
         check_size(self._declared + len(body), MOST_DECLARED, "all schemas and channels")
-        if opcode == Opcode.SCHEMA:
-            schema = parse(Schema, body)
-            if self._schemas.get(schema.id) != schema:
-                self._schemas[schema.id] = schema
-                self._declared += len(body)
-                self.sinks.clear()
-        else:
-            channel = parse(Channel, body)
-            if self._channels.get(channel.id) != channel:
-                self._channels[channel.id] = channel
-                self._declared += len(body)
-                self.sinks.pop(channel.id, None)
+        kind: Any = Schema if opcode == Opcode.SCHEMA else Channel
+        known: dict[int, Any] = self._schemas if opcode == Opcode.SCHEMA else self._channels
+        record = parse(kind, body)
+        if known.get(record.id) != record:
+            known[record.id] = record
+            self._declared += len(body)
+            self.sinks.clear()
 
     def sink(self, channel_id: int) -> Sink:
         """Return the sink of a channel, declared or not."""
