@@ -14,7 +14,7 @@ from mcap.records import ChunkIndex
 from numpy.typing import NDArray
 
 from replay_kit.core.message import Message
-from replay_kit.logs.mcap.channels import Channels
+from replay_kit.logs.decode.decoders import Channels
 from replay_kit.logs.mcap.chunk import Part, Row, open_chunk
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,

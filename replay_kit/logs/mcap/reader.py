@@ -13,9 +13,8 @@ from mcap.records import Attachment, Header, Metadata
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message, RawMessage
-from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
+from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, Channels, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
-from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.chunk import Part, Row
 from replay_kit.logs.mcap.index import disordered, in_time, overview_of, problem_of
 from replay_kit.logs.mcap.records import (

@@ -14,7 +14,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
 
-from replay_kit.logs.mcap.channels import Channels
+from replay_kit.logs.decode.decoders import Channels
 from replay_kit.logs.mcap.chunk import (
     CHUNK_HEAD,
     SHORTEST,

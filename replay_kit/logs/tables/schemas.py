@@ -15,7 +15,7 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.extensions import additions
 from replay_kit.core.table import Raw
-from replay_kit.logs.tables import profiles, vehicle, water
+from replay_kit.logs.tables import vehicle, water
 from replay_kit.logs.tables.columns import (
     Payload,
     Rows,
@@ -112,8 +112,8 @@ SENDERS = frozenset(vehicle.SENDING)
 _PLAIN = {**vehicle.SENDING, **vehicle.READERS, **water.READERS}
 _SCHEMAS: Mapping[str, Reader | str] = {
     **{name: _plain(read) for name, read in _PLAIN.items()},
-    "replay_kit.AdcpPing": profiles.adcp_pings,
-    "ds_sensor_msgs.Adcp": profiles.ds_adcps,
+    "replay_kit.AdcpPing": water.adcp_pings,
+    "ds_sensor_msgs.Adcp": water.ds_adcps,
     "replay_kit.Altimeter": "height above the bottom, not used",
     "replay_kit.Battery": "state of the battery, not used",
     "replay_kit.Waypoint": "where the glider steers for, not where it is",

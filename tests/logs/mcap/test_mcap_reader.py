@@ -11,7 +11,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, BudgetError
-from replay_kit.logs.mcap.channels import Channels
+from replay_kit.logs.decode.decoders import Channels
 from replay_kit.logs.mcap.reader import McapReader
 from replay_kit.logs.mcap.records import Summary
 from replay_kit.logs.shared.clock import header_stamp
