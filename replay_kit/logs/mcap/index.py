@@ -178,13 +178,15 @@ def in_time(
             what, offset = f"chunk skipped: {error}", chunk.chunk_start_offset
             statistics.lose(what, offset, chunk.chunk_length, counts[k], span)
         else:
-            statistics.unchecked["chunks without a checksum"] += not is_checked
+            if not is_checked:
+                statistics.unchecked["chunks without a checksum"] += 1
             waiting.append(part._replace(ordinal=firsts[k] + part.ordinal))
         if waiting and (size > most or until == _LAST_NS):
             done, left = _split(waiting, until)
             waiting, size = [left], len(left.contents)
             most = size + _AT_ONCE
-            yield done
+            if done.offset.size:
+                yield done
 
 
 def _split(parts: list[Part], until: int) -> tuple[Part, Part]:

@@ -65,7 +65,7 @@ def test_messages_come_in_order_of_log_time(tmp_path, order, chunk_size):
             for _, channel, message in make_reader(file).iter_messages(log_time_order=True)
         ]
     assert [(m.time_ns, m.topic, m.payload) for m in found] == expected
-    assert log.report().losses == ()
+    assert (log.report().losses, log.report().unchecked) == ((), {})
     merged = merge([open_log(path)], 1.0)
     assert len(list(merged)) == 3600
     assert not merged.late
