@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.logs.shared.clock import fit_clock, gps_to_utc, leap_seconds, without_spikes
+from replay_kit.logs.shared.clock import fit_clock, gps_to_utc, without_spikes
 from tests.command import run_command
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
@@ -70,10 +70,6 @@ def test_a_short_log_takes_no_drift():
 )
 def test_gps_time(week, week_ms, utc):
     assert gps_to_utc(np.array([week]), np.array([week_ms])).tolist() == [ns(utc)]
-
-
-def test_leap_seconds_now():
-    assert leap_seconds(np.array([ns("2026-01-01"), ns("1981-06-30")])).tolist() == [18, 0]
 
 
 @pytest.mark.parametrize(

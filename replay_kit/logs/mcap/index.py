@@ -167,24 +167,23 @@ def in_time(
     firsts = np.cumsum(counts) - counts
     order = sorted(range(len(chunks)), key=lambda k: chunks[k].message_start_time)
     starts = [chunks[k].message_start_time for k in order[1:]]
-    waiting, size, most = list[Part](), 0, _AT_ONCE
+    waiting, size = list[Part](), 0
     for k, until in zip(order, [*starts, _LAST_NS], strict=True):
         chunk = chunks[k]
         size += chunk.uncompressed_size
         try:
             part, is_checked = _read_chunk(file, chunk)
         except RECORD_ERRORS as error:
+            place = chunk.chunk_start_offset, chunk.chunk_length
             span = chunk.message_start_time, chunk.message_end_time
-            what, offset = f"chunk skipped: {error}", chunk.chunk_start_offset
-            statistics.lose(what, offset, chunk.chunk_length, counts[k], span)
+            statistics.lose(f"chunk skipped: {error}", *place, counts[k], span)
         else:
             if not is_checked:
                 statistics.unchecked["chunks without a checksum"] += 1
             waiting.append(part._replace(ordinal=firsts[k] + part.ordinal))
-        if waiting and (size > most or until == _LAST_NS):
+        if waiting and (size > _AT_ONCE or until == _LAST_NS):
             done, left = _split(waiting, until)
-            waiting, size = [left], len(left.contents)
-            most = size + _AT_ONCE
+            waiting, size = [left], 0
             if done.offset.size:
                 yield done
 

@@ -32,14 +32,10 @@ from replay_kit.logs.tables.vehicle import no_place
 _NS = 1_000_000_000
 #: Time of a fix that is not stated.
 NO_TIME = -(2**63)
-_CTD, _DRIFTER = (
-    "depth temperature salinity conductivity pressure",
-    "longitude latitude depth error",
-)
+_CTD = "depth temperature salinity conductivity pressure"
+_DRIFTER = "longitude latitude depth error"
 _RADAR = "longitude latitude value error_std direction suspect depth averaged error_length kind"
 Payloads = Sequence[Payload]
-
-
 _WHOLE_METRES = (
     "cell_depth is 0: this message holds whole metres only, so that the size of cells below 1 m is lost; "
     "state it with a [[measurements.map]] entry for the topic"
