@@ -1,6 +1,6 @@
 """Merge of several logs in order of time, with a bounded reorder window.
 
-Outlier stamps are excluded, and times continue after a jump of a log's clock; see ``settle``.
+Outlier stamps are excluded, and times continue after a jump of a log's clock; see ``Settling``.
 """
 
 import heapq
@@ -23,19 +23,6 @@ _LATCHED_TOPICS = frozenset({"tf_static", "robot_description", "PARAM_VALUE"})
 _LATCHED_WORDS = ("config", "parameter")
 #: A gap that neither the log's last message nor its first alone may make [ns].
 _ALONE_NS = 366 * FAR_NS
-
-
-@dataclass(frozen=True, slots=True)
-class LogClock:
-    """State of one log's clock.
-
-    Attributes:
-        last_ns: Corrected time of the last message [ns, UTC].
-        offset_ns: Correction of stamps [ns]: sum of the backward jumps so far.
-    """
-
-    last_ns: int
-    offset_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,35 +51,6 @@ class ClockJump:
         return f"{begin}: the messages after it are a new segment, {moved}"
 
 
-def settle(clock: LogClock | None, stamp_ns: int, following: Sequence[int]) -> LogClock | None:
-    """Return the clock after a message, with its time in ``last_ns``; None if its stamp is an outlier.
-
-    A stamp more than a day from the previous one is accepted if most following stamps are nearer to it. One that goes back begins a new
-    segment, which continues at the previous time, or at its own if that is within a day.
-
-    Args:
-        clock: Clock after the previous message; None at the first.
-        stamp_ns: Stamp of the message [ns].
-        following: Next stamps, at most ``LOOK_AHEAD``, fewer at the end of the log [ns].
-    """
-    if clock is None:
-        astray = sum(
-            stamp_ns - other > FAR_NS or other - stamp_ns > _ALONE_NS for other in following
-        )
-        return None if 2 * astray > len(following) else LogClock(stamp_ns)
-    time_ns = stamp_ns + clock.offset_ns
-    step = time_ns - clock.last_ns
-    if abs(step) <= FAR_NS:
-        return LogClock(time_ns, clock.offset_ns)
-    others = [other + clock.offset_ns for other in following]
-    agree = sum(abs(other - time_ns) < abs(other - clock.last_ns) for other in others)
-    if 2 * agree <= len(others) and (others or not 0 < step <= _ALONE_NS):
-        return None
-    if abs(stamp_ns - clock.last_ns) <= FAR_NS:
-        return LogClock(stamp_ns)
-    return LogClock(max(time_ns, clock.last_ns), clock.offset_ns + max(0, -step))
-
-
 def is_latched(topic: str) -> bool:
     """Return whether a topic is latched: its messages (static transforms, parameters, configuration) stay valid."""
     last = topic.rsplit("/", 1)[-1]
@@ -117,7 +75,7 @@ class Settled(NamedTuple, Generic[_Item]):
 
 
 class Settling(Generic[_Item]):
-    """Check of the stamps of one log in file order by ``settle``; a distant stamp waits for those that follow.
+    """Check of the stamps of one log in file order; a distant stamp waits for those that follow.
 
     Mutable, as messages are streamed. A latched message may precede the recording: its distant stamp is kept.
     """
@@ -156,23 +114,48 @@ class Settling(Generic[_Item]):
                     continue
                 if len(self._waiting) <= following:
                     return
-                clock = None if last_ns is None else LogClock(last_ns, self._offset_ns)
                 after = [
                     stamp
                     for _, stamp, name in islice(self._waiting, 1, 1 + LOOK_AHEAD)
                     if not is_latched(name)
                 ]
-                settled = settle(clock, stamp_ns, after)
+                settled = self._judged(stamp_ns, after)
                 if settled is None:
                     self._waiting.popleft()
                     yield Settled(item, None)
                     continue
-                if last_ns is not None and settled.offset_ns != self._offset_ns:
-                    jump = last_ns, settled.offset_ns
-                time_ns, self._offset_ns = settled.last_ns, settled.offset_ns
+                if last_ns is not None and settled[1] != self._offset_ns:
+                    jump = last_ns, settled[1]
+                time_ns, self._offset_ns = settled
             self._waiting.popleft()
             self._last_ns = time_ns
             yield Settled(item, time_ns, jump)
+
+    def _judged(self, stamp_ns: int, following: Sequence[int]) -> tuple[int, int] | None:
+        """Return the time of a message far from the last one, and the correction of stamps from it on [ns]; None if it is an outlier.
+
+        A stamp more than a day from the previous one is accepted if most following stamps are nearer to it. One that goes back begins a
+        new segment, which continues at the previous time, or at its own if that is within a day.
+
+        Args:
+            stamp_ns: Stamp of the message [ns].
+            following: Next stamps, at most ``LOOK_AHEAD``, fewer at the end of the log [ns].
+        """
+        last_ns, offset_ns = self._last_ns, self._offset_ns
+        if last_ns is None:
+            astray = sum(
+                stamp_ns - other > FAR_NS or other - stamp_ns > _ALONE_NS for other in following
+            )
+            return None if 2 * astray > len(following) else (stamp_ns, 0)
+        time_ns = stamp_ns + offset_ns
+        step = time_ns - last_ns
+        others = [other + offset_ns for other in following]
+        agree = sum(abs(other - time_ns) < abs(other - last_ns) for other in others)
+        if 2 * agree <= len(others) and (others or not 0 < step <= _ALONE_NS):
+            return None
+        if abs(stamp_ns - last_ns) <= FAR_NS:
+            return stamp_ns, 0
+        return max(time_ns, last_ns), offset_ns + max(0, -step)
 
 
 _T = TypeVar("_T", bound=Message | RawMessage)
@@ -193,7 +176,7 @@ class Merge(Generic[_T]):
 
     Each log is sorted on its own: a message waits until one is newer by more than the window. A late message, older than one of the same
     log already yielded, is excluded and counted. Outlier stamps are excluded and counted too, and after a backward jump of a log's clock
-    its times continue (``settle``). Each iteration reads the logs again.
+    its times continue (``Settling``). Each iteration reads the logs again.
 
     Attributes:
         readers: Logs with distinct ``input`` numbers.
@@ -315,23 +298,8 @@ class Merge(Generic[_T]):
             )
 
 
-def merge(
-    readers: Sequence[Source[_T]],
-    reorder_window_s: float,
-    start_ns: int | None = None,
-    end_ns: int | None = None,
-    keep_late: bool = False,
-) -> Merge[_T]:
-    """Return the messages of several logs as one ordered stream; see ``Merge``.
-
-    Args:
-        readers: Logs with distinct input numbers.
-        reorder_window_s: Time that a message waits for older ones [s].
-        start_ns: First time yielded [ns, UTC]; None for no limit.
-        end_ns: Last time yielded [ns, UTC]; None for no limit.
-        keep_late: Whether late messages are yielded out of order instead of excluded.
-    """
-    return Merge(readers, reorder_window_s, start_ns, end_ns, keep_late)
+#: Merges logs as one ordered stream.
+merge = Merge
 
 
 def _order(message: _T) -> tuple[int, int, int]:

@@ -4,7 +4,7 @@ import io
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -32,6 +32,14 @@ _ERRORS = ("ESPC", "ETMP", "EACC")
 # QARTOD: the primary flag sums up the tests
 _PRIMARY, _TEST = "PRIM", re.compile(r"Q\d{3}|QC\d{2}")
 _KEYS = ("TimeStamp", "Origin", "TransmitCenterFreqMHz", "TableColumnTypes")
+# keys with numbers, how many, and what stands for them where they are not stated
+_NUMBERS = {
+    "TimeStamp": (6, ""),
+    "Origin": (2, ""),
+    "TransmitCenterFreqMHz": (1, ""),
+    "TimeCoverage": (1, "60"),
+    "DopplerResolutionHzPerBin": (1, "nan"),
+}
 # cm/s: what stands for no error, the least, and the one taken where a file states none; of flags the one of radials over land
 _NO_ERROR, _LEAST_ERROR, _USUAL_ERROR, _OVER_LAND = 900.0, 3.0, 10.0, 128
 _NO_STATED_ERROR = f"radials state no error; {_USUAL_ERROR:g} cm/s is assumed for each"
@@ -75,7 +83,7 @@ class RadialsReader(LogFile):
             payload = {
                 "stamp": stamp(head.time_ns),
                 "depth": depth_of(head.frequency),
-                "averaged": 60.0 * head.coverage,
+                "averaged": 60.0 * head.stated["TimeCoverage"][0],
                 "error_length": 0.0,
                 **{key: numbers(values) for key, values in columns.items()},
             }
@@ -89,10 +97,8 @@ class Header(NamedTuple):
         path: The file.
         station: Name of the station.
         time_ns: Time of the radials [ns, UTC].
-        origin: Latitude and longitude of the station [degrees].
-        frequency: Frequency of the radar [MHz].
-        coverage: Minutes that the radials are averaged over.
-        resolution: Resolution of the Doppler spectrum [Hz]; NaN if not stated.
+        stated: Numbers by key: ``Origin``, latitude and longitude of the station [degrees]; ``TransmitCenterFreqMHz``; ``TimeCoverage``,
+            minutes that the radials are averaged over; ``DopplerResolutionHzPerBin``, NaN if not stated.
         names: Names of the columns.
         units: Line with their units.
     """
@@ -100,12 +106,14 @@ class Header(NamedTuple):
     path: Path
     station: str
     time_ns: int
-    origin: list[float]
-    frequency: float
-    coverage: float
-    resolution: float
+    stated: Mapping[str, list[float]]
     names: list[str]
     units: str
+
+    @property
+    def frequency(self) -> float:
+        """Frequency of the radar [MHz]."""
+        return self.stated["TransmitCenterFreqMHz"][0]
 
 
 def read_header(path: Path) -> Header:
@@ -131,40 +139,27 @@ def read_header(path: Path) -> Header:
         raise LogError(
             f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the original file"
         )
-
-    def values_of(key: str, default: str = "", count: int = 1) -> list[float]:
-        """Return the first numbers of a key."""
-        parts = found.get(key, default).split()[:count]
+    stated = {}
+    for key, (count, usual) in _NUMBERS.items():
+        parts = found.get(key, usual).split()[:count]
         try:
-            values = [float(part) for part in parts]
+            stated[key] = [float(part) for part in parts]
         except ValueError:
-            values = []
-        if len(values) != count:
+            stated[key] = []
+        if len(stated[key]) != count:
             raise LogError(f"{path}: {key}: expected {count_text(count, 'number')}, got {parts}")
-        return values
-
-    (frequency,), (coverage,) = values_of("TransmitCenterFreqMHz"), values_of("TimeCoverage", "60")
-    (resolution,) = values_of("DopplerResolutionHzPerBin", "nan")
-    if not frequency > 0.0:
+    if not stated["TransmitCenterFreqMHz"][0] > 0.0:
         raise LogError(
             f"{path}: TransmitCenterFreqMHz: expected a frequency above 0, got {found['TransmitCenterFreqMHz']}"
         )
-    stamped = values_of("TimeStamp", count=6)
     try:
-        time = datetime(*map(int, stamped), tzinfo=UTC)  # type: ignore[arg-type,misc]
+        time = datetime(*map(int, stated["TimeStamp"]), tzinfo=UTC)  # type: ignore[arg-type,misc]
     except ValueError as error:
-        raise LogError(f"{path}: TimeStamp: expected six numbers, got {stamped}") from error
-    return Header(
-        path,
-        (found.get("Site", "").split() or ["unnamed"])[0],
-        round(time.timestamp()) * 1_000_000_000,
-        values_of("Origin", count=2),
-        frequency,
-        coverage,
-        resolution,
-        names,
-        units,
-    )
+        raise LogError(
+            f"{path}: TimeStamp: expected six numbers, got {stated['TimeStamp']}"
+        ) from error
+    station = (found.get("Site", "").split() or ["unnamed"])[0]
+    return Header(path, station, round(time.timestamp()) * 1_000_000_000, stated, names, units)
 
 
 def station_of(path: Path) -> tuple[str]:
@@ -197,34 +192,40 @@ def _radials(head: Header) -> tuple[dict[str, Array], Counter[str]]:
             except ValueError as error:
                 raise LogError(f"{head.path}: radials: expected numbers, got {error}") from error
     of = dict(zip(names, np.array(values).reshape(-1, len(names)).T, strict=True))
-    east, north, speed, heading, distance, bearing = (of[name] for name in _COLUMNS)
-    _check_station(head, (east, north), (distance, bearing))
-    _check_unit(head, speed)
-    errors = [of[name] for name in _ERRORS if name in of] or [np.full(speed.size, _USUAL_ERROR)]
+    _check_station(head, of)
+    _check_unit(head, of["VELO"])
+    n = of["VELO"].size
+    errors = [of[name] for name in _ERRORS if name in of] or [np.full(n, _USUAL_ERROR)]
     std = np.fmax.reduce([np.where(each < _NO_ERROR, each, np.nan) for each in errors])
-    flag = of.get("VFLG", np.zeros(speed.size)).astype(np.int64)
+    flag = of.get("VFLG", np.zeros(n)).astype(np.int64)
     tests = [_PRIMARY] if _PRIMARY in of else [name for name in names if _TEST.fullmatch(name)]
-    quality = worst_flag([of[name].astype(np.int8) for name in tests], (speed.size,))
-    known, over_land, failed = np.isfinite(std), flag & _OVER_LAND > 0, is_failed(quality)
+    quality = worst_flag([of[name].astype(np.int8) for name in tests], (n,))
+    over_land, failed, unflagged = flag & _OVER_LAND > 0, is_failed(quality), flag == 0
     dropped = {
         "over land": over_land,
-        "flagged otherwise": (flag != 0) & ~over_land,
-        f"failed by their quality flags ({', '.join(tests)})": failed & (flag == 0),
-        "without an error": ~known & (flag == 0) & ~failed,
+        "flagged otherwise": ~unflagged & ~over_land,
+        f"failed by their quality flags ({', '.join(tests)})": failed & unflagged,
+        "without an error": np.isnan(std) & unflagged & ~failed,
     }
     counts = Counter({what: int(which.sum()) for what, which in dropped.items()})
     good = ~np.any(list(dropped.values()), axis=0)
-    columns = {"longitude": east, "latitude": north, "direction": heading, "flag": quality}
-    columns |= {"speed": 1e-2 * speed, "error": 1e-2 * np.fmax(std, _LEAST_ERROR)}
+    columns = {
+        "longitude": of["LOND"],
+        "latitude": of["LATD"],
+        "direction": of["HEAD"],
+        "flag": quality,
+        "speed": 1e-2 * of["VELO"],
+        "error": 1e-2 * np.fmax(std, _LEAST_ERROR),
+    }
     used = {key: column[good] for key, column in columns.items()}
     return used, +counts + Counter({"in incomplete lines": left_out})
 
 
-def _check_station(head: Header, places: tuple[Array, Array], polar: tuple[Array, Array]) -> None:
+def _check_station(head: Header, of: Mapping[str, Array]) -> None:
     """Raise LogError if radials do not lie at their range and bearing from the station in the header."""
-    latitude, longitude = head.origin
-    x, y = to_local(Projection(longitude, latitude), *places)
-    distance, angle = 1e3 * polar[0], np.deg2rad(polar[1])
+    latitude, longitude = head.stated["Origin"]
+    x, y = to_local(Projection(longitude, latitude), of["LOND"], of["LATD"])
+    distance, angle = 1e3 * of["RNGE"], np.deg2rad(of["BEAR"])
     away = np.hypot(x - distance * np.sin(angle), y - distance * np.cos(angle))
     if away.size and float(np.median(away)) > 1e3 * _NEAR:
         raise LogError(
@@ -240,7 +241,7 @@ def _check_unit(head: Header, speed: Array) -> None:
             f"{head.path}: radials: expected speeds in cm/s, the file states {head.units.strip('% ')}; convert them first"
         )
     # half a radar's wavelength a cycle, in cm
-    resolution = 50.0 * LIGHT / head.frequency * head.resolution
+    resolution = 50.0 * LIGHT / head.frequency * head.stated["DopplerResolutionHzPerBin"][0]
     rms = float(np.sqrt(np.mean(speed**2))) if speed.size else np.nan
     if rms < resolution:
         raise LogError(

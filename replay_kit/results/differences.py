@@ -245,7 +245,10 @@ def _column_difference(one: Any, other: Any) -> float:
     if one.dtype.kind in "mM":
         return float(np.abs((one - other).dt.total_seconds()).max() if len(one) else 0.0)
     if one.dtype.kind not in "fiu" or other.dtype.kind not in "fiu":
-        texts = [each.astype(object).where(each.notna(), "").astype(str).to_numpy() for each in (one, other)]
+        texts = [
+            each.astype(object).where(each.notna(), "").astype(str).to_numpy()
+            for each in (one, other)
+        ]
         return float(np.sum(texts[0] != texts[1]))
     a, b = one.to_numpy(np.float64), other.to_numpy(np.float64)
     alike = (a == b) | (np.isnan(a) & np.isnan(b))

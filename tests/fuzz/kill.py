@@ -1,7 +1,7 @@
 """Commands that get a signal at random instants: what is under the final name is whole, and the next run gives the bytes of one left alone.
 
 A child is forked from a process that has everything imported, so that an instant falls into the work and not into the imports. SIGKILL,
-SIGTERM and SIGINT end it; stopped and continued it ends by itself. Of a fleet the child begins workers; or one of these gets the signal.
+SIGTERM and SIGINT end it; stopped and continued it ends by itself. Of a fleet the child begins workers.
 """
 
 import os
@@ -38,7 +38,6 @@ KINDS = {
         "out.mcap",
     ),
     "fleet": (_FLEET, "fleet/*.mcap"),
-    "fleet, a worker": (_FLEET, "fleet/*.mcap"),
 }
 #: The signals.
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
@@ -93,7 +92,7 @@ def kill(
     _run(command)
     took, whole = time.perf_counter() - begin, _outputs(folder, pattern)
     assert whole, "the command wrote nothing"
-    rng, found, of_worker = np.random.default_rng(seed), Killed(0, 0, 0, []), "worker" in kind
+    rng, found = np.random.default_rng(seed), Killed(0, 0, 0, [])
     while found.kills < count:
         _clear(folder)
         before = {}
@@ -101,12 +100,12 @@ def kill(
             before = {pattern: _EARLIER}
             (folder / pattern).write_bytes(_EARLIER)
         instant = rng.uniform(0.0, 1.1 * took)
-        met = _signalled(command, instant, sent, of_worker)
+        met = _signalled(command, instant, sent)
         found.kills += met
         found.finished += not met
         found.resumed += (folder / "run.ck").exists()
         left, when = _outputs(folder, pattern), f"{kind}, {sent.name} after {instant:.3f} s"
-        must_end = of_worker or sent == signal.SIGSTOP or not met
+        must_end = sent == signal.SIGSTOP or not met
         # of a fleet some results may be there already
         partly = left.items() <= whole.items() and "*" in pattern
         if left != whole and (must_end or not (left == before or partly)):
@@ -161,21 +160,20 @@ def _started(command: str) -> int:
         os._exit(code)
 
 
-def _signalled(command: str, instant: float, sent: signal.Signals, of_worker: bool) -> bool:
-    """Run a command and send it, or its worker, a signal after so many seconds; return whether it came before its end."""
+def _signalled(command: str, instant: float, sent: signal.Signals) -> bool:
+    """Run a command and send it a signal after so many seconds; return whether it came before its end."""
     child = _started(command)
     time.sleep(instant)
-    victim = _worker_of(child) if of_worker else child
-    if victim is None or _ended(child):
+    if _ended(child):
         with suppress(ChildProcessError):
             os.waitpid(child, 0)
         return False
     with suppress(ProcessLookupError):
-        os.kill(victim, sent)
+        os.kill(child, sent)
         if sent == signal.SIGSTOP:
             time.sleep(_STOPPED)
-            os.kill(victim, signal.SIGCONT)
-    if of_worker or sent == signal.SIGSTOP:
+            os.kill(child, signal.SIGCONT)
+    if sent == signal.SIGSTOP:
         signal.alarm(int(_LONGEST))
     os.waitpid(child, 0)
     # workers of a fleet that was killed end by themselves
@@ -190,13 +188,3 @@ def _signalled(command: str, instant: float, sent: signal.Signals, of_worker: bo
 
 def _ended(child: int) -> bool:
     return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
-
-
-def _worker_of(process: int) -> int | None:
-    """Return a worker process of a fleet; None where it has none now."""
-    with suppress(OSError):
-        for thread in Path(f"/proc/{process}/task").iterdir():
-            for child in (thread / "children").read_text().split():
-                if b"resource_tracker" not in Path(f"/proc/{child}/cmdline").read_bytes():
-                    return int(child)
-    return None

@@ -1,7 +1,6 @@
 """Our own files damaged at random, through each command that reads them: no traceback, and no other answer without a word.
 
-Six kinds of damage: a bit flipped, the end cut off, bytes put in, a block of zeros, two blocks exchanged, a part twice. A damaged file is
-refused by name with exit code 3, or read with what was lost named and exit code 4, or its answer is that of the sound file.
+A damaged file is refused by name with exit code 3, or read with what was lost named and exit code 4, or answers as the sound one does.
 """
 
 import json
@@ -24,6 +23,8 @@ from replay_kit.workflows.follow.watch import Memory, read_memory, write_memory
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.state_file import read_state
 from tests.command import invoke
+from tests.fuzz.mishap import KINDS as DAMAGES
+from tests.fuzz.mishap import Mishap, mishap
 from tests.workflows.replay.interrupted import Killed, make_ocean, run_until
 
 _CONFIG = RunConfig(
@@ -60,41 +61,14 @@ class Own:
     readers: dict[str, Reader]
 
 
-def harm(data: bytes, number: int, seed: int) -> tuple[str, bytes]:
-    """Return a damage in words, and the damaged bytes; the kinds take turns, places and sizes are by chance."""
-    rng = np.random.default_rng((seed, number))
-    size = int(min(len(data) // 3, 2.0 ** rng.uniform(0.0, 14.0)))
-    a, b = sorted(rng.integers(0, len(data) - size, 2).tolist())
-    kind = ("flip", "cut", "insert", "zero", "swap", "twice")[number % 6]
-    block = data[a : a + size]
-    if kind == "flip":
-        damaged = bytearray(data)
-        damaged[a] ^= 1 << int(rng.integers(8))
-        return f"bit of byte {a}", bytes(damaged)
-    if kind == "cut":
-        return f"cut at {a}", data[:a]
-    if kind == "insert":
-        return f"{size} bytes put in at {a}", data[:a] + rng.bytes(size) + data[a:]
-    if kind == "zero":
-        return f"{size} zeros at {a}", data[:a] + bytes(len(block)) + data[a + size :]
-    if kind == "swap":
-        b = max(b, a + size)
-        other = data[b : b + size]
-        return f"{size} bytes of {a} and {b} exchanged", (
-            data[:a] + other + data[a + size : b] + block + data[b + size :]
-        )
-    return f"{size} bytes of {a} twice", data[: a + size] + data[a:]
-
-
-def check(own: Own, reader: str, sound: Answer, damage: tuple[str, bytes]) -> tuple[str, str]:
+def check(own: Own, reader: str, sound: Answer, damage: Mishap) -> tuple[str, str]:
     """Return how reading a damaged file ended (refused, told, same, silent, traceback, slow), and what is wrong, empty for nothing."""
-    what, data = damage
-    if data == own.data:
+    if damage.data == own.data:
         return "same", ""
     # a new file: arrays of the one before may be mapped
     own.path.unlink()
-    own.path.write_bytes(data)
-    name, began = f"{own.name}, {reader}, {what}", time.process_time()
+    own.path.write_bytes(damage.data)
+    name, began = f"{own.name}, {reader}, {damage.what}", time.process_time()
     try:
         found = own.readers[reader](own.path)
     except ReplayKitError as error:
@@ -134,11 +108,11 @@ def sweep(
         rare = [name for name in own.readers if name in _SLOW and slow]
         sound = {name: own.readers[name](own.path) for name in (*quick, *rare)}
         for number in range(count):
-            turn = number // 6
+            turn = number // len(DAMAGES)
             reader = quick[turn % len(quick)]
             if rare and turn % (slow * len(quick)) == 0:
                 reader = rare[turn // (slow * len(quick)) % len(rare)]
-            yield (own.name, *check(own, reader, sound[reader], harm(own.data, number, seed)))
+            yield (own.name, *check(own, reader, sound[reader], mishap(own.data, number, seed)))
         own.path.write_bytes(own.data)
 
 

@@ -8,10 +8,10 @@ import json
 import os
 import signal
 import time
-import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,11 +50,13 @@ class Subject:
         name: For a person; of a log its format comes first.
         data: The file.
         check: Says what is wrong with what was made of a damaged one.
+        in_c: Whether a library in C reads it.
     """
 
     name: str
     data: bytes
     check: Check
+    in_c: bool = False
 
     @property
     def format(self) -> str:
@@ -65,18 +67,41 @@ class Subject:
 def sweep(
     count: int, seed: int, folder: Path, names: Sequence[str] = ()
 ) -> Iterator[tuple[str, list[str]]]:
-    """Yield name and what is wrong for each of many random damages; the subjects take turns.
+    """Yield name and what is wrong for each of many random damages.
 
     Args:
-        count: How many damages.
+        count: How many damages; each subject has its share.
         seed: Of the random numbers.
         folder: Where the damaged files are written.
         names: Of their formats; all when empty.
     """
     chosen = [subject for subject in subjects(folder) if not names or subject.format in names]
-    for number in range(count):
-        subject = chosen[number % len(chosen)]
-        yield subject.name, damaged(subject, number // len(chosen), seed, folder)
+    for k, subject in enumerate(chosen):
+        numbers = range(len(range(k, count, len(chosen))))
+        found = map(partial(damaged, subject, seed=seed, folder=folder), numbers)
+        for wrong in _apart(subject, found, folder) if subject.in_c else found:
+            yield subject.name, wrong
+
+
+def _apart(subject: Subject, found: Iterator[list[str]], folder: Path) -> Iterator[list[str]]:
+    """Yield what is found of what a library in C reads, which may hang or crash: in a process of its own."""
+    said = folder / "said"
+    if (child := os.fork()) == 0:
+        # whatever is raised, the child must not go on as if it were its parent
+        try:
+            with said.open("w") as file:
+                signal.alarm(int(_MOST_S))
+                for wrong in found:
+                    print(" / ".join(wrong), file=file, flush=True)
+                    signal.alarm(int(_MOST_S))
+            os._exit(0)
+        finally:
+            os._exit(1)
+    _, status = os.waitpid(child, 0)
+    lines = said.read_text().splitlines()
+    yield from ([line] if line else [] for line in lines)
+    if ended := os.waitstatus_to_exitcode(status):
+        yield [f"{subject.name} {len(lines)}: its process ended by {ended}"]
 
 
 def damaged(subject: Subject, number: int, seed: int, folder: Path) -> list[str]:
@@ -121,7 +146,8 @@ def subjects(folder: Path) -> list[Subject]:
     for name, data in files.items():
         (folder / "sound").write_bytes(data)
         make = _CHECKS.get(name.split()[0], lambda *_: _uncovered)
-        found.append(Subject(name, data, make(data, folder / "sound")))
+        in_c = name.startswith("netcdf")
+        found.append(Subject(name, data, make(data, folder / "sound"), in_c))
     return found + _inputs(folder)
 
 
@@ -207,12 +233,7 @@ def _covered(walk: Callable[[bytes], list[damage.Piece]], read: Read, needed: in
 
 def _dataflash(data: bytes, path: Path) -> Check:
     """Return the check of a log without checksums whose records are known: those before the damage come first."""
-    records = damage.records(data)
-    ends = [end for _, end, _ in records]
-    # formats are declared before the first record of another kind
-    declared = next(
-        (end for end, (_, _, one) in zip(ends, records, strict=True) if one[2] != 128), 0
-    )
+    ends = [end for _, end, _ in damage.records(data)]
     sound, _ = damage.read_messages(path)
 
     def check(harm: Mishap, path: Path) -> list[str]:
@@ -221,20 +242,11 @@ def _dataflash(data: bytes, path: Path) -> Check:
             return _uncovered(harm, path)
         said, report = damage.read_messages(path)
         wrong = [] if said[:whole] == sound[:whole] else [f"{whole} are whole before it"]
-        after = sum(start >= harm.kept[-1][0] for start, _, _ in records)
-        # what follows the next record comes too, unless its format may be another
-        sure = after - _NOT_SURE if kept >= declared and harm.kept[-1][1] == len(data) else 0
-        if len(harm.kept) > 1 and sure > 0 and said[-sure:] != sound[-sure:]:
-            wrong.append(f"{sure} are whole after it")
         if len(harm.kept) == 1 and len(harm.data) not in ends and not report.losses:
             wrong.append("cut without a word")
         return wrong + _uncovered(harm, path)
 
     return check
-
-
-# records after damage that may be taken for others: the one that the damage reaches into, and the next
-_NOT_SURE = 2
 
 
 def _uncovered(harm: Mishap, path: Path) -> list[str]:
@@ -250,28 +262,6 @@ def _uncovered(harm: Mishap, path: Path) -> list[str]:
     )
 
 
-def _apart(check: Check) -> Check:
-    """Return a check of what is read by a library in C, which may hang or crash: in a process of its own."""
-
-    def checked(harm: Mishap, path: Path) -> list[str]:
-        if (child := os.fork()) == 0:
-            signal.alarm(int(_MOST_S))
-            # whatever is raised, the child must not go on as if it were its parent
-            try:
-                wrong = bool(check(harm, path))
-            except BaseException:
-                traceback.print_exc()
-                wrong = True
-            os._exit(wrong)
-        _, status = os.waitpid(child, 0)
-        ended = os.waitstatus_to_exitcode(status)
-        return [
-            f"wrong, or another exception than ours, in a process that ended by {ended}"
-        ] * bool(ended)
-
-    return checked
-
-
 _CHECKS = {
     "mcap": _mcap,
     "tlog": _covered(damage.frames, damage.read_frames),
@@ -279,7 +269,6 @@ _CHECKS = {
     "bin": _dataflash,
     "pd0": _covered(damage.ensembles, damage.read_pings),
     "ad2cp": _covered(damage.bursts, damage.read_pings, 1),
-    "netcdf": lambda *_: _apart(_uncovered),
 }
 
 
@@ -315,9 +304,9 @@ def _inputs(folder: Path) -> list[Subject]:
         Subject("areas geojson", area, _refused_or_read(read_areas, "damaged.geojson")),
         Subject("areas kml", kml, _refused_or_read(read_areas, "damaged.kml")),
         Subject("toml", toml, _refused_or_read(load_config, "damaged.toml")),
-        Subject("bathymetry", bottom.read_bytes(), _apart(read_bottom)),
+        Subject("bathymetry", bottom.read_bytes(), read_bottom, True),
         *(
-            Subject(f"zarr {name}", place.read_bytes(), _apart(_of_store(store, place)))
+            Subject(f"zarr {name}", place.read_bytes(), _of_store(store, place), True)
             for name, place in parts.items()
         ),
     ]

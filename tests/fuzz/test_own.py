@@ -2,6 +2,7 @@
 
 import pytest
 
+from tests.fuzz.mishap import Mishap
 from tests.fuzz.own import KINDS, Answer, Own, check, sweep
 
 
@@ -17,7 +18,7 @@ def test_another_answer_without_a_word_a_traceback_and_an_error_without_the_file
     own = Own("file", b"sound", tmp_path / "file", answers)
     own.path.write_bytes(own.data)
     for name in answers:
-        ended, words = check(own, name, Answer(0, False, "", b"sound"), ("cut", b"sou"))
+        ended, words = check(own, name, Answer(0, False, "", b"sound"), Mishap("cut", b"sou", ()))
         assert ended == name
         assert bool(words) == (name in ("silent", "traceback"))
 

@@ -11,7 +11,6 @@ from replay_kit.logs import LogFormat, open_log, open_logs
 from replay_kit.logs.mcap.reader import McapReader
 from tests.logs.log_samples import json_mcap
 from tests.logs.netcdf import glider_samples
-from tests.places import DATA, needs
 
 METADATA = """rosbag2_bagfile_information:
   version: 5
@@ -42,21 +41,21 @@ def test_a_bag_is_the_files_that_its_metadata_lists(tmp_path):
         open_log(tmp_path)
 
 
-def test_a_bag_that_lacks_a_part_is_refused(tmp_path):
-    (_bag(tmp_path) / "b_1.mcap").unlink()
-    with pytest.raises(LogError, match=r"expected the files of metadata\.yaml, missing: b_1\.mcap"):
-        open_logs([tmp_path])
-
-
-def test_a_compressed_part_says_how_to_unpack_it(tmp_path):
-    (tmp_path / "metadata.yaml").write_text(METADATA.format("b_0.mcap.zstd", "b_1.mcap"))
-    with pytest.raises(LogError, match=r"unpack it with: zstd -d b_0\.mcap\.zstd"):
-        open_logs([tmp_path])
-
-
-def test_a_folder_without_logs_is_refused(tmp_path):
-    (tmp_path / "notes.txt").write_text("x")
-    with pytest.raises(LogError, match=r"the folder holds notes\.txt; give the logs themselves"):
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        (
+            "metadata.yaml",
+            METADATA.format("b_0.mcap", "b_1.mcap"),
+            r"missing: b_0\.mcap, b_1\.mcap",
+        ),
+        ("metadata.yaml", METADATA.format("b.mcap.zstd", "c.mcap"), r"with: zstd -d b\.mcap\.zstd"),
+        ("notes.txt", "x", r"the folder holds notes\.txt; give the logs themselves"),
+    ],
+)
+def test_a_folder_that_lacks_logs_is_refused(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(LogError, match=words):
         open_logs([tmp_path])
 
 
@@ -64,11 +63,6 @@ def test_one_part_alone_is_a_log_with_the_input_asked_for(tmp_path):
     (tmp_path / "b.mcap").write_bytes(json_mcap(range(5)))
     log = open_log(tmp_path, 3)
     assert (log.input, {message.input for message in log.messages()}) == (3, {3})
-
-
-def test_a_file_given_twice_stays_two_logs(tmp_path):
-    path = glider_samples.bodc(tmp_path / "a.nc")
-    assert [log.input for log in open_logs([path, path])] == [0, 1]
 
 
 def test_profiles_of_two_missions_are_two_logs(tmp_path):
@@ -111,18 +105,3 @@ def test_another_package_may_read_a_form_of_its_own(tmp_path, monkeypatch):
     assert isinstance(open_log(tmp_path), McapReader)
     with pytest.raises(LogError, match=r"expected an MCAP file, .* or a log of mine"):
         open_log(tmp_path / "a.xyz")
-
-
-@needs(DATA / "seaglider")
-@pytest.mark.full
-def test_a_folder_of_real_dives_is_one_log_a_dive():
-    logs = open_logs([DATA / "seaglider"], several_missions=True)
-    assert len(logs) == 11
-    assert {(log.format, log.mission) for log in logs} == {
-        ("seaglider", "SG171 mission 37"),
-        ("seaglider", "SG249 mission 2"),
-    }
-    with pytest.raises(
-        LogError, match=r"holds 2: SG171 mission 37 \(p171010\*\), SG249 mission 2 \(p249001\*\)"
-    ):
-        open_logs([DATA / "seaglider"])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
-from replay_kit.logs.merge import LOOK_AHEAD, ClockJump, LogClock, settle
+from replay_kit.logs.merge import ClockJump
 from tests.reference.stamps import DAY, corrected
 
 SECOND = 1_000_000_000
@@ -168,35 +168,6 @@ def test_after_a_clock_jumps_back_no_message_is_late_and_times_continue():
     # a second pass finds the same
     assert [m.time_ns for m in merged] == steady(50) + steady(70, last)
     assert len(merged.jumps) == 1
-
-
-def test_what_comes_once_may_be_older_than_the_recording():
-    stamps, topics = [START - 9 * DAY, *steady(3)], ["/tf_static", "/a", "/a", "/a"]
-    assert [m.time_ns for m in merge([Recorded(stamps, 0, topics)], 1.0)] == stamps
-
-
-def test_a_copy_keeps_stamps_as_they_are():
-    stamps = steady(40) + steady(40, START - 30 * DAY) + [YEAR_2200]
-    assert sorted(m.time_ns for m in merge([Recorded(stamps)], 1.0, keep_late=True)) == sorted(
-        stamps
-    )
-
-
-def test_no_more_than_the_look_ahead_is_held():
-    log = Recorded([*steady(10), YEAR_2200, *steady(500, START + 10 * SECOND)])
-    stream = iter(merge([log], 0.0))
-    for _ in range(10):
-        next(stream)
-    assert log.read <= 11 + LOOK_AHEAD + 1
-
-
-def test_the_edges_of_a_return():
-    clock, back = LogClock(START, 40 * DAY), START + DAY
-    assert settle(clock, back, [back]) == LogClock(back)
-    assert settle(clock, back + 1, [back + 1]) == LogClock(START + 41 * DAY + 1, 40 * DAY)
-    # as many follow the one as the other
-    near, far = START + SECOND, START + 40 * DAY
-    assert settle(LogClock(START), far, [near, far]) is None
 
 
 steps = st.lists(

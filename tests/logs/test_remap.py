@@ -1,15 +1,8 @@
 """Topics called by other names."""
 
-import tomllib
-
-import pytest
-
-from replay_kit.cli.settings import remapped
-from replay_kit.config.run import LogConfig, RunConfig
-from replay_kit.core.errors import ConfigError
+from replay_kit.config.run import LogConfig
 from replay_kit.logs import open_log
 from replay_kit.workflows.convert import convert
-from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from tests.logs.log_samples import json_mcap, one_channel_mcap, tlog
 
 CONFIG = LogConfig(remap={"/a": "/left", "mavlink/1/1/ATTITUDE": "/attitude", "/x": "/y"})
@@ -39,15 +32,3 @@ def test_a_copy_takes_the_new_name(tmp_path):
         "/left": 2,
         "/b": 1,
     }
-
-
-def test_options():
-    assert remapped(["/a=/b", "/c=d=e"]) == {"/a": "/b", "/c": "d=e"}
-    for wrong in (["/a"], ["=/b"], ["/a="], ["/a=/b", "/a=/c"]):
-        with pytest.raises(ConfigError, match="--remap"):
-            remapped(wrong)
-
-
-def test_the_settings_of_a_run_hold_it():
-    config = RunConfig(logs=CONFIG)
-    assert RunConfig.model_validate(tomllib.loads(run_settings_toml(config))) == config

@@ -1,7 +1,5 @@
 """Files of HF radars and drifters to messages: units, errors, depths, what is left out, and what is refused."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.observation import LinearMeasurement
 from replay_kit.logs import merge, open_log, open_logs
-from replay_kit.logs.netcdf import reader, surface
+from replay_kit.logs.netcdf import surface
 from tests.logs import surface_samples as made
 from tests.measurements.samples import Skipped, events_of
 
@@ -48,19 +46,11 @@ def test_totals_have_their_units_errors_and_depth(tmp_path, monkeypatch):
     assert first.error_std.max() <= 0.1 + 1e-9
     assert len(first.value) < 12 * 14 / 4
     assert any("times the signal's stated variance of 400 cm2/s2" in note for note in notes)
-    # in one file, whose times are read two by two; and in one of other names, with a dialect of its own
+    # in one file, whose times are read two by two
     monkeypatch.setattr(surface, "_ROWS", 2)
-    names = {"u": "ucomp", "v": "vcomp", "u_err": "ustd", "v_err": "vstd", "time": "HOUR"}
-    usual = surface.TOTALS.names.items()
-    own = {key: names.get(name, name).lower() for key, name in usual}
-    signature = " ".join(names.values()).lower()
-    other = replace(surface.TOTALS, name="mine", signature=signature, names=own)
-    monkeypatch.setattr(reader, "DIALECTS", (other, *reader.DIALECTS))
-    for form, held in (("radar-totals", whole), ("mine", whole.rename(names))):
-        held.to_netcdf(tmp_path / "one.nc", engine="h5netcdf")
-        (log,), same, _, _ = read([tmp_path / "one.nc"])
-        assert log.format == form
-        assert [each.value.tolist() for each in same] == [each.value.tolist() for each in found]
+    whole.to_netcdf(tmp_path / "one.nc", engine="h5netcdf")
+    _, same, _, _ = read([tmp_path / "one.nc"])
+    assert [each.value.tolist() for each in same] == [each.value.tolist() for each in found]
 
 
 def test_two_stations_give_the_current_of_the_totals(tmp_path):
@@ -175,46 +165,56 @@ def test_the_signals_variance_is_found_by_its_description(tmp_path, held):
     assert found["error_length"] == 10e3
 
 
-def _moved(k, row):
-    return {"LOND": row["LOND"] + 0.5}
+def _radials(**change):
+    def write(folder):
+        made.write_radials(folder / "a.ruv", CURRENT, **change)
+
+    return write
 
 
-def _in_knots(k, row):
-    return {"VELO": row["VELO"] / 51.44}
+def _edited(write, edit, pattern="a.*"):
+    def edited(folder):
+        write(folder)
+        (path,) = folder.glob(pattern)
+        path.write_text(edit(path.read_text()))
+
+    return edited
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("write", "words"),
     [
-        ({"change": _moved}, "radials of another station: they lie 43 km"),
-        ({"unit": "knots"}, "expected speeds in cm/s, the file states .*knots"),
-        ({"change": _in_knots}, "they look like knots or m/s"),
-        ({"names": "LOND LATD VELO HEAD RNGE"}, "it lacks BEAR"),
+        (
+            _radials(change=lambda k, row: {"LOND": row["LOND"] + 0.5}),
+            "radials of another station: they lie 43 km",
+        ),
+        (_radials(unit="knots"), "expected speeds in cm/s, the file states .*knots"),
+        (
+            _radials(change=lambda k, row: {"VELO": row["VELO"] / 51.44}),
+            "they look like knots or m/s",
+        ),
+        (_radials(names="LOND LATD VELO HEAD RNGE"), "it lacks BEAR"),
+        (_edited(_radials(), lambda text: text.replace("%Origin", "%Place")), "it lacks Origin"),
+        (
+            lambda folder: (
+                made.totals(CURRENT)
+                .drop_vars("processing_parameters")
+                .to_netcdf(folder / "a.nc", engine="h5netcdf")
+            ),
+            "expected the signal's variance",
+        ),
+        (
+            _edited(
+                lambda folder: _table(made.drifters(), folder / "a.csv"), lambda text: text[:-30]
+            ),
+            "expected a table: names, perhaps units, rows as long",
+        ),
     ],
 )
-def test_radials_that_are_not_what_they_say_are_refused(tmp_path, change, words):
-    made.write_radials(tmp_path / "one.ruv", CURRENT, **change)
+def test_files_that_are_not_what_they_say_or_lack_something_are_refused(tmp_path, write, words):
+    write(tmp_path)
     with pytest.raises(LogError, match=words):
-        read([tmp_path / "one.ruv"])
-
-
-def test_a_file_that_lacks_a_key_a_variance_or_ends_of_rows_is_refused(tmp_path):
-    for name in ("radials.ruv", "totals.nc", "drifters.csv"):
-        path = tmp_path / name
-        if name == "radials.ruv":
-            made.write_radials(path, CURRENT)
-            path.write_text(path.read_text().replace("%Origin", "%Place"))
-            words = "it lacks Origin"
-        elif name == "totals.nc":
-            totals = made.totals(CURRENT).drop_vars("processing_parameters")
-            totals.to_netcdf(path, engine="h5netcdf")
-            words = "expected the signal's variance"
-        else:
-            _table(made.drifters(), path)
-            path.write_text(path.read_text()[:-30])
-            words = "expected a table: names, perhaps units, rows as long"
-        with pytest.raises(LogError, match=words):
-            read([path])
+        read([*tmp_path.iterdir()])
 
 
 def _table(ds, path):

@@ -3,9 +3,7 @@
 | message | read in |
 |---|---|
 | ds_sensor_msgs/Adcp, WaterCurrentProfile | Field-Robotics-Lab/ds_msgs 0e5b004 |
-| interfaces/CurrentProfile | NortekSupport/nucleus_driver c844daf |
 | marine_acoustic_msgs/Dvl | apl-ocean-engineering/marine_msgs |
-| CurrentProfile, CurrentProfileCell, ADCPBeam | LSTS/imc IMC.xml, messages 1014 to 1016 |
 | sensor_msgs, nav_msgs, geometry_msgs | ROS common interfaces |
 """
 
@@ -47,22 +45,6 @@ DS_ADCP_2 = definition(
     VECTOR,
     _WATER_CURRENT_PROFILE,
 )
-NUCLEUS = """builtin_interfaces/Time system_timestamp
-bool posix_time
-uint32 timestamp
-uint32 microseconds
-uint32 serial_number
-float32 sound_velocity
-float32 temperature
-float32 pressure
-float32 cell_size
-float32 blanking
-uint16 number_of_cells
-uint16 ambiguity_velocity
-int16[] velocity_data
-uint8[] amplitude_data
-uint8[] correlation_data"""
-
 NAV_SAT_FIX = definition(
     """std_msgs/Header header
 sensor_msgs/NavSatStatus status

@@ -25,35 +25,6 @@ def ds_adcp(mode=3, cell_depth=2):
     }
 
 
-NUCLEUS = {
-    "number_of_cells": 2,
-    "cell_size": 0.5,
-    "blanking": 0.25,
-    "velocity_data": [120, -50, 3, -32768, 7, 8],
-    "amplitude_data": bytes([70, 71, 72, 73, 74, 75]),
-    "correlation_data": bytes([90, 91, 92, 93, 94, 95]),
-}
-
-
-def imc(coord_sys, cells, distance=5.0):
-    profile = [
-        {
-            "abbrev": "CurrentProfileCell",
-            "cell_position": distance * (k + 1),
-            "beams": [{"vel": v, "amp": 60.0, "cor": 90} for v in cell],
-        }
-        for k, cell in enumerate(cells)
-    ]
-    return {
-        "abbrev": "CurrentProfile",
-        "timestamp": 12.5,
-        "nbeams": 4,
-        "ncells": len(cells),
-        "coord_sys": coord_sys,
-        "profile": profile,
-    }
-
-
 def pose(x, y, z, frame="odom"):
     return {
         "header": {"frame_id": frame},

@@ -5,23 +5,26 @@ away from the instrument or along its axes, times 10 to the power of the velocit
 """
 
 import struct
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Times
 from replay_kit.logs.adcp.frames import Record
 from replay_kit.logs.adcp.profiles import RawProfiles, one_vertical
 
 BOTTOM_TRACK = 0x17
 _LEAST = 78
 _SYSTEMS = ("earth", "instrument", "beam")
+# by the bit that says that a field is there, the type of its numbers
 _VELOCITY, _DISTANCE, _MERIT = 1 << 5, 1 << 8, 1 << 9
+_TYPES = {
+    bit: np.dtype(kind) for bit, kind in ((_VELOCITY, "<i4"), (_DISTANCE, "<i4"), (_MERIT, "<u2"))
+}
 _MISSING = -32768
 # The figure of merit is proportional to the standard deviation; Nortek's own examples have some 100. A limit of ours.
 _MOST_MERIT = 1000
@@ -31,8 +34,7 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 NOT_FOUND = "bottom not found: by velocity, distance or figure of merit"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BottomTracks:
+class BottomTracks(NamedTuple):
     """Bottom velocities relative to the instrument, in one coordinate system.
 
     Attributes:
@@ -41,88 +43,66 @@ class BottomTracks:
         distance: shape (n, beams), vertical [m]; NaN without bottom.
     """
 
-    time_ns: NDArray[np.int64]
+    time_ns: Times
     velocity: Array
     distance: Array
 
 
-def bottom_tracks(
-    data: bytes, records: Sequence[Record]
-) -> tuple[dict[str, BottomTracks], Counter[str]]:
-    """Return the bottom tracks of a file by coordinate system, and the number of unusable records by reason.
+#: Bottom tracks by coordinate system and number of beams.
+Tracks = Mapping[tuple[str, int], BottomTracks]
+
+
+def bottom_tracks(data: bytes, records: Sequence[Record]) -> tuple[Tracks, Counter[str]]:
+    """Return the bottom tracks of a file, and the number of unusable records by reason.
 
     Args:
         data: The file.
         records: Its valid records.
     """
-    rows: dict[str, list[tuple[int, Array, Array]]] = {}
+    rows = defaultdict[tuple[str, int], list[tuple[int, Array, Array]]](list)
     unused: Counter[str] = Counter()
     for record in records:
         if record.kind == BOTTOM_TRACK:
-            system, row = _decoded(data[record.start + data[record.start + 1] : record.end])
-            if row is None:
-                unused[system] += 1
+            found = _decoded(data[record.start + data[record.start + 1] : record.end])
+            if isinstance(found, str):
+                unused[found] += 1
             else:
-                rows.setdefault(system, []).append(row)
-    return {system: _as_columns(found) for system, found in rows.items()}, unused
+                system, row = found
+                rows[system, row[2].size].append(row)
+    tracks = {}
+    for key, held in rows.items():
+        times, velocity, distance = zip(*sorted(held, key=lambda row: row[0]), strict=True)
+        tracks[key] = BottomTracks(np.array(times), np.array(velocity), np.array(distance))
+    return tracks, unused
 
 
-def _as_columns(rows: list[tuple[int, Array, Array]]) -> BottomTracks:
-    rows = sorted(rows, key=lambda row: row[0])
-    velocity, distance = (
-        _stacked([velocity for _, velocity, _ in rows]),
-        _stacked([distance for _, _, distance in rows]),
-    )
-    return BottomTracks(np.array([time_ns for time_ns, _, _ in rows], np.int64), velocity, distance)
-
-
-def _stacked(rows: list[Array]) -> Array:
-    """Return rows as one array, padded with NaN."""
-    stacked = np.full((len(rows), max(row.size for row in rows)), np.nan)
-    for k, row in enumerate(rows):
-        stacked[k, : row.size] = row
-    return stacked
-
-
-def _decoded(body: bytes) -> tuple[str, tuple[int, Array, Array] | None]:
-    """Return coordinate system, and time, velocity and distance of a record; or the reason and None for an unusable one."""
+def _decoded(body: bytes) -> tuple[str, tuple[int, Array, Array]] | str:
+    """Return coordinate system, and time [ns], velocity and distance, of a record, or why it is unusable."""
     if len(body) < _LEAST:
-        return f"bottom track of {len(body)} bytes, {_LEAST} are needed", None
+        return f"bottom track of {len(body)} bytes, {_LEAST} are needed"
     (config,), (beams_cy,) = struct.unpack_from("<H", body, 2), struct.unpack_from("<H", body, 30)
     (scaling,) = struct.unpack_from("<b", body, 60)
     n, system = beams_cy >> 12, beams_cy >> 10 & 3
     if system >= len(_SYSTEMS) or not config & _VELOCITY or n < 3:
-        return "bottom track without velocities, or in unknown coordinates", None
-    fields = {
-        bit: struct.Struct(f"<{n}{code}")
-        for bit, code in ((_VELOCITY, "i"), (_DISTANCE, "i"), (_MERIT, "H"))
-        if config & bit
-    }
-    if body[1] + sum(field.size for field in fields.values()) > len(body):
-        return "bottom track shorter than its configuration says", None
-    values, offset = {}, body[1]
-    for bit, field in fields.items():
-        values[bit] = np.array(field.unpack_from(body, offset), np.float64)
-        offset += field.size
+        return "bottom track without velocities, or in unknown coordinates"
+    values, offset = {_DISTANCE: np.full(n, np.nan), _MERIT: np.zeros(n)}, body[1]
+    for bit, dtype in _TYPES.items():
+        if config & bit:
+            if offset + n * dtype.itemsize > len(body):
+                return "bottom track shorter than its configuration says"
+            values[bit] = np.frombuffer(body, dtype, n, offset).astype(np.float64)
+            offset += n * dtype.itemsize
     time_ns = _time_ns(body)
     if time_ns is None:
-        return "bottom track without a time", None
-    distance = values.get(_DISTANCE, np.full(n, np.nan)) / 1000.0
-    lost = (
-        (values[_VELOCITY] == _MISSING)
-        | (distance <= 0.0)
-        | (values.get(_MERIT, np.zeros(n)) >= _MOST_MERIT)
-    )
+        return "bottom track without a time"
+    velocity, distance = values[_VELOCITY], values[_DISTANCE] / 1000.0
+    lost = (velocity == _MISSING) | (distance <= 0.0) | (values[_MERIT] >= _MOST_MERIT)
     # of coordinates made of all beams, one that found no bottom spoils all
     spoilt = lost if _SYSTEMS[system] == "beam" else np.full(n, lost.any())
     if spoilt.all():
-        return NOT_FOUND, None
-    velocity = np.where(spoilt, np.nan, values[_VELOCITY] * 10.0**scaling)
-    return _SYSTEMS[system], (
-        time_ns,
-        one_vertical(velocity, _SYSTEMS[system]),
-        np.where(lost, np.nan, distance),
-    )
+        return NOT_FOUND
+    moved = one_vertical(np.where(spoilt, np.nan, velocity * 10.0**scaling), _SYSTEMS[system])
+    return _SYSTEMS[system], (time_ns, moved, np.where(lost, np.nan, distance))
 
 
 def _time_ns(body: bytes) -> int | None:
@@ -134,33 +114,27 @@ def _time_ns(body: bytes) -> int | None:
     return int(since / timedelta(seconds=1)) * 1_000_000_000 + int(ticks) * 100_000
 
 
-def with_bottom(profiles: RawProfiles, tracks: Mapping[str, BottomTracks]) -> RawProfiles:
+def with_bottom(profiles: RawProfiles, tracks: Tracks) -> RawProfiles:
     """Return pings with the bottom track nearest in time, within three seconds, in the pings' own coordinates.
 
     Beam and instrument coordinates are converted to the pings' by the beams' unit vectors; others must agree.
 
     Args:
         profiles: The pings.
-        tracks: Bottom tracks by coordinate system.
+        tracks: Bottom tracks.
     """
     system, vectors = profiles.common["coordinate_system"], profiles.common["beam_unit_vectors"]
-    for own, track in tracks.items():
+    for (own, _), track in tracks.items():
         velocity = _converted(track.velocity, own, system, vectors)
         if velocity is not None:
-            after = np.clip(
-                np.searchsorted(track.time_ns, profiles.time_ns), 1, max(track.time_ns.size - 1, 1)
-            )
-            before = after - 1
-            after = np.minimum(after, track.time_ns.size - 1)
-            nearer = np.abs(track.time_ns[after] - profiles.time_ns) < np.abs(
-                track.time_ns[before] - profiles.time_ns
-            )
+            times, wanted = track.time_ns, profiles.time_ns
+            after = np.minimum(np.searchsorted(times, wanted), times.size - 1)
+            before = np.maximum(after - 1, 0)
+            nearer = np.abs(times[after] - wanted) < np.abs(times[before] - wanted)
             nearest = np.where(nearer, after, before)
-            beside = np.abs(track.time_ns[nearest] - profiles.time_ns) <= _BESIDE_NS
-            found, distance = (
-                np.where(beside[:, None], values[nearest], np.nan)
-                for values in (velocity, track.distance)
-            )
+            beside = (np.abs(times[nearest] - wanted) <= _BESIDE_NS)[:, None]
+            held = (velocity, track.distance)
+            found, distance = (np.where(beside, each[nearest], np.nan) for each in held)
             return replace(profiles, bottom=(found, distance))
     return profiles
 
@@ -169,11 +143,7 @@ def _converted(velocity: Array, own: str, wanted: str, vectors: Any) -> Array | 
     """Return velocities in other coordinates, shape (n, components); None if no conversion exists."""
     if own == wanted:
         return velocity
-    if (
-        {own, wanted} != {"beam", "instrument"}
-        or vectors is None
-        or velocity.shape[1] != (3 if own == "instrument" else len(vectors))
-    ):
+    if {own, wanted} != {"beam", "instrument"} or vectors is None:
         return None
     matrix = np.array(vectors) if wanted == "beam" else np.linalg.pinv(np.array(vectors))
-    return np.asarray(velocity @ matrix.T)
+    return np.asarray(velocity @ matrix.T) if velocity.shape[1] == matrix.shape[1] else None

@@ -19,13 +19,12 @@ _FIXED, _VARIABLE = 0x0000, 0x0080
 #: Blocks with a number for each cell and beam: the bytes of one.
 _BLOCKS = {0x0100: 2, 0x0200: 1, 0x0300: 1, 0x0400: 1}
 _BEAMS = 4
-_COORDINATES = ("beam", "instrument", "ship", "earth")
+#: Changes of the configuration that are told.
+_MOST_NOTED = 9
 #: Length of a variable leader that every firmware fills at most, and where in it the clock with the century is [bytes].
 _FULL_LEADER, _CENTURY = 66, 57
 #: Least length of the leaders: up to the beams' first cell, and up to the temperature; and with the pressure [bytes].
 _LEAST_FIXED, _LEAST_VARIABLE, _WITH_PRESSURE = 42, 28, 56
-#: Changes reported one by one.
-_MOST_NOTED = 3
 
 
 class Configuration(NamedTuple):
@@ -52,25 +51,6 @@ class Configuration(NamedTuple):
     sensors: tuple[int, int]
     instrument: bytes
     has_pressure: bool
-
-    def changes_to(self, other: "Configuration") -> str:
-        """Return the differences to another configuration as text."""
-        pairs = zip(self._shown().items(), other._shown().values(), strict=True)
-        return (
-            ", ".join(f"{name} {one} -> {two}" for (name, one), two in pairs if one != two)
-            or "transformations, sensors or firmware"
-        )
-
-    def _shown(self) -> dict[str, str]:
-        """Return the settings that a change is told of."""
-        return {
-            "cells": f"{self.cells}",
-            "cell size": f"{self.cell_size / 100:g} m",
-            "first cell": f"{self.first_cell / 100:g} m",
-            "coordinates": _COORDINATES[self.coordinates >> 3 & 3],
-            "orientation": "up" if self.instrument[2] > 127 else "down",
-            "declination": f"{self.declination / 100:g} degrees",
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,12 +90,11 @@ def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
         groups[configuration].append(ordinal)
         parts[ordinal] = _with_full_leader(data[record.start : record.end], types[_VARIABLE])
         order.append((ordinal, configuration))
-    changes = [(k, old.changes_to(new)) for (_, old), (k, new) in pairwise(order) if old != new]
+    changes = [k for (_, old), (k, new) in pairwise(order) if old != new]
+    what = "the instrument's configuration changes, each ping uses its own: from ping"
+    notes = (f"{what} {', '.join(map(str, changes[:_MOST_NOTED]))} on",) if changes else ()
     return Ensembles(
-        {key: tuple(value) for key, value in groups.items()},
-        parts,
-        dict(unreadable),
-        _change_notes(changes),
+        {key: tuple(value) for key, value in groups.items()}, parts, dict(unreadable), notes
     )
 
 
@@ -195,14 +174,3 @@ def _with_full_leader(ensemble: bytes, leader: bytes) -> bytes:
     )
     whole = head + ensemble[len(head) : place] + full + ensemble[place + len(leader) : -2]
     return whole + struct.pack("<H", sum(whole) & 0xFFFF)
-
-
-def _change_notes(changes: Sequence[tuple[int, str]]) -> tuple[str, ...]:
-    if not changes:
-        return ()
-    words = "; ".join(f"at ping {ordinal}: {what}" for ordinal, what in changes[:_MOST_NOTED])
-    more = f"; and {len(changes) - _MOST_NOTED} more" if len(changes) > _MOST_NOTED else ""
-    times = "once" if len(changes) == 1 else f"{len(changes)} times"
-    return (
-        f"the instrument's configuration changes {times}, each ping uses its own: {words}{more}",
-    )

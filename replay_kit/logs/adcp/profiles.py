@@ -9,15 +9,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array
+from replay_kit.core.arrays import Array, Mask, Times
 
 _ORIENTATIONS = {"down": "down", "up": "up", "AHRS": "up"}
 _SYSTEMS = {"beam": "beam", "inst": "instrument", "ship": "ship", "earth": "earth"}
 _MISSING = (-32.768, -3.2768)  # m/s; -32768 in mm/s and in tenths of them
-_DB_PER_COUNT = 0.45  # Teledyne's nominal echo intensity scale
-_PERCENT_PER_COUNT = 100.0 / 255.0  # Teledyne's correlation
+_SENSORS = ("heading", "pitch", "roll", "temp", "c_sound")
+_NAMES = {"temp": "temperature", "c_sound": "sound_speed"}
+# Teledyne's nominal echo intensity scale [dB] and correlation [%] of a count
+_ECHOES = {
+    "amp": ("amplitude", 0.45),
+    "corr": ("correlation", 100.0 / 255.0),
+    "prcnt_gd": ("percent_good", 1.0),
+}
 _DEEPEST_DBAR = 12_000.0
 _CLOCK_TICK_NS = 100_000  # the finest clock of the formats; MHKiT carries seconds as floats
 
@@ -35,11 +40,11 @@ class RawProfiles:
         bottom: Bottom-track velocity, shape (n, components) [m/s], and vertical distance, shape (n, beams) [m]; None without.
     """
 
-    time_ns: NDArray[np.int64]
-    known: NDArray[np.bool_]
+    time_ns: Times
+    known: Mask
     common: Mapping[str, Any]
     per_ping: Mapping[str, Array]
-    ordinals: NDArray[np.int64]
+    ordinals: Times
     bottom: tuple[Array, Array] | None
 
 
@@ -55,66 +60,49 @@ def raw_profiles(dataset: Any, tag: str, ordinals: Sequence[int] | None = None) 
         LookupError: A setting is missing or not supported, such as a horizontal instrument, whose cells have no depths.
     """
     teledyne = dataset.attrs["inst_make"] == "TRDI"
-    make = _teledyne if teledyne else _nortek
     if f"vel{tag}" not in dataset:
         # bottom track alone
         dataset = _without_cells(dataset)
-    velocity = _by_ping(dataset, f"vel{tag}")
-    velocity[
-        np.isclose(
-            velocity[..., None], _MISSING[:1] if teledyne else _MISSING, rtol=0.0, atol=1e-5
-        ).any(axis=-1)
-    ] = np.nan
-    time_ns, known = _times(dataset[f"time{tag}"].values)
+    velocity = _known(_by_ping(dataset, f"vel{tag}"), _MISSING[: 1 if teledyne else 2])
+    times = dataset[f"time{tag}"].values
+    known = ~np.isnat(times)
+    since = np.where(known, times, np.datetime64(0, "ns")).astype("datetime64[ns]").astype(np.int64)
+    time_ns = np.round(since / _CLOCK_TICK_NS).astype(np.int64) * _CLOCK_TICK_NS
     if f"status{tag}" in dataset and not teledyne:
         # where a ping was skipped MHKiT fills in a time
         known &= dataset[f"status{tag}"].values != 0
-    common = _geometry(dataset, tag) | make(dataset, tag)
-    names = {
-        "heading": "heading",
-        "pitch": "pitch",
-        "roll": "roll",
-        "temp": "temperature",
-        "c_sound": "sound_speed",
-    }
+    common = _geometry(dataset, tag) | (_teledyne(dataset) if teledyne else _nortek(dataset))
     per_ping = {
-        ours: _by_ping(dataset, theirs + tag)
-        for theirs, ours in names.items()
-        if theirs + tag in dataset
+        _NAMES.get(name, name): _by_ping(dataset, name + tag)
+        for name in _SENSORS
+        if name + tag in dataset
     }
     if "heading" in per_ping:
         per_ping["heading"] = np.mod(per_ping["heading"], 360.0)
-    per_ping |= {
-        "velocity": velocity if teledyne else one_vertical(velocity, common["coordinate_system"])
-    }
-    per_ping |= _echoes(dataset, tag, teledyne) | _depths(dataset, tag, teledyne)
-    numbers = (
-        np.arange(time_ns.size)
-        if ordinals is None
-        else np.array(ordinals[: time_ns.size], np.int64)
-    )
-    return RawProfiles(
-        time_ns, known, common, per_ping, numbers, _bottom(dataset) if teledyne else None
-    )
+    system = common["coordinate_system"]
+    per_ping["velocity"] = velocity if teledyne else one_vertical(velocity, system)
+    for name, (ours, scale) in _ECHOES.items():
+        if name + tag in dataset:
+            counts = _by_ping(dataset, name + tag)
+            per_ping[ours] = np.round(counts * (scale if teledyne else 1.0), 1)
+    per_ping |= _depths(dataset, tag, teledyne)
+    numbers = np.arange(time_ns.size) if ordinals is None else np.array(ordinals[: time_ns.size])
+    bottom = _bottom(dataset) if teledyne and "vel_bt" in dataset else None
+    return RawProfiles(time_ns, known, common, per_ping, numbers, bottom)
+
+
+def _known(velocity: Array, missing: Sequence[float]) -> Array:
+    """Return velocities, NaN where they are numbers that stand for none."""
+    none = np.isclose(velocity[..., None], missing, rtol=0.0, atol=1e-5).any(axis=-1)
+    return np.where(none, np.nan, velocity)
 
 
 def _without_cells(dataset: Any) -> Any:
     """Return a dataset without profiles as one of zero cells."""
-    time, beams = dataset["time"], dataset["vel_bt"].dims[0]
-    shape = dataset.sizes[beams], 0, time.size
+    shape = dataset.sizes[dataset["vel_bt"].dims[0]], 0, dataset["time"].size
     bare = dataset.drop_vars([name for name in dataset.variables if "range" in dataset[name].dims])
-    return bare.assign(
-        vel=((beams, "range", "time"), np.zeros(shape)), range=("range", np.zeros(0))
-    )
-
-
-def _times(values: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    known = ~np.isnat(values)
-    ticks = np.round(
-        np.where(known, values, np.datetime64(0, "ns")).astype("datetime64[ns]").astype(np.int64)
-        / _CLOCK_TICK_NS
-    )
-    return ticks.astype(np.int64) * _CLOCK_TICK_NS, known
+    velocity = (dataset["vel_bt"].dims[0], "range", "time"), np.zeros(shape)
+    return bare.assign(vel=velocity, range=("range", np.zeros(0)))
 
 
 def _by_ping(dataset: Any, name: str) -> Array:
@@ -134,9 +122,8 @@ def _geometry(dataset: Any, tag: str) -> dict[str, Any]:
     }
 
 
-def _teledyne(dataset: Any, tag: str) -> dict[str, Any]:
+def _teledyne(dataset: Any) -> dict[str, Any]:
     """Return the settings in Teledyne's fixed leader: EX (transformations), EB (declination), head geometry."""
-    del tag
     attributes = dataset.attrs
     turned = attributes["coord_sys"] in ("ship", "earth")
     # VMDAS makes earth coordinates with the ship's heading and the corrections that its user gave
@@ -153,7 +140,7 @@ def _teledyne(dataset: Any, tag: str) -> dict[str, Any]:
     }
 
 
-def _nortek(dataset: Any, tag: str) -> dict[str, Any]:
+def _nortek(dataset: Any) -> dict[str, Any]:
     """Return the settings in Nortek's configuration; the instrument adds DECL to the heading."""
     configuration = json.loads(dataset.attrs["filehead_config"])
     declination = float(configuration.get("USER", {}).get("DECL", 0.0))
@@ -181,9 +168,8 @@ def _vectors(matrix: Array, nortek: bool) -> list[list[float]] | None:
         np.column_stack([inverse[:, :2], inverse[:, 2:].sum(axis=1)]) if nortek else inverse[:, :3]
     )
     # the files round the matrix to four digits
-    return [
-        [float(x) for x in row] for row in vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-    ]
+    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return [[*map(float, row)] for row in unit]
 
 
 def one_vertical(velocity: Array, system: str) -> Array:
@@ -193,19 +179,6 @@ def one_vertical(velocity: Array, system: str) -> Array:
     return np.concatenate(
         [velocity[..., :2], velocity[..., 2:4].mean(axis=-1, keepdims=True)], axis=-1
     )
-
-
-def _echoes(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
-    scales = {
-        "amp": ("amplitude", _DB_PER_COUNT),
-        "corr": ("correlation", _PERCENT_PER_COUNT),
-        "prcnt_gd": ("percent_good", 1.0),
-    }
-    return {
-        ours: np.round(_by_ping(dataset, theirs + tag) * (scale if teledyne else 1.0), 1)
-        for theirs, (ours, scale) in scales.items()
-        if theirs + tag in dataset
-    }
 
 
 def _depths(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
@@ -221,9 +194,7 @@ def _depths(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
     return {"pressure": pressure, "transducer_depth": typed}
 
 
-def _bottom(dataset: Any) -> tuple[Array, Array] | None:
-    if "vel_bt" not in dataset:
-        return None
-    velocity, distance = _by_ping(dataset, "vel_bt"), _by_ping(dataset, "dist_bt")
-    velocity[np.isclose(velocity, _MISSING[0], rtol=0.0, atol=1e-5)] = np.nan
+def _bottom(dataset: Any) -> tuple[Array, Array]:
+    distance = _by_ping(dataset, "dist_bt")
+    velocity = _known(_by_ping(dataset, "vel_bt"), _MISSING[:1])
     return velocity, np.where(distance > 0.0, distance, np.nan)

@@ -6,8 +6,7 @@ first message and are not used. Source: bluerobotics/blueos-recorder, blueroboti
 """
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Container
 from functools import cache, reduce
 from operator import or_
 from typing import Any
@@ -28,19 +27,15 @@ def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]]]
     """
     if match := _TOPIC.fullmatch(topic):
         name = match[1]
-        fields = _fields().get(name) or _Fields(frozenset(), {})
+        fields = _fields().get(name, (frozenset(), ()))
         return name, lambda data: _payload(decode_json(data), fields)
     if _PART.fullmatch(topic):
         return "", _field
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class _Fields:
-    """Text fields of a MAVLink message, and the enum of others; empty for an unknown message."""
-
-    texts: frozenset[str]
-    enums: Mapping[str, str]
+#: Text fields of a MAVLink message, and those that are enums; both empty for an unknown message.
+_Fields = tuple[frozenset[str], Container[str]]
 
 
 @cache
@@ -49,9 +44,8 @@ def _fields() -> dict[str, _Fields]:
     found = {}
     for message in dialect.mavlink_map.values():
         kinds = zip(message.fieldnames, message.fieldtypes, strict=True)
-        found[message.msgname] = _Fields(
-            frozenset(name for name, kind in kinds if kind == "char"), message.fieldenums_by_name
-        )
+        texts = frozenset(name for name, kind in kinds if kind == "char")
+        found[message.msgname] = texts, message.fieldenums_by_name
     return found
 
 
@@ -80,9 +74,10 @@ def _value(name: str, value: Any, fields: _Fields) -> Any:
         if set(value) == {"type"}:
             return _number_of(value["type"])
         return value
-    if name in fields.texts:
+    texts, enums = fields
+    if name in texts:
         return _text(value)
-    if isinstance(value, str) and name in fields.enums:
+    if isinstance(value, str) and name in enums:
         return _number_of(value)
     return value
 

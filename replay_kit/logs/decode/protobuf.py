@@ -1,6 +1,6 @@
 """Decoder of protobuf payloads to plain dicts, with converters compiled once from the descriptors."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from keyword import iskeyword
 from typing import Any
@@ -45,8 +45,9 @@ def protobuf_decoder(schema: Schema) -> Callable[[bytes], dict[str, Any]]:
     descriptor = _pool(schema.data).FindMessageTypeByName(schema.name)
     # of this type alone, and those that it holds: a class takes a hundred times the bytes of an empty type
     read, convert = GetMessageClass(descriptor).FromString, _converter(descriptor)
-    cost = cost_of(descriptor, {})
-    cheap = longest_cheap(cost)
+    known: dict[str, Cost] = {}
+    cost = cost_of(descriptor, known)
+    cheap = longest_cheap(known.values())
 
     def decode(data: bytes) -> dict[str, Any]:
         if len(data) > cheap:
@@ -224,22 +225,17 @@ def cost_of(descriptor: Descriptor, known: dict[str, Cost]) -> Cost:
     return known[descriptor.full_name]
 
 
-def longest_cheap(cost: Cost) -> int:
-    """Return the payload length [bytes] below which the budget cannot be exceeded: a nested message takes two bytes."""
-    dearest, found, left = 2, {id(cost)}, [cost]
-    while left:
-        for part in left.pop().parts.values():
-            if isinstance(part, Cost) and id(part) not in found:
-                found.add(id(part))
-                left.append(part)
-                dearest = max(dearest, part.own)
-            elif part is cost:
-                dearest = max(dearest, cost.own)
-    return (
-        min(2 * MOST_VALUES // dearest, MOST_BYTES)
-        if dearest <= 2 * PER_BYTE
-        else 2 * FREE // dearest
-    )
+def longest_cheap(costs: Iterable[Cost]) -> int:
+    """Return the payload length [bytes] below which the budget cannot be exceeded: a nested message takes two bytes.
+
+    Args:
+        costs: Costs of all types of a payload.
+    """
+    parts = [part for cost in costs for part in cost.parts.values()]
+    dearest = max([2, *(part.own for part in parts if isinstance(part, Cost))])
+    if dearest > 2 * PER_BYTE:
+        return 2 * FREE // dearest
+    return min(2 * MOST_VALUES // dearest, MOST_BYTES)
 
 
 def pay(cost: Cost, data: bytes, budget: Budget) -> None:

@@ -21,8 +21,6 @@ _MAX_US = (2**63 - 1) // 1000
 _PAYLOAD = np.dtype([("utc_us", "<u8"), ("boot_ms", "<u4")])
 #: A clock that goes back by more was started anew [ms].
 _RESTART_MS = 1000
-#: Pairs kept; of a longer log every second, every fourth and so on.
-_MOST = 1 << 16
 _PAIR = np.dtype(
     [
         ("position", "i8"),
@@ -53,13 +51,10 @@ class StartClock:
 
 
 class SystemTimes:
-    """SYSTEM_TIME messages of a log, collected in bounded memory."""
+    """SYSTEM_TIME messages of a log, 48 bytes each."""
 
     def __init__(self) -> None:
         self._kept: list[NDArray[np.void]] = []
-        self._n_kept = 0
-        self._stride = 1
-        self._seen = 0
         self._starts: dict[int, tuple[int, int]] = {}
 
     def add(self, frames: Frames, position: int) -> None:
@@ -79,13 +74,7 @@ class SystemTimes:
         pairs["utc_us"] = np.minimum(stated["utc_us"], _MAX_US)
         for sender in np.unique(pairs["sender"]).tolist():
             self._count_starts(pairs, sender)
-        chosen = pairs[(self._seen + np.arange(pairs.size)) % self._stride == 0]
-        self._seen += pairs.size
-        self._kept.append(chosen)
-        self._n_kept += chosen.size
-        if self._n_kept > _MOST:
-            self._kept = [np.concatenate(self._kept)[::2]]
-            self._n_kept, self._stride = self._kept[0].size, 2 * self._stride
+        self._kept.append(pairs)
 
     def clocks(self) -> list[StartClock]:
         """Return the clock of each sender after each boot, in file order."""

@@ -135,62 +135,49 @@ def is_dataflash(head: bytes) -> bool:
     return False
 
 
-class _Walk:
-    """Iteration over the records of a log, under the formats declared so far."""
+def _records(data: mmap, statistics: ReadStatistics) -> Iterator[Record]:
+    """Yield the records of a log, under the formats declared so far; bytes between them and a truncated last record are losses."""
+    formats, size, at = {_FMT_TYPE: FMT}, len(data), 0
 
-    def __init__(self, data: mmap, statistics: ReadStatistics) -> None:
-        self._data = data
-        self._size = len(data)
-        self._statistics = statistics
-        self._formats = {_FMT_TYPE: FMT}
-
-    def records(self) -> Iterator[Record]:
-        """Yield the records; bytes between them and a truncated last record are losses."""
-        data, at = self._data, 0
-        while at < self._size:
-            form = self._format_at(at)
-            if form is None or not (
-                self._is_followed(at + form.length)
-                # the next one is damaged, unless a sound one begins in this one
-                or self._next(at + 1, at + form.length) is None
-            ):
-                following = self._next(at + 1, self._size)
-                end = self._size if following is None else following
-                what = (
-                    "at the end: a truncated record or bad bytes, skipped"
-                    if following is None
-                    else "bad bytes, or records of an unknown type, skipped"
-                )
-                self._statistics.lose(what, at, end - at)
-                at = end
-                continue
-            values = form.layout.unpack_from(data, at + _HEAD) if form.layout is not None else ()
-            if form is FMT and (new := _declared(values)) and new.type != _FMT_TYPE:
-                self._formats[new.type] = new
-            yield Record(
-                form, values, None if form.stamp is None else values[form.stamp[0]] * form.stamp[1]
-            )
-            at += form.length
-
-    def _format_at(self, at: int) -> Format | None:
+    def format_at(at: int) -> Format | None:
         """Return the format of the record at an offset; None without a whole record."""
-        if self._data[at : at + 2] != MAGIC or at + _HEAD > self._size:
-            return None
-        form = self._formats.get(self._data[at + 2])
-        return form if form is not None and at + form.length <= self._size else None
+        form = formats.get(data[at + 2]) if at + _HEAD <= size else None
+        whole = form is not None and data[at : at + 2] == MAGIC and at + form.length <= size
+        return form if whole else None
 
-    def _is_followed(self, end: int) -> bool:
+    def is_followed(end: int) -> bool:
         """Return whether a record or the end of the log follows at an offset; the second magic byte may be missing."""
-        return MAGIC.startswith(self._data[end : end + 2])
+        return MAGIC.startswith(data[end : end + 2])
 
-    def _next(self, first: int, last: int) -> int | None:
+    def after(first: int, last: int) -> int | None:
         """Return the offset of the next record that another record or the end of the log follows; None without one."""
         at = first - 1
-        while (at := self._data.find(MAGIC, at + 1, min(last + 1, self._size))) >= 0:
-            form = self._format_at(at)
-            if form is not None and self._is_followed(at + form.length):
+        while (at := data.find(MAGIC, at + 1, min(last + 1, size))) >= 0:
+            form = format_at(at)
+            if form is not None and is_followed(at + form.length):
                 return at
         return None
+
+    while at < size:
+        form = format_at(at)
+        # the next one may be damaged, unless a sound one begins in this one
+        if form is None or not (
+            is_followed(at + form.length) or after(at + 1, at + form.length) is None
+        ):
+            following = after(at + 1, size)
+            what = "bad bytes, or records of an unknown type, skipped"
+            if following is None:
+                what = "at the end: a truncated record or bad bytes, skipped"
+            end = size if following is None else following
+            statistics.lose(what, at, end - at)
+            at = end
+            continue
+        values = form.layout.unpack_from(data, at + _HEAD) if form.layout is not None else ()
+        if form is FMT and (new := _declared(values)) and new.type != _FMT_TYPE:
+            formats[new.type] = new
+        stamp = form.stamp
+        yield Record(form, values, None if stamp is None else values[stamp[0]] * stamp[1])
+        at += form.length
 
 
 class DataflashReader(LogFile):
@@ -233,7 +220,7 @@ class DataflashReader(LogFile):
 
     def _records(self, statistics: ReadStatistics) -> Iterator[Record]:
         with self._opened() as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            yield from _Walk(data, statistics).records()
+            yield from _records(data, statistics)
 
     def _fit_clock(self) -> tuple[ClockFit | None, int, tuple[str, ...]]:
         """Return the clock fitted to the log's GPS time, the log's first stamp [microseconds], and notes."""
@@ -286,18 +273,12 @@ class _Stamps:
 
     def notes(self) -> tuple[str, ...]:
         """Return notes for the user."""
-        notes = (
-            (
-                self._backward,
-                f"{self._backward} stamps go backwards, by up to {self._most_us / 1000:.3f} ms",
-            ),
-            (
-                self._impossible,
-                f"{self._impossible} records with an impossible stamp were given the time of the record before",
-            ),
-            (self._spikes, spikes_note(self._spikes)),
-        )
-        return tuple(note for count, note in notes if count)
+        back = f"stamps go backwards, by up to {self._most_us / 1000:.3f} ms"
+        odd = "records with an impossible stamp were given the time of the record before"
+        notes = [
+            f"{n} {what}" for n, what in ((self._backward, back), (self._impossible, odd)) if n
+        ]
+        return (*notes, *([spikes_note(self._spikes)] if self._spikes else []))
 
 
 def _text(value: bytes) -> str:

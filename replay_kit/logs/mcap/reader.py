@@ -13,11 +13,10 @@ from mcap.records import Attachment, Header, Metadata
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message, RawMessage
-from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, explain
+from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, Channels, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
-from replay_kit.logs.mcap.channels import Channels
 from replay_kit.logs.mcap.chunk import Part, Row
-from replay_kit.logs.mcap.index import disordered, overview_of, problem_of, slices
+from replay_kit.logs.mcap.index import disordered, in_time, overview_of, problem_of
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     MAGIC,
@@ -26,9 +25,9 @@ from replay_kit.logs.mcap.records import (
     Record,
     file_records,
     parse,
+    read_summary,
 )
 from replay_kit.logs.mcap.scan import Scan
-from replay_kit.logs.mcap.summary import read_summary
 from replay_kit.logs.reader import LogFile, OnExtra
 from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
 from replay_kit.logs.shared.clock import header_stamp
@@ -124,14 +123,13 @@ class McapReader(LogFile):
             on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
             scan = Scan(file, summary, channels, self.statistics, on_record)
             window_ns = round(self._config.reorder_window * 1e9)
-            held = None if problem_of(summary) else disordered(file, summary, window_ns)
-            if held is None:
-                parts = scan.parts()
-            else:
-                for record in file_records(file, len(MAGIC), size):
+            counts = None if problem_of(summary) else disordered(file, summary, window_ns)
+            parts = scan.parts()
+            if counts is not None:
+                parts = in_time(file, summary.chunks, counts, self.statistics)
+                for record in file_records(file, len(MAGIC), size) if on_extra else ():
                     if record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
                         scan.pass_on(record)
-                parts = slices(file, held, self.statistics)
             for part in parts:
                 yield channels, part
 

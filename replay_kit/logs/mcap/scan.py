@@ -1,15 +1,29 @@
-"""Scan of an MCAP file: messages in parts, in file order; damage is counted and skipped."""
+"""Scan of an MCAP file: messages in parts, in file order; damage is counted and skipped.
+
+After damage reading goes on at the next chunk that the summary lists. Without a summary it does at the next chunk whose checksum fits.
+"""
 
 import os
-from collections.abc import Callable, Generator, Iterator
+import re
+import struct
+from collections.abc import Callable, Generator, Iterator, Mapping
+from mmap import ACCESS_READ, mmap
 from typing import BinaryIO
 
 import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
 
-from replay_kit.logs.mcap.channels import Channels
-from replay_kit.logs.mcap.chunk import Part, walk
+from replay_kit.logs.decode.decoders import Channels
+from replay_kit.logs.mcap.chunk import (
+    CHUNK_HEAD,
+    SHORTEST,
+    Opened,
+    Part,
+    open_chunk,
+    own_length,
+    walk,
+)
 from replay_kit.logs.mcap.records import (
     HEAD_SIZE,
     INNER,
@@ -17,16 +31,23 @@ from replay_kit.logs.mcap.records import (
     RECORD_ERRORS,
     RECORD_HEAD,
     Record,
+    Summary,
     file_records,
+    index_entries,
     parse,
 )
-from replay_kit.logs.mcap.salvage import Salvage
-from replay_kit.logs.mcap.summary import Summary
 from replay_kit.logs.shared.blocks import ReadStatistics
 
 #: Bytes of messages outside chunks that are a part.
 _PART = 1 << 20
-_IN_CHUNKS = INNER | {int(Opcode.CHUNK)}
+#: Opcode of a chunk and a length below 4 GiB.
+_CANDIDATE = re.compile(rb"\x06(?=.{4}\x00{4})", re.DOTALL)
+#: Bytes of candidates that are decompressed or checked, by the file's size: sound files compress to a fiftieth at most.
+_COST = 64
+#: Lengths of bodies of kinds of fixed length; a later version of the format may append some bytes.
+_FIXED: Mapping[int, int] = {Opcode.FOOTER: 20, Opcode.SUMMARY_OFFSET: 17, Opcode.DATA_END: 4}
+_SPARE = 40
+_INDEX_HEAD, _SPAN = struct.Struct("<HI"), struct.Struct("<QQ")
 
 
 class Scan:
@@ -53,25 +74,19 @@ class Scan:
             statistics: Statistics that count losses and unchecked records.
             on_extra: Called with each whole attachment (without body) and metadata record; an exception of ``RECORD_ERRORS`` is a loss.
         """
-        self._file = file
-        self._statistics = statistics
-        self._on_extra = on_extra
+        self._file, self._summary, self.channels = file, summary, channels
+        self._statistics, self._on_extra = statistics, on_extra
         self._size = os.fstat(file.fileno()).st_size
-        self._summary = summary
-        self.channels = channels
         self._position = 0
-        self._lost = 0
-        self._lost_all_known = True
-        self._damaged = False
-        self._outside = bytearray()
-        self._n_outside = 0
-        self._ended = False
-        self._verified = False
+        # None where their number is not known
+        self._lost: int | None = 0
+        self._damaged = self._ended = self._verified = False
+        self._outside, self._n_outside = bytearray(), 0
+        self._chunked = bool(summary.chunks)
         self._search_from = len(MAGIC)
-        self._chunked = bool(self._summary.chunks)
-        self._salvage = Salvage(file, self._size, self._summary)
-        if self._summary.problem:
-            what = f"{self._summary.problem}: the index is ignored, the file is scanned"
+        self._left = _COST * self._size
+        if summary.problem:
+            what = f"{summary.problem}: the index is ignored, the file is scanned"
             statistics.lose(what, self._size, 0, messages=0)
 
     def parts(self) -> Iterator[Part]:
@@ -81,52 +96,8 @@ class Scan:
             offset = yield from self._read_from(offset)
             yield from self._from_outside()
         if self._n_outside and not self._verified:
-            self._statistics.unchecked["messages outside chunks, without a checksum"] += (
-                self._n_outside
-            )
-
-    def _lose(
-        self,
-        what: str,
-        start: int,
-        end: int,
-        messages: int | None = 0,
-        span: tuple[int, int] | None = None,
-    ) -> None:
-        self._damaged = True
-        if messages is None:
-            self._lost_all_known = False
-        else:
-            self._lost += messages
-        self._statistics.lose(what, start, end - start, messages=messages, span=span)
-
-    def _read_from(self, start: int) -> Generator[Part, None, int | None]:
-        """Yield messages up to the end or to damage; return the offset at which reading resumes, or None."""
-        self._search_from = start + 1
-        for record in file_records(self._file, start, self._size, self._summary.next_offset):
-            is_chunk = record.opcode == Opcode.CHUNK or self._summary.chunk_at(record.offset)
-            if is_chunk or record.opcode != Opcode.MESSAGE:
-                yield from self._from_outside()
-            in_index = record.whole and self._summary.in_index(record.offset)
-            if in_index and record.opcode in _IN_CHUNKS:
-                what = "a record of a chunk's index is damaged and ignored"
-                self._lose(what, record.offset, record.end)
-            elif is_chunk or not self._salvage.is_sound(record):
-                if (after := (yield from self._chunk(record))) != record.end:
-                    return after
-            elif record.opcode == Opcode.MESSAGE:
-                yield from self._outside_chunks(record)
-            elif record.opcode in INNER:
-                self._declare(record.opcode, record.body, record.offset, not self._chunked)
-            elif record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
-                self.pass_on(record)
-            else:
-                self._check(record)
-                if record.opcode == Opcode.FOOTER:
-                    return None
-            # should no record follow, the next one may begin within this one
-            self._search_from = max(self._search_from, record.offset + 1)
-        return None
+            what = "messages outside chunks, without a checksum"
+            self._statistics.unchecked[what] += self._n_outside
 
     def pass_on(self, record: Record) -> None:
         """Pass an attachment or metadata record to ``on_extra``; its errors are losses."""
@@ -137,57 +108,149 @@ class Scan:
             what = f"an attachment or metadata record is damaged and excluded: {error}"
             self._lose(what, record.offset, record.end)
 
+    def _lose(
+        self,
+        what: str,
+        start: int,
+        end: int,
+        messages: int | None = 0,
+        span: tuple[int, int] | None = None,
+    ) -> None:
+        self._damaged = True
+        self._lost = None if self._lost is None or messages is None else self._lost + messages
+        self._statistics.lose(what, start, end - start, messages=messages, span=span)
+
+    def _read_from(self, start: int) -> Generator[Part, None, int | None]:
+        """Yield messages up to the end or to damage; return the offset at which reading goes on, or None."""
+        for record in file_records(self._file, start, self._size, self._summary.next_offset):
+            if record.opcode != Opcode.MESSAGE:
+                yield from self._from_outside()
+            if self._is_chunk(record) or not self._is_sound(record):
+                if (after := (yield from self._chunk(record))) != record.end:
+                    return after
+            elif record.opcode == Opcode.MESSAGE:
+                self._n_outside += 1
+                self._outside += RECORD_HEAD.pack(record.opcode, len(record.body)) + record.body
+                if len(self._outside) > _PART:
+                    yield from self._from_outside()
+            elif record.opcode in INNER:
+                self._declare(record.opcode, record.body, record.offset, not self._chunked)
+            elif record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
+                self.pass_on(record)
+            else:
+                self._check(record)
+                if record.opcode == Opcode.FOOTER:
+                    return None
+        return None
+
+    def _is_chunk(self, record: Record) -> bool:
+        return record.opcode == Opcode.CHUNK or self._summary.chunk_at(record.offset) is not None
+
+    def _is_sound(self, record: Record) -> bool:
+        """Return whether a record is whole, of its kind's length, and no chunk with another opcode."""
+        length = record.end - record.offset - HEAD_SIZE
+        if not record.whole:
+            return False
+        if record.opcode == Opcode.MESSAGE:
+            # in a file of chunks it would have no checksum, and is what damage made
+            return length >= SHORTEST and not self._chunked
+        if record.opcode == Opcode.MESSAGE_INDEX:
+            listed = _INDEX_HEAD.unpack_from(record.body)[1] if length >= _INDEX_HEAD.size else -1
+            return 0 <= length - _INDEX_HEAD.size - listed < _SPARE
+        if record.opcode == Opcode.FOOTER and record.end + len(MAGIC) < self._size:
+            return False
+        fits = length <= _FIXED.get(record.opcode, length) + _SPARE
+        return fits and self._own_chunk(record.offset) is None
+
     def _chunk(self, record: Record) -> Generator[Part, None, int | None]:
-        """Yield the messages of a chunk; return its end, or the offset at which reading resumes after damage, or None."""
-        try:
-            chunk, contents = self._salvage.chunk_of(record)
-            part, declared = walk(contents, chunk)
-        except RECORD_ERRORS as error:
-            return self._skip(record, error)
+        """Yield the messages of a chunk; return its end, or the offset at which reading goes on after damage, or None."""
+        opened: Opened | None = None
+        problem: Exception = ValueError("its head is damaged")
+        if record.whole and record.opcode == Opcode.CHUNK:
+            try:
+                opened = open_chunk(record.body)
+            except RECORD_ERRORS as error:
+                problem = error
+        opened = opened or self._own_chunk(record.offset)
+        if opened is None:
+            return self._skip(record, problem)
         self._chunked = True
-        for opcode, begin, stop in declared:
-            self._declare(opcode, contents[begin:stop], record.offset)
-        if chunk.crc == 0:
+        for opcode, body in opened.declared:
+            self._declare(opcode, body, record.offset)
+        if not opened.is_checked:
             self._statistics.unchecked["chunks without a checksum"] += 1
-        yield from self._counted(part)
-        end = record.offset + HEAD_SIZE + chunk.length
-        if end == record.end and record.opcode == Opcode.CHUNK:
-            self._search_from = end
-            return end
-        what = "the opcode or length of a chunk is damaged; its checksum fits, and all its messages are used"
-        self._lose(what, record.offset, record.offset + HEAD_SIZE)
-        if record.whole and self._salvage.begins_chain(record.end):
-            return record.end
-        if self._salvage.begins_chain(end):
-            return end
-        resume = self._salvage.resume(record, record.offset + 1, False)
-        self._lose("bad bytes after a chunk", end, max(end, resume or self._size), None)
-        return resume
+        yield from self._counted(opened.part)
+        end = self._search_from = record.offset + HEAD_SIZE + opened.length
+        if end != record.end or record.opcode != Opcode.CHUNK:
+            what = "the opcode or length of a chunk is damaged; its checksum fits, and all its messages are used"
+            self._lose(what, record.offset, record.offset + HEAD_SIZE)
+        return end
+
+    def _own_chunk(self, offset: int) -> Opened | None:
+        """Return the chunk with messages that begins at an offset by its own statements; None without a sound one."""
+        self._file.seek(offset + HEAD_SIZE)
+        try:
+            # the longest name of a compression has four bytes
+            head = self._file.read(CHUNK_HEAD + 4)
+            length = own_length(head)
+            cost = length + int.from_bytes(head[16:24], "little")
+            if offset + HEAD_SIZE + length > self._size or cost > self._left:
+                return None
+            self._left -= cost
+            self._file.seek(offset + HEAD_SIZE)
+            opened = open_chunk(self._file.read(length))
+        except RECORD_ERRORS:
+            return None
+        return opened if opened.part.offset.size else None
 
     def _skip(self, record: Record, error: Exception) -> int | None:
-        """Count a damaged record; return the offset at which reading resumes, or None."""
-        listed = self._summary.chunk_at(record.offset)
-        self._chunked = self._chunked or record.opcode == Opcode.CHUNK
+        """Count a damaged record; return the offset at which reading goes on, or None."""
         if record.offset == self._size:
-            self._lose(
-                "ends without a footer: everything before is used", self._size, self._size, None
-            )
+            what = "ends without a footer: everything before is used"
+            self._lose(what, self._size, self._size, None)
             return None
-        resume = self._salvage.resume(record, self._search_from, not self._chunked)
-        is_chunk = listed is not None or (record.opcode == Opcode.CHUNK and record.whole)
-        messages = self._salvage.indexed_messages(record) if is_chunk else None
-        span = (
-            (listed.message_start_time, listed.message_end_time)
-            if listed is not None
-            else self._salvage.stated_span(record)
-        )
-        what = "cut inside a record, or no record begins here: everything before is used"
-        if is_chunk and record.whole:
-            what = f"chunk skipped: {error}"
+        is_chunk = self._is_chunk(record)
+        self._chunked = self._chunked or is_chunk
+        what, resume = f"chunk skipped: {error}", self._after(record)
+        if not (is_chunk and record.whole):
+            what = "cut inside a record, or no record begins here: everything before is used"
         on = "" if resume in (None, record.end) else f"; reading resumes at byte {resume}"
         end = self._size if resume is None else max(resume, record.offset)
-        self._lose(what + on, record.offset, end, messages, span)
+        self._lose(what + on, record.offset, end, *self._lost_in(record))
         return resume
+
+    def _lost_in(self, record: Record) -> tuple[int | None, tuple[int, int] | None]:
+        """Return the number of messages in a lost chunk by its index, and their span as it states it [ns]; None if unknown."""
+        listed = self._summary.chunk_at(record.offset)
+        count: int | None = None
+        if listed is None and record.whole and self._summary.chunks:
+            # a record of another kind, as all chunks are listed
+            return 0, None
+        if listed is not None:
+            numbers = listed.message_index_offsets
+            try:
+                count = sum(index_entries(self._file, each, listed).size for each in numbers)
+            except RECORD_ERRORS:
+                count = None
+        self._file.seek(record.offset + HEAD_SIZE)
+        head = self._file.read(_SPAN.size)
+        span = 0, 0
+        if listed is not None:
+            span = listed.message_start_time, listed.message_end_time
+        elif record.opcode == Opcode.CHUNK and len(head) == _SPAN.size:
+            span = _SPAN.unpack(head)
+        return count or None, span if 0 < span[1] >= span[0] else None
+
+    def _after(self, record: Record) -> int | None:
+        """Return the end of a whole chunk, else the offset of the next one, else of what the summary lists next; None without any."""
+        if record.whole and self._is_chunk(record):
+            return record.end
+        following = self._summary.next_offset(record.offset)
+        if self._summary.chunks:
+            return following
+        data = mmap(self._file.fileno(), 0, access=ACCESS_READ)
+        places = (match.start() for match in _CANDIDATE.finditer(data, self._search_from))
+        return next((place for place in places if self._own_chunk(place)), following)
 
     def _counted(self, part: Part) -> Iterator[Part]:
         """Yield a part with the ordinals of its messages, if any."""
@@ -195,13 +258,6 @@ class Scan:
             ordinal = self._position + np.arange(n)
             self._position += n
             yield part._replace(ordinal=ordinal)
-
-    def _outside_chunks(self, record: Record) -> Iterator[Part]:
-        """Collect a message outside chunks; yield the collected ones if they are many."""
-        self._n_outside += 1
-        self._outside += RECORD_HEAD.pack(record.opcode, len(record.body)) + record.body
-        if len(self._outside) > _PART:
-            yield from self._from_outside()
 
     def _from_outside(self) -> Iterator[Part]:
         """Yield the collected messages outside chunks."""
@@ -231,9 +287,9 @@ class Scan:
                 if stated not in (0, record.crc) and not self._damaged:
                     what = "the checksum of the data section does not match: messages outside chunks may be wrong"
                     self._lose(what, at, at)
-            elif record.opcode == Opcode.STATISTICS:
+            elif record.opcode == Opcode.STATISTICS and self._lost is not None:
                 count = parse(Statistics, record.body).message_count
-                if self._lost_all_known and count != self._position + self._lost:
+                if count != self._position + self._lost:
                     missing = max(0, count - self._position - self._lost)
                     what = f"the file states {count} messages, {self._position} were found"
                     self._lose(what, at, at, None if self._summary.problem else missing)

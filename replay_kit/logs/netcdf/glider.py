@@ -22,7 +22,7 @@ from replay_kit.logs.netcdf.currents import (
 from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import FIX, location_fix
+from replay_kit.logs.shared.payloads import FIX, fix_entries, location_fix
 
 _DECIMATED_NS = 60 * 1_000_000_000
 # m; samples of one time that lie farther apart have no depth of their own
@@ -76,20 +76,13 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
     # at one time a position comes before the velocities measured there
     return lambda: (
         chain(
-            _fixes(fixes),
+            fix_entries(fixes),
             _positions(samples, means, fixes, dialect),
             ((mean.end.time_ns, "/dac", _DAC, mean.payload | of) for mean in means),
             pings,
         ),
         *(_instrument(topic, samples) for topic in _INSTRUMENTS),
     )
-
-
-def _fixes(fixes: Table) -> Iterator[Entry]:
-    columns = (column.tolist() for column in fixes.values())
-    for time_ns, longitude, latitude, error in zip(*columns, strict=True):
-        fix = location_fix(time_ns, longitude, latitude, 0.0, False, error)
-        yield time_ns, "/vehicle/fix", FIX, fix
 
 
 def _positions(

@@ -10,10 +10,9 @@ from replay_kit.core.message import Loss, Message
 from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Told
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
-from replay_kit.logs.netcdf.pings import PINGS
-from replay_kit.logs.netcdf.rows import ROWS, require_no_grid
 from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
 from replay_kit.logs.netcdf.text import form_of, open_text
+from replay_kit.logs.netcdf.unknown import PINGS, ROWS, require_no_grid
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.blocks import ReadStatistics

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -32,8 +32,8 @@ class ReadStatistics:
         self.notes: tuple[str, ...] = ()
         self._undecodable: dict[str, tuple[int, str]] = {}
         self._losses: list[Loss] = []
-        self._further: Loss | None = None
-        self._n_further = 0
+        #: Of damage that is not listed: places, first offset, bytes.
+        self._further = [0, 0, 0]
 
     def undecodable(self, topic: str, reason: str, messages: int = 1) -> None:
         """Count undecodable messages; the first reason of a topic is kept."""
@@ -68,10 +68,8 @@ class ReadStatistics:
         if len(self._losses) < MAX_LOSSES:
             self._losses.append(loss)
             return
-        self._n_further += 1
-        self._further = _sum(
-            self._further or replace(loss, bytes=0, messages=0), loss, self._n_further
-        )
+        places, first, total = self._further
+        self._further = [places + 1, first or offset, total + size]
 
     def report(self, path: str, format_name: str) -> LogReport:
         """Return the counts as a report.
@@ -80,30 +78,19 @@ class ReadStatistics:
             path: Path of the log.
             format_name: As in ``LogReport.format``.
         """
+        places, first, total = self._further
+        words = f"{places} further damaged places, not listed one by one"
+        further = (Loss(words, first, total),) if places else ()
         return LogReport(
             path=path,
             format=format_name,
             read=dict(self.read),
             undecodable=dict(self._undecodable),
-            losses=(*self._losses, *([self._further] if self._further else [])),
+            losses=(*self._losses, *further),
             without_stamp=self.without_stamp,
             unchecked=dict(self.unchecked),
             notes=self.notes,
         )
-
-
-def _sum(total: Loss, loss: Loss, places: int) -> Loss:
-    """Return the sum of two losses; figures unknown in either are unknown."""
-    return Loss(
-        f"{places} further damaged places, not listed one by one",
-        total.offset,
-        total.bytes + loss.bytes,
-        None if total.messages is None or loss.messages is None else total.messages + loss.messages,
-        None
-        if total.first_ns is None or loss.first_ns is None
-        else min(total.first_ns, loss.first_ns),
-        None if total.last_ns is None or loss.last_ns is None else max(total.last_ns, loss.last_ns),
-    )
 
 
 _SIZE = 4096

@@ -3,13 +3,10 @@
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from replay_kit.core.arrays import Array
 
 PING, FIX = "replay_kit.AdcpPing", "foxglove.LocationFix"
 _NS = 1_000_000_000
@@ -63,30 +60,18 @@ def location_fix(
     }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Positions:
-    """Fixes of a vehicle at the surface.
+def fix_entries(
+    columns: Mapping[str, NDArray[Any]],
+) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
+    """Yield time, topic, schema and payload of each fix at the surface.
 
-    Attributes:
-        time_ns: shape (n,) [ns, UTC], increasing.
-        longitude: shape (n,) [degrees east].
-        latitude: shape (n,) [degrees north].
-        error: shape (n,) [m], standard error of each component; NaN if unknown.
+    Args:
+        columns: ``time`` [ns, UTC], ``longitude``, ``latitude`` [degrees], ``error`` of each component [m], NaN if unknown; shape (n,).
     """
-
-    time_ns: NDArray[np.int64]
-    longitude: Array
-    latitude: Array
-    error: Array
-
-    def entries(self) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
-        """Yield time, topic, schema and payload of each fix."""
-        columns = (self.time_ns, self.longitude, self.latitude, self.error)
-        for time_ns, longitude, latitude, error in zip(
-            *(column.tolist() for column in columns), strict=True
-        ):
-            fix = location_fix(time_ns, longitude, latitude, 0.0, False, error)
-            yield time_ns, "/vehicle/fix", FIX, fix
+    held = (columns[name].tolist() for name in ("time", "longitude", "latitude", "error"))
+    for time_ns, longitude, latitude, error in zip(*held, strict=True):
+        fix = location_fix(time_ns, longitude, latitude, 0.0, False, error)
+        yield time_ns, "/vehicle/fix", FIX, fix
 
 
 # not within names, such as VelocityBeam1

@@ -11,8 +11,8 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Fix, LinearMeasurement, Observation, PathMean
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.logs.netcdf.pings import TOPIC, Asked, ping_of, profiles_in_memory
 from replay_kit.logs.netcdf.surface import RADAR
+from replay_kit.logs.netcdf.unknown import TOPIC, Asked, ping_of, profiles_in_memory
 from replay_kit.logs.netcdf.variables import Stored
 from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
 from replay_kit.workflows.library.parts import dataset_of, is_table

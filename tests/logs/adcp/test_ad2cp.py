@@ -10,8 +10,7 @@ import pytest
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
-from replay_kit.logs.adcp.bottom_track import NOT_FOUND, bottom_tracks
-from replay_kit.logs.adcp.frames import scan
+from replay_kit.logs.adcp.bottom_track import NOT_FOUND
 from tests.logs.adcp import ad2cp_samples as samples
 from tests.logs.adcp.ad2cp_samples import Survey
 from tests.logs.adcp.raw_adcp_samples import adcp_messages, nortek_record, write
@@ -52,20 +51,34 @@ def test_the_platforms_velocity_is_minus_that_of_the_bottom(tmp_path, system, bo
         )
 
 
-def test_velocities_have_the_scaling_of_their_record_and_begin_where_it_says():
+def test_velocities_have_the_scaling_of_their_record_and_begin_where_it_says(tmp_path):
     survey = Survey(scaling=-4)
-    data = (
-        samples.text()
-        + samples.bottom(survey, 0, offset=82)
-        + samples.bottom(replace(survey, scaling=-3), 1)
-    )
-    tracks, unused = bottom_tracks(data, scan(data))
-    assert (list(tracks), unused) == (["beam"], {})
+    parts = [samples.burst(survey, 0), samples.bottom(survey, 0, offset=82)]
+    parts += [samples.burst(survey, 9), samples.bottom(replace(survey, scaling=-3), 9)]
+    pings, _ = adcp_messages(write(tmp_path, samples.text() + b"".join(parts)))
     expected = samples.in_system(survey, -np.array(survey.platform), "beam")
-    np.testing.assert_allclose(tracks["beam"].velocity[0], expected, atol=0.00005)
-    np.testing.assert_allclose(tracks["beam"].velocity[1], expected, atol=0.0005)
-    start_ns = int(samples.START.timestamp()) * 10**9 + 120_000_000
-    assert tracks["beam"].time_ns.tolist() == [start_ns, start_ns + 10**9]
+    for ping, atol in zip(pings, (0.00005, 0.0005), strict=True):
+        velocity = ping.payload["bottom_track"]["velocity"]
+        np.testing.assert_allclose(velocity, expected, atol=atol)
+
+
+def test_bottom_tracks_that_cannot_be_used_are_counted(tmp_path):
+    body = samples.bottom(Survey(), 0)[10:]
+    none = body[:2] + b"\x00\x00" + body[4:]
+    cases = {
+        "bottom track of 77 bytes, 78 are needed": body[:77],
+        "bottom track shorter than its configuration says": body[:-1],
+        "bottom track without velocities, or in unknown coordinates": none,
+        "bottom track without a time": body[:9] + b"\x0c" + body[10:],
+        "bottom track in coordinates that cannot be turned to those of the pings": samples.bottom(
+            Survey(bottom_system="earth"), 0
+        )[10:],
+    }
+    for why, content in cases.items():
+        record = nortek_record(samples.BOTTOM, content)
+        log = open_log(write(tmp_path, samples.text() + samples.burst(Survey(), 0) + record))
+        assert {m.payload["bottom_track"] for m in log.messages()} == {None}
+        assert log.report().undecodable == {"/adcp/bottom_track": (1, why)}
 
 
 def test_a_beam_that_found_no_bottom_is_left_out(tmp_path):
@@ -114,25 +127,6 @@ def test_a_bottom_track_belongs_to_the_ping_beside_it(tmp_path):
     ]
     assert along[0] == along[1] == pytest.approx(along[2] / 2, abs=0.001)
     assert along[2] == along[3]
-
-
-def test_bottom_tracks_that_cannot_be_used_are_counted(tmp_path):
-    log = open_log(write(tmp_path, samples.ad2cp(Survey(system="beam", bottom_system="earth"))))
-    assert {m.payload["bottom_track"] for m in log.messages()} == {None}
-    why = "bottom track in coordinates that cannot be turned to those of the pings"
-    assert log.report().undecodable == {"/adcp/bottom_track": (5, why)}
-    body = bytearray(samples.bottom(Survey(), 0)[10:])
-    cases = {
-        "bottom track of 77 bytes, 78 are needed": body[:77],
-        "bottom track shorter than its configuration says": body[:-1],
-        "bottom track without velocities, or in unknown coordinates": body[:2]
-        + b"\x00\x00"
-        + body[4:],
-        "bottom track without a time": body[:9] + b"\x0c" + body[10:],
-    }
-    for why, content in cases.items():
-        data = samples.text() + nortek_record(samples.BOTTOM, bytes(content))
-        assert bottom_tracks(data, scan(data)) == ({}, {why: 1})
 
 
 def test_one_whole_ping_of_a_cut_file_is_read(tmp_path):

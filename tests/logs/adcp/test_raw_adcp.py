@@ -2,24 +2,17 @@
 
 import struct
 import sys
-import time
 from datetime import timedelta
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 
-from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.observation import Flag
 from replay_kit.logs import open_log
 from replay_kit.logs.adcp.frames import AD2CP_TEXT, scan
-from replay_kit.logs.adcp.profiles import raw_profiles
-from replay_kit.logs.adcp.reader import clock_offset_ns, declination_deg
+from replay_kit.logs.adcp.gps import clock_offset, declination_at
 from replay_kit.measurements import observations
-from replay_kit.workflows.info.inspect import inspect_logs
 from tests.logs.adcp import raw_adcp_samples as samples
 from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, write
 from tests.reference.adcp_records import slow_records
@@ -78,45 +71,6 @@ def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
     np.testing.assert_allclose(profiles[15].velocity[:10], np.tile([0.6, -0.3], (10, 1)), atol=0.02)
 
 
-def test_a_bottom_that_too_few_beams_found_leaves_the_velocity_to_the_gps(tmp_path):
-    messages = [
-        m._replace(
-            payload={
-                **m.payload,
-                "bottom_track": {**m.payload["bottom_track"], "velocity": [0.1, None, None, 0.1]},
-            }
-        )
-        if m.topic == "/adcp"
-        else m
-        for m in open_log(write(tmp_path, samples.pd0(Survey()))).messages()
-    ]
-    profile = list(observations(messages))[15]
-    assert profile.platform_velocity == pytest.approx((1.5, 0.8), abs=3.0 * profile.common_std)
-
-
-def test_a_file_with_neither_says_why_it_is_not_used(tmp_path):
-    path = write(tmp_path, samples.pd0(Survey(bottom_track=False, gps=False)))
-    info = inspect_logs([path], RunConfig(measurements=MeasurementConfig(use_relative=False)))[0]
-    assert info.not_used == {
-        "/adcp": {"velocity relative to the platform, whose motion is unknown": 30}
-    }
-
-
-def test_a_magnetic_heading_without_a_declination_is_refused_until_one_is_given(tmp_path):
-    path = write(tmp_path, samples.pd0(Survey(gps=False)))
-    (reason,) = inspect_logs([path], RunConfig())[0].not_used["/adcp"]
-    assert "measurements.magnetic_declination" in reason
-    stated = RunConfig(measurements=MeasurementConfig(magnetic_declination=15.8))
-    (reason,) = inspect_logs([path], stated)[0].not_used["/adcp"]
-    assert reason == "no position within 600 s"
-
-
-def test_cells_that_the_bottom_spoils_are_flagged(tmp_path):
-    flags = _profiles(tmp_path, Survey(bottom=9.0, pitch=0.0, roll=0.0))[15].flags
-    # the side lobe comes back from 9 m * cos(20 degrees) = 8.46 m: the cell centred at 7 m ends above it, that at 8 m does not
-    assert flags.tolist() == [Flag.GOOD] * 6 + [Flag.FAIL] * 6
-
-
 def test_gps_sets_the_clock_right_over_midnight(tmp_path):
     pings, fixes = adcp_messages(write(tmp_path, samples.pd0(Survey())))
     assert pings[3].payload["clock_offset"] == samples.CLOCK_BEHIND.total_seconds()
@@ -159,75 +113,6 @@ def test_without_mhkit_the_extra_is_named(tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(LogError, match=r"pip install 'replay-kit\[adcp\]'"):
         open_log(write(tmp_path, samples.pd0(Survey(n=2))))
-
-
-def _nortek_dataset(**attributes: Any):
-    """Return what MHKiT makes of the averaging mode of a Nortek in earth coordinates: two pings of two cells."""
-    time = np.array(["2024-05-01T00:00:00.1234", "2024-05-01T00:10:00"], "datetime64[ns]")
-    velocity = np.array(
-        [
-            [[0.1, 0.2], [0.3, -32.768]],
-            [[0.4, 0.5], [0.6, 0.7]],
-            [[0.01, 0.02], [0.03, 0.04]],
-            [[0.03, 0.02], [0.01, 0.0]],
-        ]
-    )
-    beams = np.linalg.inv(
-        np.array([[0.5, 0, 0.8, 0], [0, -0.5, 0, 0.8], [-0.5, 0, 0.8, 0], [0, 0.5, 0, 0.8]])
-    )
-    names = {
-        "heading_avg": -90.0,
-        "pitch_avg": 1.0,
-        "roll_avg": 2.0,
-        "temp_avg": 12.0,
-        "c_sound_avg": 1490.0,
-        "pressure_avg": 100.0,
-    }
-    variables = {
-        "vel_avg": (("dir", "range_avg", "time_avg"), velocity),
-        "status_avg": (("time_avg",), np.array([1, 0])),
-        "beam2inst_orientmat": (("x1", "x2"), beams),
-        **{name: (("time_avg",), np.full(2, value)) for name, value in names.items()},
-    }
-    settings = {
-        "inst_make": "Nortek",
-        "coord_sys": "earth",
-        "orientation": "down",
-        "cell_size_avg": 4.0,
-    }
-    return xr.Dataset(
-        variables,
-        {"time_avg": time, "range_avg": [5.0, 9.0]},
-        {**settings, "filehead_config": '{"USER": {"DECL": 3.5}}', **attributes},
-    )
-
-
-def test_nortek_averages_in_earth_coordinates_have_one_vertical_and_a_true_heading():
-    profiles = raw_profiles(_nortek_dataset(), "_avg")
-    np.testing.assert_allclose(
-        profiles.per_ping["velocity"][0], [[0.1, 0.4, 0.02], [0.3, 0.6, 0.02]]
-    )
-    np.testing.assert_array_equal(
-        np.isnan(profiles.per_ping["velocity"][1]), [[False] * 3, [True, False, False]]
-    )
-    assert profiles.per_ping["heading"].tolist() == [270.0, 270.0]
-    # the second ping was skipped by the instrument
-    assert profiles.known.tolist() == [True, False]
-    assert profiles.time_ns[0] == 1_714_521_600_123_400_000
-    stated = {
-        "coordinate_system": "earth",
-        "declination_applied": True,
-        "magnetic_declination": 3.5,
-        "bin0_distance": 5.0,
-        "cell_size": 4.0,
-    }
-    assert stated.items() <= profiles.common.items()
-    np.testing.assert_allclose(np.linalg.norm(profiles.common["beam_unit_vectors"], axis=1), 1.0)
-
-
-def test_a_horizontal_instrument_is_refused():
-    with pytest.raises(LookupError, match="horizontal"):
-        raw_profiles(_nortek_dataset(orientation="horizontal"), "_avg")
 
 
 def _pd0_record(leader, filling, types=1):
@@ -296,25 +181,16 @@ def test_records_are_found_as_by_a_walk(magic):
         )
 
 
-def test_headers_that_claim_much_take_no_time_each():
-    """A megabyte of sound headers, each of a record of 65 kB that is not there; summed one by one they take two seconds."""
-    head = bytes([0xA5, 10, 0x15, 0x10, 0xFF, 0xFF, 0, 0])
-    begin = time.process_time()
-    assert scan((head + struct.pack("<H", samples.nortek_sum(head))) * 105_000) == ()
-    assert time.process_time() - begin < 0.8
-
-
 def test_a_clock_without_a_date_is_right_within_half_a_day():
-    gps, hour = np.arange(5) * SECOND, 3600 * SECOND
-    assert clock_offset_ns(gps, gps - 8 * hour, False) == 8 * hour
-    assert clock_offset_ns(gps, gps + 16 * hour, False) == 8 * hour
-    assert clock_offset_ns(gps, gps + 16 * hour, True) == -16 * hour
+    gps, hour = np.arange(5.0) * 1000.0, 3_600_000.0
+    for behind, dated, offset in ((8, False, 8), (-16, False, 8), (-16, True, -16)):
+        assert clock_offset(gps, gps - behind * hour, dated) == offset * hour
 
 
 def test_the_declination_is_that_of_the_time_and_none_before_2010():
     # the vessel of vmdas01_wh.ENX stated 15.8 degrees for this place and day
-    assert declination_deg(1_597_845_425 * SECOND, -123.04, 48.08) == pytest.approx(15.8, abs=0.1)
-    assert declination_deg(1_597_845_425 * SECOND, -123.04, 48.08) != declination_deg(
-        1_297_845_425 * SECOND, -123.04, 48.08
-    )
-    assert declination_deg(1_100_000_000 * SECOND, 0.0, 0.0) is None
+    day, earlier, before = (s * SECOND for s in (1_597_845_425, 1_297_845_425, 1_100_000_000))
+    stated = declination_at(day, -123.04, 48.08)
+    assert stated == pytest.approx(15.8, abs=0.1)
+    assert declination_at(earlier, -123.04, 48.08) not in (stated, None)
+    assert declination_at(before, 0.0, 0.0) is None

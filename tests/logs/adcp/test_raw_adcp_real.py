@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.observation import Flag
-from replay_kit.logs import open_log
-from replay_kit.measurements import observations
-from tests.logs.adcp.raw_adcp_samples import adcp_messages, write
+from tests.logs.adcp.raw_adcp_samples import adcp_messages
 from tests.measurements.turned import turned
 from tests.places import DATA, needs
 
@@ -64,32 +61,3 @@ def test_velocities_turn_to_earth_as_mhkit_turns_them(tmp_path, name, size, atol
     assert len(ours) >= 30
     for mine, other in zip(ours, theirs, strict=True):
         np.testing.assert_allclose(mine, other, atol=atol)
-
-
-@real
-@pytest.mark.parametrize(
-    ("name", "size", "agree"),
-    [("winriver01.PD0", None, 0.35), ("winriver02_transect.PD0", 300_000, 0.1)],
-)
-def test_bottom_track_and_gps_agree_on_the_river(tmp_path, name, size, agree):
-    """Water over ground by bottom track and by GPS are independent; in winriver01 the compass is 7 degrees off at 2 m/s."""
-    whole = list(open_log(write(tmp_path, (ADCP / name).read_bytes()[:size])).messages())
-    # every fifth ping is enough for a median
-    messages = [m for k, m in enumerate(whole) if m.topic != "/adcp" or k % 5 == 0]
-    blind = [
-        m._replace(
-            payload={**m.payload, "bottom_track": {**m.payload["bottom_track"], "velocity": None}}
-        )
-        if m.payload.get("bottom_track")
-        else m
-        for m in messages
-    ]
-    by_bottom, by_gps = (
-        _median_current(list(observations(source))) for source in (messages, blind)
-    )
-    assert np.hypot(*(by_bottom - by_gps)) < agree
-    assert 0.4 < np.hypot(*by_bottom) < 1.5
-
-
-def _median_current(profiles):
-    return np.median(np.concatenate([p.velocity[p.flags == Flag.GOOD] for p in profiles]), axis=0)

@@ -131,9 +131,6 @@ def _enumerations():
     [
         lambda: _file(message_type=[_kind("M"), *_types()]),
         lambda: _file(
-            message_type=[descriptor_pb2.DescriptorProto(name="M", nested_type=_types())]
-        ),
-        lambda: _file(
             message_type=[
                 descriptor_pb2.DescriptorProto(
                     name="M",
@@ -145,23 +142,15 @@ def _enumerations():
             message_type=[_kind("M")],
             service=[descriptor_pb2.ServiceDescriptorProto(name=name) for name in _NAMES],
         ),
-        lambda: _file(message_type=[_kind("M")], enum_type=_enumerations()),
         lambda: _file(message_type=[_Kind(name="M", enum_type=_enumerations())]),
     ],
-    ids=["types", "nested", "nested twice", "services", "enumerations", "nested enumerations"],
+    ids=["types", "nested twice", "services", "nested enumerations"],
 )
 def test_a_set_of_types_that_hold_nothing_is_refused(made):
     with pytest.raises(
         BudgetError, match="more types than 2048, or than one in 16 bytes of the descriptor set"
     ):
         protobuf_decoder(_schema(made()))
-
-
-def test_a_set_of_as_many_types_as_any_in_use_is_read():
-    types = [_kind(name, 1) for name in _NAMES[:1700]]
-    assert protobuf_decoder(_schema(_file(message_type=[_kind("M", 1), *types])))(b"\x08\x07") == {
-        "a1": 7
-    }
 
 
 @pytest.mark.parametrize(("lists", "numbers"), [(1023, 16), (1024, 15)])
@@ -178,11 +167,3 @@ def test_a_type_has_up_to_16384_fields_those_in_lists_each_time(lists, numbers):
             match="more than the 16384 fields that are read of one type and those in it",
         ):
             protobuf_decoder(schema)
-
-
-def test_lists_of_a_larger_type_call_its_function():
-    """As a display in each list, 1500 x 17 fields were too many."""
-    schema = _schema(_file(message_type=[_kind("M", 1500, ".t.B"), _kind("B", 17)]))
-    assert protobuf_decoder(schema)(b"\x0a\x02\x08\x07")["a1"] == [
-        {f"a{n}": 7 if n == 1 else 0 for n in range(1, 18)}
-    ]

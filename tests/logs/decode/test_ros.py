@@ -79,38 +79,34 @@ def agreed(ours, stock, some):
     return found
 
 
-def test_ros1_messages_are_those_of_the_stock_decoder():
+def _stock_ros1(text):
+    schema = Schema(id=1, name="p/A", encoding="ros1msg", data=text.encode())
+    return Ros1Factory().decoder_for("ros1", schema)
+
+
+@pytest.mark.parametrize(
+    ("others", "name", "stock_of", "orders", "least"),
+    [
+        (["time", "duration"], "p/A", _stock_ros1, [b""], 60),
+        (
+            [],
+            "p/msg/A",
+            lambda text: generate_dynamic("p/msg/A", text)["p/A"],
+            [b"\0\1\0\0", b"\0\0\0\0"],
+            120,
+        ),
+    ],
+    ids=["ROS 1", "ROS 2"],
+)
+def test_messages_are_those_of_the_stock_decoder(others, name, stock_of, orders, least):
     found = 0
     for seed in range(15):
         rng = np.random.default_rng(seed)
-        text = random_definition(rng, ["time", "duration"])
-        stock = Ros1Factory().decoder_for(
-            "ros1", Schema(id=1, name="p/A", encoding="ros1msg", data=text.encode())
-        )
-        found += agreed(
-            ros_decoder("p/A", text, cdr=False),
-            lambda data, stock=stock: plain(stock(data)),
-            payloads(rng),
-        )
-    assert found > 60
-
-
-def test_ros2_messages_are_those_of_the_stock_decoder():
-    found = 0
-    for seed in range(15):
-        rng = np.random.default_rng(seed)
-        text = random_definition(rng, [])
-        stock, ours = (
-            generate_dynamic("p/msg/A", text)["p/A"],
-            ros_decoder("p/msg/A", text, cdr=True),
-        )
-        for order in (b"\0\1\0\0", b"\0\0\0\0"):
-            found += agreed(
-                ours,
-                lambda data, stock=stock: plain(stock(data)),
-                [order + payload for payload in payloads(rng)],
-            )
-    assert found > 120
+        text = random_definition(rng, others)
+        stock, ours = stock_of(text), ros_decoder(name, text, cdr=len(orders) > 1)
+        some = [order + payload for order in orders for payload in payloads(rng)]
+        found += agreed(ours, lambda data, stock=stock: plain(stock(data)), some)
+    assert found > least
 
 
 def test_values_written_by_the_stock_writer_come_back():

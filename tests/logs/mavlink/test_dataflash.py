@@ -98,15 +98,6 @@ def test_times_are_utc_by_gps(tmp_path):
     assert "21 pairs, 1 outliers, residual 0.0 ms" in report.notes[0]
 
 
-def test_unwanted_records_are_counted_only(tmp_path):
-    messages, report = read_log(
-        tmp_path, b"".join(dataflash(5)), wanted=frozenset({"dataflash.POS"})
-    )
-    assert [m.schema for m in messages] == ["dataflash.POS"] * 5
-    assert report.read["dataflash/IMU"] == 5
-    assert np.diff([m.position for m in messages]).tolist() == [6] * 4
-
-
 def test_a_kind_declared_anew(tmp_path):
     old, new = form("CTUN"), form("MSG")
     other = type(old)(old.type, "CTUN", new.length, new.letters, new.columns)
@@ -147,12 +138,3 @@ def test_an_impossible_stamp_takes_the_time_before(tmp_path):
         "2 stamps go backwards, by up to 0.010 ms",
         "1 records with an impossible stamp were given the time of the record before",
     )
-
-
-def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path):
-    parts = dataflash(5)
-    sound = [m.time_ns for m in read_log(tmp_path, b"".join(parts))[0]]
-    parts[15] = parts[15][:8] + b"\x01" + parts[15][9:]
-    messages, report = read_log(tmp_path, b"".join(parts))
-    assert [m.time_ns for m in messages][-16:] == [sound[-15], *sound[-15:]]
-    assert report.notes[-1].startswith("1 outlier stamps were replaced")

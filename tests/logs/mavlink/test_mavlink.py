@@ -1,15 +1,12 @@
 """Telemetry logs: as pymavlink's own reader gives them, and what is bad is counted and stepped over."""
 
-import math
-
 import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.core.message import LogReport
 from replay_kit.logs import open_log
-from replay_kit.logs.mavlink.reader import TlogReader
-from tests.logs.log_samples import SHARED, attitude, json_mcap, read_log, tlog, tlog_entry
+from tests.logs.log_samples import SHARED, attitude, read_log, tlog, tlog_entry
 from tests.logs.mavlink.telemetry_samples import write_tlog
 from tests.places import SAMPLES, needs
 
@@ -42,26 +39,6 @@ def test_both_versions_come_back(tmp_path):
         (),
         unchecked={"stamps of frames": 10},
     )
-
-
-def test_text_arrays_and_nan(tmp_path):
-    values = [0.5, math.nan, *[0.0] * 56]
-    profile = dialect.MAVLink_debug_float_array_message(START, b"ADCP_E", 17, values)
-    text = dialect.MAVLink_statustext_message(6, b"hello")
-    messages, _ = read_log(
-        tmp_path, tlog_entry(START, profile, system=3, component=7) + tlog_entry(START + 1, text)
-    )
-    assert messages[0].topic == "mavlink/3/7/DEBUG_FLOAT_ARRAY"
-    payload = messages[0].payload
-    assert (payload["time_usec"], payload["name"], payload["array_id"], len(payload["data"])) == (
-        START,
-        "ADCP_E",
-        17,
-        58,
-    )
-    assert payload["data"][0] == 0.5
-    assert math.isnan(payload["data"][1])
-    assert messages[1].payload["text"] == "hello"
 
 
 def test_unwanted_frames_are_counted_only(tmp_path):
@@ -117,13 +94,6 @@ def test_a_damaged_stamp_does_not_make_all_that_follows_late(tmp_path, at):
     assert report.notes == ("1 outlier stamps were replaced by the following stamp",)
 
 
-def test_an_mcap_file_is_no_tlog(tmp_path):
-    file = tmp_path / "log"
-    file.write_bytes(json_mcap([1, 2]))
-    assert open_log(file).format == "mcap"
-    assert list(TlogReader(file).messages()) == []
-
-
 @needs(SMALL)
 def test_a_real_log_as_pymavlink_reads_it():
     reader = open_log(SMALL)
@@ -143,14 +113,6 @@ def test_a_real_log_as_pymavlink_reads_it():
         assert abs(mine.time_ns - time_us * 1000) < 1000
 
 
-@needs(SMALL)
-def test_a_real_log_in_part():
-    whole = list(open_log(SMALL).messages())
-    wanted = frozenset({"GLOBAL_POSITION_INT", "GPS_RAW_INT"})
-    part = list(open_log(SMALL, wanted=wanted).messages())
-    assert repr(part) == repr([m for m in whole if m.schema in wanted])
-
-
 def _slow_twin(path, count):
     """Read a log with pymavlink's own reader: (stamp in microseconds, message), bad data left out."""
     link = mavutil.mavlink_connection(str(path), dialect="ardupilotmega", zero_time_base=False)
@@ -167,17 +129,3 @@ def _slow_twin(path, count):
 def test_the_sample_of_telemetry_is_that_of_mcap(tmp_path):
     write_tlog(tmp_path / "made.tlog", open_log(SAMPLES / "glider.mcap").messages())
     assert (tmp_path / "made.tlog").read_bytes() == (SAMPLES / "glider.tlog").read_bytes()
-
-
-def test_pymavlink_reads_the_frames_of_pings_that_we_read():
-    log = mavutil.mavlink_connection(str(SAMPLES / "glider.tlog"), dialect="ardupilotmega")
-    theirs = []
-    while (message := log.recv_msg()) is not None:
-        theirs.append((message.get_type(), getattr(message, "array_id", None), message._timestamp))
-    log.close()
-    ours = [
-        (message.schema, message.payload.get("array_id"), message.time_ns * 1e-9)
-        for message in open_log(SAMPLES / "glider.tlog").messages()
-    ]
-    assert [one[:2] for one in ours] == [one[:2] for one in theirs]
-    assert max(abs(one[2] - other[2]) for one, other in zip(ours, theirs, strict=True)) < 1e-5

@@ -7,7 +7,6 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
-from replay_kit.logs.mavlink import clock as mavlink_clock
 from tests.logs.log_samples import SHARED, attitude, tlog_entry
 from tests.logs.log_samples import read_log as read
 from tests.places import needs
@@ -100,14 +99,6 @@ def test_messages_that_state_no_time_keep_the_recorders(tmp_path):
         (START - 5) * 1000,
     ]
     assert report.without_stamp == 2
-
-
-def test_a_long_log_keeps_a_bounded_number_of_pairs(tmp_path, monkeypatch):
-    everything = read(tmp_path, late_recorder(400), LogConfig(clock="header"))[0]
-    monkeypatch.setattr(mavlink_clock, "_MOST", 64)
-    thinned, report = read(tmp_path, late_recorder(400), LogConfig(clock="header"))
-    assert [m.time_ns for m in thinned] == [m.time_ns for m in everything]
-    assert len(report.notes) == 2
 
 
 def test_positions_of_several_systems_need_a_choice(tmp_path):

@@ -12,7 +12,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from replay_kit.logs import open_log
-from replay_kit.logs.mcap import channels as mcap_channels
+from replay_kit.logs.decode import decoders as mcap_channels
 from tests.logs.log_samples import SHARED
 from tests.places import needs
 

@@ -11,9 +11,9 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.budget import MOST_DECLARED, MOST_SCHEMA, BudgetError
-from replay_kit.logs.mcap.channels import Channels
+from replay_kit.logs.decode.decoders import Channels
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.logs.mcap.summary import Summary
+from replay_kit.logs.mcap.records import Summary
 from replay_kit.logs.shared.clock import header_stamp
 from tests.logs.log_samples import SECOND, json_mcap, one_channel_mcap
 from tests.logs.log_samples import read_log as read
@@ -124,14 +124,6 @@ def test_the_schemas_of_a_log_are_parsed_up_to_a_megabyte():
         decoders[4]
         == "the schemas of this log have more than the 1048576 bytes that are parsed of one log"
     )
-
-
-def test_channels_of_one_schema_share_a_decoder():
-    channels = declared([20])
-    channels.declare(
-        4, body(Channel(id=2, topic="/again", message_encoding="ros1", metadata={}, schema_id=1))
-    )
-    assert channels.sink(1).decode is channels.sink(2).decode
 
 
 def test_a_log_that_declares_too_much_is_refused_further_declarations():

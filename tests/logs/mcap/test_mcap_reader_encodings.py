@@ -116,22 +116,6 @@ def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("test_msgs/X", 'string x\n"""\nraise SystemExit\n"""'),
-        ("test_msgs/X", "float64 x; import os"),
-        ("test_msgs/X:\n  pass\nraise SystemExit\nclass Y", "float64 x"),
-    ],
-)
-def test_a_ros1_schema_is_never_run_as_code(tmp_path, name, text):
-    messages, report = read(
-        tmp_path, one_channel_mcap("ros1", (name, "ros1msg", text.encode()), [bytes(8)])
-    )
-    assert messages == []
-    assert "cannot be parsed" in report.undecodable["/x"][1]
-
-
-@pytest.mark.parametrize(
     ("encoding", "schema", "reason"),
     [
         ("cbor", None, "has none"),

@@ -11,11 +11,8 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from replay_kit.logs import merge, open_log
-from tests.command import run_command
 from tests.logs.log_samples import json_mcap as numbers
 from tests.logs.log_samples import record_offsets
-from tests.measurements.carriers import json_mcap as of_rows
-from tests.measurements.samples import fix, ping
 
 START = 1_700_000_000 * 10**9
 SECOND = 10**9
@@ -68,7 +65,7 @@ def test_messages_come_in_order_of_log_time(tmp_path, order, chunk_size):
             for _, channel, message in make_reader(file).iter_messages(log_time_order=True)
         ]
     assert [(m.time_ns, m.topic, m.payload) for m in found] == expected
-    assert log.report().losses == ()
+    assert (log.report().losses, log.report().unchecked) == ((), {})
     merged = merge([open_log(path)], 1.0)
     assert len(list(merged)) == 3600
     assert not merged.late
@@ -123,18 +120,3 @@ def test_memory_is_bounded_whatever_the_chunks(tmp_path):
     assert times == sorted(times)
     assert len(times) == 2400
     assert peak < 240_000_000
-
-
-def test_without_an_index_the_loss_is_named_first_with_the_window_that_keeps_it(tmp_path):
-    rows = [(k, "/adcp", "replay_kit.AdcpPing", ping(k).payload) for k in range(5, 1805, 60)]
-    place = fix(0)
-    rows += [(k, place.topic, place.schema, place.payload) for k in range(0, 1800, 60)]
-    path = tmp_path / "log.mcap"
-    path.write_bytes(of_rows(rows)[:-40])
-    done = run_command(tmp_path, "info log.mcap")
-    late = next(line for line in done.stdout.splitlines() if line.startswith("Late"))
-    assert done.stdout.index(late) < done.stdout.index("Use: ")
-    assert late.endswith("x /vehicle/fix; logs.reorder_window = 1745 keeps them")
-    (tmp_path / "run.toml").write_text("[logs]\nreorder_window = 1745\n")
-    done = run_command(tmp_path, "info log.mcap --config run.toml")
-    assert "Late" not in done.stdout

@@ -71,25 +71,6 @@ def test_of_a_topic_that_is_not_wanted_one_message_is_decoded_and_all_are_counte
     assert sum(block.kind.size for block in blocks) == len(TIMES)
 
 
-def test_a_sample_that_cannot_be_decoded_is_counted_with_all_of_its_topic(tmp_path):
-    out = BytesIO()
-    writer = Writer(out, chunk_size=1)
-    writer.start()
-    number = writer.register_channel("/a", "json", writer.register_schema("S", "jsonschema", b""))
-    for n, payload in enumerate((b"{", b'{"n": 1}', b"{")):
-        writer.add_message(number, n, payload, n)
-    lost = writer.register_channel("/b", "unheard of", 0)
-    writer.add_message(lost, 3, b"", 3)
-    writer.finish()
-    reader = write(tmp_path, out.getvalue())
-    blocks = list(reader.blocks(lambda topic, schema: False))
-    assert [message.payload for block in blocks for message in block.messages] == [{"n": 1}]
-    report = reader.report()
-    assert report.read == {"/a": 3, "/b": 1}
-    # the third was not tried
-    assert {topic: count for topic, (count, _) in report.undecodable.items()} == {"/a": 1, "/b": 1}
-
-
 @pytest.fixture
 def large(monkeypatch):
     """Small files count as large."""
@@ -120,11 +101,6 @@ def test_an_overview_states_counts_and_times_and_has_first_messages_of_each_topi
     assert found.undecodable == {}
 
 
-def test_a_hundred_messages_of_each_topic_are_enough(tmp_path, large):
-    found = write(tmp_path, json_mcap(TIMES, chunk_size=10**6)).overview()
-    assert [message.payload["n"] for message in found.first] == list(range(200))
-
-
 @pytest.mark.parametrize(
     ("data", "words"),
     [
@@ -143,19 +119,3 @@ def test_an_index_that_says_too_little_is_told(tmp_path, large, data, words):
     found = write(tmp_path, data).overview()
     assert isinstance(found, str)
     assert words in found
-
-
-def test_an_index_has_log_times_alone(tmp_path, large):
-    assert write(tmp_path, json_mcap(TIMES), clock="publish").overview() == (
-        "the index holds log times alone, and the clock is publish"
-    )
-
-
-@pytest.mark.parametrize(
-    ("messages", "size", "small"),
-    [(50_000, 10**6, True), (300, 10**6, False), (301, 10**6, True), (301, 1000, False)],
-)
-def test_a_small_file_is_read_whole_without_a_word(tmp_path, monkeypatch, messages, size, small):
-    monkeypatch.setattr(index, "FEW_MESSAGES", messages)
-    monkeypatch.setattr(index, "FEW_BYTES", size)
-    assert (write(tmp_path, json_mcap(TIMES)).overview() == "") is small

@@ -58,34 +58,3 @@ def test_a_heap_with_free_space_of_no_size_is_found_and_its_file_refused(sound, 
         match=f"texts.nc: cannot be read as NetCDF: the texts from byte {heap} on are damaged",
     ):
         list(open_log(path).messages())
-
-
-def test_a_size_in_a_byte_of_it_alone_leads_on(sound):
-    path, heap = sound
-    first, *_, free = _objects(path.read_bytes(), heap)
-    # free space in place of a text, as long as that with its head
-    assert endless_heap(_with(path, {first: bytes(8) + (24).to_bytes(8, "little")})) is None
-    assert (
-        endless_heap(_with(path, {free + 8: (16).to_bytes(8, "little"), free + 16: bytes(16)}))
-        == heap
-    )
-
-
-def test_the_end_of_a_heap_and_of_its_file_ends_the_search(sound):
-    path, heap = sound
-    second = _objects(path.read_bytes(), heap)[1]
-    _with(path, {second: bytes(16)})
-    # the head of the second object is beyond the end by a byte, and within
-    for size, found in ((second + 15 - heap, None), (second + 16 - heap, heap)):
-        assert endless_heap(_with(path, {heap + 8: size.to_bytes(8, "little")})) == found
-    data = path.read_bytes()
-    for size, found in ((heap + 15, None), (second + 15, None), (second + 16, heap)):
-        path.write_bytes(data[:size])
-        assert endless_heap(path) == found
-
-
-def test_a_second_heap_is_looked_at(sound):
-    path, heap = sound
-    whole = path.read_bytes()
-    path.write_bytes(whole + whole[heap : heap + 16] + bytes(32))
-    assert endless_heap(path) == len(whole)

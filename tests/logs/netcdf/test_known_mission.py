@@ -248,12 +248,6 @@ def _moved(names, change):
     return moved
 
 
-def test_latitudes_near_the_equator_are_degrees_and_minutes_where_the_longitudes_are(tmp_path):
-    south = _moved(("m_gps_lat", "m_lat"), lambda v: np.where(v < 1e6, v - 4000.0, v))
-    said = read(changed(made.slocum, south, tmp_path / "a.nc"))
-    assert said.fixes() == pytest.approx(made.PLACES - [0.0, 0.0, 40.0], abs=1e-7)
-
-
 def test_ends_that_follow_from_the_middle_of_a_dive_cross_the_antimeridian(tmp_path):
     # the first dive from 179.997 E to 179.993 W, its middle west of the antimeridian's other side
     east = _moved(("lon", "lon_uv"), lambda v: (v + 209.997 + 180.0) % 360.0 - 180.0)
@@ -343,31 +337,6 @@ def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
         np.testing.assert_allclose(ping.velocity, [[turned.real, turned.imag]] * 5, atol=1e-5)
     # up from 33 dbar
     np.testing.assert_allclose(pings[0].depth, 32.7 - np.arange(2.0, 12.0, 2.0), atol=0.2)
-
-
-def test_times_of_fixes_that_are_all_fill_do_not_cost_the_file(tmp_path):
-    path = made.bodc(tmp_path / "a.nc")
-    # the rows' own times stand for them
-    for rows, value, first in ((slice(None), -1.0, 0.0), (0, made.START + 5.0, 5.0)):
-        with h5py.File(path, "r+") as file:
-            file["TIME_GPS"][rows] = value
-        said = read(path)
-        assert said.fixes()[:, 0].tolist() == [
-            made.START + first,
-            *(made.START + made.FIXES[1:, 0]),
-        ]
-        assert said.noted("TIME_GPS: holds no plausible times") == (value < 0.0)
-
-
-def test_several_missions_in_one_file_are_noted(tmp_path):
-    path = made.spray(tmp_path / "a.nc")
-    with h5py.File(path, "r+") as file:
-        file["mission_name"] = np.array([b"22C", b"23A", b"23B", b"24A"])
-    said = read(path)
-    assert said.report.mission == ""
-    assert said.noted(
-        "4 missions in one log (22C, 23A, 23B, ...): their dives are merged as if one"
-    )
 
 
 TO = ("eastward_sea_water_velocity", "northward_sea_water_velocity")

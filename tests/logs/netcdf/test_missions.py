@@ -5,10 +5,7 @@ import numpy as np
 import pytest
 
 from replay_kit.logs import open_log
-from replay_kit.logs.netcdf import reader
-from replay_kit.logs.netcdf.dialects import Dialect
 from tests.logs.netcdf import glider_samples as made
-from tests.logs.said import read
 
 
 def _pyglider(path):
@@ -48,36 +45,3 @@ def test_missions(tmp_path, write, attributes, variables, expected):
             file[name] = values
     log = open_log(path)
     assert (log.mission, log.report().mission) == (expected, expected)
-
-
-MINE = Dialect(
-    "mine",
-    "A glider of mine",
-    "when east north",
-    {
-        "time": "when",
-        "longitude": "east",
-        "latitude": "north",
-        "depth": "below",
-        "dac_east": "drift_east",
-        "dac_north": "drift_north",
-    },
-    log_of="mission",
-    pings=lambda file, notes: iter([(10**18, "/adcp", "Ping", {"rows": file.array("when").size})]),
-)
-
-
-def test_files_of_an_added_dialect_are_one_log_with_its_currents_and_pings(tmp_path, monkeypatch):
-    names = {"when": "time", "east": "longitude", "north": "latitude", "below": "depth"}
-    names |= {"drift_east": "u", "drift_north": "v"}
-    for dive in (0, 1):
-        track = {k: v[made.samples()["dive"] == dive] for k, v in made.samples().items()}
-        variables = made.over("row", names, track)
-        made.write(tmp_path / f"{dive}.nc", variables, {"deployment_name": "one"})
-    assert "/dac" not in read(tmp_path / "0.nc").counts()
-    monkeypatch.setattr(reader, "DIALECTS", (MINE, *reader.DIALECTS))
-    said = read(tmp_path)
-    assert said.report.format == "mine"
-    means = [(mean["dac_eastward"], mean["dac_northward"]) for mean in said.of("/dac")]
-    assert means == [pytest.approx(made.mean(dive)) for dive in (0, 1)]
-    assert said.of("/adcp") == [{"rows": 59}, {"rows": 59}]

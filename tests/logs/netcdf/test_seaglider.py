@@ -16,7 +16,6 @@ from tests.logs.said import read
 from tests.places import DATA
 
 WITH_ADCP = sorted((DATA / "seaglider").glob("p17101*.nc"))
-WITHOUT_ADCP = sorted((DATA / "seaglider").glob("p24900*.nc"))
 real = pytest.mark.skipif(not WITH_ADCP, reason="../shared/data/seaglider is not there")
 
 _SECONDS = {"units": "seconds since 1970-1-1 00:00:00"}
@@ -183,43 +182,3 @@ def test_other_units_are_read_or_refused(tmp_path):
         path = _write_hdf5(tmp_path / "b.nc", dive | wrong)
         with pytest.raises(LogError, match=f"{next(iter(wrong))}: expected units"):
             open_log(path)
-
-
-@both
-def test_what_is_no_dive_or_cut_is_an_error_of_ours(tmp_path, write):
-    path = write(tmp_path / "b.nc", made.over("x", {"uo": np.zeros(3)}))
-    with pytest.raises(LogError, match="expected a Seaglider basestation file"):
-        open_log(path)
-    data = write(tmp_path / "a.nc", _small_dive()).read_bytes()
-    for share in (0.02, 0.3, 0.7):
-        path.write_bytes(data[: int(len(data) * share)])
-        with pytest.raises(LogError, match=r"b\.nc"):
-            list(open_log(path).messages())
-
-
-@real
-@pytest.mark.parametrize("path", WITH_ADCP, ids=lambda path: path.stem)
-def test_relative_velocities_are_in_earth_coordinates(path):
-    """The third component is the vertical speed that pressure gives, whatever the pitch: so the axes are not the instrument's."""
-    said = read(path)
-    pings = said.of("/adcp")
-    # single dives do not tell where the instrument looks
-    assert {ping["orientation"] for ping in pings} == {"up"}
-    assert said.noted("ADCP: assumed to look up")
-    time = np.array([ping["stamp"]["sec"] + 1e-9 * ping["stamp"]["nsec"] for ping in pings])
-    pressure = np.array([ping["pressure"] for ping in pings])
-    up = np.array([[cell[2] for cell in ping["velocity"][1:6]] for ping in pings], float)
-    steady = (pressure > 150.0) & (pressure < 450.0)
-    up, sinking = up.mean(axis=1)[steady], np.gradient(pressure, time)[steady]
-    assert np.corrcoef(up, sinking)[0, 1] > 0.97
-    assert np.polyfit(sinking, up, 1)[0] == pytest.approx(1.0, abs=0.08)
-
-
-@real
-@pytest.mark.parametrize("path", WITHOUT_ADCP, ids=lambda path: path.stem)
-def test_real_dives_without_adcp(path):
-    said = read(path)
-    assert set(said.counts()) == {"/vehicle/fix", "/vehicle/position", "/dac", "/ctd"}
-    (dac,) = said.of("/dac")
-    assert np.hypot(dac["dac_eastward"], dac["dac_northward"]) < 0.2
-    assert dac["error"] < 0.02

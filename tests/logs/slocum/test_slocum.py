@@ -1,6 +1,5 @@
 """A Slocum's binary files: values as the glider wrote them, segments joined, fixes once, mean currents of the dive before."""
 
-import contextlib
 import json
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.slocum.cycles import read_cycles
 from replay_kit.logs.slocum.header import SensorLists, read_header, unpacked
 from tests.command import run_command
-from tests.fuzz.mishap import mishap
 from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read
 from tests.logs.slocum import slocum_samples as slocum
@@ -129,14 +127,6 @@ def test_any_cycles_are_read_as_by_the_slow_twin(cycles, order):
         np.testing.assert_array_equal(
             found.values[name][written], [expected[k][name][1] for k in written]
         )
-
-
-def test_a_compressed_file_is_the_file():
-    data = slocum.file_bytes(slocum.FLIGHT, slocum.cycles_of(0)[0])
-    assert unpacked(slocum.compressed(data, 700)) == (data, -1)
-    whole, lost_at = unpacked(slocum.compressed(data, 700)[:-5])
-    assert data.startswith(whole)
-    assert lost_at > 0
 
 
 def _cut(at):
@@ -289,28 +279,6 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path):
         slocum.mission(tmp_path / "b", vehicle=vehicle)
     with pytest.raises(LogError, match=r"holds 2: unit_1 \(unit_1-2023-317-0-\*\), unit_2"):
         open_logs([tmp_path / "b"])
-
-
-def test_a_list_of_more_sensors_than_there_are_is_refused_before_memory_is_taken():
-    many = tuple((f"s{k}", 1, "u") for k in range(9000))
-    data = slocum.file_bytes(many, [])
-    with pytest.raises(LogError, match="got 9000 in"):
-        cycles_of(data, ())
-
-
-@pytest.mark.parametrize("count", [100, pytest.param(5000, marks=pytest.mark.full)])
-def test_a_mission_with_a_damaged_file_or_cache_is_read_or_refused(tmp_path, count):
-    """Nothing else is raised, and what is not refused tells of the loss or reads to its end."""
-    slocum.mission(tmp_path, crc=True)
-    files = {path: path.read_bytes() for path in sorted(tmp_path.rglob("*.*")) if path.is_file()}
-    assert len(files) == 6
-    for number in range(count):
-        path, data = list(files.items())[number % len(files)]
-        path.write_bytes(mishap(data, number, 7).data)
-        with contextlib.suppress(LogError):
-            (log,) = open_logs([tmp_path])
-            assert sum(1 for _ in log.messages()) > 0
-        path.write_bytes(data)
 
 
 def test_a_hostile_file_of_tags_alone_ends():
