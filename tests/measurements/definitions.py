@@ -4,6 +4,7 @@
 |---|---|
 | ds_sensor_msgs/Adcp, WaterCurrentProfile | Field-Robotics-Lab/ds_msgs 0e5b004 |
 | marine_acoustic_msgs/Dvl | apl-ocean-engineering/marine_msgs |
+| CurrentProfile, CurrentProfileCell, ADCPBeam | LSTS/imc IMC.xml, messages 1014 to 1016 |
 | sensor_msgs, nav_msgs, geometry_msgs | ROS common interfaces |
 """
 

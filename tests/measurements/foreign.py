@@ -25,6 +25,25 @@ def ds_adcp(mode=3, cell_depth=2):
     }
 
 
+def imc(coord_sys, cells, distance=5.0):
+    profile = [
+        {
+            "abbrev": "CurrentProfileCell",
+            "cell_position": distance * (k + 1),
+            "beams": [{"vel": v, "amp": 60.0, "cor": 90} for v in cell],
+        }
+        for k, cell in enumerate(cells)
+    ]
+    return {
+        "abbrev": "CurrentProfile",
+        "timestamp": 12.5,
+        "nbeams": 4,
+        "ncells": len(cells),
+        "coord_sys": coord_sys,
+        "profile": profile,
+    }
+
+
 def pose(x, y, z, frame="odom"):
     return {
         "header": {"frame_id": frame},

@@ -11,7 +11,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from replay_kit.measurements import observations
 from replay_kit.workflows.replay.inputs.scan import MAVLINK_NAMES
-from tests.measurements.foreign import BEAMS, ds_adcp, pose
+from tests.measurements.foreign import BEAMS, ds_adcp, imc, pose
 from tests.measurements.samples import (
     ODD,
     Skipped,
@@ -54,6 +54,9 @@ SCHEMAS = {
     "replay_kit.DepthAveragedCurrent": dac(2).payload,
     "DEBUG_FLOAT_ARRAY": next(mavlink_frames(1)).payload,
     "ds_sensor_msgs/msg/Adcp": ds_adcp(),
+    "imc.CurrentProfile": imc(8, [[0.1, 0.2, 0.3]]),
+    "imc.GpsFix": {"lat": -0.7, "lon": 2.6, "validity": 4, "type": 0},
+    "imc.EstimatedState": {"lat": -0.7, "lon": 2.6, "x": 1.0, "y": 2.0, "depth": 3.0},
     "geometry_msgs/msg/PoseStamped": pose(1.0, 1.0, -1.0),
     "marine_acoustic_msgs/msg/Dvl": {
         "velocity_mode": 1,

@@ -1,7 +1,8 @@
 """Readers of schemas: a table from schema name to a function that returns tables.
 
 Spellings of ROS 1, ROS 2 and others are equivalent: ``sensor_msgs/NavSatFix``, ``sensor_msgs/msg/NavSatFix``,
-``sensor_msgs::msg::dds_::NavSatFix_``, ``sensor_msgs.NavSatFix``.
+``sensor_msgs::msg::dds_::NavSatFix_``, ``sensor_msgs.NavSatFix``. ``CurrentProfile`` is accepted in any package, as each driver has its
+own. IMC messages in JSON (LSTS/imc, IMC.xml) have angles in radians and offsets north, east, down.
 """
 
 import re
@@ -89,7 +90,13 @@ def _readers(raw: Raw, config: MeasurementConfig) -> Iterator[tuple[Reader | str
         yield SCHEMA, [name in PARTS for name in names]
     mark, reason = _INVERTED[config.use_inverted]
     yield reason, [*map(bool, field(payloads, mark))]
-    yield reader_of(raw.schema, raw.topic), True
+    read = reader_of(raw.schema, raw.topic)
+    if not (raw.schema or read):
+        # IMC in JSON names its messages inside, when nothing outside does
+        kinds = field(payloads, "abbrev")
+        for kind, own in _IMC.items():
+            yield own, [one == kind for one in kinds]
+    yield read, True
 
 
 def _plain(read: Callable[[Sequence[Payload]], Rows]) -> Reader:
@@ -118,13 +125,14 @@ _SCHEMAS: Mapping[str, Reader | str] = {
     "replay_kit.Battery": "state of the battery, not used",
     "replay_kit.Waypoint": "where the glider steers for, not where it is",
 }
+_IMC: Mapping[str, Reader] = {
+    "CurrentProfile": water.current_profiles,
+    **{name: _plain(read) for name, read in vehicle.IMC.items()},
+}
 _SEPARATORS = re.compile(r"::|[/.]")
 # a pose on such a topic is where something should go, not where the vehicle is
 _WISH = re.compile(r"goal|target|setpoint|waypoint|command|cmd|desired", re.IGNORECASE)
 _POSES = ("geometry_msgs.PoseStamped", "geometry_msgs.PoseWithCovarianceStamped")
-_NO_BEAMS = (
-    "profile along three beams (Nortek Nucleus), whose directions and heading it does not state"
-)
 _BLUEOS_COPY = "mavlink/out"
 _BLUEOS_FIELD = re.compile(r"mavlink/\d+/\d+/[A-Z][A-Z0-9_]*/\w+", re.ASCII)
 
@@ -133,10 +141,10 @@ _BLUEOS_FIELD = re.compile(r"mavlink/\d+/\d+/[A-Z][A-Z0-9_]*/\w+", re.ASCII)
 def reader_of(schema: str, topic: str) -> Reader | str | None:
     """Return the reader of a topic, or the reason for exclusion; None for an unknown kind."""
     name = canonical(schema)
+    package, _, kind = name.rpartition(".")
     reader = _SCHEMAS.get(name)
-    if name.endswith(".CurrentProfile"):
-        # each driver has a package of its own
-        return _NO_BEAMS
+    if kind == "CurrentProfile" or package.lower() == "imc":
+        reader = _IMC.get(kind)
     if reader is None and (added := additions("sensors", callable, "a function").get(name)):
         reader = _plain(lambda payloads: read_each("sensor", "measurement", payloads, added))
     if name in _POSES and _WISH.search(topic):
@@ -150,7 +158,8 @@ def reader_of(schema: str, topic: str) -> Reader | str | None:
 
 def may_state(schema: str, topic: str) -> bool:
     """Return whether messages of a schema and topic may be usable; otherwise all are treated alike."""
-    return schema == SCHEMA or callable(reader_of(schema, topic))
+    # without a schema a message may say inside what it is
+    return not schema or schema == SCHEMA or callable(reader_of(schema, topic))
 
 
 def canonical(schema: str) -> str:

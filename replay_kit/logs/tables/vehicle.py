@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.logs.tables.columns import Payload, Rows, field, rows, stated, why
+from replay_kit.core.geodesy import moved
+from replay_kit.logs.tables.columns import Payload, Rows, field, rows, stated, whole_number, why
 
 Payloads = Sequence[Payload]
 _ATMOSPHERE_PA, _PA_PER_DBAR = 101_325.0, 10_000.0
 _TRUE = ("true", "1")
+_IMC_VALID_POSITION, _IMC_DEAD_RECKONING = 0x0004, (2, "DEAD_RECKONING")
 _FIX_3D = 3
 _EARTH = "position in the frame 'earth', whose axes are not east, north and up"
 _NO_NUMBER = "position is not a number"
@@ -136,6 +138,27 @@ def _imus(payloads: Payloads) -> Rows:
     return Rows("attitude", columns, {"attitude: no orientation stated": none})
 
 
+def _imc_gps_fixes(payloads: Payloads) -> Rows:
+    """Return positions; a missing validity counts as valid."""
+    validity = map(whole_number, field(payloads, "validity"))
+    invalid = [flags is not None and not flags & _IMC_VALID_POSITION for flags in validity]
+    reckoned = [kind in _IMC_DEAD_RECKONING for kind in field(payloads, "type")]
+    reasons = {"no fix (validity without VALID_POS)": invalid}
+    return _positions(payloads, "lon lat", math.degrees(1.0), reasons, reckoned=reckoned)
+
+
+def _imc_estimated_states(payloads: Payloads) -> Rows:
+    """Return positions of a reference with offsets x north and y east; negative depths denote invalid estimates."""
+    # an offset that the JSON leaves out is zero
+    payloads = [{"x": 0.0, "y": 0.0, **payload} for payload in payloads]
+    *reference, north, east, depth = stated(payloads, "lon lat x y depth")
+    places = np.where(np.isnan(north + east), np.nan, np.degrees(reference))
+    placed = why(no_place(*places)) == ""
+    places = np.where(placed, moved(places[0], places[1], east, north), places)
+    said = [{"longitude": x, "latitude": y} for x, y in places.T]
+    return _positions(said, depth=np.where(depth >= 0.0, depth, np.nan), reckoned=True)
+
+
 def _dvls(payloads: Payloads) -> Rows:
     """Return velocity, error, bottom lock and axes of DVL messages.
 
@@ -208,3 +231,5 @@ READERS: Mapping[str, Read] = {
     "marine_acoustic_msgs.Dvl": _dvls,
     "ds_sensor_msgs.Dvl": _dvls,
 }
+#: What reads those of IMC.
+IMC: Mapping[str, Read] = {"GpsFix": _imc_gps_fixes, "EstimatedState": _imc_estimated_states}

@@ -1,7 +1,8 @@
 """Measurements of the water in messages: current profiles, mean currents, temperature and salinity, surface currents.
 
 Profiles of other packages become payloads of ``replay_kit.AdcpPing``; fields that a message does not state are omitted, such as
-``reference``, which the configuration may give. Definition: ``ds_sensor_msgs/Adcp`` (Field-Robotics-Lab/ds_msgs).
+``reference``, which the configuration may give. Definitions: ``ds_sensor_msgs/Adcp`` (Field-Robotics-Lab/ds_msgs),
+``CurrentProfile`` of IMC (LSTS/imc, messages 1014 to 1016).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -40,6 +41,18 @@ _WHOLE_METRES = (
     "cell_depth is 0: this message holds whole metres only, so that the size of cells below 1 m is lost; "
     "state it with a [[measurements.map]] entry for the topic"
 )
+_NUCLEUS = (
+    "profile along three beams (Nortek Nucleus), whose directions and heading it does not state"
+)
+# of the coordinate systems of IMC: by number and by name, ours, and where in a cell east, north and up are, with their signs
+_ENU, _NED = ((0, 1.0), (1, 1.0), (2, 1.0)), ((1, 1.0), (0, 1.0), (2, -1.0))
+_IMC_SYSTEMS = {1: "XYZ", 2: "NED", 4: "BEAMS", 8: "ENU"}
+_IMC_COORDINATES = {
+    "XYZ": ("instrument", None),
+    "BEAMS": ("beam", None),
+    "NED": ("earth", _NED),
+    "ENU": ("earth", _ENU),
+}
 _BOTTOM_ALONE = "bottom track alone: motion of the vehicle, no current"
 
 
@@ -64,6 +77,11 @@ def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
 def ds_adcps(raw: Raw, config: MeasurementConfig) -> list[Table]:
     """Return the tables of ``ds_sensor_msgs/Adcp`` messages."""
     return pings(raw, [guarded(_ds_adcp, one) for one in raw.payloads], config)
+
+
+def current_profiles(raw: Raw, config: MeasurementConfig) -> list[Table]:
+    """Return the tables of ``CurrentProfile`` messages of IMC; those of a Nucleus are counted with their reason."""
+    return pings(raw, [guarded(_current_profile, one) for one in raw.payloads], config)
 
 
 def _ds_adcp(payload: Payload) -> Payload | str:
@@ -96,6 +114,34 @@ def _ds_adcp(payload: Payload) -> Payload | str:
         "bin0_distance": payload.get("bin0_distance"),
         "beam_unit_vectors": directions.tolist(),
         "velocity": velocity,
+    }
+
+
+def _current_profile(payload: Payload) -> Payload | str:
+    """Return the profile of an IMC message in JSON: velocities relative to the vehicle, cells at stated distances."""
+    if "velocity_data" in payload:
+        return _NUCLEUS
+    code, profile = payload.get("coord_sys"), payload.get("profile")
+    if not isinstance(profile, list | tuple):
+        return "CurrentProfile has neither velocity_data (Nortek Nucleus) nor profile (IMC)"
+    name = _IMC_SYSTEMS.get(whole_number(code) or 0, str(code).upper())
+    if name not in _IMC_COORDINATES:
+        return "coord_sys is none of XYZ, NED, BEAMS, ENU"
+    system, axes = _IMC_COORDINATES[name]
+    cells = [[*map(number, field(cell["beams"], "vel"))] for cell in profile]
+    if axes is not None:
+        if any(len(cell) < len(axes) for cell in cells):
+            return f"fewer than three components in a cell of {name} coordinates"
+        cells = [[sign * cell[at] for at, sign in axes] for cell in cells]
+    return {
+        "coordinate_system": system,
+        "reference": "platform",
+        "orientation": "down",
+        "n_cells": len(cells),
+        "cell_distances": [abs(number(cell.get("cell_position"))) for cell in profile],
+        "velocity": cells,
+        "amplitude": [field(cell["beams"], "amp") for cell in profile],
+        "correlation": [field(cell["beams"], "cor") for cell in profile],
     }
 
 

@@ -12,8 +12,8 @@ from replay_kit.logs.tables.instruments import STD_BELIEVED
 from replay_kit.logs.tables.schemas import canonical, reader_of
 from replay_kit.measurements.observed import blocks, rows
 from tests.measurements import definitions as msg
-from tests.measurements.carriers import read_mcap, ros2_mcap
-from tests.measurements.foreign import BEAMS, ds_adcp, pose, vectors
+from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
+from tests.measurements.foreign import BEAMS, ds_adcp, imc, pose, vectors
 from tests.measurements.samples import (
     Skipped,
     fix,
@@ -67,12 +67,38 @@ def test_ds_adcp_along_its_beams():
 
 
 @pytest.mark.parametrize(
+    ("coord_sys", "system", "cell"),
+    [
+        (8, "earth", [0.1, 0.2, 0.3]),
+        ("ned", "earth", [0.2, 0.1, -0.3]),
+        (1, "instrument", [0.1, 0.2, 0.3, 0.4]),
+        (4, "beam", [0.1, 0.2, 0.3, 0.4]),
+    ],
+)
+def test_imc_profile(tmp_path, coord_sys, system, cell):
+    payload = imc(coord_sys, [[0.1, 0.2, 0.3, 0.4]])
+    (message,) = read_mcap(tmp_path, json_mcap([(0, "/imc", "", payload)]))
+    found = stated(message)
+    assert (found.frame, found.distance) == (system, [5.0])
+    assert_array_equal(found.velocity, [cell])
+    assert_array_equal(found.correlation, [[90] * 4])
+    profiles = only(Observation, run([fix(0), message]))
+    assert [one.reference for one in profiles] == ["platform"] * (system == "earth")
+
+
+@pytest.mark.parametrize(
     ("schema", "payload", "words"),
     [
         ("ds_sensor_msgs.Adcp", ds_adcp(), "measurements.reference"),
         ("ds_sensor_msgs.Adcp", ds_adcp(9), "none of 0"),
         ("ds_sensor_msgs.Adcp", ds_adcp(cell_depth=0), "cells below 1 m"),
         ("interfaces.CurrentProfile", {"velocity_data": [120, -50, 3]}, "does not state"),
+        ("imc.CurrentProfile", imc(3, [[0.1] * 3]), "none of XYZ"),
+        ("imc.CurrentProfile", imc(8, [[0.1] * 2]), "three components"),
+        ("imc.CurrentProfile", {}, "neither velocity_data"),
+        ("imc.GpsFix", PLACE | {"validity": 3}, "VALID_POS"),
+        ("imc.EstimatedState", {"lat": 0.0, "lon": 0.0}, "0, 0"),
+        ("imc.EstimatedState", PLACE | {"x": None}, "not a number"),
         ("replay_kit.AdcpPing", LISTED | {"cell_distances": [4.0]}, "cell_distances"),
         ("sensor_msgs.Imu", ORIENTED | {"orientation_covariance": [-1.0]}, "no orientation stated"),
         ("sensor_msgs.Imu", ORIENTED, "without their own"),
@@ -145,6 +171,22 @@ def test_every_spelling_of_a_name(name):
         None,
         None,
     ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "expected"),
+    [
+        ("GpsFix", {"validity": 0x0007, "type": "STANDALONE"}, (152.0, -40.0, math.nan, False)),
+        ("GpsFix", {"type": 2}, (152.0, -40.0, math.nan, True)),
+        ("EstimatedState", {"x": 0.0, "y": 0.0, "depth": 30.0}, (152.0, -40.0, 30.0, True)),
+        ("EstimatedState", {"x": -1000.0, "depth": -1.0}, (152.0, -40.009, math.nan, True)),
+    ],
+)
+def test_imc_positions(kind, fields, expected):
+    message = logged(f"IMC.{kind}", PLACE | fields)
+    found = stated(message)
+    values = (found.longitude, found.latitude, found.depth, found.dead_reckoned)
+    assert values == pytest.approx(expected, abs=2e-5, nan_ok=True)
 
 
 @pytest.mark.parametrize("many", [False, True])
