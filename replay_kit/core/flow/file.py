@@ -212,7 +212,7 @@ def load(path: str | Path) -> FlowEstimate:
 
 
 def load_bytes(data: bytes, name: str) -> FlowEstimate:
-    """Return the flow of a saved file's bytes, such as the attachment ``estimate.nc`` of a result of an earlier version.
+    """Return the flow of a saved file's bytes.
 
     Args:
         data: Bytes of the file.

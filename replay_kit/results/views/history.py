@@ -13,7 +13,6 @@ from replay_kit.core.flow.estimate import FlowEstimate, Unknowns, with_potential
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.results import earlier
 from replay_kit.results.messages import basis_of
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import decode, numbers
@@ -55,23 +54,12 @@ class EstimateHistory:
         self, estimate: FlowEstimate, unknowns: Unknowns
     ) -> Iterator[tuple[int, Callable[[], Array]]]:
         """Yield the times [ns, UTC] at which this window's estimate was published, and functions that return its latent values."""
-        modes, topic = estimate.modes, "/flow/estimate"
-        if (weights := earlier.weights(self._reader, topic)) is not None:
-            for time_ns, each in weights:
-                if each.size == modes.shape[1] * estimate.levels.size:
-                    by_level = each.reshape(estimate.levels.size, -1).T
-                    yield time_ns, partial(_sum, unknowns.offset, modes, by_level)
-            return
         basis = basis_of(estimate)
-        for time_ns, data in self._reader.messages(topic):
+        for time_ns, data in self._reader.messages("/flow/estimate"):
             message = decode("Estimate", data)
             if message.basis == basis:
                 x = numbers("Estimate", message, "x").astype(np.float64)
-                yield time_ns, partial(replace(unknowns, x=x).latent, modes, time_ns)
-
-
-def _sum(offset: Array, modes: Array, weights: Array) -> Array:
-    return np.asarray(offset + modes @ weights)
+                yield time_ns, partial(replace(unknowns, x=x).latent, estimate.modes, time_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
