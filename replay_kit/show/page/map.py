@@ -15,12 +15,10 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.region import Feature
 from replay_kit.core.text import time_text
 from replay_kit.results.geojson import POSITIONS, features_of
-from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.results.views.track import Track
 from replay_kit.show.figures.draw import column
-from replay_kit.show.figures.map import Extent, bottom_lines, dry_text, places_of
+from replay_kit.show.figures.map import Extent, around, bottom_lines, dry_text, places_of
 from replay_kit.show.figures.style import ON_MAP
 from replay_kit.show.page.page import Map, pack
 
@@ -40,20 +38,18 @@ def map_of(contents: Contents) -> Map | None:
     if slices is None and track.time_ns.size == 0 and contents.last_plan is None:
         return None
     packed, drawn = _field(contents, slices) if slices is not None else ({}, {})
-    each = {name: one.track for name, one in contents.each.items() if one.track.time_ns.size}
-    tables = {f"{name} track".strip(): _track_table(track) for name, track in each.items()}
     marks = marks_of(features_of(contents), contents.projection)
     views = _views(marks, slices, "" not in contents.each)
     lines = bottom_lines(contents, views["region"])
     drawn |= {
         "frame": frame_of(contents.projection, views["region"]),
-        "views": {name: view.ends for name, view in views.items()},
+        "views": views,
         "marks": [*marks_of(lines, contents.projection), *marks],
     }
     title = "The current, the track and the plan"
     choices = {} if slices is None else _choices(contents, slices)
     texts = _caption(contents, slices), _alternative(contents)
-    return Map("current-map", title, *texts, tables, choices, packed, drawn)
+    return Map("current-map", title, *texts, choices, packed, drawn)
 
 
 def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[str, Any]]:
@@ -105,21 +101,6 @@ def _milliseconds(times: Sequence[str]) -> list[int]:
     return list(each.astype(np.int64).tolist())
 
 
-def _track_table(track: Track) -> dict[str, Any]:
-    """Return a track as columns."""
-    kept = thinned(track.time_ns.size, POSITIONS)
-    return {
-        "time": track.time_ns[kept].astype("datetime64[ns]"),
-        "longitude": track.longitude[kept],
-        "latitude": track.latitude[kept],
-        "depth_m": track.depth[kept],
-        "east_km": track.east[kept] / 1e3,
-        "north_km": track.north[kept] / 1e3,
-        "hours": (track.time_ns - track.time_ns[0])[kept] / 3.6e12,
-        "dead_reckoned": track.dead_reckoned[kept],
-    }
-
-
 def _choices(contents: Contents, slices: CurrentSlices) -> dict[str, Sequence[str]]:
     return {
         "Show": ("speed", "standard error"),
@@ -145,11 +126,11 @@ def _views(
     views = {} if several or not plan.size else {"plan": np.vstack([plan, places("vehicle")])}
     if track.size:
         views["track"] = whole if several else track
-    found = {name: Extent.around(at[:, 0], at[:, 1], 0.14) for name, at in views.items()}
+    found = {name: around(at, 0.14) for name, at in views.items()}
     if slices is not None:
         ends = np.column_stack([slices.east[[0, -1]], slices.north[[0, -1]]]) / 1e3
         whole = np.vstack([whole, ends])
-    return found | {"region": Extent.around(whole[:, 0], whole[:, 1])}
+    return found | {"region": around(whole)}
 
 
 def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -129,8 +129,8 @@ def test_the_page_shows_them(contents):
     assert "Odds of arriving72 %of 40 samples" in text_of(page, "map")
     found = figures(page)
     profile = found["plan-profile"]
-    assert profile["tables"]["plan"]["bottom_m"] == [300.0, None, 130.0]
     (panel,) = profile["panels"]
+    assert panel["marks"][0]["y"] == [300.0, None, 130.0]
     assert panel["ends"][1] == [1.05 * 250.0, 0.0]
     assert [mark["name"] for mark in panel["marks"]] == ["bottom", "planned depth"]
     assert "Where it is not shown it is deeper than 262 m: it is 130 to 300 m deep." in text_of(

@@ -23,7 +23,7 @@ from replay_kit.show.report.pages import report_html
 from tests.results.cases import failed, placed, write_many
 from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
 from tests.results.result_samples import CONFIG, METADATA
-from tests.show.report.html_of import figures, table, text_of, unpacked
+from tests.show.report.html_of import figures, table, text_of, track_of, unpacked
 from tests.show.report.replays import peak_of_report
 from tests.synthetic_flow import TIME_NS
 
@@ -106,8 +106,8 @@ def test_anywhere_on_the_globe(write, state, longitude, latitude):
 
     page = write(fill, projection, moved)
     figure = figures(page)["current-map"]
-    np.testing.assert_allclose(figure["tables"]["track"]["east_km"], [-4.0, 4.0], atol=1e-4)
-    np.testing.assert_allclose(figure["tables"]["track"]["north_km"], [-2.0, 2.0], atol=1e-4)
+    track = track_of(page)
+    np.testing.assert_allclose([track["x"], track["y"]], [[-4.0, 4.0], [-2.0, 2.0]], atol=2e-3)
     drawn = figure["map"]
     west, east = drawn["views"]["region"][:2]
     assert west < -4.0 < 4.0 < east
@@ -151,10 +151,8 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state
     roles = [mark["role"] for mark in found["current-map"]["map"]["marks"]]
     assert roles.count("past") == 1
     assert "plan" not in roles
-    assert found["surfacing-errors"]["tables"]["surfacing_errors"]["east_km"] == [
-        0.61725,
-        0.61725,
-    ]
+    (errors,) = found["surfacing-errors"]["panels"][0]["marks"]
+    assert errors["x"] == [0.61725] * 2
 
 
 def test_a_million_positions_are_thinned_and_it_is_said(write, state):
@@ -162,10 +160,9 @@ def test_a_million_positions_are_thinned_and_it_is_said(write, state):
         for k in range(4000):
             writer.fix(replace(state, time_ns=TIME_NS + k * SECOND, longitude=5.0 + 1e-5 * k))
 
-    figure = figures(page := write(fill))["current-map"]
-    track = figure["tables"]["track"]
-    assert len(track["time"]) == 3000
-    assert (track["longitude"][0], track["longitude"][-1]) == (5.0, 5.03999)
+    track = track_of(page := write(fill))
+    assert len(track["x"]) == len(track["text"]) == 3000
+    assert track["text"][-1].startswith("track 2023-11-14 23:19")
     assert "Of 4,000 positions 3,000 are drawn, evenly spread." in text_of(page, "map")
 
 
@@ -192,7 +189,8 @@ def test_a_plan_alone_is_drawn(write, plan):
     page = write(lambda writer: writer.plan(planned, Projection(5.0, 62.0)))
     found = figures(page)
     assert list(found) == ["current-map", "plan-profile"]
-    assert found["plan-profile"]["tables"]["plan"]["east_km"] == [0.0, 0.5, 1.0]
+    (depth,) = found["plan-profile"]["panels"][0]["marks"]
+    np.testing.assert_allclose(depth["x"], np.hypot([0.0, 0.5, 1.0], [0.0, 0.6, 1.2]), atol=1e-5)
     west, east = found["current-map"]["map"]["views"]["plan"][:2]
     assert west < 0.0 < 1.0 < east
     assert "The result holds only a plan." in text_of(page, "answer")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
+from replay_kit.core.geodesy import to_local
 from replay_kit.results.outcome.outcome import leaves
 from replay_kit.show.numbers import Shown
 from replay_kit.show.sentences import estimate_sentences, flown_sentences, trust_sentences
@@ -16,7 +17,7 @@ from replay_kit.show.status.lines import lines
 from replay_kit.show.status.status import status_of
 from tests.show.page.checks import check_figures
 from tests.show.report.conftest import page_of
-from tests.show.report.html_of import elements, figures, text_of, unpacked
+from tests.show.report.html_of import elements, figures, text_of, track_of, unpacked
 
 #: Figures of a status that are numbers of the summary.
 KNOWN = ["map", "answer", "section", "trust", "plan", "again"]
@@ -165,11 +166,14 @@ def test_words_say_what_was_measured_found_and_not_used(page, replayed):
 
 def test_charts_of_trust_are_of_the_bins(page, replayed):
     found, bins = figures(page), rk.open_result(replayed.path).innovations
-    table = found["calibration"]["tables"]["calibration"]
-    width = np.diff(table["standardized_innovation"][:2])
-    assert np.sum(table["density"]) * width == pytest.approx(1.0, abs=1e-3)
-    shown = found["innovations"]["tables"]["innovations"]["expected_rms_m_s"]
-    used = bins[np.isfinite(bins["innovation_east"]) & (bins["observation"] == 0)]
+    histogram = found["calibration"]["panels"][0]["marks"][0]
+    width = np.diff(histogram["x"][:2])
+    assert np.sum(histogram["y"]) * width == pytest.approx(1.0, abs=1e-3)
+    marks = found["innovations"]["panels"][0]["marks"]
+    shown = next(mark["y"] for mark in marks if mark["name"].endswith("expected RMS"))
+    topics = rk.open_result(replayed.path).observations["source_topic"]
+    first = int(np.flatnonzero(topics == topics.iloc[0])[0])
+    used = bins[np.isfinite(bins["innovation_east"]) & (bins["observation"] == first)]
     squares = used[["innovation_std_east", "innovation_std_north"]].to_numpy() ** 2
     assert shown[0] == pytest.approx(np.sqrt(squares.mean()), rel=1e-4)
 
@@ -197,9 +201,10 @@ def test_the_map_holds_the_published_current(page, replayed):
     np.testing.assert_allclose(mean[wet][:, :2], each[wet], atol=2e-3)
     roles = {mark["role"] for mark in drawn["marks"]}
     assert {"track", "fix", "plan", "goal", "vehicle"} <= roles
-    track = figure["tables"]["track"]
-    assert len(track["time"]) == len(replayed.fixes)
-    np.testing.assert_allclose(track["longitude"], replayed.fixes["longitude"], atol=1e-6)
+    places = replayed.fixes[["longitude", "latitude"]].to_numpy().T
+    expected = np.stack(to_local(flow.grid.projection, *places)) / 1e3
+    track = track_of(page)
+    np.testing.assert_allclose([track["x"], track["y"]], expected, atol=6e-4)
 
 
 def test_the_command_and_settings_are_named(page):
