@@ -2,19 +2,19 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from replay_kit.core.as_flown import AsFlown
-from replay_kit.core.geodesy import distance, rotate_to_geographic, to_local
+from replay_kit.core.geodesy import distance, rotate_to_geographic
 from replay_kit.core.plan import ORIGIN, share_interval
-from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.core.text import time_text
+from replay_kit.results.outcome.verdict import Alarm
 from replay_kit.show.sentences import by_habit, profile_bins
-from replay_kit.show.status.alarms import Alarm, alarms_of, change_of
+from replay_kit.show.status.alarms import alarms_of, change_of
 from replay_kit.show.status.held import Held, Values
 
 _SECOND, _DAY_NS = 1_000_000_000, 86_400 * 10**9
@@ -32,14 +32,12 @@ class Status:
         alarms: Alarms.
         figures: Known answers of ``status --json``: ``position``, ``goal``, ``current``, ``surfacing``, ``command``, ``odds``, ``forecast``
             and ``fit``, each with its time ``since``.
-        places: Points (east, north) [m, local frame] of ``track``, ``plan``, ``goal`` and ``ellipse``, if known.
     """
 
     name: str
     now_ns: int
     alarms: tuple[Alarm, ...]
     figures: Mapping[str, Any]
-    places: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
 
 
 def status_of(held: Held, now_ns: int | None = None) -> Status:
@@ -62,28 +60,7 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
         "last": time_text(held.last_ns),
         "alarms": [alarm.record() for alarm in alarms],
     }
-    return Status(mission or held.name, now, alarms, {**about, **answers}, _places(held))
-
-
-def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
-    """Return the points of the small map, see ``Status``."""
-    goal, following = held.goal, _next_leg(held)
-    known = {
-        "track": [(fix.longitude, fix.latitude) for fix in held.fixes],
-        "plan": [
-            (leg["longitude"], leg["latitude"])
-            for leg in (held.plans[-1].legs if held.plans else ())
-        ],
-        "goal": [goal[:2]] if goal else [],
-    }
-    found: dict[str, Any] = {
-        name: np.column_stack(to_local(held.projection, *zip(*points, strict=True)))
-        for name, points in known.items()
-        if points
-    }
-    if following and (ellipses := planned_ellipses([following])):
-        found["ellipse"] = ellipses[0].outline(held.projection)
-    return {name: [*map(tuple, points.tolist())] for name, points in found.items()}
+    return Status(mission or held.name, now, alarms, {**about, **answers})
 
 
 def _position(held: Held, now_ns: int) -> Values:
