@@ -132,14 +132,7 @@ CASES: dict[Case, tuple[dict[str, str], set[str]]] = {
     ),
 }
 # the others take seconds each
-QUICK = (
-    cut_short,
-    without_plan,
-    nothing_of_the_current,
-    plan_failed,
-    without_positions,
-    of_nothing,
-)
+QUICK = (nothing_of_the_current, plan_failed, of_nothing)
 
 
 @pytest.mark.parametrize(
