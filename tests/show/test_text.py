@@ -19,8 +19,8 @@ from tests.show.status.held_samples import held
 DAY = 86_400 * 10**9
 # 2018-11-16
 START = 17_851 * DAY
-ROWS = "/a1 5,/a2 5,/a3 6,/b3 6,/b4/c4 6,/b5/c_05 6,/b5/c_06 6,1 7"
-FOLDED = "/a1 ... a2, 2 topics 5;/a3 6;/b3 6;/b4/c4 6;/b5/c_05 ... _06, 2 topics 6;1 7"
+ROWS = "/a1 5,/a2 5,/a3 6,/b4/c4 6,/b5/c_05 6,/b5/c_06 6,1 7"
+FOLDED = "/a1 ... /a2, 2 topics 5;/a3 6;/b4/c4 6;/b5/c_05 ... /b5/c_06, 2 topics 6;1 7"
 
 
 def printed(work, width: int = 80) -> list[str]:
@@ -78,7 +78,7 @@ def test_topics_alike_share_a_line_unless_all_are_asked_for():
         [line.removeprefix("Not used: ") for line in not_used_lines(not_used, whole)]
         for whole in (False, True)
     )
-    assert few == ["1 x /b: empty", "9 x /a1 ... a2, 2 topics, /b: late"]
+    assert few == ["1 x /b: empty", "9 x /a1 ... /a2, 2 topics, /b: late"]
     assert all_of == ["2 x /a1: late", "3 x /a2: late", "4 x /b: late", "1 x /b: empty"]
 
 

@@ -200,9 +200,8 @@ def _draw_axes(axes: Axes, panel: Panel, medium: _Medium) -> None:
 def _number_logarithms(axis: Any) -> None:
     """Label a logarithmic axis with round numbers, evenly spaced over a narrow range."""
     least, most = axis.get_view_interval()
-    subs = (1.0, 2.0, 5.0) if most < 1e3 * least else (1.0,)
     even = MaxNLocator(5, steps=[1, 2, 5, 10])
-    axis.set_major_locator(even if most < 4.0 * least else LogLocator(subs=subs))
+    axis.set_major_locator(even if most < 4.0 * least else LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
 
