@@ -12,12 +12,12 @@ from replay_kit.results.outcome.outcome import leaves
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import CONFIG_NAME
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.figures.section import dives_figure, section_figure
 from replay_kit.show.numbers import Sentence, clock_text, number
 from replay_kit.show.page.map import map_of
 from replay_kit.show.page.page import Section, page_html
 from replay_kit.show.page.parts import items_html, table_html
 from replay_kit.show.report.card import card_html
-from replay_kit.show.report.sections.along_track import along_track_section
 from replay_kit.show.report.sections.answer import words_section
 from replay_kit.show.report.sections.plan import plan_section
 from replay_kit.show.report.sections.trust import trust_section
@@ -105,6 +105,17 @@ def map_section(contents: Contents, card: str = "") -> Section:
     drawn, beside = map_of(contents), card or card_html(contents)
     figures = [] if drawn is None else [drawn]
     return Section("map", "Map", "", figures, missing, "Map", beside=beside)
+
+
+def along_track_section(contents: Contents) -> Section:
+    """Return the report section on profiles along the track and DACs."""
+    each = section_figure(contents), dives_figure(contents)
+    figures = [figure for figure in each if figure.panels[0].marks]
+    missing = [figure.panels[0].note for figure in each if figure not in figures]
+    title = "How does it change along the track, with depth and time?"
+    profiles, dives = contents.bins.profiles, contents.mean_currents.time_ns.size
+    answer = f"{profiles:,} profiles and {dives:,} DACs, compared with the estimate."
+    return Section("section", title, "", figures, missing, "Section", answer)
 
 
 #: The sections from top to bottom; each is a pure function of the opened result.
