@@ -6,7 +6,6 @@ from itertools import groupby
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from replay_kit.core.text import printable
@@ -34,6 +33,9 @@ def print_table(
         columns: Column headings.
         rows: Rows of cells; numeric columns are right-aligned.
     """
+    # here, because most commands print lines alone
+    from rich.table import Table
+
     if title is not None:
         console.print(title)
     cells = [list(row) for row in rows]

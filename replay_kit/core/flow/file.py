@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from replay_kit.core.arrays import Array
@@ -41,6 +40,7 @@ from replay_kit.core.inputs import (
 from replay_kit.core.paths import as_path
 
 if TYPE_CHECKING:
+    import h5py
     import xarray as xr
 
 FORMAT, FORMAT_VERSION = "replay_kit.FlowEstimate", 7
@@ -221,6 +221,9 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
     Raises:
         ForecastError: See ``load``.
     """
+    # here, because the estimate in a result needs none
+    import h5py
+
     try:
         content = unsealed(data)
         # by the HDF5 library alone: xarray takes longer to load than a mission to plan
