@@ -61,7 +61,7 @@ def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[s
         east, north = (np.round(each / 1e3, 3).tolist() for each in to_local(projection, *at.T))
         made = [about["time"]] * len(at) if "time" in about else about.get("coordTimes", [])
         said = [] if role in _SILENT else _said(about, len(at))
-        mark = {"name": "", "symbol": "", "width": 2.0, "size": 6.0, **ON_MAP[role]}
+        mark = {"symbol": "", "width": 2.0, "size": 6.0, **ON_MAP[role]}
         place = {"role": role, "label": _label(about), "x": east, "y": north}
         marks.append(mark | place | {"text": said or None, "when": _milliseconds(made) or None})
     return marks
@@ -140,33 +140,33 @@ def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], d
     packed = {"current": pack(np.concatenate([mean[None], slices.fields]), _STEP, 1)}
     if slices.outside is not None and slices.outside.any():
         packed["outside"] = pack(np.where(slices.outside, 1.0, np.nan), 1.0)
-    names = {"speed": ("speed", "speed-dark"), "error": ("amp", "amp")}
-    scales = {
-        name: {"light": [color for _, color in scale(light)], "dark": [c for _, c in scale(dark)]}
-        for name, (light, dark) in names.items()
-    }
     drawn = {
         "east": column(slices.east / 1e3, 7),
         "north": column(slices.north / 1e3, 7),
         "times": (slices.time_ns // 1_000_000).tolist(),
         "scales": {
-            name: {"most": most, **colors}
-            for (name, colors), most in zip(scales.items(), limits_of(slices), strict=True)
+            "speed": _scale(slices.fields[:, :, :2], "speed", "speed-dark"),
+            "error": _scale(np.sqrt(0.5) * slices.fields[:, :, 2:], "amp", "amp"),
         },
         "dry": dry_text(slices),
     }
     return packed, drawn
 
 
-def limits_of(slices: CurrentSlices) -> tuple[float, float]:
-    """Return the colour limits of speed and standard error [m/s], common to all depths and times."""
-    out = []
-    for first in (0, 2):
-        values = np.hypot(slices.fields[:, :, first], slices.fields[:, :, first + 1])
-        known = values[np.isfinite(values)]
-        most = float(np.quantile(known, _MOST)) if known.size else 0.0
-        out.append(float(f"{most:.2g}") if most > 0.0 else 1.0)
-    return out[0], float(f"{out[1] / np.sqrt(2.0):.2g}")
+def _scale(pairs: Array, light: str, dark: str) -> dict[str, Any]:
+    """Return a colour scale by schemes, with its limit, common to all depths and times.
+
+    Args:
+        pairs: Components, shape (D, T, 2, J, I) [m/s], whose root of the sum of squares is drawn.
+        light: Name of the scale on a light page.
+        dark: Name of the scale on a dark page.
+    """
+    sizes = np.hypot(pairs[:, :, 0], pairs[:, :, 1])
+    known = sizes[np.isfinite(sizes)]
+    most = float(f"{np.quantile(known, _MOST):.2g}") if known.size else 0.0
+    schemes = {"light": light, "dark": dark}
+    colors = {key: [color for _, color in scale(name)] for key, name in schemes.items()}
+    return {"most": most or 1.0, **colors}
 
 
 def frame_of(projection: Projection, extent: Extent) -> dict[str, Any]:
