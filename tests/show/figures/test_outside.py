@@ -55,11 +55,11 @@ def test_page_and_figures_call_them_outside_the_forecast(contents):
     assert figure["map"]["dry"] == "land, or below the bottom"
     said = "Grey: land, or below the bottom. Hatched: outside the forecast."
     assert said in text_of(page, "map")
-    for land in (True, False):
-        figure = drawn(contents(land=land), "map")
+    for land, result in ((True, contents()), (False, contents(land=False))):
+        figure = drawn(result, "map")
         assert figure.axes[0].patch.get_hatch()
-        assert said[0 if land else 33 :] in notes_of(figure)
-        assert ("Grey" in notes_of(figure)) == land
+        assert "Hatched: outside the forecast." in notes_of(figure)
+        assert ("Grey: land, or below the bottom." in notes_of(figure)) == land
 
 
 def test_a_plan_that_leads_out_of_the_forecast_says_so(plan, innovation, tmp_path):

@@ -148,15 +148,6 @@ def test_words_say_what_was_measured_found_and_not_used(page, replayed):
     trust = " ".join(text_of(page, "trust").split())
     said = [*estimate_sentences(summary), *trust_sentences(summary)]
     assert all(str(each) in f"{words} {trust}" for each in said)
-    assert (
-        f"{summary.observations['mean_currents']} mean currents used, 1 rejected; bins not used: "
-        in words
-    )
-    assert (
-        f"RMS innovation: {100 * summary.rms_innovation['before']:.2f} cm/s before each update"
-        in words
-    )
-    assert f"NIS per degree of freedom {summary.nis_per_dof:.2f}" in words
     assert summary.plan is not None
     card = " ".join(text_of(page, "map").split())
     assert f"{round(summary.plan['heading_deg']) % 360:03d}°" in card
