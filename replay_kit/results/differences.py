@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.results.outcome.outcome import leaves
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.result import ResultFile
@@ -21,8 +20,8 @@ TOLERANCE = 1e-9
 _TABLES = ("fixes", "observations", "innovations", "surface", "surfacings", "plans", "plan_tracks")
 # records of a plan, each value JSON
 _PLANNED = ("legs", "departures")
-# records of how a result was made that a repetition need not share
-_OF_MAKING = ("replay_kit.versions", "replay_kit.followed", "contract")
+# what of a run may differ without a difference of its values
+_OF_MAKING = ("settings.", "replay_kit.inputs", "replay_kit.options")
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +148,7 @@ def difference(one: Path, other: Path) -> Difference:
         LogError: A result cannot be read, or versions, vehicles, regions or periods are not comparable.
     """
     files = ResultFile(one), ResultFile(other)
-    records = _recorded(files[0].reader), _recorded(files[1].reader)
+    records = [_recorded(each.reader) for each in files]
     versions = [each.metadata["contract"]["version"] for each in records]
     vehicles = [[of.name for of in each.reader.vehicles] or [""] for each in files]
     for what, (a, b) in (("contract version", versions), ("vehicles", vehicles)):
@@ -162,41 +161,54 @@ def difference(one: Path, other: Path) -> Difference:
             for each in files
         )
         tables += _tables(name, first, second)
-        findings += [f"{name}: {text}" if name else text for text in _findings(first, second)]
-    levels = [level for pair in _estimates(*files) for level in _levels(*pair)]
-    return Difference(
-        tuple(_input_differences(*records)),
-        tuple(each for each in levels if max(each.largest, each.standard_error) > TOLERANCE),
-        tuple(tables),
-        tuple(findings),
-    )
+        changes = _changes(_found(first), _found(second))
+        findings += [f"{name}: {text}" if name else text for text in changes]
+    made = _changes(*map(_made, records))
+    return Difference(tuple(made), tuple(_levels(*files)), tuple(tables), tuple(findings))
 
 
-def _input_differences(one: Recorded, other: Recorded) -> Iterator[str]:
-    """Yield different inputs, options and settings."""
-    held = []
-    for each in (one, other):
-        records = {name: values for name, values in each.metadata.items() if name not in _OF_MAKING}
-        nested = {"settings": tomllib.loads(each.config_toml), **records}
-        held.append(dict(leaves(nested)))
-    a, b = held
-    for name in sorted(a.keys() | b.keys()):
-        if name.startswith(("settings.", "replay_kit.inputs", "replay_kit.options")) and a.get(
-            name
-        ) != b.get(name):
-            yield f"{name}: {a.get(name, 'none')} | {b.get(name, 'none')}"
+def _changes(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the values that differ by name, numbers by more than the tolerance."""
+    for name in sorted(one.keys() | other.keys()):
+        x, y = one.get(name, "none"), other.get(name, "none")
+        numbers = isinstance(x, float) and isinstance(y, float)
+        if x != y and not (numbers and abs(x - y) <= TOLERANCE * max(abs(x), 1.0)):
+            yield f"{name}: {x} | {y}"
 
 
-def _estimates(one: ResultFile, other: ResultFile) -> Iterator[tuple[FlowEstimate, FlowEstimate]]:
-    """Yield the estimates of both by window; empty for results of plans alone.
+def _made(recorded: Recorded) -> dict[str, Any]:
+    """Return the inputs, options and settings of a run."""
+    found = leaves({"settings": tomllib.loads(recorded.config_toml), **recorded.metadata})
+    return {name: value for name, value in found if name.startswith(_OF_MAKING)}
+
+
+def _found(result: ResultFile) -> dict[str, Any]:
+    """Return legs, departures, findings, verdict and exit codes of a run."""
+    records, outcome = result.reader.metadata, result.outcome
+    planned = {
+        f"{record}: {path}": value
+        for record in _PLANNED
+        for key, text in records.get(record, {}).items()
+        for path, value in leaves(json.loads(text), key)
+    }
+    names = [one["name"] for one in outcome.consistency]
+    return {
+        **planned,
+        "finding": ", ".join(names) or "none",
+        "verdict": outcome.verdict.word,
+        "exit code": ", ".join(map(str, outcome.exit_codes)) or "none",
+    }
+
+
+def _levels(one: ResultFile, other: ResultFile) -> Iterator[LevelDifference]:
+    """Yield the levels at which estimates differ, window by window; nothing for results of plans alone.
 
     Raises:
         LogError: Regions or periods differ.
     """
     if not (one.has_estimate or other.has_estimate):
         return
-    pairs = [*zip(one.estimates, other.estimates, strict=False)]
-    for a, b in pairs:
+    for a, b in zip(one.estimates, other.estimates, strict=False):
         grids = [(each.grid.longitude, each.grid.latitude, each.grid.levels) for each in (a, b)]
         alike = all(
             x.shape == y.shape and np.allclose(x, y, rtol=0.0, atol=1e-6)
@@ -208,23 +220,14 @@ def _estimates(one: ResultFile, other: ResultFile) -> Iterator[tuple[FlowEstimat
                 f"{one.path} and {other.path}: expected estimates of one {what}, got two; replay both with the same --region, --levels, "
                 "--start and --end"
             )
-    yield from pairs
-
-
-def _levels(one: FlowEstimate, other: FlowEstimate) -> Iterator[LevelDifference]:
-    east, north = one.grid.east.ravel(), one.grid.north.ravel()
-    for depth in one.levels.tolist():
-        velocity = one.velocity(east, north, depth) - other.velocity(east, north, depth)
-        error = np.zeros(1)
-        if one.n_modes and other.n_modes:
-            pair = [each.standard_error(east, north, depth) for each in (one, other)]
-            error = np.nan_to_num(pair[0] - pair[1])
-        yield LevelDifference(
-            depth,
-            float(np.sqrt(np.mean(velocity**2))),
-            float(np.abs(velocity).max()),
-            float(np.abs(error).max()),
-        )
+        at = a.grid.east.ravel(), a.grid.north.ravel()
+        for depth in a.levels.tolist():
+            off, error = a.velocity(*at, depth) - b.velocity(*at, depth), np.zeros(1)
+            if a.n_modes and b.n_modes:
+                error = np.nan_to_num(a.standard_error(*at, depth) - b.standard_error(*at, depth))
+            rms, *most = np.sqrt(np.mean(off**2)), np.abs(off).max(), np.abs(error).max()
+            if max(most) > TOLERANCE:
+                yield LevelDifference(depth, float(rms), *map(float, most))
 
 
 def _tables(vehicle: str, one: ResultFile, other: ResultFile) -> Iterator[TableDifference]:
@@ -232,9 +235,7 @@ def _tables(vehicle: str, one: ResultFile, other: ResultFile) -> Iterator[TableD
         a, b = (getattr(each, name).reset_index() for each in (one, other))
         columns = dict[str, float]()
         if len(a) == len(b):
-            each = {
-                str(column): _column_difference(a[column], b[column]) for column in a if column in b
-            }
+            each = {str(name): _column_difference(a[name], b[name]) for name in a if name in b}
             columns = {column: value for column, value in each.items() if value > 0.0}
         if columns or len(a) != len(b):
             yield TableDifference(f"{vehicle} {name}".strip(), (len(a), len(b)), columns)
@@ -253,37 +254,6 @@ def _column_difference(one: Any, other: Any) -> float:
     a, b = one.to_numpy(np.float64), other.to_numpy(np.float64)
     alike = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore"):
-        off = np.where(alike, 0.0, np.abs(a - b))
-    off = np.where(np.isnan(off), np.inf, off)
+        off = np.nan_to_num(np.where(alike, 0.0, np.abs(a - b)), nan=np.inf, posinf=np.inf)
     beyond = off > TOLERANCE * np.maximum(np.nan_to_num(np.abs(a)), 1.0)
     return float(off[beyond].max(initial=0.0))
-
-
-def _numbers(record: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
-    """Yield the values of a record of JSON texts with their paths."""
-    for name, text in record.items():
-        yield from leaves(json.loads(text), name)
-
-
-def _findings(one: ResultFile, other: ResultFile) -> Iterator[str]:
-    for record in _PLANNED:
-        first, second = (
-            dict(_numbers(each.reader.metadata.get(record, {}))) for each in (one, other)
-        )
-        for name in sorted(first.keys() | second.keys()):
-            x, y = first.get(name), second.get(name)
-            close = (
-                isinstance(x, float)
-                and isinstance(y, float)
-                and abs(x - y) <= TOLERANCE * max(abs(x), 1.0)
-            )
-            if x != y and not close:
-                yield f"{record}: {name}: {x} | {y}"
-    for what, of in (
-        ("finding", lambda found: [each["name"] for each in found.consistency]),
-        ("verdict", lambda found: [found.verdict.word]),
-        ("exit code", lambda found: found.exit_codes),
-    ):
-        a, b = ([*of(each.outcome)] for each in (one, other))
-        if a != b:
-            yield f"{what}: {', '.join(map(str, a)) or 'none'} | {', '.join(map(str, b)) or 'none'}"

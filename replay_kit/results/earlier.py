@@ -1,21 +1,12 @@
-"""Results of earlier versions: innovations and weights as single messages.
+"""Innovations of results of 0.3, single messages of contract version 5."""
 
-With ``measurements.flight_bias``, results before contract version 5 hold corrected mean currents as measured ones.
-"""
-
-import tomllib
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import MESSAGES
-from replay_kit.results.topics import CONFIG_NAME
-
-# The first contract version whose measured mean currents are the log's.
-_MEASURED_SINCE = 5
 
 
 def innovations(reader: ResultReader, topic: str, newest: bool) -> Iterator[dict[str, Any]] | None:
@@ -23,29 +14,14 @@ def innovations(reader: ResultReader, topic: str, newest: bool) -> Iterator[dict
 
     None if the messages are of this version.
     """
-    if not _is(reader, topic, "replay_kit.Innovation"):
-        return None
-    settings = tomllib.loads(reader.text(CONFIG_NAME))
-    corrected = int(reader.metadata["contract"]["version"]) < _MEASURED_SINCE and bool(
-        settings.get("measurements", {}).get("flight_bias", False)
-    )
-    return (_fields(message, corrected) for _, message in reader.decoded(topic, newest))
-
-
-def weights(reader: ResultReader, topic: str) -> Iterator[tuple[int, Array]] | None:
-    """Return times [ns, UTC] and weights, by level, of a topic's messages; None if they hold none."""
-    if not _is(reader, topic, "replay_kit.FlowEstimate"):
-        return None
-    return ((time_ns, np.array(message.weights)) for time_ns, message in reader.decoded(topic))
-
-
-def _is(reader: ResultReader, topic: str, schema: str) -> bool:
     held = reader.schema(topic)
-    return held is not None and held.name == schema
+    if held is None or held.name != "replay_kit.Innovation":
+        return None
+    return (_fields(message) for _, message in reader.decoded(topic, newest))
 
 
-def _fields(message: Any, corrected: bool) -> dict[str, Any]:
-    """Return a block of one innovation; with ``corrected``, the measured mean current of a dive is a corrected one."""
+def _fields(message: Any) -> dict[str, Any]:
+    """Return a block of one innovation."""
     mean, held = message.mean_current, dict[str, Any]()
     for field in MESSAGES["Innovations"]:
         value = getattr(message, field.name, 0 if field.name == "profiles" else ())
@@ -61,8 +37,6 @@ def _fields(message: Any, corrected: bool) -> dict[str, Any]:
             error = getattr(mean, f"{name}_standard_error", 0.0)
             held[f"mean_current_{name}_standard_error"] = [error or np.nan]
             if name == "measured" or (name == "corrected" and error > 0.0):
-                is_corrected = corrected and mean.kind == "dac"
-                of = "corrected" if is_corrected else name
                 for end in ("east", "north"):
-                    held[f"mean_current_{of}_{end}"] = [getattr(mean, f"{name}_{end}")]
+                    held[f"mean_current_{name}_{end}"] = [getattr(mean, f"{name}_{end}")]
     return held

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from replay_kit.core.grid import Projection, Seabed
+from replay_kit.core.grid import Projection
 from replay_kit.core.region import Feature, positions
 from replay_kit.results.plans import (
     known,
@@ -67,39 +67,6 @@ def until(features: Sequence[Feature], time_ns: int | None) -> list[Feature]:
             times = {"coordTimes": about["coordTimes"][:count]}
             kept.append({**one, "geometry": shape, "properties": {**about, **times}})
     return kept
-
-
-def contours_of(
-    seabed: Seabed, projection: Projection, ends: Sequence[float], step: float
-) -> list[Feature]:
-    """Return depth contours of the seabed within a box.
-
-    Args:
-        seabed: Seabed.
-        projection: Its local frame.
-        ends: West, east, south and north sides of the box [m].
-        step: Contour interval [m].
-    """
-    # loads slowly, and few results have a bottom
-    from contourpy import contour_generator
-
-    west, east, south, north = ends
-    columns, rows = (
-        (axis >= low) & (axis <= high)
-        for axis, low, high in ((seabed.east, west, east), (seabed.north, south, north))
-    )
-    depth = np.where(np.outer(rows, columns), seabed.depth, np.nan)
-    if not np.isfinite(depth).any():
-        return []
-    lines = contour_generator(seabed.east, seabed.north, np.ma.masked_invalid(depth))
-    found = []
-    for level in step * np.arange(np.nanmin(depth) // step, np.nanmax(depth) // step + 1.0):
-        for line in lines.lines(level) if level > 0.0 else ():
-            at = line_of(np.asarray(line), projection)
-            if len(at) > 1:
-                name = f"{level:g} m"
-                found.append(placed("LineString", at, "bottom", name, {"depth_m": float(level)}))
-    return found
 
 
 def place_features(series: pd.DataFrame, projection: Projection) -> list[Feature]:

@@ -6,7 +6,6 @@ are continuous across the antimeridian.
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,10 +18,11 @@ from replay_kit.core.plan import Area, Odds, Place, Plan, plan_legs
 from replay_kit.core.region import Feature, feature, positions
 from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.schemas import MESSAGES, decode, numbers
+from replay_kit.results.schemas import MESSAGES, attributes, decode, numbers
 
-# Positions of a plan; more are thinned.
+# Positions of a plan; more are thinned. Its figures, and whence they are.
 _PLANNED = 1000
+_FIGURES = "heading_deg glide_angle_deg duration_s=duration closest_approach_m=closest_approach energy_j=energy battery_j=battery"
 
 
 def last_plan(reader: ResultReader) -> Plan | None:
@@ -42,8 +42,13 @@ def plan_of(message: Any, areas: tuple[Area, ...] = ()) -> Plan:
         message: The message.
         areas: Areas of the plan, which it does not hold.
     """
-    names = ("status", "heading_deg", "glide_angle_deg", "speed", "duration", "closest_approach")
-    same = {name: getattr(message, name) for name in (*names, "message")}
+    same = {
+        field.name: getattr(message, field.name)
+        for field in MESSAGES["Plan"]
+        if not field.repeated and not field.type.startswith(".")
+    }
+    # a field that a message of 0.3 does not have reads as 0
+    same |= {name: same[name] or np.nan for name in ("energy", "battery")}
     time, east, north, depth, bottom, velocity = (
         numbers("Plan", message, name)
         for name in (
@@ -66,8 +71,6 @@ def plan_of(message: Any, areas: tuple[Area, ...] = ()) -> Plan:
         track=np.column_stack([east, north, depth]),
         statistics=statistics,
         legs=tuple(plan_legs(statistics)),
-        energy=message.energy or np.nan,
-        battery=message.battery or np.nan,
         odds=Odds(*odds) if message.odds.n_samples else None,
         areas=areas,
         bottom=bottom if np.isfinite(bottom).any() else None,
@@ -125,17 +128,8 @@ def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
 
 def _numbers(plan: Plan) -> dict[str, Any]:
     """Return the known numbers of a plan, with its status and message."""
-    odds = asdict(plan.odds) if plan.odds else {}
-    each = {
-        "heading_deg": plan.heading_deg,
-        "glide_angle_deg": plan.glide_angle_deg,
-        "duration_s": plan.duration,
-        "closest_approach_m": plan.closest_approach,
-        "energy_j": plan.energy,
-        "battery_j": plan.battery,
-        "samples": odds.get("n_samples", np.nan),
-        "reached_share": odds.get("reached", np.nan),
-    }
+    each = attributes(plan, _FIGURES)
+    each |= attributes(plan.odds, "samples=n_samples reached_share=reached") if plan.odds else {}
     found = {name: value for name, value in each.items() if np.isfinite(value)}
     return {"status": plan.status, "message": plan.message, **found}
 

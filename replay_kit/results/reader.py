@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from mcap.records import Attachment, Schema
 from mcap_protobuf.decoder import DecoderFactory
 
-from replay_kit.core.errors import ForecastError
+from replay_kit.core.errors import ForecastError, LogError
 from replay_kit.core.grid import Projection
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.topics import (
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from replay_kit.core.flow.estimate import FlowEstimate
 
 _INPUTS, _OPTIONS = "replay_kit.inputs", "replay_kit.options"
+# The first contract version that is read, of 0.3.
+_OLDEST = 5
 # Of one of several vehicles and of all.
 _COMMON = ("/tf", "/log")
 
@@ -189,13 +191,17 @@ class ResultReader:
         Raises:
             ForecastError: The result has no estimate.
         """
-        held = self.attachments((ESTIMATE_NAME, EARLIER_ESTIMATE).__contains__)
+        held = self.attachments(ESTIMATE_NAME.__eq__)
+        if not held and self.attachments(EARLIER_ESTIMATE.__eq__):
+            raise ForecastError(
+                f"{self.path}: its estimate is of 0.3; export it with 0.3, or replay the log again"
+            )
         if not held:
             raise ForecastError(
                 f"{self.path}: carries no {ESTIMATE_NAME} (written without an estimate, unfinished, or a plan "
                 "alone); its fixes, innovations and plans can be read, but no current: replay the log for an estimate"
             )
-        return _estimate(self.path, *held.popitem())
+        return _estimate(self.path, held[ESTIMATE_NAME])
 
     def estimates(self) -> "tuple[FlowEstimate, ...]":
         """Return the estimates of all windows in order; the last one equals ``estimate``.
@@ -205,22 +211,33 @@ class ResultReader:
         """
         last, withdrawn = self.estimate(), self.metadata.get(WINDOWS_RECORD, {}).get("withdrawn", 0)
         left = {
-            int(name.removeprefix(WINDOW_NAME).partition(".")[0]): (name, one)
+            int(name.removeprefix(WINDOW_NAME).partition(".")[0]): one
             for name, one in self.attachments(lambda name: name.startswith(WINDOW_NAME)).items()
         }
         numbers = (number for number in sorted(left) if number > int(withdrawn))
-        return (*(_estimate(self.path, *left[number]) for number in numbers), last)
+        return (*(_estimate(self.path, left[number]) for number in numbers), last)
+
+
+def check_result(reader: ResultReader) -> None:
+    """Raise LogError if a file is no result of ``replay`` or ``plan``, or one of a contract before 0.3."""
+    path, records = reader.path, reader.metadata
+    if "contract" not in records or "frame map" not in records:
+        raise LogError(
+            f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log"
+        )
+    if (version := int(records["contract"]["version"])) < _OLDEST:
+        raise LogError(
+            f"{path}: expected a result of version 0.3.0 or later, got one of contract version {version}; replay the log again"
+        )
 
 
 def _is_common(name: str) -> bool:
     return name == CONFIG_NAME or name.startswith("estimate")
 
 
-def _estimate(path: Path, name: str, held: Attachment) -> "FlowEstimate":
+def _estimate(path: Path, held: Attachment) -> "FlowEstimate":
     """Return the estimate in an attachment."""
     # here, because a status needs none of what holds an estimate
     from replay_kit.core.flow.compact import unpack
-    from replay_kit.core.flow.file import load_bytes
 
-    read = load_bytes if name.endswith(".nc") else unpack
-    return read(held.data, f"{path}#{held.name}")
+    return unpack(held.data, f"{path}#{held.name}")

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from replay_kit.core.errors import LogError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
@@ -30,15 +29,13 @@ from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import MESSAGES, TIME, decode, numbers
 from replay_kit.results.slices import surface_table
-from replay_kit.results.topics import EARLIER_ESTIMATE, ESTIMATE_NAME, OpenResult
+from replay_kit.results.topics import ESTIMATE_NAME, OpenResult
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 _LEVELS = {1: "debug", 2: "info", 3: "warning", 4: "error"}
-# The first contract version that is read: results before it do not say which measurements are mean currents.
-_OLDEST = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,7 +85,7 @@ class ResultFile:
     def has_estimate(self) -> bool:
         """Whether it holds an estimate."""
         found = self.reader.summary.attachment_indexes
-        return any(one.name in (ESTIMATE_NAME, EARLIER_ESTIMATE) for one in found)
+        return any(one.name == ESTIMATE_NAME for one in found)
 
     @cached_property
     def estimate(self) -> FlowEstimate:
@@ -249,19 +246,6 @@ class ResultFile:
             elif not field.repeated:
                 columns[field.name] = held
         return table_of(columns)
-
-
-def check_result(reader: ResultReader) -> None:
-    """Raise LogError if a file is no complete result of ``replay``."""
-    path, records = reader.path, reader.metadata
-    if "contract" not in records:
-        raise LogError(
-            f"{path}: an MCAP file, but no result of replay-kit (no metadata record 'contract'); open a log with open_log"
-        )
-    if (version := int(records["contract"]["version"])) < _OLDEST:
-        raise LogError(
-            f"{path}: expected a result of version 0.2.0 or later, got one of contract version {version}; replay the log again"
-        )
 
 
 def _table(rows: list[Any], columns: str) -> "pd.DataFrame":

@@ -5,8 +5,7 @@ estimate is in the attachment ``estimate.npz``.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import foxglove.messages as fox
 import numpy as np
@@ -33,23 +32,21 @@ _SURFACE = ["time", "longitude", "latitude", "depth", "u", "v", *FIELDS[3:]]
 _COLOR = fox.Color(r=0.05, g=0.2, b=0.5, a=1.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Slice:
+class Slice(NamedTuple):
     """Flow at one depth on a regular local grid.
 
     Attributes:
         depth: [m], positive down.
         east: shape (I,) [m], cell centres.
         north: shape (J,) [m], cell centres.
-        velocity: shape (J, I, 2) [m/s], local east and north; NaN where dry, outside the ensemble's outline and below its last level.
-        standard_error: shape (J, I, 2) [m/s], of each component; NaN as the velocity. None without an uncertainty.
+        fields: shape (4, J, I), or (2, J, I) without an uncertainty [m/s]: velocity along local east and north, and its standard errors;
+            NaN where dry, outside the ensemble's outline and below its last level.
     """
 
     depth: float
     east: Array
     north: Array
-    velocity: Array
-    standard_error: Array | None
+    fields: Array
 
     @property
     def cell(self) -> tuple[float, float]:
@@ -61,25 +58,17 @@ class Slice:
         """Number of cells from one arrow to the next."""
         return -(-max(self.east.size, self.north.size) // _MAX_ARROWS_A_SIDE)
 
-    @property
-    def max_speed(self) -> float:
-        """Largest speed [m/s]; 0 if all is dry."""
-        speed = np.hypot(self.velocity[..., 0], self.velocity[..., 1])
-        return float(np.max(speed, where=np.isfinite(speed), initial=0.0))
-
 
 def depth_slices(flow: FlowEstimate, depths: Sequence[float]) -> list[Slice]:
     """Return slices of a flow at depths [m] on a regular grid near the ensemble's own."""
-    grid = flow.grid
-    east, north = slice_axes(grid)
+    east, north = slice_axes(flow.grid)
     # what depends on the place alone is computed once for all depths
     at = (*np.meshgrid(east, north), np.array(depths, np.float64)[:, None, None])
-    known = known_at(grid, *at)[..., None]
-    velocity = np.where(known, flow.velocity(*at), np.nan)
-    errors = np.where(known, flow.standard_error(*at), np.nan) if flow.n_modes else None
+    parts = [flow.velocity(*at), *([flow.standard_error(*at)] if flow.n_modes else [])]
+    known = known_at(flow.grid, *at)[..., None]
+    fields = np.moveaxis(np.where(known, np.concatenate(parts, axis=-1), np.nan), -1, 1)
     return [
-        Slice(float(depth), east, north, velocity[k], None if errors is None else errors[k])
-        for k, depth in enumerate(depths)
+        Slice(float(depth), east, north, each) for depth, each in zip(depths, fields, strict=True)
     ]
 
 
@@ -93,16 +82,9 @@ def grid_message(time_ns: int, value: Slice) -> fox.Grid:
 
     Without an uncertainty there are no standard errors.
     """
-    speed = np.hypot(value.velocity[..., 0], value.velocity[..., 1])
-    errors = [] if value.standard_error is None else [value.standard_error]
-    packed = np.concatenate([value.velocity, speed[..., None], *errors], axis=-1)
-    return _packed_grid(
-        time_ns,
-        value.east,
-        value.north,
-        -value.depth,
-        dict(zip(FIELDS, np.moveaxis(packed, -1, 0), strict=False)),
-    )
+    velocity, errors = value.fields[:2], value.fields[2:]
+    cells = dict(zip(FIELDS, (*velocity, np.hypot(*velocity), *errors), strict=False))
+    return _packed_grid(time_ns, value.east, value.north, -value.depth, cells)
 
 
 def seabed_message(time_ns: int, value: Seabed) -> fox.Grid:
@@ -166,7 +148,10 @@ def surface_table(messages: Iterable[tuple[int, Any]], projection: Projection) -
 
 def arrow_scale(slices: list[Slice]) -> float | None:
     """Return the arrow length for 1 m/s [m], so that the fastest arrow spans 1.5 arrow spacings; None for a flow at rest."""
-    fastest = max((value.max_speed for value in slices), default=0.0)
+    speeds = [np.hypot(*value.fields[:2]) for value in slices]
+    fastest = max(
+        (float(np.max(one, where=one >= 0.0, initial=0.0)) for one in speeds), default=0.0
+    )
     if fastest == 0.0:
         return None
     return _ARROW_CELLS * min(min(value.cell) * value.arrow_stride for value in slices) / fastest
@@ -186,7 +171,7 @@ def arrows_message(time_ns: int, value: Slice, scale: float) -> fox.SceneUpdate:
     arrows = []
     for j in range(start, value.north.size, step):
         for i in range(start, value.east.size, step):
-            u, v = value.velocity[j, i].tolist()
+            u, v = value.fields[:2, j, i].tolist()
             length = scale * float(np.hypot(u, v))
             # Dry cells are NaN, which compares false.
             if length > 0.0:

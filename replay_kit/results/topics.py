@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 #: Names of attachments and metadata records.
 ESTIMATE_NAME = "estimate.npz"
-#: Its name in results of earlier versions, where it is NetCDF.
+#: Its name in results of 0.3, which is not read.
 EARLIER_ESTIMATE = "estimate.nc"
 #: Beginning of the names of the estimates of windows that the vehicle left; their number and the same ending follow.
 WINDOW_NAME = "estimate_window_"

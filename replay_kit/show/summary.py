@@ -17,7 +17,7 @@ from replay_kit.show.sentences import (
 )
 from replay_kit.show.status.lines import detail_lines, lines, title
 from replay_kit.show.status.status import Status
-from replay_kit.show.text import folded, not_used_lines, print_lines, print_table
+from replay_kit.show.text import not_used_lines, print_lines, print_table
 from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_rows, vehicle_sentences
 
 _DIVE_COLUMNS = (
@@ -89,7 +89,7 @@ def _print_tables(outcome: Outcome, console: Console) -> None:
     ]
     if rows:
         columns = ("topic", "read", "used", "skipped")
-        print_table(console, "Messages", columns, folded(rows, whole=True))
+        print_table(console, "Messages", columns, rows)
     why = {row["topic"]: {one["reason"]: one["count"] for one in row["reasons"]} for row in topics}
     print_lines(console, not_used_lines(why))
     print_lines(console, map(str, estimate_sentences(outcome)))

@@ -6,7 +6,6 @@ from itertools import groupby
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from replay_kit.core.text import printable
@@ -34,6 +33,9 @@ def print_table(
         columns: Column headings.
         rows: Rows of cells; numeric columns are right-aligned.
     """
+    # here, because most commands print lines alone
+    from rich.table import Table
+
     if title is not None:
         console.print(title)
     cells = [list(row) for row in rows]
@@ -58,43 +60,20 @@ def print_table(
 
 
 def folded(rows: Iterable[tuple[str, ...]], whole: bool = False) -> list[tuple[str, ...]]:
-    """Return rows with consecutive ones folded that differ only by a number in the topic's name.
+    """Return rows with consecutive ones folded that differ only by numbers in the topic's name, ``/a1 ... /a8, 8 topics``.
 
     Args:
         rows: Rows of cells, the topic's name first.
         whole: Whether to keep all rows.
     """
-    found: list[list[tuple[str, ...]]] = []
-    for row in rows:
-        if (
-            found
-            and not whole
-            and row[1:] == found[-1][0][1:]
-            and _differing(found[-1][0][0], row[0]) is not None
-        ):
-            found[-1].append(row)
-        else:
-            found.append([row])
-    return [(fold_names([row[0] for row in those]), *those[0][1:]) for those in found]
-
-
-def fold_names(names: Sequence[str]) -> str:
-    """Return names that differ only by a number as one, ``/cell_01 ... _08, 8 topics``; a single name unchanged."""
-    first, last = names[0], names[-1]
-    begin = None if len(names) == 1 else _differing(first, last)
-    if begin is None:
-        return ", ".join(names)
-    # with the mark before the number, as in _08 or /8
-    return f"{first} ... {last[max(begin - 1, 0) :]}, {len(names)} topics"
-
-
-def _differing(one: str, other: str) -> int | None:
-    """Return the index of the only number that differs between two names; None if they differ otherwise."""
-    if _NUMBER.sub("0", one) != _NUMBER.sub("0", other):
-        return None
-    pairs = zip(_NUMBER.finditer(one), _NUMBER.finditer(other), strict=True)
-    starts = [b.start() for a, b in pairs if a[0] != b[0]]
-    return starts[0] if len(starts) == 1 else None
+    if whole:
+        return [*rows]
+    found = []
+    for (_, cells), those in groupby(rows, key=lambda row: (_NUMBER.sub("0", row[0]), row[1:])):
+        first, *more = (row[0] for row in those)
+        name = f"{first} ... {more[-1]}, {len(more) + 1} topics" if more else first
+        found.append((name, *cells))
+    return found
 
 
 def iso(time_ns: int | None) -> str | None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from replay_kit.config.run import RunConfig
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.paths import check_paths
 from replay_kit.results.outcome.outcome import Outcome
@@ -39,16 +38,13 @@ def report(
 
     check_paths([path], [out], overwrite)
     with opened(path, made) as contents:
-        settings = RunConfig().model_dump(mode="json")
         each = {name: part_path(out, name, out.parent) for name in contents.each if name}
         check_paths([path], each.values(), overwrite)
         for name, page in each.items():
-            _write(page, report_html(contents.each[name].result, contents.notes, settings))
+            _write(page, report_html(contents.each[name].result, contents.notes))
         names = {name: page.name for name, page in each.items()}
         text = (
-            several_html(contents, names, settings)
-            if each
-            else report_html(contents.result, contents.notes, settings)
+            several_html(contents, names) if each else report_html(contents.result, contents.notes)
         )
         return _write(out, text), contents
 

@@ -38,36 +38,34 @@ def state() -> VehicleState:
     return VehicleState(TIME_NS, 5.01, 62.02, 12.5, True, Source(0, "/gps", 77, TIME_NS))
 
 
-def _as_held(values: np.ndarray) -> np.ndarray:
-    """Return values of bins as results hold them."""
-    return values.astype(np.float32).astype(np.float64)
+# as results hold values of bins
+_MISFIT, _STD = np.random.default_rng(3).normal(size=(2, 4, 2)).astype(np.float32).astype(float)
+_MISFIT[2] = np.nan
+INNOVATION = Innovation(
+    time_ns=TIME_NS + 5,
+    depth=np.array([10.0, 20.0, 30.0, 40.0]),
+    innovation=_MISFIT,
+    innovation_std=np.abs(_STD),
+    residual=(0.1 * _MISFIT).astype(np.float32).astype(float),
+    prior_innovation=2.0 * _MISFIT,
+    nis=5.5,
+    dof=6,
+    accepted=True,
+    error_inflation=1.5,
+    flags=np.array([1, 1, 9, 1], dtype=np.int8),
+    reasons=np.array([0, 0, 1, 0], dtype=np.int32),
+    dive=2,
+    source=Source(1, "/adcp", 4711, TIME_NS + 4),
+    decision="accepted",
+    gate_statistic=12.5,
+    gate=20.5,
+    signal_dof=3.25,
+)
 
 
 @pytest.fixture
 def innovation() -> Innovation:
-    rng = np.random.default_rng(3)
-    misfit, std = (_as_held(rng.normal(size=(4, 2))) for _ in range(2))
-    misfit[2] = np.nan
-    return Innovation(
-        time_ns=TIME_NS + 5,
-        depth=np.array([10.0, 20.0, 30.0, 40.0]),
-        innovation=misfit,
-        innovation_std=np.abs(std),
-        residual=_as_held(0.1 * misfit),
-        prior_innovation=2.0 * misfit,
-        nis=5.5,
-        dof=6,
-        accepted=True,
-        error_inflation=1.5,
-        flags=np.array([1, 1, 9, 1], dtype=np.int8),
-        reasons=np.array([0, 0, 1, 0], dtype=np.int32),
-        dive=2,
-        source=Source(1, "/adcp", 4711, TIME_NS + 4),
-        decision="accepted",
-        gate_statistic=12.5,
-        gate=20.5,
-        signal_dof=3.25,
-    )
+    return INNOVATION
 
 
 @pytest.fixture

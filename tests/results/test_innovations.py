@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -72,6 +72,7 @@ def drawn(draw):
     )
 
 
+@settings(max_examples=25)
 @given(st.lists(drawn(), min_size=1, max_size=5), st.integers(1, 5))
 def test_a_block_holds_what_was_written_however_it_is_cut(given_ones, size):
     whole = columns_of(block_of(given_ones))

@@ -153,14 +153,6 @@ def test_viewers_find_the_last_plan_alone(plan, failed_plan, flow, tmp_path):
     np.testing.assert_allclose(ahead, through_water / np.linalg.norm(through_water), atol=1e-12)
 
 
-def test_a_failed_plan_is_valid_json_without_a_line(failed_plan, flow, tmp_path):
-    with ResultWriter(tmp_path / "out.mcap") as writer:
-        writer.plan(failed_plan, flow.grid.projection)
-    ((_, drawn),) = decoded(tmp_path / "out.mcap")["/plan/geojson"]
-    kinds = [one["geometry"]["type"] for one in json.loads(drawn.geojson)["features"]]
-    assert kinds == ["Point", "Point"]
-
-
 def test_a_line_is_continuous_across_the_antimeridian(plan, tmp_path):
     ends = {
         end: replace(getattr(plan, end), longitude=place)

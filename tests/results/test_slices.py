@@ -58,4 +58,4 @@ def test_a_slice_has_a_cell_near_each_point_of_a_grid_along_the_axes(flow, name)
     ).min(axis=1)
     assert apart.max() < 0.25 * min(found.cell)
     # the only dry point of the first level is a corner
-    assert np.isfinite(found.velocity[..., 0]).sum() >= 0.75 * east.size
+    assert np.isfinite(found.fields[0]).sum() >= 0.75 * east.size

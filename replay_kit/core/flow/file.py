@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 
 from replay_kit.core.arrays import Array
@@ -41,6 +40,7 @@ from replay_kit.core.inputs import (
 from replay_kit.core.paths import as_path
 
 if TYPE_CHECKING:
+    import h5py
     import xarray as xr
 
 FORMAT, FORMAT_VERSION = "replay_kit.FlowEstimate", 7
@@ -212,7 +212,7 @@ def load(path: str | Path) -> FlowEstimate:
 
 
 def load_bytes(data: bytes, name: str) -> FlowEstimate:
-    """Return the flow of a saved file's bytes, such as the attachment ``estimate.nc`` of a result of an earlier version.
+    """Return the flow of a saved file's bytes.
 
     Args:
         data: Bytes of the file.
@@ -221,6 +221,9 @@ def load_bytes(data: bytes, name: str) -> FlowEstimate:
     Raises:
         ForecastError: See ``load``.
     """
+    # here, because the estimate in a result needs none
+    import h5py
+
     try:
         content = unsealed(data)
         # by the HDF5 library alone: xarray takes longer to load than a mission to plan

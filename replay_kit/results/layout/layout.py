@@ -21,7 +21,7 @@ _ERROR = 0.2
 
 
 def write_layout(result: Path, out: Path) -> int:
-    """Write the layout for a result, also of an earlier version, and return the number of its panels.
+    """Write the layout for a result, and return the number of its panels.
 
     Raises:
         LogError: The file is missing or no complete result.

@@ -14,13 +14,13 @@ from pydantic_core import to_json
 
 from replay_kit.core.errors import ReplayKitError, finding_json
 from replay_kit.results.outcome.verdict import (
-    RunAlarm,
+    Alarm,
     Verdict,
     basis_sentences,
     decide,
     errors_text,
+    finding_alarms,
     plan_alarm,
-    run_alarms,
 )
 
 _STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
@@ -114,12 +114,13 @@ class Outcome:
         return next(iter(self.exit_codes), 0)
 
     @property
-    def alarms(self) -> tuple[RunAlarm, ...]:
+    def alarms(self) -> tuple[Alarm, ...]:
         """Alarms, the plan's first."""
-        return run_alarms(self.plan, self.consistency)
+        of_plan = self.plan_alarm
+        return (*((of_plan,) if of_plan else ()), *finding_alarms(self.consistency))
 
     @property
-    def plan_alarm(self) -> RunAlarm | None:
+    def plan_alarm(self) -> Alarm | None:
         """Alarm of the plan; None without one."""
         return plan_alarm(self.plan)
 

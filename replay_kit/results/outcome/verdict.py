@@ -44,18 +44,25 @@ class Verdict(NamedTuple):
         return ": ".join([self.word, *filter(None, ["; ".join(self.reasons)])])
 
 
-class RunAlarm(NamedTuple):
-    """Alarm of a run.
+class Alarm(NamedTuple):
+    """Alarm of a run or of a status.
 
     Attributes:
-        kind: ``plan`` or ``consistency``.
-        text: Text of the alarm.
-        about: Plan or finding of the alarm.
+        kind: ``plan`` or ``consistency``; of a status also ``surfacing overdue``, ``outside its ellipse``, ``current rejected`` or
+            ``forecast ended``.
+        text: Problem and action, as a line.
+        since: Time of onset; empty for a run.
+        about: Key of the plan, surfacing, finding or forecast; each raises one alarm.
     """
 
     kind: str
     text: str
+    since: str
     about: str
+
+    def record(self) -> dict[str, str]:
+        """Return the alarm for JSON."""
+        return {"kind": self.kind, "text": self.text, "since": self.since}
 
 
 def decide(outcome: "Outcome") -> Verdict:
@@ -97,11 +104,12 @@ def _plan_reason(plan: Mapping[str, Any] | None) -> str:
     return "" if plan_alarm(plan) is None else "no simulated flight arrives"
 
 
-def plan_alarm(plan: Mapping[str, Any] | None) -> RunAlarm | None:
+def plan_alarm(plan: Mapping[str, Any] | None, since: str = "") -> Alarm | None:
     """Return the alarm of a plan, the defect and what to do; None without a defect or without a plan.
 
     Args:
         plan: As in an outcome: ``status``, ``message``, and ``odds`` from simulated flights.
+        since: See ``Alarm``.
     """
     if plan is None:
         return None
@@ -115,18 +123,14 @@ def plan_alarm(plan: Mapping[str, Any] | None) -> RunAlarm | None:
     about = status if status in _ACTIONS else "no simulated flight arrives"
     in_mean = "the plan arrives in the mean current alone"
     first = in_mean if status == "reached" else _plan_reason(plan)
-    return RunAlarm("plan", f"{first}: {why}: {_ACTIONS.get(status, _CLOSER)}", about)
+    return Alarm("plan", f"{first}: {why}: {_ACTIONS.get(status, _CLOSER)}", since, about)
 
 
-def run_alarms(
-    plan: Mapping[str, Any] | None, consistency: Sequence[Mapping[str, Any]]
-) -> tuple[RunAlarm, ...]:
-    """Return the alarms of a run, from its plan and its findings."""
-    of_plan = plan_alarm(plan)
-    found = (
-        RunAlarm("consistency", f"{one['name']}: {one['set']}", one["name"]) for one in consistency
-    )
-    return (*((of_plan,) if of_plan else ()), *found)
+def finding_alarms(findings: Sequence[Mapping[str, Any]], since: str = "") -> list[Alarm]:
+    """Return an alarm for each finding."""
+    return [
+        Alarm("consistency", f"{one['name']}: {one['set']}", since, one["name"]) for one in findings
+    ]
 
 
 def basis_sentences(outcome: "Outcome") -> tuple[str, ...]:

@@ -95,7 +95,7 @@ def bins_along_track(
     time_ns = used.index.to_numpy().astype("datetime64[ns]").astype(np.int64)
     east, north, distance = track.at(time_ns)
     depth, residual = used["depth"].to_numpy(np.float64), _pairs(used, "residual")
-    # those of earlier versions do not state what was measured
+    # where it is not stated what was measured, by the published unknowns
     estimated = _pairs(used, "measured") - residual
     if not np.isfinite(estimated).any():
         estimated = _estimated(history, time_ns, (east, north, depth))

@@ -1,19 +1,18 @@
 """Estimate through time: at the published times, from published unknowns, and at a position."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property
 from itertools import chain, repeat
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate, Unknowns, with_potential
+from replay_kit.core.flow.estimate import FlowEstimate, with_potential
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.results import earlier
 from replay_kit.results.messages import basis_of
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.schemas import decode, numbers
@@ -32,46 +31,33 @@ class EstimateHistory:
         """Create the history from the last estimate of a result; without one every mean is None."""
         self._reader, self.estimate = reader, estimate
 
+    @cached_property
+    def _published(self) -> list[tuple[int, Array]]:
+        """Times [ns, UTC] and unknowns of this window's estimate as published, in order."""
+        assert self.estimate is not None
+        basis, messages = basis_of(self.estimate), self._reader.messages("/flow/estimate")
+        each = ((time_ns, decode("Estimate", data)) for time_ns, data in messages)
+        return [(at, numbers("Estimate", one, "x")) for at, one in each if one.basis == basis]
+
     def after(self, times_ns: NDArray[np.int64]) -> Iterator[FlowEstimate | None]:
         """Yield the latest published mean of the estimate at each of some times; None if unknown.
 
         Args:
-            times_ns: [ns, UTC], increasing.
+            times_ns: [ns, UTC].
         """
-        if self.estimate is None or self.estimate.unknowns is None:
+        estimate = self.estimate
+        if estimate is None or estimate.unknowns is None:
             yield from repeat(None, times_ns.size)
             return
-        latents, held = self._latents(self.estimate, self.estimate.unknowns), None
-        following = next(latents, None)
-        for time_ns in times_ns.tolist():
-            while following is not None and following[0] <= time_ns:
-                held, following = following, next(latents, None)
-            if held is None:
+        published, mean = self._published, estimate.mean_flow()
+        times = np.array([time_ns for time_ns, _ in published], np.int64)
+        for k in (np.searchsorted(times, times_ns, "right") - 1).tolist():
+            if k < 0:
                 yield None
-            else:
-                yield replace(self.estimate.mean_flow(), latent=held[1](), time_ns=held[0])
-
-    def _latents(
-        self, estimate: FlowEstimate, unknowns: Unknowns
-    ) -> Iterator[tuple[int, Callable[[], Array]]]:
-        """Yield the times [ns, UTC] at which this window's estimate was published, and functions that return its latent values."""
-        modes, topic = estimate.modes, "/flow/estimate"
-        if (weights := earlier.weights(self._reader, topic)) is not None:
-            for time_ns, each in weights:
-                if each.size == modes.shape[1] * estimate.levels.size:
-                    by_level = each.reshape(estimate.levels.size, -1).T
-                    yield time_ns, partial(_sum, unknowns.offset, modes, by_level)
-            return
-        basis = basis_of(estimate)
-        for time_ns, data in self._reader.messages(topic):
-            message = decode("Estimate", data)
-            if message.basis == basis:
-                x = numbers("Estimate", message, "x").astype(np.float64)
-                yield time_ns, partial(replace(unknowns, x=x).latent, modes, time_ns)
-
-
-def _sum(offset: Array, modes: Array, weights: Array) -> Array:
-    return np.asarray(offset + modes @ weights)
+                continue
+            time_ns, x = published[k]
+            unknowns = replace(estimate.unknowns, x=x.astype(np.float64))
+            yield replace(mean, latent=unknowns.latent(estimate.modes, time_ns), time_ns=time_ns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,8 +91,8 @@ def series_of(
 ) -> Series:
     """Return the time series of the current at a position.
 
-    At an unpublished depth it is computed from the published unknowns, with a standard error of the last estimate alone. Without these it
-    is that of the nearest published depth.
+    At an unpublished depth it is computed from the published unknowns, at the last time from the last estimate, with a standard error of
+    that alone. Without these it is that of the nearest published depth.
 
     Args:
         slices: Published current.
@@ -117,29 +103,30 @@ def series_of(
     published, estimate = series_at(slices, projection, place), history.estimate
     if estimate is None or abs(published.depth - place[2]) <= _SAME_DEPTH * place[2]:
         return published
-    return _series_of_unknowns(history, estimate, slices.time_ns, place) or published
-
-
-def _series_of_unknowns(
-    history: EstimateHistory,
-    estimate: FlowEstimate,
-    time_ns: NDArray[np.int64],
-    place: tuple[float, float, float],
-) -> Series | None:
-    """Return the series at a position from the published unknowns, at the last time from the last estimate; None without any."""
-    u, v, u_error, v_error = np.full((4, time_ns.size), np.nan)
+    u, v, u_error, v_error = np.full((4, slices.time_ns.size), np.nan)
     last = estimate.velocity_at(*place)
     if np.isfinite(last.u):
-        east, north = to_local(estimate.grid.projection, place[0], place[1])
-        for k, flow in enumerate(history.after(time_ns[:-1])):
+        at = (*to_local(estimate.grid.projection, *place[:2]), place[2])
+        for k, flow in enumerate(history.after(slices.time_ns[:-1])):
             if flow is not None:
-                u[k], v[k] = flow.velocity(east, north, place[2], true_axes=True)
+                u[k], v[k] = flow.velocity(*at, true_axes=True)
         u[-1], v[-1] = last.u, last.v
         if estimate.n_modes:
-            u_error[-1], v_error[-1] = estimate.standard_error(east, north, place[2])
-        if time_ns.size > 1 and not np.isfinite(u[:-1]).any():
+            u_error[-1], v_error[-1] = estimate.standard_error(*at)
+        if u.size > 1 and not np.isfinite(u[:-1]).any():
+            return published
+    return Series(place, place[2], slices.time_ns, u, v, u_error, v_error)
+
+
+def cell_of(slices: CurrentSlices, east: float, north: float) -> tuple[int, int] | None:
+    """Return row and column of the cell that contains a position [m, local frame]; None outside."""
+    found = []
+    for axis, value in ((slices.north, north), (slices.east, east)):
+        nearest = int(np.argmin(np.abs(axis - value)))
+        if abs(axis[nearest] - value) > 0.5 * (axis[1] - axis[0]):
             return None
-    return Series(place, place[2], time_ns, u, v, u_error, v_error)
+        found.append(nearest)
+    return found[0], found[1]
 
 
 def series_at(
@@ -153,20 +140,13 @@ def series_at(
         place: Longitude, latitude [degrees] and depth [m].
     """
     longitude, latitude, depth = place
-    east, north = (float(value) for value in to_local(projection, longitude, latitude))
     level = int(np.argmin(np.abs(slices.depths - depth)))
-    i, j = (
-        int(np.argmin(np.abs(axis - value)))
-        for axis, value in ((slices.east, east), (slices.north, north))
-    )
-    values = slices.fields[level, :, :, j, i].copy()
-    cell = (slices.east[1] - slices.east[0], slices.north[1] - slices.north[0])
-    if abs(slices.east[i] - east) > 0.5 * cell[0] or abs(slices.north[j] - north) > 0.5 * cell[1]:
-        values[:] = np.nan
+    values, at = np.full((slices.time_ns.size, 4), np.nan), to_local(projection, *place[:2])
+    if (cell := cell_of(slices, *map(float, at))) is not None:
+        values = slices.fields[level, :, :, *cell]
     u, v = rotate_to_geographic(projection, longitude, latitude, values[:, 0], values[:, 1])
-    return Series(
-        place, float(slices.depths[level]), slices.time_ns, u, v, values[:, 2], values[:, 3]
-    )
+    errors = values[:, 2], values[:, 3]
+    return Series(place, float(slices.depths[level]), slices.time_ns, u, v, *errors)
 
 
 def mean_to_depth(slices: CurrentSlices, history: EstimateHistory, depth: float) -> Array:

@@ -14,7 +14,7 @@ from replay_kit.core.grid import Grid
 from replay_kit.results.innovations import of_dives
 from replay_kit.results.plans import thinned
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.slices import Slice, depth_slices, grid_cells, slice_axes
+from replay_kit.results.slices import depth_slices, grid_cells, slice_axes
 from replay_kit.results.topics import WINDOW_NAME
 
 #: Of the fields of a slice, those kept: u, v and their standard errors.
@@ -85,14 +85,11 @@ def _same(one: Sequence[Array], other: Sequence[Array]) -> bool:
 
 def slices_of(flow: FlowEstimate, depths: Array) -> CurrentSlices:
     """Return slices of an estimate at its own time at depths [m]."""
-    each: list[Slice] = depth_slices(flow, depths.tolist())
-    fields = np.stack([_fields_of(value) for value in each])[:, None]
-    return on_grid(
-        CurrentSlices(
-            np.asarray(depths), np.array([flow.time_ns or 0]), each[0].east, each[0].north, fields
-        ),
-        flow.grid,
-    )
+    each, time_ns = depth_slices(flow, depths.tolist()), np.array([flow.time_ns or 0])
+    found = np.stack([one.fields for one in each])
+    fields = np.full((len(each), 1, len(KEPT), *found.shape[2:]), np.nan)
+    fields[:, 0, : found.shape[1]] = found
+    return on_grid(CurrentSlices(depths, time_ns, each[0].east, each[0].north, fields), flow.grid)
 
 
 def on_grid(slices: CurrentSlices, grid: Grid) -> CurrentSlices:
@@ -103,15 +100,6 @@ def on_grid(slices: CurrentSlices, grid: Grid) -> CurrentSlices:
         if np.isfinite(slices.fields[..., outside]).any()
         else replace(slices, outside=outside)
     )
-
-
-def _fields_of(value: Slice) -> Array:
-    error = (
-        np.full_like(value.velocity, np.nan)
-        if value.standard_error is None
-        else value.standard_error
-    )
-    return np.moveaxis(np.concatenate([value.velocity, error], axis=-1), -1, 0)
 
 
 def _index(reader: ResultReader) -> tuple[list[int], list[float], bool]:

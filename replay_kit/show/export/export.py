@@ -16,6 +16,7 @@ from replay_kit.results.geojson import ROLES, features_of, place_features
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.kml import geojson_text, kml_text
 
+_CURRENT = ("depth", "u", "v", "u_standard_error", "v_standard_error")
 #: A place: longitude, latitude [degrees] and depth [m].
 At = tuple[float, float, float]
 
@@ -24,25 +25,10 @@ def series_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     """Return time series of the current at positions, see ``Contents.series``; empty without positions or a current."""
     tables = []
     for number, place in enumerate(places):
-        found = contents.series(place)
-        if found is None:
-            continue
-        longitude, latitude, _ = place
-        tables.append(
-            pd.DataFrame(
-                {
-                    "place": number,
-                    "time": found.time_ns.astype("datetime64[ns]"),
-                    "longitude": longitude,
-                    "latitude": latitude,
-                    "depth": found.depth,
-                    "u": found.u,
-                    "v": found.v,
-                    "u_standard_error": found.u_standard_error,
-                    "v_standard_error": found.v_standard_error,
-                }
-            )
-        )
+        if (found := contents.series(place)) is not None:
+            at = {"place": number, "time": found.time_ns.astype("datetime64[ns]")}
+            at |= dict(zip(("longitude", "latitude"), place, strict=False))
+            tables.append(pd.DataFrame(at | {name: getattr(found, name) for name in _CURRENT}))
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
@@ -56,7 +42,7 @@ def track_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     # without the warning of times outside the data, which nobody asked for
     track = fixes.assign(depth=np.where(unknown, 0.0, depth))
     found = velocity_along(contents.estimate, track).to_pandas()
-    found.loc[unknown, ["u", "v", "u_standard_error", "v_standard_error"]] = np.nan
+    found.loc[unknown, [*_CURRENT[1:]]] = np.nan
     found["depth"] = depth
     return found.assign(dead_reckoned=fixes["dead_reckoned"].to_numpy(bool)).reset_index(drop=True)
 
@@ -73,19 +59,14 @@ def section_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
         "depth": bins.depth,
         "distance": distance,
     }
-    for name, values in (
-        ("measured", bins.estimated + bins.residual),
-        ("estimated", bins.estimated),
-        ("residual", bins.residual),
-    ):
-        turned = rotate_to_geographic(projection, longitude, latitude, values[:, 0], values[:, 1])
-        table |= {f"u_{name}": turned[0], f"v_{name}": turned[1]}
+    measured = bins.estimated + bins.residual
+    parts = {"measured": measured, "estimated": bins.estimated, "residual": bins.residual}
+    for name, values in parts.items():
+        u, v = rotate_to_geographic(projection, longitude, latitude, *values.T)
+        table |= {f"u_{name}": u, f"v_{name}": v}
     if contents.estimate is not None:
         found = contents.estimate.velocity_at(longitude, latitude, bins.depth)
-        table |= {
-            "u_standard_error": found.u_standard_error,
-            "v_standard_error": found.v_standard_error,
-        }
+        table |= {name: getattr(found, name) for name in _CURRENT[3:]}
     return pd.DataFrame(table)
 
 
@@ -98,16 +79,11 @@ def dives_table(contents: Contents, places: Sequence[At]) -> pd.DataFrame:
     east, north, _ = track.at(means.time_ns)
     longitude, latitude = to_geographic(contents.projection, east, north)
     columns = {"dive": means.dive, "longitude": longitude, "latitude": latitude}
-    parts = {"measured": means.measured, "corrected": means.corrected, "estimated": means.estimated}
-    for (name, values), error in zip(parts.items(), means.errors.T, strict=True):
-        turned = rotate_to_geographic(
-            contents.projection, longitude, latitude, values[:, 0], values[:, 1]
-        )
-        columns |= {
-            f"dac_eastward_{name}": turned[0],
-            f"dac_northward_{name}": turned[1],
-            f"dac_{name}_standard_error": error,
-        }
+    for name, error in zip(("measured", "corrected", "estimated"), means.errors.T, strict=True):
+        pairs = getattr(means, name).T
+        u, v = rotate_to_geographic(contents.projection, longitude, latitude, *pairs)
+        columns |= {f"dac_eastward_{name}": u, f"dac_northward_{name}": v}
+        columns[f"dac_{name}_standard_error"] = error
     return table.merge(pd.DataFrame(columns), on="dive", how="outer")
 
 

@@ -1,11 +1,10 @@
 """Matplotlib back end of figures: files for papers, and SVG in the colours of a page's style."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from textwrap import fill
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import dates as untyped
@@ -16,9 +15,8 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import ScaledTranslation
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.colors import LIGHT, PRINT, scale
-from replay_kit.show.figures.figure import Figure, Mark, Panel, Tables, values_of
+from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.figures.style import (
     BEHIND,
     DASHES,
@@ -34,13 +32,10 @@ from replay_kit.show.numbers import nice
 
 # matplotlib has no types of dates
 dates: Any = untyped
-#: Forms of a figure's file.
-ENDINGS = (".png", ".svg", ".pdf")
-# what would state when a figure was made, so that the same result gives the same bytes
-_NO_DATES: dict[str, dict[str, None]] = {
-    **{"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+#: What would state when a figure was made, by the forms of its file, so that the same result gives the same bytes.
+ENDINGS: dict[str, dict[str, None]] = {
+    **{".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 }
-_Made = TypeVar("_Made")
 
 
 class _Medium(NamedTuple):
@@ -55,61 +50,62 @@ class _Medium(NamedTuple):
         """Return the colour of a role; other colours unchanged."""
         return self.palette.get(color, color)
 
+    def label(self, axis: Axis | str) -> str:
+        """Return a label with its unit as the medium writes it."""
+        return str(axis) if self is _PAGE else str(axis).replace("m/s", "m s$^{-1}$")
+
 
 _PAPER, _PAGE = _Medium(PRINT, THIN, SMALL, 7), _Medium(LIGHT, 0.9, 0.9, 6)
 
 
-def draw_panel(axes: Axes, panel: Panel, tables: Tables, medium: _Medium = _PAPER) -> None:
+def draw_panel(axes: Axes, panel: Panel, medium: _Medium = _PAPER) -> None:
     """Draw a panel into axes.
 
     Args:
         axes: Axes.
         panel: Panel.
-        tables: Columns named by its marks.
         medium: Paper or page.
     """
+    soft = medium.color("soft")
     if not panel.marks:
         axes.set(xticks=[], yticks=[])
-        look: Any = {"ha": "center", "va": "center", "color": medium.color("soft")}
-        axes.text(0.5, 0.5, fill(panel.note, 34), transform=axes.transAxes, **look)
+        look: Any = {"ha": "center", "va": "center", "color": soft, "transform": axes.transAxes}
+        axes.text(0.5, 0.5, fill(panel.note, 34), **look)
         return
     if panel.degrees:
         axes.patch.set(facecolor="white", edgecolor=PRINT["soft"], hatch="//////", linewidth=0.0)
     if panel.level is not None:
-        axes.axhline(panel.level, color=medium.color("soft"), linewidth=0.5)
+        axes.axhline(panel.level, color=soft, linewidth=0.5)
     if panel.band is not None:
         low, high, name = panel.band
         axes.axhspan(low, high, color=medium.color("three"), alpha=0.2, linewidth=0.0, label=name)
     for mark in panel.marks:
-        _draw_mark(axes, mark, tables, medium)
+        _draw_mark(axes, mark, medium)
     if panel.note:
         axes.text(0.02, 0.97, panel.note, transform=axes.transAxes, va="top", fontsize="small")
-    _draw_axes(axes, panel, tables, medium)
+    _draw_axes(axes, panel, medium)
     _draw_labels(axes, panel.labels, medium)
 
 
-def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
-    x, y = (values_of(tables, values) for values in (mark.x, mark.y))
-    color, width, size = (
-        medium.color(mark.color),
-        medium.thin * mark.width,
-        medium.small * mark.size,
-    )
+def _draw_mark(axes: Axes, mark: Mark, medium: _Medium) -> None:
+    x, y, color, name = mark.x, mark.y, medium.color(mark.color), mark.name or None
     if mark.kind == "mesh":
-        _draw_mesh(axes, mark, x, y, mesh_values(mark, tables), medium)
-        return
-    if mark.kind == "arrows":
-        assert mark.z is not None
-        _draw_arrows(axes, x, y, values_of(tables, mark.z), mark.size)
-        return
-    if mark.kind == "band":
-        axes.fill(x, y, facecolor=color, alpha=0.2, linewidth=0.0, label=mark.name or None)
-        return
-    if mark.kind == "bars":
+        _draw_mesh(axes, mark, medium)
+    elif mark.kind == "arrows":
+        _draw_arrows(axes, mark)
+    elif mark.kind == "band":
+        axes.fill(x, y, facecolor=color, alpha=0.2, linewidth=0.0, label=name)
+    elif mark.kind == "bars":
         wide = float(np.diff(x).min()) if x.size > 1 else 0.8
-        axes.bar(x, y, wide, color=color, alpha=0.6, label=mark.name)
-        return
-    light = medium.color("paper")
+        axes.bar(x, y, wide, color=color, alpha=0.6, label=name)
+    else:
+        _draw_line(axes, mark, medium)
+
+
+def _draw_line(axes: Axes, mark: Mark, medium: _Medium) -> None:
+    """Draw lines, closed ones, and points."""
+    x, y, color, light = mark.x, mark.y, medium.color(mark.color), medium.color("paper")
+    width, size = medium.thin * mark.width, medium.small * mark.size
     if mark.halo:
         axes.plot(x, y, color=light, linewidth=width + 2.0 * medium.thin, solid_capstyle="round")
     if mark.kind == "ring":
@@ -117,8 +113,7 @@ def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
             known = ring[np.isfinite(ring[:, 0])]
             axes.fill(*known.T, facecolor=color, alpha=0.06, zorder=2.5)
     if mark.base is not None:
-        ground = values_of(tables, mark.base)
-        axes.fill_between(x, y, ground, color=medium.color("land"), linewidth=0.0)
+        axes.fill_between(x, y, mark.base, color=medium.color("land"), linewidth=0.0)
     dots = mark.kind in ("points", "joined")
     look: Any = {
         **{"color": color, "linewidth": width, "label": mark.name or None},
@@ -126,11 +121,10 @@ def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
         "marker": MARKERS.get(mark.symbol, "o") if dots else None,
         "markersize": size,
         "markerfacecolor": "none" if mark.symbol.endswith("-open") else color,
+        **({"alpha": 0.45} if mark.kind == "ring" else {}),
     }
     if mark.edge:
         look |= {"markeredgecolor": medium.color(mark.edge), "markeredgewidth": 0.6}
-    if mark.kind == "ring":
-        look |= {"alpha": 0.45}
     if mark.symbol == "cross":
         # a cross of lines on a light one is seen on any field and hides little
         axes.plot(x, y, "+", color=light, markersize=size, markeredgewidth=2.2)
@@ -138,50 +132,42 @@ def _draw_mark(axes: Axes, mark: Mark, tables: Tables, medium: _Medium) -> None:
     if mark.error is None:
         axes.plot(x, y, **look)
     else:
-        axes.errorbar(x, y, values_of(tables, mark.error), elinewidth=0.6, **look)
+        axes.errorbar(x, y, mark.error, elinewidth=0.6, **look)
 
 
-def mesh_values(mark: Mark, tables: Tables) -> Array:
-    """Return the values of a mesh in rows and columns, at the corners of cells if their number matches, otherwise inside."""
+def _draw_mesh(axes: Axes, mark: Mark, medium: _Medium) -> None:
     assert mark.z is not None
-    values, x = values_of(tables, mark.z), values_of(tables, mark.x)
-    return np.asarray(values.reshape(-1, x.size - 1) if values.ndim == 1 else values)
-
-
-def _draw_mesh(axes: Axes, mark: Mark, x: Array, y: Array, values: Array, medium: _Medium) -> None:
-    look: Any = {"rasterized": True, "zorder": 1.0, "cmap": colormap("land")}
-    if mark.scale is not None:
-        name, least, most, label = mark.scale
-        look |= {"cmap": colormap(name), "vmin": least, "vmax": most}
-    known = np.ma.masked_invalid(values)
+    x, y, known = mark.x, mark.y, np.ma.masked_invalid(mark.z)
+    name, least, most, label = mark.scale or ("land", None, None, "")
+    look: Any = {"cmap": colormap(name), "vmin": least, "vmax": most, "zorder": 1.0}
     if x.ndim == 1:
         # cells of equal size, each of them a pixel
         axes.set_facecolor("none" if medium is _PAGE else PRINT["land"])
         across = dates.date2num(x[[0, -1]]) if x.dtype.kind == "M" else x[[0, -1]]
-        del look["rasterized"]
         ends: Any = {"extent": (*across, y[-1], y[0]), "origin": "upper", "aspect": "auto"}
         mesh: Any = axes.imshow(known, interpolation="none", **ends, **look)
     else:
         # beside missing cells there is nothing to interpolate with
-        look |= {"shading": "gouraud"} if x.shape == values.shape else {}
-        mesh = axes.pcolormesh(x, y, known, **look)
+        look |= {"shading": "gouraud"} if x.shape == known.shape else {}
+        mesh = axes.pcolormesh(x, y, known, rasterized=True, **look)
     if mark.scale is None or medium is _PAGE:
         return
     extend = "neither" if name == "speed" else "both" if least else "max"
     beside = axes.inset_axes((1.03, 0.0, 0.03, 1.0))
-    axes.figure.colorbar(mesh, cax=beside, label=_in_print(label), extend=extend)
+    axes.figure.colorbar(mesh, cax=beside, label=medium.label(label), extend=extend)
 
 
-def _draw_arrows(axes: Axes, x: Array, y: Array, values: Array, across: float) -> None:
-    """Draw arrows, ``across`` of them along the width, and a key of their length between axes and title."""
-    known = np.hypot(*values)
+def _draw_arrows(axes: Axes, mark: Mark) -> None:
+    """Draw arrows, ``size`` of them along the width, and a key of their length between axes and title."""
+    assert mark.z is not None
+    known = np.hypot(*mark.z)
     typical = float(np.nanquantile(known, 0.95)) if np.isfinite(known).any() else 1.0
     long = max(typical, 1e-6)
     look: Any = {
         **{"color": PRINT["ink"], "edgecolor": "white", "linewidth": 0.3, "width": 0.0045},
-        **{"minlength": 0.5, "scale": 0.75 * across * long},
+        **{"minlength": 0.5, "scale": 0.75 * mark.size * long},
     }
-    axes.quiver(x, y, *values, zorder=2.0, pivot="mid", **look)
+    axes.quiver(mark.x, mark.y, *mark.z, zorder=2.0, pivot="mid", **look)
     shown, up = nice(0.6 * long), ScaledTranslation(0.0, 5.0 / 72.0, axes.figure.dpi_scale_trans)
     place: Any = {"transform": axes.transAxes + up, "clip_on": False}
     axes.quiver([1.0], [1.0], [shown], [0.0], pivot="tip", **place, **look)
@@ -189,37 +175,33 @@ def _draw_arrows(axes: Axes, x: Array, y: Array, values: Array, across: float) -
     axes.text(at, 1.0, text, ha="right", va="center", fontsize="small", **place)
 
 
-def _draw_axes(axes: Axes, panel: Panel, tables: Tables, medium: _Medium) -> None:
+def _draw_axes(axes: Axes, panel: Panel, medium: _Medium) -> None:
     for axis, name in ((panel.x, "x"), (panel.y, "y")):
-        axes.set(**{f"{name}label": _in_print(str(axis)) if medium is _PAPER else str(axis)})
+        axes.set(**{f"{name}label": medium.label(axis)})
         if axis.log:
             axes.set(**{f"{name}scale": "log"})
             _number_logarithms(getattr(axes, f"{name}axis"))
-        if axis.ends is not None:
-            axes.set(**{f"{name}lim": axis.ends})
-        elif axis.from_zero:
-            axes.set(**{f"{name}lim": (0.0, None)})
-    if values_of(tables, panel.marks[0].x).dtype.kind == "M":
+        if axis.ends is not None or axis.from_zero:
+            axes.set(**{f"{name}lim": axis.ends or (0.0, None)})
+    if panel.marks[0].x.dtype.kind == "M":
         date_axis(axes, medium.times)
     if panel.equal:
         axes.set_box_aspect(1.0)
     if panel.degrees:
-        south, north = axes.get_ylim()
-        middle = np.cos(np.deg2rad(np.clip(0.5 * (south + north), -89.0, 89.0)))
+        middle = np.cos(np.deg2rad(np.clip(np.mean(axes.get_ylim()), -89.0, 89.0)))
         axes.set_aspect(1.0 / max(float(middle), 0.02))
-        axes.locator_params(axis="x", nbins=4)
-        axes.locator_params(axis="y", nbins=3)
-        axes.xaxis.set_major_formatter(lambda value, _: degrees_text(value, "EW"))
-        axes.yaxis.set_major_formatter(lambda value, _: degrees_text(value, "NS"))
+        for name, bins, letters in (("x", 4, "EW"), ("y", 3, "NS")):
+            axes.locator_params(axis=name, nbins=bins)  # type: ignore[arg-type]
+            getattr(axes, f"{name}axis").set_major_formatter(
+                lambda value, _, letters=letters: degrees_text(value, letters)
+            )
 
 
 def _number_logarithms(axis: Any) -> None:
     """Label a logarithmic axis with round numbers, evenly spaced over a narrow range."""
     least, most = axis.get_view_interval()
-    alike = most < 4.0 * least
-    subs = (1.0, 2.0, 5.0) if most < 1e3 * least else (1.0,)
     even = MaxNLocator(5, steps=[1, 2, 5, 10])
-    axis.set_major_locator(even if alike else LogLocator(subs=subs))
+    axis.set_major_locator(even if most < 4.0 * least else LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
 
@@ -268,10 +250,6 @@ def colormap(name: str) -> LinearSegmentedColormap:
     return LinearSegmentedColormap.from_list(name, land if name == "land" else scale(name))
 
 
-def _in_print(text: str) -> str:
-    return text.replace("m/s", "m s$^{-1}$")
-
-
 # Height of the notes and of the legend below a figure [inches a line], and the letters that fit into an inch of each.
 _LINE, _LETTERS, _SMALL = 0.13, 17.0, 20.0
 
@@ -279,37 +257,34 @@ _LINE, _LETTERS, _SMALL = 0.13, 17.0, 20.0
 class ShownCanvas(Canvas):
     """Matplotlib figure that notebooks display without pyplot."""
 
+    @rc_context(PAPER)
     def draw(self, renderer: Any) -> None:
         """Draw in the print style, also for ticks added by a layout."""
-        styled(partial(super().draw, renderer))
+        super().draw(renderer)
 
     def _repr_png_(self) -> bytes:
         self.savefig(file := BytesIO(), format="png", dpi=120)
         return file.getvalue()
 
 
-def styled(make: Callable[[], _Made]) -> _Made:
-    """Return the result of a function called in the print style."""
-    with rc_context(PAPER):
-        return make()
-
-
+@rc_context(PAPER)
 def saved(canvas: Canvas, ending: str) -> bytes:
     """Return the reproducible bytes of a figure's file, in a format of ``ENDINGS``."""
     content, form = BytesIO(), ending.removeprefix(".")
-    styled(partial(canvas.savefig, content, format=form, metadata=_NO_DATES[form]))
+    canvas.savefig(content, format=form, metadata=ENDINGS[ending])
     return content.getvalue()
 
 
 def drawn_into(axes: Axes, figure: Figure, number: int, letter: str = "") -> None:
     """Draw a panel of a figure into axes, with its title and, if not shared, its legend."""
     panel = figure.panels[number]
-    draw_panel(axes, panel, figure.tables)
+    draw_panel(axes, panel)
     if not (panel.shares_legend and letter) and axes.get_legend_handles_labels()[0]:
         axes.legend(loc="best")
     axes.set_title(f"{letter}{panel.title}".lstrip("-"), pad=13.0 if panel.degrees else 6.0)
 
 
+@rc_context(PAPER)
 def compose(figure: Figure, columns: int) -> Canvas:
     """Return a figure drawn for a paper: lettered panels, common legend and notes.
 
@@ -317,43 +292,35 @@ def compose(figure: Figure, columns: int) -> Canvas:
         figure: Figure.
         columns: Width in columns of a page, 1 or 2.
     """
-
-    def make() -> Canvas:
-        width, count = WIDTHS[columns], len(figure.panels)
-        across = min(figure.across if columns == 2 else 1, count)
-        rows = [figure.panels[k : k + across] for k in range(0, count, across)]
-        heights = [max(panel.height for panel in row) * width / across for row in rows]
-        canvas = ShownCanvas(figsize=(width, sum(heights)), layout="constrained")
-        grid = canvas.add_gridspec(len(rows), across, height_ratios=heights)
-        entries: dict[str, Any] = {}
-        for k, panel in enumerate(figure.panels):
-            axes = canvas.add_subplot(grid[divmod(k, across)])
-            drawn_into(axes, figure, k, f"({chr(ord('a') + k)}) " if count > 1 else "-")
-            if panel.shares_legend:
-                marks, labels = axes.get_legend_handles_labels()
-                entries |= dict(zip(labels, marks, strict=True))
-        notes = fill(" ".join(figure.notes), int(_LETTERS * width))
-        look: Any = {"fontsize": 6.0, "color": PRINT["soft"], "x": 0.01, "ha": "left"}
-        lines = notes.count("\n") + 2 if notes else 0
-        if entries:
-            beside = _beside([*entries], width)
-            lines += -(-len(entries) // beside)
-            small: Any = {"size": 6.0}
-            below = canvas.legend(
-                [*entries.values()], [*entries], loc="outside lower left", ncols=beside
-            )
-            below.set_title(notes, small)
-            below.set_alignment("left")
-            below.get_title().set_color(PRINT["soft"])
-        elif notes:
-            canvas.supxlabel(notes, **look)
-        canvas.set_size_inches(width, sum(heights) + _LINE * lines)
-        # axes of a fixed shape depend on their size, which depends on the layout
-        for _ in range(3 if entries else 0):
-            canvas.draw_without_rendering()
-        return canvas
-
-    return styled(make)
+    width, count = WIDTHS[columns], len(figure.panels)
+    across = min(figure.across if columns == 2 else 1, count)
+    rows = [figure.panels[k : k + across] for k in range(0, count, across)]
+    heights = [max(panel.height for panel in row) * width / across for row in rows]
+    canvas = ShownCanvas(figsize=(width, sum(heights)), layout="constrained")
+    grid = canvas.add_gridspec(len(rows), across, height_ratios=heights)
+    entries: dict[str, Any] = {}
+    for k, panel in enumerate(figure.panels):
+        axes = canvas.add_subplot(grid[divmod(k, across)])
+        drawn_into(axes, figure, k, f"({chr(ord('a') + k)}) " if count > 1 else "-")
+        if panel.shares_legend:
+            marks, labels = axes.get_legend_handles_labels()
+            entries |= dict(zip(labels, marks, strict=True))
+    notes = fill(" ".join(figure.notes), int(_LETTERS * width))
+    lines = notes.count("\n") + 2 if notes else 0
+    if entries:
+        beside = _beside([*entries], width)
+        lines += -(-len(entries) // beside)
+        place: Any = {"loc": "outside lower left", "ncols": beside, "alignment": "left"}
+        below = canvas.legend([*entries.values()], [*entries], **place)
+        below.set_title(notes, {"size": 6.0})  # type: ignore[arg-type]
+        below.get_title().set_color(PRINT["soft"])
+    elif notes:
+        canvas.supxlabel(notes, fontsize=6.0, color=PRINT["soft"], x=0.01, ha="left")
+    canvas.set_size_inches(width, sum(heights) + _LINE * lines)
+    # axes of a fixed shape depend on their size, which depends on the layout
+    for _ in range(3 if entries else 0):
+        canvas.draw_without_rendering()
+    return canvas
 
 
 def _beside(names: Sequence[str], width: float) -> int:
@@ -370,83 +337,60 @@ def _beside(names: Sequence[str], width: float) -> int:
 _WIDE, _AROUND = 500.0, (58.0, 14.0, 8.0, 44.0)
 
 
-class Drawn(NamedTuple):
-    """Panel drawn for a page.
+@rc_context(PAGE)
+def panels_svg(figure: Figure, wide: float = _WIDE) -> list[tuple[str, dict[str, Any]]]:
+    """Return the panels of a figure for a page, without titles and colour scales, as SVG in the colours of its style.
 
-    Attributes:
-        svg: Drawing in the colours of the page's style.
-        about: Data of the tooltips: position and limits of the axes, and the marks.
+    With each are the data of its tooltips: position and limits of the axes, and the marks. The width is in pixels.
     """
-
-    svg: str
-    about: dict[str, Any]
-
-
-def panels_svg(figure: Figure, wide: float = _WIDE) -> Iterator[Drawn]:
-    """Yield the panels of a figure for a page, without titles and colour scales; the width is in pixels."""
-    with rc_context(PAGE):
-        for number, panel in enumerate(figure.panels):
-            yield _panel_svg(figure, number, panel, wide)
+    return [
+        _panel_svg(panel, f"{figure.key}-{number}", wide)
+        for number, panel in enumerate(figure.panels)
+    ]
 
 
-def _panel_svg(figure: Figure, number: int, panel: Panel, full: float) -> Drawn:
+def _panel_svg(panel: Panel, key: str, full: float) -> tuple[str, dict[str, Any]]:
     left, right, above, below = _AROUND
     below -= 0.0 if panel.x.label else 18.0
     wide = full - left - right
     high = wide * (1.0 if panel.equal else panel.height)
     total = high + above + below
-    timed = values_of(figure.tables, panel.marks[0].x).dtype.kind == "M"
+    timed = panel.marks[0].x.dtype.kind == "M"
     canvas = Canvas(figsize=(full / 72.0, total / 72.0), dpi=72)
     axes = canvas.add_axes((left / full, below / total, wide / full, high / total))
-    draw_panel(axes, panel, figure.tables, _PAGE)
+    draw_panel(axes, panel, _PAGE)
     axes.yaxis.set_label_coords(-46.0 / wide, 0.5)
     if not panel.x.log and not timed:
         axes.locator_params(axis="x", nbins=6)
     if not panel.y.log:
         axes.locator_params(axis="y", nbins=5)
-    canvas.savefig(file := BytesIO(), format="svg", dpi=144, metadata=_NO_DATES["svg"])
+    canvas.savefig(file := BytesIO(), format="svg", dpi=144, metadata=ENDINGS[".svg"])
     # of times milliseconds since 1970
-    ends = [axes.get_xlim(), axes.get_ylim()]
+    ends = np.array([axes.get_xlim(), axes.get_ylim()]) * [[8.64e7 if timed else 1.0], [1.0]]
     about = {
         "box": [left, above, wide, high],
-        "ends": [
-            [float(f"{each * (8.64e7 if timed and not k else 1.0):.12g}") for each in pair]
-            for k, pair in enumerate(ends)
-        ],
+        "ends": [column(pair, 12) for pair in ends],
         "log": [panel.x.log, panel.y.log],
         "axes": [str(panel.x), str(panel.y)],
-        "marks": [_said(mark, figure.tables) for mark in panel.marks],
+        "marks": [*map(_said, panel.marks)],
     }
-    return Drawn(_slim(file.getvalue().decode(), f"{figure.key}-{number}"), about)
+    return _slim(file.getvalue().decode(), key), about
 
 
-def _said(mark: Mark, tables: Tables) -> dict[str, Any]:
-    """Return the positions and tooltips of a mark; columns of the page's tables are given by name."""
+def _said(mark: Mark) -> dict[str, Any]:
+    """Return the positions, values and tooltips of a mark."""
     said = {"x": mark.x, "y": mark.y, "text": mark.text, "z": mark.z}
-    held = {key: values for key, values in said.items() if values is not None}
-    plain = {
-        key: values if isinstance(values, str) else column_of(key, values)
-        for key, values in held.items()
-    }
-    return {"name": mark.name, **plain}
+    known = {key: column(values, 6) for key, values in said.items() if values is not None}
+    return {"name": mark.name, **known}
 
 
-def column_of(name: str, values: Any) -> list[Any]:
-    """Return a column for JSON: times to the second, positions to a metre or better, other numbers to five digits."""
-    array = np.asarray(values)
-    if array.dtype.kind == "M":
-        return [
-            text.replace("T", " ") for text in np.datetime_as_string(array.astype("M8[s]")).tolist()
-        ]
-    if array.dtype.kind != "f":
-        return list((array.astype(int) if array.dtype.kind == "b" else array).tolist())
-    digits = 9 if name.endswith(("longitude", "latitude")) else 6 if name.endswith("_km") else 5
-    return column(array, digits)
-
-
-def column(values: Any, digits: int = 5) -> list[float | None]:
-    """Return numbers for JSON, rounded to significant digits; None if not finite."""
-    each = np.asarray(values, dtype=np.float64).ravel()
+def column(values: Any, digits: int) -> list[Any]:
+    """Return values for JSON: times to the second, numbers rounded to significant digits, None if not finite."""
+    each = np.asarray(values).ravel()
+    if each.dtype.kind == "M":
+        return [text.replace("T", " ") for text in np.datetime_as_string(each, unit="s").tolist()]
+    if each.dtype.kind != "f":
+        return list(each.tolist())
     known, size = np.isfinite(each), np.abs(each)
     with np.errstate(all="ignore"):
         tens = np.floor(np.log10(np.where(known & (size > 0.0), size, 1.0)))

@@ -1,16 +1,13 @@
-"""Figures as data: panels of marks on named columns, with labels, units and colour roles."""
+"""Figures as data: panels of marks with labels, units and colour roles."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
 from numpy.typing import NDArray
 
-#: A column of the tables as ``table.column``, or values of a mark alone.
-Values = str | NDArray[Any]
-#: Columns by the name of the table, then of the column.
-Tables = Mapping[str, Mapping[str, Any]]
+#: Numbers, times or texts of a mark.
+Values = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +52,7 @@ class Mark:
         error: Standard errors of y.
         base: Lower limit of filled ground.
         text: Tooltips.
-        z: Values of a mesh or arrows.
+        z: Values of a mesh, shape (rows, columns), or of arrows.
         scale: Colours of a mesh, limits, label.
     """
 
@@ -120,7 +117,6 @@ class Figure:
         key: Unique key in a page.
         title: Title.
         panels: Panels in reading order.
-        tables: Data tables, which a page offers as files.
         caption: Caption as HTML.
         alternative: Text alternative.
         across: Number of panels in a row if space allows.
@@ -130,7 +126,6 @@ class Figure:
     key: str
     title: str
     panels: Sequence[Panel]
-    tables: Tables = field(default_factory=dict)
     caption: str = ""
     alternative: str = ""
     across: int = 2
@@ -140,11 +135,3 @@ class Figure:
 def missing(title: str, why: str) -> Panel:
     """Return a panel without marks that states the missing data."""
     return Panel(title, Axis(""), Axis(""), (), 0.45, note=why)
-
-
-def values_of(tables: Tables, values: Values) -> NDArray[Any]:
-    """Return the values of a mark, given as an array or by column name."""
-    if not isinstance(values, str):
-        return np.asarray(values)
-    table, _, name = values.partition(".")
-    return np.asarray(tables[table][name])

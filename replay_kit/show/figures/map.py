@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,8 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_loca
 from replay_kit.core.plan import ORIGIN, Plan
 from replay_kit.core.region import Feature
 from replay_kit.core.text import time_text
-from replay_kit.results.geojson import ROLES, contours_of, features_of, until
+from replay_kit.results.geojson import ROLES, features_of, until
+from replay_kit.results.plans import line_of, placed
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import typical_depth
 from replay_kit.results.views.slices import CurrentSlices, slices_of
@@ -49,8 +50,7 @@ class Chosen:
     time_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Extent:
+class Extent(NamedTuple):
     """Extent of a map in the local frame [km]."""
 
     west: float
@@ -58,23 +58,14 @@ class Extent:
     south: float
     north: float
 
-    @classmethod
-    def around(cls, east: Array, north: Array, beyond: float = 0.03) -> "Extent":
-        """Return the extent around points [km], padded by a fraction of its longer side."""
-        known = np.isfinite(east) & np.isfinite(north)
-        ends = [(float(each[known].min()), float(each[known].max())) for each in (east, north)]
-        more = beyond * max(most - least for least, most in ends)
-        grown = [
-            (least - half, most + half)
-            for least, most in ends
-            for half in [max(more, 0.5 * (_LEAST - (most - least)))]
-        ]
-        return cls(*(float(f"{end:.5g}") for pair in grown for end in pair))
 
-    @property
-    def ends(self) -> list[float]:
-        """Limits west, east, south and north [km]."""
-        return [self.west, self.east, self.south, self.north]
+def around(places: Array, beyond: float = 0.03) -> Extent:
+    """Return the extent around points, shape (n, 2) [km], padded by a fraction of its longer side."""
+    known = places[np.isfinite(places).all(axis=1)]
+    ends = np.stack([known.min(axis=0), known.max(axis=0)], axis=1)
+    span = np.ptp(ends, axis=1, keepdims=True)
+    grown = ends + np.maximum(beyond * span.max(), 0.5 * (_LEAST - span)) * [-1.0, 1.0]
+    return Extent(*(float(f"{end:.5g}") for end in grown.ravel()))
 
 
 def map_figure(contents: Contents, chosen: Chosen) -> Figure:
@@ -87,37 +78,38 @@ def map_figure(contents: Contents, chosen: Chosen) -> Figure:
     Raises:
         ConfigError: No current was published before the time.
     """
-    slices, notes, title = slices_at(contents, chosen), list[str](), "Map"
-    if contents.estimate is None and chosen.time_ns is None and slices is not None:
-        notes.append("The result holds no estimate: the map shows the last published current.")
-    if slices is None and contents.track.time_ns.size == 0:
+    slices, track, title = slices_at(contents, chosen), contents.track, "Map"
+    if slices is None and track.time_ns.size == 0:
         also = "; the figure plan shows its plan." if contents.last_plan is not None else "."
         why = f"The result holds neither a current nor a position{also}"
-        return Figure("map", title, [missing(title, why)], notes=notes)
+        return Figure("map", title, [missing(title, why)])
     if slices is None:
-        notes.append("The result holds no current: the map shows only positions.")
-        track = contents.track
-        extent = Extent.around(track.east / 1e3, track.north / 1e3, 0.05)
+        extent = around(np.column_stack([track.east, track.north]) / 1e3, 0.05)
         panel = _map_panel(contents, "track", extent, chosen, [], 0.8)
+        notes = ["The result holds no current: the map shows only positions."]
         return Figure("map", title, [panel], notes=notes, across=1)
+    notes = list[str]()
+    if contents.estimate is None and chosen.time_ns is None:
+        notes.append("The result holds no estimate: the map shows the last published current.")
     asked, shown = chosen.depth if chosen.at is None else chosen.at[2], float(slices.depths[0])
     if asked not in (None, shown):
         notes.append(f"Requested depth: {asked:g} m; nearest published depth: {shown:g} m.")
-    ends = slices.east[0], slices.east[-1], slices.north[0], slices.north[-1]
-    extent = Extent(*(float(end) / 1e3 for end in ends))
+    extent = Extent(*(float(end) / 1e3 for a in (slices.east, slices.north) for end in a[[0, -1]]))
     shape = (extent.north - extent.south) / (extent.east - extent.west)
     # with room for a map's labels, key and colour bar
     high = float(np.clip(0.72 * shape + 0.18, 0.4, 1.2))
     name = f"{shown:g} m, {time_text(int(slices.time_ns[-1]))[:16]}"
-    speed = _map_panel(contents, name, extent, chosen, speed_marks(contents, slices), high)
-    panels = [speed]
-    if np.isfinite(slices.fields[0, -1, 2:]).any():
-        error = np.sqrt(0.5 * (slices.fields[0, -1, 2] ** 2 + slices.fields[0, -1, 3] ** 2))
+    panels = [
+        _map_panel(contents, name, extent, chosen, speed_marks(contents, slices), high),
+    ]
+    errors = slices.fields[0, -1, 2:]
+    if np.isfinite(errors).any():
+        error = np.sqrt(0.5 * (errors[0] ** 2 + errors[1] ** 2))
         marks = _field(contents, slices, error, ("amp", "standard error [m/s]"))
         panels.append(_map_panel(contents, "standard error", extent, chosen, marks, high))
     else:
         notes.append("The current has no standard error.")
-    return Figure("map", title, panels, notes=[*notes, *without_current(slices)])
+    return Figure("map", title, panels, notes=[*notes, *without_current(slices, extent)])
 
 
 def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
@@ -127,33 +119,25 @@ def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
         contents: Contents of the result.
         chosen: Depth of the current.
     """
-    plan, notes = contents.last_plan, list[str]()
+    plan = contents.last_plan
     if plan is None:
         why = (contents.outcome.plan or {}).get("message", "no goal was given, or none was due")
         text = f"The result holds no plan: {why}; replay-kit plan makes one on this estimate."
-        return Figure("plan", "Plan", [missing("Plan", text)], notes=notes, across=1)
-    if not len(plan.track):
-        notes.append(f"The last plan has no track: {plan.message}.")
-    else:
-        notes += _in_words(plan)
-    slices = slices_at(contents, chosen)
+        return Figure("plan", "Plan", [missing("Plan", text)], across=1)
+    flown, slices = len(plan.track) > 0, slices_at(contents, chosen)
+    notes = _in_words(plan) if flown else [f"The last plan has no track: {plan.message}."]
     ends = np.array([(end.longitude, end.latitude) for end in (plan.start, plan.goal)])
     places = [plan.track[:, :2], np.column_stack(to_local(contents.projection, *ends.T))]
-    east, north = np.vstack(places).T / 1e3
-    extent = Extent.around(east, north, 0.15)
-    marks = []
+    extent, marks = around(np.vstack(places) / 1e3, 0.15), []
     if slices is not None:
         marks = speed_marks(contents, slices, 1e3 * (extent.east - extent.west))
-        east, north = 1e3 * np.array(extent.ends).reshape(2, 2)
-        notes += without_current(slices, (east, north))
+        notes += without_current(slices, extent)
     title = f"last plan: {plan.status}"
     roles = [role for role, table in ROLES.items() if table in ("plans", "surfacings")]
-    panels, tables = [_map_panel(contents, title, extent, chosen, marks, 0.85, roles)], {}
-    if len(plan.track):
-        profile = profile_figure(contents, plan)
-        panels.append(replace(profile.panels[0], height=0.85))
-        tables = dict(profile.tables)
-    return Figure("plan", "Plan", panels, tables, notes=notes)
+    panels = [_map_panel(contents, title, extent, chosen, marks, 0.85, roles)]
+    if flown:
+        panels.append(replace(profile_figure(contents, plan).panels[0], height=0.85))
+    return Figure("plan", "Plan", panels, notes=notes)
 
 
 def _in_words(plan: Plan) -> list[str]:
@@ -178,7 +162,6 @@ def _map_panel(
     roles: Sequence[str] = (),
 ) -> Panel:
     """Return a map with features of given roles, or of all roles."""
-    ends = [1e3 * end for end in extent.ends]
     lines = bottom_lines(contents, extent)
     found = until(features_of(contents), chosen.time_ns)
     shown = [one for one in found if not roles or one["properties"]["role"] in roles]
@@ -187,15 +170,16 @@ def _map_panel(
         x = np.array([float(unwrap_longitude(chosen.at[0], contents.projection.longitude))])
         star: Any = {"color": "#ffffff", "symbol": "star", "size": 18.0, "edge": "ink"}
         marks.append(Mark("points", x, np.array([chosen.at[1]]), "requested place", **star))
-    x, y = _degrees(contents, *np.meshgrid(ends[:2], ends[2:]))
-    axes = Axis("", ends=(x.min(), x.max())), Axis("", ends=(y.min(), y.max()))
-    labels = []
-    for one in lines:
-        places = one["geometry"]["coordinates"]
-        longitude, latitude = places[len(places) // 2]
-        labels.append((longitude, latitude, one["properties"]["name"]))
+    ends = 1e3 * np.array(extent)
+    corners = _degrees(contents, *np.meshgrid(ends[:2], ends[2:]))
+    x_axis, y_axis = (Axis("", ends=(each.min(), each.max())) for each in corners)
+    middles = [places_of(one["geometry"]) for one in lines]
+    labels = [
+        (*at[len(at) // 2].tolist(), one["properties"]["name"])
+        for at, one in zip(middles, lines, strict=True)
+    ]
     look: Any = {"degrees": True, "labels": labels, "shares_legend": True}
-    return Panel(title, *axes, marks, height, **look)
+    return Panel(title, x_axis, y_axis, marks, height, **look)
 
 
 def bottom_lines(contents: Contents, extent: Extent) -> list[Feature]:
@@ -203,15 +187,24 @@ def bottom_lines(contents: Contents, extent: Extent) -> list[Feature]:
     seabed = contents.seabed
     if seabed is None:
         return []
-    west, east, south, north = (1e3 * end for end in extent.ends)
+    west, east, south, north = (1e3 * end for end in extent)
     columns = (seabed.east >= west) & (seabed.east <= east)
-    seen = seabed.depth[np.ix_((seabed.north >= south) & (seabed.north <= north), columns)]
-    known = seen[np.isfinite(seen)]
-    span = float(np.ptp(known)) if known.size else 0.0
-    if span == 0.0:
+    rows = (seabed.north >= south) & (seabed.north <= north)
+    depth = np.where(np.outer(rows, columns), seabed.depth, np.nan)
+    known = depth[np.isfinite(depth)]
+    if not known.size or not np.ptp(known):
         return []
-    ends = west, east, south, north
-    return contours_of(seabed, contents.projection, ends, contour_step(span))
+    # loads slowly, and few results have a bottom
+    from contourpy import contour_generator
+
+    lines = contour_generator(seabed.east, seabed.north, np.ma.masked_invalid(depth))
+    step, found = contour_step(float(np.ptp(known))), []
+    for level in step * np.arange(known.min() // step, known.max() // step + 1.0):
+        for line in lines.lines(level) if level > 0.0 else ():
+            at, about = line_of(np.asarray(line), contents.projection), {"depth_m": float(level)}
+            if len(at) > 1:
+                found.append(placed("LineString", at, "bottom", f"{level:g} m", about))
+    return found
 
 
 def contour_step(span: float) -> float:
@@ -264,18 +257,13 @@ def slices_at(contents: Contents, chosen: Chosen) -> CurrentSlices | None:
     return replace(published, depths=depths, time_ns=time, fields=fields)
 
 
-def without_current(slices: CurrentSlices, around: tuple[Array, Array] | None = None) -> list[str]:
-    """Return sentences on the grey and hatched areas of a map.
-
-    Args:
-        slices: Slices.
-        around: Limits of the map, east and north [m]; None for those of the slices.
-    """
-    axes, shown, beyond = (slices.east, slices.north), [], False
-    for axis, ends in zip(axes, axes if around is None else around, strict=True):
-        half = 0.5 * (axis[1] - axis[0])
-        shown.append((axis > ends[0] - half) & (axis < ends[-1] + half))
-        beyond |= bool(ends[0] < axis[0] - half or ends[-1] > axis[-1] + half)
+def without_current(slices: CurrentSlices, extent: Extent) -> list[str]:
+    """Return sentences on the grey and hatched areas of a map."""
+    shown, beyond = [], False
+    for axis, ends in ((slices.east, extent[:2]), (slices.north, extent[2:])):
+        half, (low, high) = 0.5 * (axis[1] - axis[0]), 1e3 * np.array(ends)
+        shown.append((axis > low - half) & (axis < high + half))
+        beyond |= bool(low < axis[0] - half or high > axis[-1] + half)
     grey, hatched = (cells[np.ix_(shown[1], shown[0])].any() for cells in _blank(slices))
     return [
         *([f"Grey: {dry_text(slices)}."] if grey else []),

@@ -1,11 +1,9 @@
 """Sections of profiles along the track, DACs of dives, and time series at a position."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.text import place_text
@@ -18,7 +16,7 @@ from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
 _COLUMNS, _ROWS, _PROFILES_A_COLUMN = 160, 40, 3
 # The least width of a section [ns]: one profile has none.
 _LEAST_NS = 600_000_000_000
-COMPONENTS = ("eastward", "northward")
+COMPONENTS = {"u": "eastward", "v": "northward"}
 _TIME = Axis("time (UTC)")
 #: Quantities of a section, and those of a smoothed result.
 QUANTITIES = ("measured", "estimated", "measured minus estimated", "standard error")
@@ -52,12 +50,14 @@ def limits_of(names: Sequence[str], values: Array) -> list[float]:
         names: Names from ``quantities_of``.
         values: Values, shape (quantities, ...) [m/s].
     """
-    kinds = [_kind(name) for name in names]
-    alike = {
-        kind: np.concatenate([values[k].ravel() for k, other in enumerate(kinds) if other == kind])
-        for kind in kinds
-    }
-    return [_limit(alike[kind]) for kind in kinds]
+    kinds = np.array([_kind(name) for name in names])
+    limits = []
+    for kind in kinds:
+        alike = np.abs(values[kinds == kind])
+        known = alike[np.isfinite(alike)]
+        most = max(np.quantile(known, 0.99), 1e-3) if known.size else 1.0
+        limits.append(float(f"{most:.2g}"))
+    return limits
 
 
 def _kind(name: str) -> str:
@@ -65,66 +65,46 @@ def _kind(name: str) -> str:
     return "error" if name == "standard error" else difference
 
 
-def _limit(values: Array) -> float:
-    known = np.abs(values[np.isfinite(values)])
-    return float(f"{max(np.quantile(known, 0.99), 1e-3):.2g}") if known.size else 1.0
+def gridded(bins: BinsAlongTrack, values: Array) -> tuple[Any, Array, Array]:
+    """Return quantities averaged over cells of time and depth along the track.
 
+    Args:
+        bins: Bins of the section.
+        values: Quantities of the bins, shape (quantities, n, 2) [m/s].
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SectionGrid:
-    """Section along the track, averaged over cells of time and depth.
-
-    Attributes:
-        edges_ns: Edges of the columns [ns, UTC].
-        depths: Edges of the rows [m].
-        names: Names of the quantities.
-        values: Means, shape (quantities, 2, rows, columns) [m/s], east and north; NaN in empty cells.
+    Returns:
+        Edges of the columns (times) and rows [m], and means, shape (quantities, 2, rows, columns); NaN in empty cells.
     """
-
-    edges_ns: NDArray[np.int64]
-    depths: Array
-    names: tuple[str, ...]
-    values: Array
-
-
-def gridded(bins: BinsAlongTrack) -> SectionGrid:
-    """Return the section of bins, with the quantities of ``quantities_of``."""
     first, last = int(bins.time_ns.min()), int(bins.time_ns.max())
     fewer = bins.profiles // _PROFILES_A_COLUMN if bins.profiles > 60 else bins.profiles
     columns = min(_COLUMNS, max(1, fewer))
-    width = max(1.0, (last - first) / columns)
     deepest = max(float(bins.depth.max()), 1.0)
-    rows = _rows(bins, deepest)
-    at = np.minimum(((bins.time_ns - first) / width).astype(np.intp), columns - 1)
+    # each row at least as thick as the bins
+    steps = np.abs(np.diff(bins.depth)[np.diff(bins.time_ns) == 0])
+    apart = float(np.median(steps)) if steps.size else deepest
+    rows = int(np.clip(deepest / max(apart, 1e-3), 1, _ROWS))
+    at = ((bins.time_ns - first) / max(1.0, (last - first) / columns)).astype(np.intp)
     row = np.clip((bins.depth / deepest * rows).astype(np.intp), 0, rows - 1)
-    names, values = quantities_of(bins)
-    cell, size = row * columns + at, rows * columns
-    out = np.full((len(values), 2, size), np.nan)
-    for panel in range(len(values)):
-        for axis in range(2):
-            known = np.isfinite(values[panel, :, axis])
-            count = np.bincount(cell[known], minlength=size)
-            total = np.bincount(cell[known], values[panel, known, axis], minlength=size)
-            np.divide(total, count, out=out[panel, axis], where=count > 0)
+    cell, size = row * columns + np.minimum(at, columns - 1), rows * columns
+    means = np.full((len(values), 2, size), np.nan)
+    for panel, axis in np.ndindex(len(values), 2):
+        known = np.isfinite(values[panel, :, axis])
+        count = np.bincount(cell[known], minlength=size)
+        total = np.bincount(cell[known], values[panel, known, axis], minlength=size)
+        np.divide(total, count, out=means[panel, axis], where=count > 0)
     middle, half = 0.5 * (last - first), 0.5 * max(last - first, _LEAST_NS)
     edges = first + np.rint(np.linspace(middle - half, middle + half, columns + 1)).astype(np.int64)
     depths = np.linspace(0.0, deepest, rows + 1)
-    return SectionGrid(edges, depths, names, out.reshape(len(values), 2, rows, columns))
-
-
-def _rows(bins: BinsAlongTrack, deepest: float) -> int:
-    """Return the number of rows, each at least as thick as the bins."""
-    steps = np.diff(bins.depth)[np.diff(bins.time_ns) == 0]
-    apart = float(np.median(np.abs(steps))) if steps.size else deepest
-    return int(np.clip(deepest / max(apart, 1e-3), 1, _ROWS))
+    return edges.astype("datetime64[ns]"), depths, means.reshape(len(values), 2, rows, columns)
 
 
 def section_figure(contents: Contents) -> Figure:
     """Return the section of both components along the track."""
-    bins, notes, title = contents.section, list[str](), "Profiles along the track"
+    bins, title = contents.section, "Profiles along the track"
     if bins.time_ns.size == 0:
         why = "The result holds no profile that was used, and no estimate along its track."
-        return Figure("profiles", title, [missing("Section along the track", why)], notes=notes)
+        return Figure("profiles", title, [missing("Section along the track", why)])
+    notes = list[str]()
     if not contents.bins.time_ns.size:
         notes.append(
             "No profile of the current was used: the section shows only the estimate along the track."
@@ -140,30 +120,22 @@ def section_figure(contents: Contents) -> Figure:
         notes.append(
             "The result is smoothed: the estimate at each time also uses later measurements."
         )
-    grid = gridded(bins)
-    shown = [k for k, values in enumerate(grid.values) if np.isfinite(values).any()]
-    times, depths = grid.edges_ns.astype("datetime64[ns]"), grid.depths
-    centres = times[:-1] + (times[1:] - times[:-1]) // 2
-    table: dict[str, Any] = {
-        "time": np.tile(centres, depths.size - 1),
-        "depth_m": np.repeat(0.5 * (depths[1:] + depths[:-1]), centres.size),
-    }
-    limits, panels = limits_of(grid.names, grid.values), []
-    x = Axis("time (UTC)", ends=(times[0], times[-1]))
-    for k in shown:
-        for axis, component in enumerate(COMPONENTS):
-            name, most = f"{grid.names[k].replace(' ', '_')}_{component}_m_s", limits[k]
-            error = _kind(grid.names[k]) == "error"
-            table[name] = np.round(grid.values[k, axis].ravel(), 4 if error else 3)
-            scale = ("amp", 0.0, most, "m/s") if error else ("balance", -most, most, "m/s")
-            mark = Mark("mesh", times, depths, grid.names[k], z=f"profiles.{name}", scale=scale)
-            y = Axis("depth", "m", (float(depths[-1]), 0.0))
-            panels.append(Panel(f"{grid.names[k]}, {component}", x, y, [mark], 0.42))
-    names = ", ".join(grid.names[k] for k in shown)
-    words = f"Depth against time along the track, both velocity components, in {len(shown)} rows: {names}."
-    return Figure(
-        "profiles", title, panels, {"profiles": table}, _caption(bins), words, notes=notes
-    )
+    names, values = quantities_of(bins)
+    times, depths, means = gridded(bins, values)
+    limits, panels, shown = limits_of(names, means), [], []
+    axes = Axis("time (UTC)", ends=(times[0], times[-1])), Axis("depth", "m", (depths[-1], 0.0))
+    for name, pair, most in zip(names, means, limits, strict=True):
+        if not np.isfinite(pair).any():
+            continue
+        shown.append(name)
+        error = _kind(name) == "error"
+        scale = ("amp", 0.0, most, "m/s") if error else ("balance", -most, most, "m/s")
+        for component, cells in zip(COMPONENTS.values(), pair, strict=True):
+            rounded = np.round(cells, 4 if error else 3)
+            mark = Mark("mesh", times, depths, name, z=rounded, scale=scale)
+            panels.append(Panel(f"{name}, {component}", *axes, [mark], 0.42))
+    words = f"Depth against time along the track, both velocity components, in {len(shown)} rows: {', '.join(shown)}."
+    return Figure("profiles", title, panels, _caption(bins), words, notes=notes)
 
 
 def _caption(bins: BinsAlongTrack) -> str:
@@ -183,62 +155,45 @@ def _caption(bins: BinsAlongTrack) -> str:
 
 def dives_figure(contents: Contents) -> Figure:
     """Return measured, corrected and estimated DACs against time, with a panel for each component."""
-    means, notes, title = contents.mean_currents, list[str](), "Mean currents of the dives"
+    means, title = contents.mean_currents, "Mean currents of the dives"
     if means.time_ns.size == 0:
         why = "The result holds no mean current of a dive: its vehicle does not dive, or the log has none that was used."
-        lacking = missing("Depth-averaged currents of dives", why)
-        return Figure("mean-currents", title, [lacking], notes=notes)
-    if not np.isfinite(means.estimated).any():
-        notes.append(
-            "The result holds no estimate: the figure shows measured minus estimated currents."
-        )
-    parts = _parts(means)
-    table: dict[str, Any] = {"dive": means.dive, "end": means.time_ns.astype("datetime64[ns]")}
-    for k, component in enumerate(COMPONENTS):
-        for part, values in parts.items():
-            table[f"{part}_{component}_m_s"] = values[:, k]
-        table[f"standard_deviation_{component}_m_s"] = means.standard_error[:, k]
+        return Figure("mean-currents", title, [missing("Depth-averaged currents of dives", why)])
+    lacking = "The result holds no estimate: the figure shows measured minus estimated currents."
+    corrected = np.isfinite(means.corrected).any()
+    parts = ("measured", *(("corrected",) if corrected else ()), "estimated")
     panels = [
         Panel(
             f"dives' mean current, {component}",
             Axis("end of the dive (UTC)"),
             Axis(component, "m/s"),
-            [_mean_mark(part, component) for part in parts],
+            [_mean_mark(means, part, axis) for part in parts],
             0.55,
             level=0.0,
         )
-        for component in COMPONENTS
+        for axis, component in enumerate(COMPONENTS.values())
     ]
-    corrected = "Open circles: corrected for the flight model's error, as the estimate uses them. "
+    circles = "Open circles: corrected for the flight model's error, as the estimate uses them. "
     caption = (
         "Points: mean current measured over each dive; bars: one standard deviation expected before the update. "
-        f"{corrected if 'corrected' in parts else ''}Line: mean of the estimate "
+        f"{circles if corrected else ''}Line: mean of the estimate "
         "over the positions of the dive, just after the update. Points that stay on one side of the line show a bias."
     )
     names = " and ".join(parts).capitalize()
     words = (
         f"{names} mean current of {means.time_ns.size} dives, eastward and northward, against time."
     )
-    tables = {"mean_currents": table}
-    return Figure("mean-currents", title, panels, tables, caption, words, notes=notes)
+    notes = [] if np.isfinite(means.estimated).any() else [lacking]
+    return Figure("mean-currents", title, panels, caption, words, notes=notes)
 
 
-def _parts(means: MeanCurrents) -> dict[str, Array]:
-    """Return the available kinds of DACs by name, each shape (n, 2) [m/s]."""
-    corrected = {"corrected": means.corrected} if np.isfinite(means.corrected).any() else {}
-    return {"measured": means.measured, **corrected, "estimated": means.estimated}
-
-
-def _mean_mark(part: str, component: str) -> Mark:
-    at = "mean_currents.end", f"mean_currents.{part}_{component}_m_s", part
+def _mean_mark(means: MeanCurrents, part: str, axis: int) -> Mark:
+    at = means.time_ns.astype("datetime64[ns]"), getattr(means, part)[:, axis], part
     if part == "estimated":
-        return Mark("joined", *at, "one", "square", size=4.0, text="mean_currents.dive")
-    about: Any = {"error": f"mean_currents.standard_deviation_{component}_m_s", "size": 7.0}
+        return Mark("joined", *at, "one", "square", size=4.0, text=means.dive)
     symbol = "circle-open" if part == "corrected" else "circle"
-    return Mark("points", *at, "two", symbol, text="mean_currents.dive", **about)
-
-
-_COMPONENTS = {"u": "eastward", "v": "northward"}
+    error = means.standard_error[:, axis]
+    return Mark("points", *at, "two", symbol, text=means.dive, error=error, size=7.0)
 
 
 def series_figure(contents: Contents, at: tuple[float, float, float] | None) -> Figure:
@@ -248,21 +203,20 @@ def series_figure(contents: Contents, at: tuple[float, float, float] | None) -> 
         contents: Contents of the result.
         at: Position; None for the last one, at the published depth most typical of the measurements.
     """
-    notes, track, slices = list[str](), contents.track, contents.slices
-    lacking, title = "", "Current at a place"
+    track, slices, title = contents.track, contents.slices, "Current at a place"
     if at is None and track.time_ns.size:
         depth = typical_depth(slices, contents.measured.innovations["depth"].to_numpy(np.float64))
         at = (float(track.longitude[-1]), float(track.latitude[-1]), depth)
-    series = None if slices is None or at is None else contents.series(at)
+    series = None if at is None else contents.series(at)
     if slices is None or at is None or series is None:
         what = (
             "no published current" if slices is None else "no position, and no place was requested"
         )
-        lacking = f"The result holds {what}."
-    elif not np.isfinite(series.u).any():
+        return Figure("series", title, [missing(title, f"The result holds {what}.")])
+    if not np.isfinite(series.u).any():
         lacking = f"{place_text(at[0], at[1])} at {at[2]:g} m is on land, below the bottom, or outside the region of the estimate."
-    if lacking or series is None or slices is None or at is None:
-        return Figure("series", title, [missing(title, lacking)], notes=notes)
+        return Figure("series", title, [missing(title, lacking)])
+    notes = list[str]()
     if series.depth != at[2]:
         notes.append(f"Requested depth: {at[2]:g} m; nearest published depth: {series.depth:g} m.")
     elif np.isnan(series.u_standard_error[:-1]).all() and series.time_ns.size > 1:
@@ -273,7 +227,8 @@ def series_figure(contents: Contents, at: tuple[float, float, float] | None) -> 
     if series.time_ns.size == 1:
         notes.append("The current was published once: there is no series.")
     where = f"{place_text(at[0], at[1])}, {series.depth:g} m"
-    return Figure("series", title, [_series_panel(series, key, where) for key in "uv"], notes=notes)
+    panels = [_series_panel(series, key, where) for key in COMPONENTS]
+    return Figure("series", title, panels, notes=notes)
 
 
 def _series_panel(series: Series, key: str, where: str) -> Panel:
@@ -286,5 +241,5 @@ def _series_panel(series: Series, key: str, where: str) -> Panel:
         marks.append(Mark("band", np.append(times, times[::-1]), both, name))
     elif np.isfinite(errors).any():
         marks.append(Mark("points", times[-1:], values[-1:], name, size=4.5, error=errors[-1:]))
-    title = f"{_COMPONENTS[key]} current, {where}"
+    title = f"{COMPONENTS[key]} current, {where}"
     return Panel(title, _TIME, Axis(f"${key}$", "m/s"), marks, 0.5, level=0.0)

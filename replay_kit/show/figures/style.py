@@ -13,54 +13,35 @@ MARKERS = {
     **{"cross": "+", "star": "*", "pentagon": "p"},
 }
 DASHES: dict[str, Any] = {"dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (8, 3))}
+
+
+def _look(kind: str, name: str, symbol: str, **more: Any) -> dict[str, Any]:
+    """Return the look of a mark, with the colour and, of points, the symbol of what it stands for."""
+    color, shape = SYMBOLS.get(symbol, (symbol, ""))
+    own = {"symbol": shape} if kind == "points" else {"width": 1.2} if kind == "ring" else {}
+    return {"kind": kind, "name": name, "color": color, **own, **more}
+
+
 #: What is drawn of a feature of a role on a map, on a page and in print: a mark's look, its name in the legend, and whether it is drawn
 #: only when it is asked for.
 ON_MAP: dict[str, dict[str, Any]] = {
-    "bottom": {"kind": "line", "color": "soft", "width": 0.8},
-    "no_go": {"kind": "ring", "name": "no-go area", "color": SYMBOLS["no_go"][0], "width": 1.2},
-    "between": {
-        "kind": "ring",
-        "name": "90 % of the legs between",
-        "color": SYMBOLS["plan"][0],
-        "width": 1.2,
-        "off": True,
-    },
-    "ellipse": {
-        "kind": "ring",
-        "name": "90 % of the next and the last leg",
-        "color": SYMBOLS["plan"][0],
-        "width": 1.2,
-    },
-    "past": {
-        "kind": "ring",
-        "name": "90 % of past surfacings",
-        "color": SYMBOLS["predicted"][0],
-        "width": 1.2,
-        "off": True,
-    },
-    "track": {"kind": "line", "name": "track", "color": SYMBOLS["track"][0], "halo": True},
-    "apart": {"kind": "line", "color": SYMBOLS["actual"][0], "width": 1.2, "dash": "dot"},
-    "fix": {"name": "fixes", "size": 6.0},
-    "begin": {"name": "begin", "size": 6.0, "edge": "paper"},
-    "predicted": {"name": "surfacing, predicted"},
-    "actual": {"name": "surfacing, actual"},
-    "plan": {
-        "kind": "line",
-        "name": "last plan",
-        "color": SYMBOLS["plan"][0],
-        "width": 2.5,
-        "halo": True,
-    },
-    "planned": {"name": "planned surfacings", "size": 7.0, "edge": "paper"},
-    "start": {"name": "start", "size": 8.0, "edge": "paper"},
-    "vehicle": {"name": "vehicle", "size": 11.0, "edge": "paper"},
-    "goal": {"name": "goal", "size": 18.0, "width": 2.5},
+    "bottom": _look("line", "", "soft", width=0.8),
+    "no_go": _look("ring", "no-go area", "no_go"),
+    "between": _look("ring", "90 % of the legs between", "plan", off=True),
+    "ellipse": _look("ring", "90 % of the next and the last leg", "plan"),
+    "past": _look("ring", "90 % of past surfacings", "predicted", off=True),
+    "track": _look("line", "track", "track", halo=True),
+    "apart": _look("line", "", "actual", width=1.2, dash="dot"),
+    "fix": _look("points", "fixes", "fix", size=6.0),
+    "begin": _look("points", "begin", "vehicle", size=6.0, edge="paper"),
+    "predicted": _look("points", "surfacing, predicted", "predicted"),
+    "actual": _look("points", "surfacing, actual", "actual"),
+    "plan": _look("line", "last plan", "plan", width=2.5, halo=True),
+    "planned": _look("points", "planned surfacings", "plan", size=7.0, edge="paper"),
+    "start": _look("points", "start", "vehicle", size=8.0, edge="paper"),
+    "vehicle": _look("points", "vehicle", "vehicle", size=11.0, edge="paper"),
+    "goal": _look("points", "goal", "goal", size=18.0, width=2.5),
 }
-_POINTS = {"begin": "vehicle", "start": "vehicle", "planned": "plan"}
-for _role, _look in ON_MAP.items():
-    if "kind" not in _look:
-        _color, _symbol = SYMBOLS[_POINTS.get(_role, _role)]
-        _look |= {"kind": "points", "color": _color, "symbol": _symbol}
 
 _LETTERS: Any = {
     "font.family": "DejaVu Sans",  # matplotlib brings it along: the same letters on every machine

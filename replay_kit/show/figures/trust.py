@@ -37,10 +37,8 @@ def trust_figure(contents: Contents) -> Figure:
         why = "The result holds no measurement to compare the estimate with."
         return Figure("trust", title, [missing(title, why)])
     figures, lacking = trust_figures(contents)
-    shown = [(figures[key], number) for key, number in _IN_PRINT.items() if key in figures]
-    panels = [figure.panels[number] for figure, number in shown]
-    tables = {key: table for figure, _ in shown for key, table in figure.tables.items()}
-    return Figure("trust", title, panels, tables, notes=lacking)
+    panels = [figures[key].panels[k] for key, k in _IN_PRINT.items() if key in figures]
+    return Figure("trust", title, panels, notes=lacking)
 
 
 def trust_figures(contents: Contents) -> tuple[dict[str, Figure], list[str]]:
@@ -49,12 +47,15 @@ def trust_figures(contents: Contents) -> tuple[dict[str, Figure], list[str]]:
     Args:
         contents: Contents of a result with measurements.
     """
-    figures, lacking = [_innovations(contents)], []
+    figures, lacking = [_innovations(contents.measured)], []
     found, slices = calibration(contents.measured.innovations), contents.slices
     if found.standardized.size:
         figures.append(_calibration(found, contents.measured))
-    several = slices is not None and slices.time_ns.size > 1
-    if slices is not None and several and np.isfinite(error_through_time(slices)).any():
+    if (
+        slices is not None
+        and slices.time_ns.size > 1
+        and np.isfinite(error_through_time(slices)).any()
+    ):
         figures.append(_error(slices))
     else:
         lacking.append(
@@ -68,35 +69,24 @@ def trust_figures(contents: Contents) -> tuple[dict[str, Figure], list[str]]:
     return {figure.key: figure for figure in figures}, lacking
 
 
-def _innovations(contents: Contents) -> Figure:
+def _innovations(measured: Measured) -> Figure:
     """Return the RMS innovation and the NIS of measurements against time, with their expected values."""
-    count = contents.measured.count
-    table, bins = contents.measured.observations, contents.measured.innovations
+    table, bins, count = measured.observations, measured.innovations, measured.count
     variance = sum(_variances(bins, axis, len(table)) for axis in ("east", "north"))
     dof = table["dof"].to_numpy(np.float64)
-    each = {
-        "rms_innovation_m_s": table["rms_innovation"].to_numpy(np.float64),
-        "expected_rms_m_s": np.sqrt(_over(variance, dof)),
-        "rms_residual_m_s": table["rms_residual"].to_numpy(np.float64),
-        "nis_per_dof": _over(table["nis"].to_numpy(np.float64), dof),
-    }
+    each = table.reset_index().assign(
+        expected=np.sqrt(_over(variance, dof)), nis=_over(table["nis"].to_numpy(np.float64), dof)
+    )
     kept = thinned(len(table), _POINTS)
-    shown = table.iloc[kept]
-    data: dict[str, Any] = {
-        "time": shown.index.to_numpy(),
-        "dive": shown["dive"].to_numpy(),
-        "topic": shown["source_topic"].to_numpy(str),
-        "decision": shown["decision"].to_numpy(str),
-        **{name: values[kept] for name, values in each.items()},
-        "dof": shown["dof"].to_numpy(),
-    }
+    shown = each.iloc[kept]
+    topics = [rows for _, rows in shown.groupby("source_topic", sort=False)]
     thin = (
         f" {kept.size:,} of {count:,} measurements are drawn, evenly spread."
         if kept.size < count
         else ""
     )
-    rms = [*_by_decision(data, "rms_innovation_m_s"), *_expected(data)]
-    nis, axis = [*_by_decision(data, "nis_per_dof")], Axis("NIS / dof", from_zero=True)
+    rms = [*_by_decision(topics, "rms_innovation"), *_expected(topics)]
+    nis, axis = [*_by_decision(topics, "nis")], Axis("NIS / dof", from_zero=True)
     return Figure(
         "innovations",
         "Innovations through time",
@@ -104,7 +94,6 @@ def _innovations(contents: Contents) -> Figure:
             Panel("RMS innovation", _TIME, _RMS, rms),
             Panel("normalised innovation squared", _TIME, axis, nis, level=1.0, band=_band(dof)),
         ],
-        {"innovations": data},
         "First: RMS innovation of each measurement; the line is the RMS that the estimate expects. Second: "
         "normalised innovation squared per degree of freedom (NIS/dof); the band holds 95 % of measurements with the "
         f"typical number of bins. Points that stay above the band mean that errors are understated.{thin}",
@@ -137,20 +126,21 @@ def _variances(bins: Any, axis: str, count: int) -> Array:
     return np.bincount(bins["observation"], squares, minlength=count).astype(np.float64)
 
 
-def _by_decision(data: Mapping[str, Any], name: str) -> Iterator[Mark]:
-    """Yield the marks of each topic and decision."""
-    for number, topic in enumerate(dict.fromkeys(data["topic"].tolist())):
+def _by_decision(topics: Sequence[Any], name: str) -> Iterator[Mark]:
+    """Yield the marks of each topic, given as its rows, and decision."""
+    for number, rows in enumerate(topics):
         for decision, color in _DECISIONS.items():
-            here = (data["topic"] == topic) & (data["decision"] == decision)
-            if here.any():
-                at = data["time"][here], data[name][here], f"{topic}, {decision}"
+            own = rows[rows["decision"] == decision]
+            if len(own):
+                label = f"{own['source_topic'].iloc[0]}, {decision}"
+                at = own["time"].to_numpy(), own[name].to_numpy(), label
                 yield Mark("points", *at, color, _SYMBOLS[number % 4], size=5.0)
 
 
-def _expected(data: Mapping[str, Any]) -> Iterator[Mark]:
-    for number, topic in enumerate(dict.fromkeys(data["topic"].tolist())):
-        here = data["topic"] == topic
-        at = data["time"][here], data["expected_rms_m_s"][here], f"{topic}, expected RMS"
+def _expected(topics: Sequence[Any]) -> Iterator[Mark]:
+    for number, rows in enumerate(topics):
+        label = f"{rows['source_topic'].iloc[0]}, expected RMS"
+        at = rows["time"].to_numpy(), rows["expected"].to_numpy(), label
         yield Mark("line", *at, "ink", dash=_DASHES[number % 3], width=1.5)
 
 
@@ -159,15 +149,10 @@ def _calibration(found: Calibration, measured: Measured) -> Figure:
     edges = np.linspace(-4.0, 4.0, _BINS)
     centre, width = 0.5 * (edges[1:] + edges[:-1]), edges[1] - edges[0]
     counts, _ = np.histogram(np.clip(found.standardized, -4.0, 4.0), edges)
-    table = {
-        "standardized_innovation": centre,
-        "density": counts / (found.standardized.size * width),
-        "expected_density": np.exp(-0.5 * centre**2) / np.sqrt(2.0 * np.pi),
-    }
-    x = "calibration.standardized_innovation"
+    expected = np.exp(-0.5 * centre**2) / np.sqrt(2.0 * np.pi)
     marks = [
-        Mark("bars", x, "calibration.density", "found"),
-        Mark("line", x, "calibration.expected_density", "expected", "two", width=2.5),
+        Mark("bars", centre, counts / (found.standardized.size * width), "found"),
+        Mark("line", centre, expected, "expected", "two", width=2.5),
     ]
     one, two = (100.0 * found.coverage[limit] for limit in (1.0, 2.0))
     within = f"{one:.0f} % within 1 (68 %)\n{two:.0f} % within 2 (95 %)"
@@ -180,7 +165,6 @@ def _calibration(found: Calibration, measured: Measured) -> Figure:
         "calibration",
         "Innovations against their stated errors",
         [Panel(title, axis, Axis("density", from_zero=True), marks, note=note)],
-        {"calibration": table},
         f"{found.standardized.size:,} components of the bins used{of}: mean {mean} (expected 0), standard deviation "
         f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias. "
         "The outermost bars include all values beyond.",
@@ -190,24 +174,16 @@ def _calibration(found: Calibration, measured: Measured) -> Figure:
 
 def _error(slices: CurrentSlices) -> Figure:
     """Return the RMS standard error of the published slices through time."""
-    names = [f"rms_standard_error_{depth:g}_m" for depth in slices.depths]
-    table = {
-        "time": slices.time_ns.astype("datetime64[ns]"),
-        **dict(zip(names, error_through_time(slices), strict=True)),
-    }
+    times, errors = slices.time_ns.astype("datetime64[ns]"), error_through_time(slices)
     marks = [
-        Mark(
-            *("joined", "error.time", f"error.{name}", f"{depth:g} m", _COLORS[k % 4]),
-            dash=_DASHES[(k + k // 4) % 4],
-        )
-        for k, (name, depth) in enumerate(zip(names, slices.depths, strict=True))
+        Mark("joined", times, error, f"{depth:g} m", _COLORS[k % 4], dash=_DASHES[(k + k // 4) % 4])
+        for k, (error, depth) in enumerate(zip(errors, slices.depths, strict=True))
     ]
     axis = Axis("RMS standard error", "m/s", from_zero=True)
     return Figure(
         "error",
         "Standard error through time",
         [Panel("RMS standard error of the region", _TIME, axis, marks)],
-        {"error": table},
         "Standard error of a velocity component, RMS over the region. It falls as measurements come in, and rises where "
         "the current changes faster than it is measured.",
         "Lines of the region's RMS standard error against time, one for each depth.",
@@ -217,24 +193,18 @@ def _error(slices: CurrentSlices) -> Figure:
 def _dives(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Figure:
     """Return the prediction error and information of each dive of the summary."""
     information = information_by_dive(contents.measured.sums)
+    number = np.array([dive["dive"] for dive in dives])
     predicted, prior = (
         np.array([dive[f"rms_innovation_{name}"] for dive in dives], dtype=np.float64)
         for name in ("predicted", "prior")
     )
-    table = {
-        "dive": np.array([dive["dive"] for dive in dives]),
-        "missed_by_the_estimate_m_s": predicted,
-        "missed_by_the_ensemble_m_s": prior,
-        "independent_values": np.array([information.get(dive["dive"], 0.0) for dive in dives]),
-    }
-    x, y = "dives.dive", "dives.missed_by_the"
     rms = [
-        Mark("joined", x, f"{y}_estimate_m_s", "estimate before the dive"),
-        Mark("joined", x, f"{y}_ensemble_m_s", "prior forecast", "two", dash="dash"),
+        Mark("joined", number, predicted, "estimate before the dive"),
+        Mark("joined", number, prior, "prior forecast", "two", dash="dash"),
     ]
-    ends = table["dive"][[0, -1]] + np.array([-0.8, 0.8])
-    axis = Axis("dive", ends=(ends[0], ends[1]))
-    bars = Mark("bars", x, "dives.independent_values", "independent values determined", "three")
+    axis = Axis("dive", ends=(number[0] - 0.8, number[-1] + 0.8))
+    values = np.array([information.get(dive, 0.0) for dive in number.tolist()])
+    bars = Mark("bars", number, values, "independent values determined", "three")
     return Figure(
         "dives",
         "Each dive predicted from those before it",
@@ -242,7 +212,6 @@ def _dives(contents: Contents, dives: Sequence[Mapping[str, Any]]) -> Figure:
             Panel("RMS innovation of each dive", axis, _RMS, rms),
             Panel("information of each dive", axis, Axis("values", from_zero=True), [bars]),
         ],
-        {"dives": table},
         "First: RMS innovation of each dive against the estimate before it and against the prior forecast; the gap between the "
         "lines is the value of the earlier dives. Second: number of independent values of the estimate that the dive determined.",
         "RMS innovation of each dive against the estimate before it and against the prior forecast.",

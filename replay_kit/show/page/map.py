@@ -15,12 +15,10 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.region import Feature
 from replay_kit.core.text import time_text
 from replay_kit.results.geojson import POSITIONS, features_of
-from replay_kit.results.plans import thinned
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import CurrentSlices
-from replay_kit.results.views.track import Track
 from replay_kit.show.figures.draw import column
-from replay_kit.show.figures.map import Extent, bottom_lines, dry_text, places_of
+from replay_kit.show.figures.map import Extent, around, bottom_lines, dry_text, places_of
 from replay_kit.show.figures.style import ON_MAP
 from replay_kit.show.page.page import Map, pack
 
@@ -40,20 +38,18 @@ def map_of(contents: Contents) -> Map | None:
     if slices is None and track.time_ns.size == 0 and contents.last_plan is None:
         return None
     packed, drawn = _field(contents, slices) if slices is not None else ({}, {})
-    each = {name: one.track for name, one in contents.each.items() if one.track.time_ns.size}
-    tables = {f"{name} track".strip(): _track_table(track) for name, track in each.items()}
     marks = marks_of(features_of(contents), contents.projection)
     views = _views(marks, slices, "" not in contents.each)
     lines = bottom_lines(contents, views["region"])
     drawn |= {
         "frame": frame_of(contents.projection, views["region"]),
-        "views": {name: view.ends for name, view in views.items()},
+        "views": views,
         "marks": [*marks_of(lines, contents.projection), *marks],
     }
     title = "The current, the track and the plan"
     choices = {} if slices is None else _choices(contents, slices)
     texts = _caption(contents, slices), _alternative(contents)
-    return Map("current-map", title, *texts, tables, choices, packed, drawn)
+    return Map("current-map", title, *texts, choices, packed, drawn)
 
 
 def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[str, Any]]:
@@ -65,7 +61,7 @@ def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[s
         east, north = (np.round(each / 1e3, 3).tolist() for each in to_local(projection, *at.T))
         made = [about["time"]] * len(at) if "time" in about else about.get("coordTimes", [])
         said = [] if role in _SILENT else _said(about, len(at))
-        mark = {"name": "", "symbol": "", "width": 2.0, "size": 6.0, **ON_MAP[role]}
+        mark = {"symbol": "", "width": 2.0, "size": 6.0, **ON_MAP[role]}
         place = {"role": role, "label": _label(about), "x": east, "y": north}
         marks.append(mark | place | {"text": said or None, "when": _milliseconds(made) or None})
     return marks
@@ -105,21 +101,6 @@ def _milliseconds(times: Sequence[str]) -> list[int]:
     return list(each.astype(np.int64).tolist())
 
 
-def _track_table(track: Track) -> dict[str, Any]:
-    """Return a track as columns."""
-    kept = thinned(track.time_ns.size, POSITIONS)
-    return {
-        "time": track.time_ns[kept].astype("datetime64[ns]"),
-        "longitude": track.longitude[kept],
-        "latitude": track.latitude[kept],
-        "depth_m": track.depth[kept],
-        "east_km": track.east[kept] / 1e3,
-        "north_km": track.north[kept] / 1e3,
-        "hours": (track.time_ns - track.time_ns[0])[kept] / 3.6e12,
-        "dead_reckoned": track.dead_reckoned[kept],
-    }
-
-
 def _choices(contents: Contents, slices: CurrentSlices) -> dict[str, Sequence[str]]:
     return {
         "Show": ("speed", "standard error"),
@@ -145,11 +126,11 @@ def _views(
     views = {} if several or not plan.size else {"plan": np.vstack([plan, places("vehicle")])}
     if track.size:
         views["track"] = whole if several else track
-    found = {name: Extent.around(at[:, 0], at[:, 1], 0.14) for name, at in views.items()}
+    found = {name: around(at, 0.14) for name, at in views.items()}
     if slices is not None:
         ends = np.column_stack([slices.east[[0, -1]], slices.north[[0, -1]]]) / 1e3
         whole = np.vstack([whole, ends])
-    return found | {"region": Extent.around(whole[:, 0], whole[:, 1])}
+    return found | {"region": around(whole)}
 
 
 def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -159,33 +140,33 @@ def _field(contents: Contents, slices: CurrentSlices) -> tuple[dict[str, Any], d
     packed = {"current": pack(np.concatenate([mean[None], slices.fields]), _STEP, 1)}
     if slices.outside is not None and slices.outside.any():
         packed["outside"] = pack(np.where(slices.outside, 1.0, np.nan), 1.0)
-    names = {"speed": ("speed", "speed-dark"), "error": ("amp", "amp")}
-    scales = {
-        name: {"light": [color for _, color in scale(light)], "dark": [c for _, c in scale(dark)]}
-        for name, (light, dark) in names.items()
-    }
     drawn = {
         "east": column(slices.east / 1e3, 7),
         "north": column(slices.north / 1e3, 7),
         "times": (slices.time_ns // 1_000_000).tolist(),
         "scales": {
-            name: {"most": most, **colors}
-            for (name, colors), most in zip(scales.items(), limits_of(slices), strict=True)
+            "speed": _scale(slices.fields[:, :, :2], "speed", "speed-dark"),
+            "error": _scale(np.sqrt(0.5) * slices.fields[:, :, 2:], "amp", "amp"),
         },
         "dry": dry_text(slices),
     }
     return packed, drawn
 
 
-def limits_of(slices: CurrentSlices) -> tuple[float, float]:
-    """Return the colour limits of speed and standard error [m/s], common to all depths and times."""
-    out = []
-    for first in (0, 2):
-        values = np.hypot(slices.fields[:, :, first], slices.fields[:, :, first + 1])
-        known = values[np.isfinite(values)]
-        most = float(np.quantile(known, _MOST)) if known.size else 0.0
-        out.append(float(f"{most:.2g}") if most > 0.0 else 1.0)
-    return out[0], float(f"{out[1] / np.sqrt(2.0):.2g}")
+def _scale(pairs: Array, light: str, dark: str) -> dict[str, Any]:
+    """Return a colour scale by schemes, with its limit, common to all depths and times.
+
+    Args:
+        pairs: Components, shape (D, T, 2, J, I) [m/s], whose root of the sum of squares is drawn.
+        light: Name of the scale on a light page.
+        dark: Name of the scale on a dark page.
+    """
+    sizes = np.hypot(pairs[:, :, 0], pairs[:, :, 1])
+    known = sizes[np.isfinite(sizes)]
+    most = float(f"{np.quantile(known, _MOST):.2g}") if known.size else 0.0
+    schemes = {"light": light, "dark": dark}
+    colors = {key: [color for _, color in scale(name)] for key, name in schemes.items()}
+    return {"most": most or 1.0, **colors}
 
 
 def frame_of(projection: Projection, extent: Extent) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-// The page: packed data, values beside the pointer in charts, tables as CSV, folded parts, print. map.js draws the map, explore.js moves it.
+// The page: packed data, values beside the pointer in charts, folded parts, print. map.js draws the map, explore.js moves it.
 const MISSING = -32768;
 const bytesOf = (base64) => Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
 const unpacked = (id) => new Response(new Blob([bytesOf(document.getElementById(id).textContent)]).stream().pipeThrough(new DecompressionStream("gzip"))).json();
@@ -17,9 +17,8 @@ function packedArray(figure, name) {
   return (state.arrays[name] = values);
 }
 
-// Values in charts: what is nearest to the pointer, in the columns that the page offers.
-function listenChart(figure, svg, { box, ends, log, axes, marks }) {
-  const column = (value) => (typeof value === "string" ? figure.tables[value.slice(0, value.indexOf("."))][value.slice(value.indexOf(".") + 1)] : value);
+// Values in charts: what is nearest to the pointer.
+function listenChart(svg, { box, ends, log, axes, marks }) {
   const place = (value, axis) => {
     const number = typeof value === "string" ? Date.parse(`${value.replace(" ", "T")}Z`) : value;
     const [low, high, at] = [...ends[axis], number].map((each) => (log[axis] ? Math.log(each) : each));
@@ -29,16 +28,15 @@ function listenChart(figure, svg, { box, ends, log, axes, marks }) {
   const cell = (edges, axis, at) => edges.findIndex((edge, k) => k && (place(edges[k - 1], axis) - at) * (place(edge, axis) - at) <= 0) - 1;
   const said = (px, py) => {
     let [best, words] = [20, ""];
-    for (const mark of marks) {
-      const [xs, ys, zs, texts] = [mark.x, mark.y, mark.z, mark.text].map(column);
+    for (const { name, x: xs, y: ys, z: zs, text: texts } of marks) {
       const [i, j] = zs ? [cell(xs, 0, px), cell(ys, 1, py)] : [-1, -1];
       const value = i < 0 || j < 0 ? null : zs[j * (xs.length - 1) + i];
-      if (value !== null) words = `${mark.name} ${text(value)} m/s<br>${text(xs[i])}, ${text(ys[j])} to ${text(ys[j + 1])} m`;
+      if (value !== null) words = `${name} ${text(value)} m/s<br>${text(xs[i])}, ${text(ys[j])} to ${text(ys[j + 1])} m`;
       for (let k = 0; !zs && k < xs.length; k += 1) {
         const far = xs[k] === null || ys[k] === null ? best : Math.hypot(place(xs[k], 0) - px, place(ys[k], 1) - py);
         if (far >= best) continue;
         best = far;
-        words = `${mark.name}${texts ? `, ${text(texts[k])}` : ""}<br>${axes[0]}: ${text(xs[k])}<br>${axes[1]}: ${text(ys[k])}`;
+        words = `${name}${texts ? `, ${text(texts[k])}` : ""}<br>${axes[0]}: ${text(xs[k])}<br>${axes[1]}: ${text(ys[k])}`;
       }
     }
     return words;
@@ -54,17 +52,6 @@ function listenChart(figure, svg, { box, ends, log, axes, marks }) {
   svg.addEventListener("pointerleave", () => { tip.hidden = true; });
 }
 
-function save({ dataset }) {
-  const table = state.figures.find(({ key }) => key === dataset.figure).tables[dataset.table];
-  const [names, columns] = [Object.keys(table), Object.values(table)];
-  const cell = (value) => (/[",\n]/.test(value) ? `"${String(value).replaceAll('"', '""')}"` : value ?? "");
-  const rows = [names, ...columns[0].map((_, row) => columns.map((column) => column[row]))].map((row) => `${row.map(cell).join(",")}\n`);
-  const file = new Blob(rows, { type: "text/csv" });
-  const link = Object.assign(document.createElement("a"), { download: `${dataset.figure}-${dataset.table}.csv`, href: URL.createObjectURL(file) });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-}
-
 // A link to a part that is folded opens it.
 function openTarget() {
   const target = document.getElementById(location.hash.slice(1));
@@ -76,9 +63,8 @@ async function start() {
   state.figures = await unpacked("figures");
   for (const figure of state.figures) {
     if (figure.map) startMap(figure);
-    else document.querySelectorAll(`#${figure.key} .panel > svg`).forEach((svg, k) => listenChart(figure, svg, figure.panels[k]));
+    else document.querySelectorAll(`#${figure.key} .panel > svg`).forEach((svg, k) => listenChart(svg, figure.panels[k]));
   }
-  for (const button of document.querySelectorAll("button[data-table]")) button.addEventListener("click", () => save(button));
   const again = () => { if (state.map) sizeMap(state.map); };
   const print = ({ type }) => {
     if (document.documentElement.classList.toggle("printing", type === "beforeprint")) document.querySelectorAll("details").forEach((one) => { one.open = true; });

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.colors import palette_css, scale
 from replay_kit.core.version import __version__
-from replay_kit.show.figures.draw import column_of, panels_svg
+from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Figure, Panel
 from replay_kit.show.page.parts import items_html, table_html
 
@@ -41,11 +41,10 @@ class Map:
     """Map of a page, at most one.
 
     Attributes:
-        key: Unique key in the page, also the name of its data files.
+        key: Unique key in the page.
         title: Title.
         caption: Caption as HTML.
         alternative: Text alternative.
-        tables: Data by table and column, offered as CSV.
         choices: What to choose from as text, by name of the control: of the last one the last is chosen, otherwise the first.
         packed: Large numeric arrays, see ``pack``.
         drawn: Data for the script, see ``map.py``.
@@ -55,7 +54,6 @@ class Map:
     title: str
     caption: str
     alternative: str
-    tables: Mapping[str, Mapping[str, Any]]
     choices: Mapping[str, Sequence[str]]
     packed: Mapping[str, Any]
     drawn: Mapping[str, Any]
@@ -176,15 +174,11 @@ def _section_html(section: Section, data: list[dict[str, Any]]) -> str:
 
 
 def figure_html(figure: Figure | Map, data: list[dict[str, Any]]) -> str:
-    """Return a figure as HTML with caption and data buttons, and append its data for the script."""
-    buttons = "".join(
-        f'<button type="button" data-figure="{figure.key}" data-table="{escape(name)}">Data: {escape(name)} (CSV)</button>'
-        for name in figure.tables
-    )
+    """Return a figure as HTML with its caption, and append its data for the script."""
     notes = () if isinstance(figure, Map) else map(escape, figure.notes)
     caption = " ".join([figure.caption, *notes])
-    about = f'<figcaption>{caption}</figcaption><div class="data">{buttons}</div>'
-    held: dict[str, Any] = {"key": figure.key, "tables": tables_of(figure.tables)}
+    about = f"<figcaption>{caption}</figcaption>"
+    held: dict[str, Any] = {"key": figure.key}
     plot = f'<div class="plot" tabindex="0" role="group" aria-label="{escape(figure.alternative)}">'
     data.append(held)
     if isinstance(figure, Map):
@@ -199,14 +193,6 @@ def figure_html(figure: Figure | Map, data: list[dict[str, Any]]) -> str:
         )
         panels.append(f'<div class="panel">{own}{svg}{legend(panel)}</div>')
     return f'<figure id="{figure.key}"><h3>{escape(figure.title)}</h3>{plot}{"".join(panels)}</div>{about}</figure>'
-
-
-def tables_of(tables: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return tables for the data of a page."""
-    return {
-        key: {name: column_of(name, values) for name, values in table.items()}
-        for key, table in tables.items()
-    }
 
 
 def legend(panel: Panel) -> str:
@@ -273,7 +259,7 @@ def _map_html(figure: Map, plot: str, about: str) -> str:
         f'<div class="stage">{plot}</div><div class="tools">{views}{zoom}'
         f'<details class="layers"><summary>Layers</summary><ul>{layers}</ul></details></div>'
         f'<div class="keys" aria-hidden="true"></div><div class="controls">{button if controls else ""}{controls}</div></div>'
-        f'<details class="about"><summary>About this map, and its data</summary>{about}</details></figure>'
+        f'<details class="about"><summary>About this map</summary>{about}</details></figure>'
     )
 
 

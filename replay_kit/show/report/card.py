@@ -10,6 +10,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.quantities import parse_time
 from replay_kit.results.views.contents import Contents
+from replay_kit.results.views.history import cell_of
+from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.numbers import (
@@ -159,13 +161,13 @@ def _size(one: Values, name: str) -> str:
 
 def _water(contents: Contents) -> str:
     """Return the current at the vehicle, its error, and where to measure next."""
-    flow, track, depth = contents.estimate, contents.track, contents.dive_depth
-    if contents.dive_mean is None:
+    slices, track, parts = contents.slices, contents.track, ""
+    if slices is None or contents.dive_mean is None:
         return ""
     mean = contents.dive_mean[-1]
-    parts = ""
     if track.time_ns.size:
-        here = _cell(contents, mean, float(track.east[-1]), float(track.north[-1]))
+        cell = cell_of(slices, float(track.east[-1]), float(track.north[-1]))
+        here = np.full(4, np.nan) if cell is None else mean[:, *cell]
         if np.isfinite(here[0]):
             bearing, speed = float(heading_deg(here[0], here[1])), float(np.hypot(*here[:2]))
             error = float(np.hypot(*here[2:]) / np.sqrt(2.0))
@@ -173,7 +175,7 @@ def _water(contents: Contents) -> str:
             parts = (
                 f'<div class="steer">{compass(bearing, f"The water goes toward {bearing:.0f} degrees")}<div>'
                 f'<p class="big">{fixed(100.0 * speed, 1)}<small> cm/s</small></p><p>the water goes toward {round(bearing) % 360:03d}°, '
-                f"{said}; mean to {depth:.0f} m at the vehicle</p></div></div>"
+                f"{said}; mean to {contents.dive_depth:.0f} m at the vehicle</p></div></div>"
             )
     rms, facts = contents.outcome.rms_innovation, ""
     if rms["before"] is not None and rms["prior"]:
@@ -182,23 +184,13 @@ def _water(contents: Contents) -> str:
         missed = number("rms_innovation.before", rms["before"], f"{100.0 * rms['before']:.1f}")
         prior = number("rms_innovation.prior", rms["prior"], f"{100.0 * rms['prior']:.1f}")
         facts = _fact("Against the forecast", value, f"misfit {missed} cm/s, forecast {prior}")
-    facts += _least_known(contents, mean) if flow is not None else ""
+    facts += _least_known(contents, slices, mean) if contents.estimate is not None else ""
     return parts + (_facts(facts) if facts else "")
 
 
-def _cell(contents: Contents, fields: Array, east: float, north: float) -> Array:
-    """Return the values of the cell that contains a position [m, local frame]; NaN outside."""
-    slices = contents.slices
-    assert slices is not None
-    i, j = (int(np.argmin(np.abs(a - v))) for a, v in ((slices.east, east), (slices.north, north)))
-    far = abs(slices.east[i] - east) > slices.east[1] - slices.east[0]
-    return np.full(4, np.nan) if far else np.asarray(fields[:, j, i])
-
-
-def _least_known(contents: Contents, mean: Array) -> str:
+def _least_known(contents: Contents, slices: CurrentSlices, mean: Array) -> str:
     """Return the position of the largest standard error as text."""
-    error, slices = np.hypot(mean[2], mean[3]) / np.sqrt(2.0), contents.slices
-    assert slices is not None
+    error = np.hypot(mean[2], mean[3]) / np.sqrt(2.0)
     if not np.isfinite(error).any():
         return ""
     j, i = np.unravel_index(int(np.nanargmax(error)), error.shape)

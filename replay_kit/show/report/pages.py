@@ -1,11 +1,8 @@
 """Report pages: one vehicle, or several with a common estimate and a page for each."""
 
-import json
 import shlex
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from html import escape
-from types import MappingProxyType
 from typing import Any
 
 from replay_kit.core.errors import finding_line
@@ -15,70 +12,56 @@ from replay_kit.results.outcome.outcome import leaves
 from replay_kit.results.result import ResultFile
 from replay_kit.results.topics import CONFIG_NAME
 from replay_kit.results.views.contents import Contents
+from replay_kit.show.figures.section import dives_figure, section_figure
 from replay_kit.show.numbers import Sentence, clock_text, number
 from replay_kit.show.page.map import map_of
 from replay_kit.show.page.page import Section, page_html
 from replay_kit.show.page.parts import items_html, table_html
 from replay_kit.show.report.card import card_html
-from replay_kit.show.report.sections.along_track import along_track_section
 from replay_kit.show.report.sections.answer import words_section
 from replay_kit.show.report.sections.plan import plan_section
 from replay_kit.show.report.sections.trust import trust_section
 from replay_kit.show.sentences import estimate_sentences
 from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_cells, vehicle_sentences
 
-#: Defaults of settings by table.
-Defaults = Mapping[str, Mapping[str, Any]]
-_NONE: Defaults = MappingProxyType({})
 # Entries of a list of the summary that are shown.
 _LONG = 12
+# Records of how a result was made.
+_RECORDS = ("inputs", "versions", "region", "options")
 
 
-def again_section(contents: Contents, defaults: Defaults) -> Section:
+def again_section(contents: Contents) -> Section:
     """Return the section on reproducing the result, with the summary as a table."""
-    metadata, missing, html = contents.metadata, list[str](), ""
-    inputs = {
-        name: text.rpartition(" sha256:")
-        for name, text in metadata.get("replay_kit.inputs", {}).items()
-    }
+    metadata, html, missing = contents.metadata, "", []
+    inputs = metadata.get("replay_kit.inputs", {})
     if any(name.startswith("log") for name in inputs):
-        html = (
-            "<p>The command; <code>config.toml</code> is attached to the result:</p>"
-            f"<pre>{escape(_command(contents, {name: file for name, (file, *_) in inputs.items()}))}</pre>"
-        )
+        html = f"<p>The command; <code>config.toml</code> is attached to the result:</p><pre>{escape(_command(contents))}</pre>"
     elif inputs:
         made = "; replay-kit verify reproduces it" if "replay_kit.plan" in metadata else ""
         missing.append(f"This result was made by replay-kit plan; its options are below{made}.")
     else:
         missing.append("The result does not name its inputs.")
-    digests = {name: (file, digest) for name, (file, _, digest) in inputs.items()}
-    versions = {**metadata.get("contract", {}), **metadata.get("replay_kit.versions", {})}
-    names = {"version": "contract of the result", "replay_kit": "replay-kit"}
-    shown = {names.get(name, name): (value,) for name, value in versions.items()}
-    region = {
-        **metadata.get("replay_kit.region", {}),
-        **metadata.get("replay_kit.options", {}),
-    }
-    options = {name.replace("_", " "): (value,) for name, value in region.items() if value}
-    html += _rows_html("Inputs", ("input", "file", "SHA-256"), digests)
-    html += _rows_html("Versions", ("what", "version"), shown) + _settings(
-        contents, defaults, missing
-    )
-    html += _rows_html("Region, basis and options", ("what", "value"), options) + _numbers(contents)
+    rows = [
+        [escape(f"{record} {name}"), escape(value)]
+        for record in _RECORDS
+        for name, value in metadata.get(f"replay_kit.{record}", {}).items()
+        if value
+    ]
+    html += table_html(["record", "value"], rows, "Inputs with SHA-256, versions and options")
+    if toml := contents.result.reader.text(CONFIG_NAME):
+        html += f"<details><summary>config.toml</summary><pre>{escape(toml)}</pre></details>"
+    else:
+        missing.append("The result does not hold its configuration.")
     answer = "Files, versions, settings, and every number of the summary."
+    html += _numbers(contents.outcome.to_json())
     return Section("again", "How was it made?", html, missing=missing, menu="Files", answer=answer)
 
 
-def _rows_html(caption: str, heads: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """Return texts by name as an HTML table; empty without any."""
-    cells = [[escape(name), *map(escape, texts)] for name, texts in rows.items()]
-    return table_html(heads, cells, caption) if cells else ""
-
-
-def _command(contents: Contents, inputs: Mapping[str, str]) -> str:
+def _command(contents: Contents) -> str:
     """Return the commands that make and verify the result."""
+    inputs = contents.metadata["replay_kit.inputs"]
     logs, ensemble = (
-        [file for name, file in inputs.items() if name.startswith(begin)]
+        [text.partition(" sha256:")[0] for name, text in inputs.items() if name.startswith(begin)]
         for begin in ("log", "ensemble")
     )
     goal = contents.metadata.get("replay_kit.options", {}).get("goal", "")
@@ -90,46 +73,26 @@ def _command(contents: Contents, inputs: Mapping[str, str]) -> str:
     )
 
 
-def _settings(contents: Contents, defaults: Defaults, missing: list[str]) -> str:
-    toml = contents.result.reader.text(CONFIG_NAME)
-    if not toml:
-        missing.append("The result does not hold its configuration.")
-        return ""
-    changed = {
-        f"{section}.{key}": (json.dumps(value), json.dumps(defaults.get(section, {}).get(key)))
-        for section, values in tomllib.loads(toml).items()
-        for key, value in values.items()
-        if value != defaults.get(section, {}).get(key)
-    }
-    if not changed:
-        return "<p>All settings have their defaults.</p>"
-    caption = "Settings that differ from their defaults"
-    return _rows_html(caption, ("setting", "value", "default"), changed)
+def _numbers(summary: Mapping[str, Any]) -> str:
+    """Return the single values of a summary as an HTML table; of long lists their length."""
+    rows = []
+    for path, value in leaves(_shortened(summary)):
+        shown = escape("unknown" if value is None else str(value))
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            form = "," if isinstance(value, int) else ".6g"
+            shown = number(path, value, f"{value:{form}}")
+        rows.append([f"<code>{escape(path)}</code>", shown])
+    heads, caption = ["path in the summary", "value"], "All numbers of the summary, as in --json"
+    return table_html(heads, rows, caption)
 
 
 def _shortened(value: Any) -> Any:
     """Return nested values with long lists replaced by a sentence, to limit the page's size."""
     if isinstance(value, Mapping):
         return {key: _shortened(item) for key, item in value.items()}
-    if isinstance(value, list):
-        long = f"{len(value)} entries, in the JSON of replay-kit replay --json"
-        return long if len(value) > _LONG else [_shortened(item) for item in value]
-    return value
-
-
-def _numbers(contents: Contents) -> str:
-    rows = []
-    for path, value in leaves(_shortened(contents.outcome.to_json())):
-        exact = isinstance(value, int | float) and not isinstance(value, bool)
-        shown = (
-            number(path, value, f"{value:,}" if isinstance(value, int) else f"{value:.6g}")
-            if exact
-            else escape("unknown" if value is None else str(value))
-        )
-        rows.append([f"<code>{escape(path)}</code>", shown])
-    return table_html(
-        ["path in the summary", "value"], rows, "All numbers of the summary, as in --json"
-    )
+    if isinstance(value, list) and len(value) > _LONG:
+        return f"{len(value)} entries, in the JSON of replay-kit replay --json"
+    return [*map(_shortened, value)] if isinstance(value, list) else value
 
 
 def map_section(contents: Contents, card: str = "") -> Section:
@@ -144,100 +107,82 @@ def map_section(contents: Contents, card: str = "") -> Section:
     return Section("map", "Map", "", figures, missing, "Map", beside=beside)
 
 
+def along_track_section(contents: Contents) -> Section:
+    """Return the report section on profiles along the track and DACs."""
+    each = section_figure(contents), dives_figure(contents)
+    figures = [figure for figure in each if figure.panels[0].marks]
+    missing = [figure.panels[0].note for figure in each if figure not in figures]
+    title = "How does it change along the track, with depth and time?"
+    profiles, dives = contents.bins.profiles, contents.mean_currents.time_ns.size
+    answer = f"{profiles:,} profiles and {dives:,} DACs, compared with the estimate."
+    return Section("section", title, "", figures, missing, "Section", answer)
+
+
 #: The sections from top to bottom; each is a pure function of the opened result.
 SECTIONS: tuple[Callable[[Contents], Section], ...] = (
     *(map_section, words_section, along_track_section, trust_section, plan_section),
 )
 
 
-def report_html(
-    result: ResultFile,
-    notes: tuple[str, ...] = (),
-    defaults: Defaults = _NONE,
-) -> str:
+def report_html(result: ResultFile, notes: tuple[str, ...] = ()) -> str:
     """Return a result as a self-contained, reproducible HTML page.
 
     Args:
         result: Opened result.
         notes: Notes on opening the result.
-        defaults: Defaults of the settings by table; the page names those that differ.
     """
     contents = Contents(result, notes)
     added = additions("sections", callable, "a function").values()
-    sections = [section(contents) for section in (*SECTIONS, *added)]
-    sections.insert(len(SECTIONS), again_section(contents, defaults))
+    sections = [section(contents) for section in (*SECTIONS, again_section, *added)]
     title = contents.outcome.mission or f"Report on {result.reader.name}"
     return page_html(title, sections, _subtitle(contents))
 
 
 def _subtitle(contents: Contents) -> str:
-    span, dives = contents.span_ns, int((contents.result.dives.index > 0).sum())
+    span, fixes = contents.span_ns, contents.result.fixes
     if span is None:
         return ""
     begin, end = map(clock_text, span)
-    fixes = contents.result.fixes
-    measured = fixes.index[~fixes["dead_reckoned"].to_numpy(bool)] if len(fixes) else fixes.index
+    measured = fixes.index[~fixes["dead_reckoned"].to_numpy(bool)]
     fix = f"last fix {clock_text(measured[-1].value)} UTC" if len(measured) else ""
-    dive = count_text(dives, "dive") if dives else ""
+    dives = int((contents.result.dives.index > 0).sum())
     used = count_text(contents.outcome.observations["used"], "observation")
+    dive = count_text(dives, "dive") if dives else ""
     return " · ".join(filter(None, [f"{begin} to {end} UTC", fix, dive, used]))
 
 
-def several_html(contents: Contents, pages: Mapping[str, str], defaults: Defaults) -> str:
+def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
     """Return the report page on all vehicles of a result.
 
     Args:
         contents: Contents of the result.
         pages: File names of the vehicles' pages by vehicle.
-        defaults: See ``report_html``.
     """
-    sections = [
-        map_section(contents, _card(contents, pages)),
-        _vehicles(contents, pages),
-        again_section(contents, defaults),
-    ]
-    span, outcome = contents.span_ns, contents.outcome
-    begin, end = ("", "") if span is None else (time_text(each)[:16] for each in span)
-    parts = [
-        f"{begin} to {end} UTC",
-        count_text(len(contents.each), "vehicle"),
-        count_text(outcome.observations["used"], "observation"),
-    ]
-    return page_html(f"Report on {contents.result.reader.name}", sections, " · ".join(parts))
-
-
-def _card(contents: Contents, pages: Mapping[str, str]) -> str:
-    """Return the summary card of several vehicles: verdict, and a line for each."""
-    outcome = contents.outcome
-    rows = [
-        f"{_link(str(name), pages)}: {Sentence([used]).html} observations; {Sentence([verdict]).html}"
-        for name, used, *_, verdict in vehicle_cells(outcome)
-    ]
-    return (
-        f"<h3>{escape(str(outcome.verdict).capitalize())}</h3>"
-        f"{items_html([escape(text) for text in outcome.basis])}<h3>Vehicles</h3>{items_html(rows)}"
-    )
-
-
-def _vehicles(contents: Contents, pages: Mapping[str, str]) -> Section:
-    """Return the section on vehicles: table, value of their measurements, and notes."""
-    outcome = contents.outcome
+    outcome, span = contents.outcome, contents.span_ns
     rows = [
         (_link(str(name), pages), *(Sentence([cell]).html for cell in rest))
         for name, *rest in vehicle_cells(outcome)
     ]
-    before = (*contents.notes, *map(finding_line, outcome.consistency))
-    after = (*outcome.notes, *vehicle_sentences(outcome))
-    said = [
-        *map(escape, before),
-        *(each.html for each in estimate_sentences(outcome)),
-        *map(escape, after),
-    ]
-    table = table_html(
-        COLUMNS, rows, "Vehicles: what each measured, and what the estimate would be without it"
+    briefs = [f"{name}: {used} observations; {verdict}" for name, used, *_, verdict in rows]
+    card = (
+        f"<h3>{escape(str(outcome.verdict).capitalize())}</h3>"
+        f"{items_html([*map(escape, outcome.basis)])}<h3>Vehicles</h3>{items_html(briefs)}"
     )
-    html = f"{table}<p>{escape(ABOUT_VALUE)}.</p>{items_html(said)}"
-    return Section("vehicles", "Vehicles", html)
+    said = [
+        *map(escape, (*contents.notes, *map(finding_line, outcome.consistency))),
+        *(each.html for each in estimate_sentences(outcome)),
+        *map(escape, (*outcome.notes, *vehicle_sentences(outcome))),
+    ]
+    caption = "Vehicles: what each measured, and what the estimate would be without it"
+    html = f"{table_html(COLUMNS, rows, caption)}<p>{escape(ABOUT_VALUE)}.</p>{items_html(said)}"
+    sections = [map_section(contents, card), Section("vehicles", "Vehicles", html)]
+    parts = [
+        *([f"{time_text(span[0])[:16]} to {time_text(span[1])[:16]} UTC"] if span else []),
+        count_text(len(contents.each), "vehicle"),
+        count_text(outcome.observations["used"], "observation"),
+    ]
+    title = f"Report on {contents.result.reader.name}"
+    return page_html(title, [*sections, again_section(contents)], " · ".join(parts))
 
 
 def _link(name: str, pages: Mapping[str, str]) -> str:

@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
 
 from replay_kit.core.geodesy import distance
 from replay_kit.core.plan import Plan
 from replay_kit.core.quantities import parse_time
 from replay_kit.core.text import time_text
-from replay_kit.results.outcome.verdict import plan_alarm, run_alarms
+from replay_kit.results.outcome.verdict import Alarm, finding_alarms, plan_alarm
 from replay_kit.show.numbers import clock, hours_text
 from replay_kit.show.status.held import Held, Values, course
 
@@ -66,27 +65,6 @@ def _heading(plan: Plan, time_ns: int) -> float:
     return plan.heading_deg if plan.status != "failed" else math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class Alarm:
-    """Alarm of a result.
-
-    Attributes:
-        kind: ``surfacing overdue``, ``outside its ellipse``, ``current rejected``, ``consistency``, ``plan`` or ``forecast ended``.
-        text: Problem and action, as a line.
-        since: Time of onset.
-        about: Key of the plan, surfacing, finding or forecast; each raises one alarm.
-    """
-
-    kind: str
-    text: str
-    since: str
-    about: str
-
-    def record(self) -> dict[str, str]:
-        """Return the alarm for JSON."""
-        return {name: text for name, text in asdict(self).items() if name != "about"}
-
-
 def alarms_of(held: Held, answers: Mapping[str, Values]) -> tuple[Alarm, ...]:
     """Return the alarms of a result, those of the plan first.
 
@@ -94,36 +72,34 @@ def alarms_of(held: Held, answers: Mapping[str, Values]) -> tuple[Alarm, ...]:
         held: Data of the result.
         answers: Known answers of its status.
     """
-    return (
-        *_bad_plan(answers.get("odds", {})),
-        *_overdue(answers.get("surfacing", {})),
-        *_outside(held),
-        *_rejected(answers.get("current", {})),
-        *_contradictions(held),
-        *_ended(answers.get("forecast", {})),
-    )
-
-
-def _bad_plan(odds: Values) -> Iterator[Alarm]:
+    odds, current, forecast = (answers.get(key, {}) for key in ("odds", "current", "forecast"))
     flown = {"n_samples": odds["samples"], "reached": odds["reached"]} if "samples" in odds else {}
-    if (found := plan_alarm({**odds, "odds": flown} if odds else None)) is not None:
-        yield Alarm(found.kind, found.text, odds["since"], found.about)
+    findings = held.outcome.consistency if held.outcome else ()
+    found = (
+        plan_alarm({**odds, "odds": flown} if odds else None, odds.get("since", "")),
+        _overdue(answers.get("surfacing", {})),
+        _outside(held),
+        _rejected(current),
+        *finding_alarms(findings, time_text(held.last_ns)),
+        _ended(forecast),
+    )
+    return tuple(alarm for alarm in found if alarm is not None)
 
 
-def _overdue(surfacing: Values) -> Iterator[Alarm]:
-    for one in (surfacing.get("next"), surfacing.get("other")):
-        if one and (late := one.get("overdue_s")):
-            due = parse_time(one["time"]) + int(1e9 * one["margin_s"])
+def _overdue(surfacing: Values) -> Alarm | None:
+    for one in filter(None, (surfacing.get("next"), surfacing.get("other"))):
+        if late := one.get("overdue_s"):
+            due = time_text(parse_time(one["time"]) + int(1e9 * one["margin_s"]))
             text = f"surfacing {hours_text(late)} late (due {clock(one['time'])} UTC): call it"
-            yield Alarm("surfacing overdue", text, time_text(due), one["time"])
+            return Alarm("surfacing overdue", text, due, one["time"])
+    return None
 
 
-def _outside(held: Held) -> Iterator[Alarm]:
-    """Yield an alarm if the last surfacing is outside the ellipse that was shown for it."""
+def _outside(held: Held) -> Alarm | None:
+    """Return an alarm if the last surfacing is outside the ellipse that was shown for it."""
     found = (held.outcome.predicted_surfacings if held.outcome else None) or {}
     last = found["each"][-1] if found.get("each") else None
-    shown = (found.get("record") or {}).get("shown", "plan")
-    if held.outcomes and (shown == "plan" or last is None):
+    if held.outcomes and (last is None or (found.get("record") or {}).get("shown") != "habit"):
         one, of = held.outcomes[-1], "the plan"
         inside, size, since = one.inside_ellipse, one.ellipse_major, one.timestamp.ToNanoseconds()
         far, toward = one.distance, one.direction_deg
@@ -131,32 +107,30 @@ def _outside(held: Held) -> Iterator[Alarm]:
         of, inside, size = "the prediction", last["inside_90"], last["ellipse_90"]["major_m"]
         far, toward, since = last["distance_m"], last["direction_deg"], int(last["time_ns"])
     else:
-        return
-    if not inside and math.isfinite(size):
-        text = (
-            f"surfaced {far / 1e3:.1f} km from {of} toward {toward:.0f}°, outside its 90 % ellipse "
-            f"({size / 1e3:.1f} km): plan again from here"
-        )
-        yield Alarm("outside its ellipse", text, time_text(since), str(since))
+        return None
+    if inside or not math.isfinite(size):
+        return None
+    text = (
+        f"surfaced {far / 1e3:.1f} km from {of} toward {toward:.0f}°, outside its 90 % ellipse "
+        f"({size / 1e3:.1f} km): plan again from here"
+    )
+    return Alarm("outside its ellipse", text, time_text(since), str(since))
 
 
-def _rejected(current: Values) -> Iterator[Alarm]:
-    """Yield an alarm if the DAC of the last dive was rejected."""
-    if current.get("rejected") and (one := current.get("measured")):
-        speed, toward = course(one)
-        text = (
-            f"dive {current['dive']}: its current of {100.0 * speed:.0f} cm/s to {toward:.0f}° was rejected, "
-            f"{100.0 * current['difference_m_s']:.0f} cm/s from the estimate: check the dive"
-        )
-        yield Alarm("current rejected", text, current["since"], current["since"])
+def _rejected(current: Values) -> Alarm | None:
+    """Return an alarm if the DAC of the last dive was rejected."""
+    if not current.get("rejected") or not current.get("measured"):
+        return None
+    speed, toward = course(current["measured"])
+    text = (
+        f"dive {current['dive']}: its current of {100.0 * speed:.0f} cm/s to {toward:.0f}° was rejected, "
+        f"{100.0 * current['difference_m_s']:.0f} cm/s from the estimate: check the dive"
+    )
+    return Alarm("current rejected", text, current["since"], current["since"])
 
 
-def _contradictions(held: Held) -> Iterator[Alarm]:
-    for one in run_alarms(None, held.outcome.consistency if held.outcome else ()):
-        yield Alarm(one.kind, one.text, time_text(held.last_ns), one.about)
-
-
-def _ended(forecast: Values) -> Iterator[Alarm]:
-    if (left := forecast.get("ends_in_s")) is not None and left < 0.0:
-        text = f"the forecast ended {clock(forecast['last'])} UTC: give a newer one"
-        yield Alarm("forecast ended", text, forecast["last"], forecast["last"])
+def _ended(forecast: Values) -> Alarm | None:
+    if (left := forecast.get("ends_in_s")) is None or left >= 0.0:
+        return None
+    text = f"the forecast ended {clock(forecast['last'])} UTC: give a newer one"
+    return Alarm("forecast ended", text, forecast["last"], forecast["last"])

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.errors import LogError
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Plan
@@ -17,7 +16,7 @@ from replay_kit.core.quantities import parse_time
 from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.plans import plan_of
-from replay_kit.results.reader import ResultReader
+from replay_kit.results.reader import ResultReader, check_result
 from replay_kit.results.schemas import decode
 from replay_kit.results.topics import CONFIG_NAME, complete
 from replay_kit.show.sentences import SOURCES
@@ -110,12 +109,9 @@ def read_held(reader: ResultReader) -> Held:
     Raises:
         LogError: The file is missing or not a complete result.
     """
-    metadata, ends = reader.metadata, reader.summary.statistics
+    check_result(reader)
+    ends = reader.summary.statistics
     assert ends is not None
-    if "frame map" not in metadata or "contract" not in metadata:
-        raise LogError(
-            f"{reader.path}: an MCAP file, but no result of replay-kit replay; give a result"
-        )
     with complete(reader.path):
         fixes, reckoned = _positions(reader)
         plans = [plan_of(one) for one in _last(reader, "/plan/controls", "Plan", _PLANS)]
@@ -132,7 +128,7 @@ def read_held(reader: ResultReader) -> Held:
             [*known, *([reckoned.time_ns] if reckoned else [])],
             default=ends.message_end_time,
         ),
-        metadata=metadata,
+        metadata=reader.metadata,
         settings=tomllib.loads(reader.text(CONFIG_NAME)),
         outcome=reader.outcome,
         projection=reader.projection,

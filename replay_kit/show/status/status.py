@@ -1,23 +1,26 @@
 """Status of a result: answers for the pilot as figures, and alarms; ``lines`` writes the text."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
-from replay_kit.core.geodesy import distance, rotate_to_geographic, to_local
+from replay_kit.core.geodesy import distance, rotate_to_geographic
 from replay_kit.core.plan import ORIGIN, share_interval
-from replay_kit.core.surfacing import planned_ellipses
 from replay_kit.core.text import time_text
+from replay_kit.results.innovations import Columns
+from replay_kit.results.outcome.verdict import Alarm
+from replay_kit.results.schemas import attributes
 from replay_kit.show.sentences import by_habit, profile_bins
-from replay_kit.show.status.alarms import Alarm, alarms_of, change_of
+from replay_kit.show.status.alarms import alarms_of, change_of
 from replay_kit.show.status.held import Held, Values
 
 _SECOND, _DAY_NS = 1_000_000_000, 86_400 * 10**9
+_ENDS = ("east", "north")
 #: A surfacing is overdue by this share of its leg's duration, at least by so many seconds; by all of it after fewer dives than these.
 OVERDUE_SHARE, OVERDUE_LEAST, OVERDUE_FEW = 0.2, 1800.0, 3
 
@@ -32,14 +35,12 @@ class Status:
         alarms: Alarms.
         figures: Known answers of ``status --json``: ``position``, ``goal``, ``current``, ``surfacing``, ``command``, ``odds``, ``forecast``
             and ``fit``, each with its time ``since``.
-        places: Points (east, north) [m, local frame] of ``track``, ``plan``, ``goal`` and ``ellipse``, if known.
     """
 
     name: str
     now_ns: int
     alarms: tuple[Alarm, ...]
     figures: Mapping[str, Any]
-    places: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
 
 
 def status_of(held: Held, now_ns: int | None = None) -> Status:
@@ -62,28 +63,7 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
         "last": time_text(held.last_ns),
         "alarms": [alarm.record() for alarm in alarms],
     }
-    return Status(mission or held.name, now, alarms, {**about, **answers}, _places(held))
-
-
-def _places(held: Held) -> dict[str, Sequence[tuple[float, float]]]:
-    """Return the points of the small map, see ``Status``."""
-    goal, following = held.goal, _next_leg(held)
-    known = {
-        "track": [(fix.longitude, fix.latitude) for fix in held.fixes],
-        "plan": [
-            (leg["longitude"], leg["latitude"])
-            for leg in (held.plans[-1].legs if held.plans else ())
-        ],
-        "goal": [goal[:2]] if goal else [],
-    }
-    found: dict[str, Any] = {
-        name: np.column_stack(to_local(held.projection, *zip(*points, strict=True)))
-        for name, points in known.items()
-        if points
-    }
-    if following and (ellipses := planned_ellipses([following])):
-        found["ellipse"] = ellipses[0].outline(held.projection)
-    return {name: [*map(tuple, points.tolist())] for name, points in found.items()}
+    return Status(mission or held.name, now, alarms, {**about, **answers})
 
 
 def _position(held: Held, now_ns: int) -> Values:
@@ -132,41 +112,35 @@ def _current(held: Held, now_ns: int) -> Values:
         return {}
     means = np.flatnonzero(dive["mean_current_kind"] == "dac")
     row = int(means[-1]) if means.size else -1
-    off = [dive[f"innovation_{end}"] for end in ("east", "north")]
-    spread = [dive[f"innovation_std_{end}"] for end in ("east", "north")]
-    if not means.size:
-        found, rejected, difference, expected = Values(), False, _rms(off), _rms(spread)
-    else:
-        first = int(dive["bins"][:row].sum())
-        found = _currents(held, row, *(float(each[first]) for each in off))
-        less = found.pop("less")
-        known = math.isfinite(difference := math.hypot(*less.values()))
-        rejected = known and not bool(dive["accepted"][row])
-        expected = _rms([each[[first]] for each in spread])
+    bins = slice(first := int(dive["bins"][:row].sum()), first + 1) if means.size else slice(None)
+    off, spread = (
+        np.stack([dive[f"{name}_{end}"][bins] for end in _ENDS])
+        for name in ("innovation", "innovation_std")
+    )
+    difference = math.hypot(*off[:, 0]) if means.size else _rms(off)
     return {
         "since": time_text(int(dive["timestamp"][row])),
         "dive": int(dive["dive"][row]),
-        "rejected": rejected,
+        "rejected": bool(means.size and math.isfinite(difference) and not dive["accepted"][row]),
         "difference_m_s": _finite(difference),
-        "predicted_difference_m_s": _finite(expected),
-        **found,
+        "predicted_difference_m_s": _finite(_rms(spread)),
+        **(_currents(held, dive, row, off[:, 0]) if means.size else {}),
     }
 
 
-def _currents(held: Held, row: int, east: float, north: float) -> Values:
-    """Return the currents of a dive towards true east and north [m/s], and ``less``, the one used less the predicted one."""
-    dive, found = held.dive, Values()
-    assert dive is not None
+def _currents(held: Held, dive: Columns, row: int, off: Array) -> Values:
+    """Return the currents of a dive towards true east and north [m/s]; the predicted one is ``off`` from the one used."""
+    found = Values()
     for name in ("measured", "corrected"):
-        ends = [float(dive[f"mean_current_{name}_{end}"][row]) for end in ("east", "north")]
+        ends = [float(dive[f"mean_current_{name}_{end}"][row]) for end in _ENDS]
         if math.isfinite(ends[0]):
             error = _finite(float(dive[f"mean_current_{name}_standard_error"][row]))
             found[name] = _true(held, *ends) | {"standard_error": error}
-    used, less = found.get("corrected") or found["measured"], _true(held, east, north)
+    used, less = found.get("corrected") or found["measured"], _true(held, *map(float, off))
     if math.isfinite(less["east"]):
-        predicted = {end: used[end] - less[end] for end in less}
-        found["predicted"] = predicted | {"standard_error": None}
-    return found | {"less": less}
+        found["predicted"] = {end: used[end] - less[end] for end in _ENDS}
+        found["predicted"]["standard_error"] = None
+    return found
 
 
 def _true(held: Held, east: float, north: float) -> dict[str, float]:
@@ -176,13 +150,12 @@ def _true(held: Held, east: float, north: float) -> dict[str, float]:
         at = held.fixes[-1]
         places = held.projection, at.longitude, at.latitude
         turned = [float(end) for end in rotate_to_geographic(*places, east, north)]
-    return dict(zip(("east", "north"), turned, strict=True))
+    return dict(zip(_ENDS, turned, strict=True))
 
 
-def _rms(components: Sequence[ArrayLike]) -> float:
+def _rms(values: Array) -> float:
     """Return the RMS of finite values; NaN without any."""
-    values = np.concatenate(components).astype(np.float64)
-    known = values[np.isfinite(values)]
+    known = values[np.isfinite(values)].astype(np.float64)
     return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
 
@@ -310,23 +283,20 @@ def _odds(held: Held, now_ns: int) -> Values:
     if plan.status == "failed":
         return values
     asked = statistics.get("arrive")
+    figures = (
+        "duration_s=duration closest_approach_m=closest_approach energy_j=energy battery_j=battery"
+    )
+    values |= {name: _finite(value) for name, value in attributes(plan, figures).items()}
     values |= {
-        "duration_s": _finite(plan.duration),
         "arrival": _time_after(begin, plan.duration),
-        "closest_approach_m": _finite(plan.closest_approach),
         "legs": len(plan.legs),
-        "energy_j": _finite(plan.energy),
-        "battery_j": _finite(plan.battery),
         "dives": statistics.get(ORIGIN, ""),
         "asked": None if asked is None else float(asked),
     }
     if odds is not None:
-        values |= {
-            "reached": odds.reached,
+        values |= attributes(odds, "reached safe samples=n_samples") | {
             "arrived": round(odds.reached * odds.n_samples),
             "reached_interval": [*share_interval(odds.reached, odds.n_samples)],
-            "safe": odds.safe,
-            "samples": odds.n_samples,
             "arrival_median": _time_after(begin, odds.arrival_median),
             "arrival_90_percent": _time_after(begin, odds.arrival_90_percent),
         }

@@ -2,11 +2,9 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.colors import LINES
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.studies.paper.text import grouped, to_text
@@ -45,7 +43,7 @@ def one_figure(
     lines: Sequence[Mark],
     level: float,
 ) -> Figure:
-    """Return a figure of one panel, with a data table of two columns per line.
+    """Return a figure of one panel.
 
     Args:
         key: Unique in the page.
@@ -55,19 +53,13 @@ def one_figure(
         lines: Lines with names.
         level: Reference value of y.
     """
-    columns, marks = dict[str, Array](), list[Mark]()
-    most = max((len(mark.x) for mark in lines), default=0)
+    marks = []
     for number, mark in enumerate(lines):
-        names = [f"{mark.name}: {axis.label}" for axis in axes]
-        for name, values in zip(names, (mark.x, mark.y), strict=True):
-            columns[name] = np.pad(values, (0, most - len(values)), constant_values=np.nan)
-        x, y = (f"values.{name}" for name in names)
         color, symbol, dash = (each[number % len(each)] for each in (_COLORS, _SYMBOLS, _DASHES))
-        look: Any = {"color": color, "symbol": symbol, "dash": dash, "size": 7.0}
-        marks.append(replace(mark, x=x, y=y, **look))
+        marks.append(replace(mark, color=color, symbol=symbol, dash=dash, size=7.0))
     words = f"{title}: {axes[1].label} against {axes[0].label}. {' '.join(map(_in_words, lines))}"
     panels = [Panel(title, *axes, marks, level=level)]
-    return Figure(key, title, panels, {"values": columns}, caption, words)
+    return Figure(key, title, panels, caption, words)
 
 
 def _in_words(mark: Mark) -> str:

@@ -16,7 +16,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.inputs import open_input
 from replay_kit.core.plan import Place
 from replay_kit.core.text import some_text
-from replay_kit.show.status.alarms import Alarm
+from replay_kit.results.outcome.verdict import Alarm
 from replay_kit.show.status.status import Status
 from replay_kit.workflows.follow.sources import (
     Source,

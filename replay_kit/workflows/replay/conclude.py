@@ -179,14 +179,12 @@ def _on_slices(flows: Sequence[FlowEstimate], settings: OutputConfig) -> tuple[A
     """Return the velocity at the published depths, shape (n, 2), and the magnitude of its standard error, shape (n,) [m/s]."""
     depths = published_depths(flows[0], settings)
     each = [one for flow in flows for one in depth_slices(flow, depths)]
-    velocity = np.concatenate([one.velocity.reshape(-1, 2) for one in each])
-    known = [one.standard_error for one in each if one.standard_error is not None]
-    errors = (
-        np.concatenate([np.hypot(*np.moveaxis(one, -1, 0)).ravel() for one in known])
-        if known
-        else np.full(len(velocity), np.nan)
+    velocity, known = (
+        np.hstack([one.fields[part].reshape(-1, one.fields[0].size) for one in each])
+        for part in (slice(2), slice(2, None))
     )
-    return velocity, errors
+    errors = np.hypot(*known) if known.size else np.full(velocity.shape[1], np.nan)
+    return velocity.T, errors
 
 
 def _rms(values: Array) -> float | None:

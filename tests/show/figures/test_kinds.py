@@ -19,21 +19,17 @@ from replay_kit.show.figures.draw import ENDINGS, colormap, date_axis, degrees_t
 from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.figures.map import Chosen
 from replay_kit.show.figures.section import QUANTITIES, limits_of, quantities_of
-from replay_kit.show.numbers import nice
-from tests.results.cases import (
-    across_the_antimeridian,
-    without_estimate,
-    write,
-)
+from tests.results.cases import across_the_antimeridian, without_estimate, write
 from tests.show.figures.texts import words
 from tests.synthetic_flow import synthetic_flow
+
+AT_77 = Chosen((5.0, 62.0, 77.0))
 
 
 @pytest.fixture
 def contents(tmp_path, innovation, plan):
-    flow = synthetic_flow()
     innovations = [replace(innovation, dive=k + 1) for k in range(4)]
-    return write(tmp_path / "whole.mcap", flow, innovations, plan)
+    return write(tmp_path / "whole.mcap", synthetic_flow(), innovations, plan)
 
 
 @pytest.mark.parametrize(
@@ -51,18 +47,10 @@ def test_figures_have_panels_with_letters(contents, kind, letters, says):
     for columns, width in ((1, 3.35), (2, 6.9)):
         figure = getattr(contents.result.plot, kind)(columns=columns)
         assert figure.get_figwidth() == width
-        titles = [axes.get_title(loc="left") for axes in figure.axes]
-        assert [title[:4] for title in titles if title[:1] == "("] == [
-            f"({chr(ord('a') + k)}) " for k in range(letters)
-        ]
+        titles = [axes.get_title(loc="left")[:4] for axes in figure.axes]
+        found = [title for title in titles if title[:1] == "("]
+        assert found == [f"({chr(ord('a') + k)}) " for k in range(letters)]
         assert says in words(figure)
-
-
-def test_a_map_is_as_wide_as_its_middle_latitude_makes_a_degree(contents):
-    (axes, *_) = contents.result.plot.map().axes
-    assert axes.get_aspect() == pytest.approx(
-        1.0 / np.cos(np.deg2rad(np.mean(axes.get_ylim()))), rel=1e-6
-    )
 
 
 # the forms that take long, of other figures too in the full run
@@ -93,6 +81,9 @@ def test_a_map_across_the_antimeridian_is_continuous(tmp_path, flow, innovation,
     west, east = axes.get_xlim()
     assert 179.0 < west < 180.0 < east < 181.0
     assert axes.xaxis.get_major_formatter()(180.5) == "179.5°W"
+    # as wide as its middle latitude makes a degree
+    middle = np.cos(np.deg2rad(np.mean(axes.get_ylim())))
+    assert axes.get_aspect() == pytest.approx(1.0 / middle, rel=1e-6)
 
 
 def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
@@ -105,28 +96,35 @@ def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
         contents.result.plot.trust(axes, panel=4)
     with pytest.raises(ConfigError, match="columns: expected 1 or 2, got 3"):
         contents.result.plot.map(columns=3)
-    with pytest.raises(
-        ConfigError,
-        match="figure: expected one of map, section, series, dac, trust, plan, got 'maps'",
-    ):
-        drawn(contents, "maps")
 
 
-def test_a_place_outside_the_region_is_said(contents):
-    assert "is on land, below the bottom, or outside the region" in words(
-        drawn(contents, "series", Chosen((6.0, 62.0, 10.0)))
-    )
+@pytest.mark.parametrize(
+    ("kind", "chosen", "said"),
+    [
+        ("maps", Chosen(), "figure: expected one of map, section, .*, plan, got 'maps'"),
+        ("trust", AT_77, "--at: applies to map, series, plan, not to trust"),
+        ("series", Chosen(depth=9.0), "--depth: applies to map, plan, not to series"),
+        ("plan", Chosen(time_ns=1), "--time: applies to map, not to plan"),
+        ("map", replace(AT_77, depth=9.0), "--depth: --at states a depth already"),
+    ],
+)
+def test_what_a_figure_does_not_have_is_refused(contents, kind, chosen, said):
+    with pytest.raises(ConfigError, match=said):
+        drawn(contents, kind, chosen)
 
 
-def test_the_depth_asked_for_is_that_of_the_map(contents):
-    assert "(a) 77 m, " in words(drawn(contents, "map", Chosen((5.0, 62.0, 77.0))))
-    figure = drawn(contents, "series", Chosen((5.0, 62.0, 77.0)))
-    said = words(figure)
+def test_the_place_and_depth_asked_for_are_those_of_map_and_series(
+    contents, tmp_path, flow, innovation, plan
+):
+    assert "(a) 77 m, " in words(drawn(contents, "map", AT_77))
+    said = words(drawn(contents, "series", AT_77))
     assert "(a) eastward current, 5.0000 E, 62.0000 N, 77 m" in said
-    assert (
-        "At 77 m only the last standard error is known; through time it was published at 0.5, 120 m."
-        in said
-    )
+    assert "At 77 m only the last standard error is known; through time it was" in said
+    far = words(drawn(contents, "series", Chosen((6.0, 62.0, 10.0))))
+    assert "is on land, below the bottom, or outside the region" in far
+    lacking = without_estimate(tmp_path / "case.mcap", flow, innovation, plan)
+    nearest = "Requested depth: 77 m; nearest published depth: 120 m."
+    assert nearest in words(drawn(lacking, "series", AT_77))
 
 
 @pytest.mark.full
@@ -136,67 +134,36 @@ def test_a_map_of_a_time_has_the_current_published_before_it_and_nothing_later(c
     figure = drawn(contents, "map", Chosen(depth=100.0, time_ns=moment))
     assert f"(a) 120 m, {time_text(int(times[1]))[:16]}" in words(figure)
     assert "Requested depth: 100 m; nearest published depth: 120 m." in words(figure)
-    x, y = next(line for line in figure.axes[0].lines if line.get_label() == "track").get_data()
+    whole, part = (
+        next(line for line in each.axes[0].lines if line.get_label() == "track").get_ydata()
+        for each in (drawn(contents, "map"), figure)
+    )
     seen = int(np.searchsorted(track.time_ns, moment, "right"))
-    assert 0 < seen < track.time_ns.size == len(drawn_track(contents))
-    assert len(x) == len(y) == seen
-    np.testing.assert_allclose(y, track.latitude[:seen])
+    assert 0 < seen < track.time_ns.size == len(whole)
+    np.testing.assert_allclose(part, track.latitude[:seen])
     with pytest.raises(ConfigError, match="no current was published before"):
         drawn(contents, "map", Chosen(time_ns=int(times[0]) - 1))
 
 
-@pytest.mark.parametrize(
-    ("kind", "chosen", "said"),
-    [
-        ("trust", Chosen((5.0, 62.0, 77.0)), "--at: applies to map, series, plan, not to trust"),
-        ("series", Chosen(depth=9.0), "--depth: applies to map, plan, not to series"),
-        ("plan", Chosen(time_ns=1), "--time: applies to map, not to plan"),
-        ("map", Chosen((5.0, 62.0, 77.0), 9.0), "--depth: --at states a depth already"),
-    ],
-)
-def test_what_a_figure_does_not_have_is_refused(contents, kind, chosen, said):
-    with pytest.raises(ConfigError, match=said):
-        drawn(contents, kind, chosen)
-
-
-def drawn_track(contents):
-    """Return the longitudes of the whole track as the map draws it."""
-    axes = drawn(contents, "map").axes[0]
-    return next(line for line in axes.lines if line.get_label() == "track").get_xdata()
-
-
-def test_at_a_depth_that_was_not_published_the_series_is_that_of_the_published_unknowns(contents):
+def test_a_series_is_what_was_published_and_at_another_depth_that_of_the_published_unknowns(
+    contents,
+):
     place = (5.02, 62.01, 77.0)
     found, at_depth = contents.series(place), contents.estimate.velocity_at(*place)
     assert (found.depth, found.time_ns.tolist()) == (77.0, contents.slices.time_ns.tolist())
     # those of the small result are the same at all times
     np.testing.assert_allclose(found.u, at_depth.u, rtol=1e-6)
     np.testing.assert_allclose(found.v, at_depth.v, rtol=1e-6)
-    assert np.isfinite(found.u_standard_error).tolist() == [False] * 3 + [True]
-    assert np.isfinite(found.v_standard_error).tolist() == [False] * 3 + [True]
+    for error in (found.u_standard_error, found.v_standard_error):
+        assert np.isfinite(error).tolist() == [False] * 3 + [True]
     grid = contents.estimate.grid
-    on_land = float(grid.longitude[0, 0]), float(grid.latitude[0, 0]), 77.0
-    assert np.isnan(contents.series(on_land).u).all()
-
-
-def test_at_a_published_depth_the_series_is_what_was_published(contents):
+    assert np.isnan(contents.series((grid.longitude[0, 0], grid.latitude[0, 0], 77.0)).u).all()
     for depth in (120.0, 120.4):
-        place = (5.02, 62.01, depth)
-        found = contents.series(place)
-        published = series_at(contents.slices, contents.projection, place)
+        found = contents.series((5.02, 62.01, depth))
+        published = series_at(contents.slices, contents.projection, (5.02, 62.01, depth))
         assert found.depth == 120.0
-        np.testing.assert_array_equal(
-            [found.u, found.v_standard_error], [published.u, published.v_standard_error]
-        )
-
-
-def test_without_an_estimate_the_series_is_that_of_the_nearest_depth_and_says_so(
-    tmp_path, flow, innovation, plan
-):
-    contents = without_estimate(tmp_path / "case.mcap", flow, innovation, plan)
-    said = words(drawn(contents, "series", Chosen((5.0, 62.0, 77.0))))
-    assert "120 m" in said
-    assert "Requested depth: 77 m; nearest published depth: 120 m." in said
+        np.testing.assert_array_equal(found.u, published.u)
+        np.testing.assert_array_equal(found.v_standard_error, published.v_standard_error)
 
 
 def test_a_series_is_that_of_its_cell_towards_true_north():
@@ -204,56 +171,39 @@ def test_a_series_is_that_of_its_cell_towards_true_north():
     east, north = np.array([0.0, 1e3, 2e3]), np.array([-1e3, 0.0])
     fields = np.arange(2 * 5 * 4 * 2 * 3, dtype=float).reshape(2, 5, 4, 2, 3)
     slices = CurrentSlices(np.array([10.0, 100.0]), np.arange(5), east, north, fields)
-    longitude, latitude = (float(value) for value in to_geographic(projection, 1_400.0, -600.0))
-    series = series_at(slices, projection, (longitude, latitude, 56.0))
+
+    def at(x, y, depth):
+        place = (*(float(value) for value in to_geographic(projection, x, y)), depth)
+        return place, series_at(slices, projection, place)
+
+    place, series = at(1_400.0, -600.0, 56.0)
     assert series.depth == 100.0
-    u, v = rotate_to_geographic(
-        projection, longitude, latitude, fields[1, :, 0, 0, 1], fields[1, :, 1, 0, 1]
+    cell = fields[1, :, :, 0, 1].T
+    np.testing.assert_array_equal(
+        [series.u, series.v], rotate_to_geographic(projection, *place[:2], *cell[:2])
     )
-    np.testing.assert_array_equal([series.u, series.v], [u, v])
-    np.testing.assert_array_equal(series.u_standard_error, fields[1, :, 2, 0, 1])
-    np.testing.assert_array_equal(series.v_standard_error, fields[1, :, 3, 0, 1])
-    for x, y, inside in (
-        (2_490.0, 0.0, True),
-        (2_510.0, 0.0, False),
-        (0.0, 490.0, True),
-        (0.0, 510.0, False),
-    ):
-        place = (*(float(value) for value in to_geographic(projection, x, y)), 10.0)
-        assert np.isfinite(series_at(slices, projection, place).u).all() == inside
+    np.testing.assert_array_equal([series.u_standard_error, series.v_standard_error], cell[2:])
+    for x, y, inside in ((2_490, 0, True), (2_510, 0, False), (0, 490, True), (0, 510, False)):
+        assert np.isfinite(at(x, y, 10.0)[1].u).all() == inside
 
 
 @pytest.mark.parametrize(
-    ("depths", "expected"),
-    [([300.0, np.nan, 500.0], 250.0), ([250.0], 250.0), ([2.0], 5.0), ([], 5.0)],
+    ("depths", "expected", "median"),
+    [([300.0, np.nan, 500.0], 250.0, 400.0), ([250.0], 250.0, 250.0), ([], 5.0, 0.0)],
 )
-def test_the_typical_depth_is_the_last_one_published_above_the_measurements(depths, expected):
-    slices = CurrentSlices(
-        np.array([5.0, 250.0, 750.0]),
-        np.array([0]),
-        np.zeros(2),
-        np.zeros(2),
-        np.zeros((3, 1, 4, 2, 2)),
-    )
+def test_the_typical_depth_is_the_last_one_published_above_the_measurements(
+    depths, expected, median
+):
+    nothing = np.zeros(2), np.zeros(2), np.zeros((3, 1, 4, 2, 2))
+    slices = CurrentSlices(np.array([5.0, 250.0, 750.0]), np.array([0]), *nothing)
     assert typical_depth(slices, np.array(depths)) == expected
     # without grids the median
-    known = np.isfinite(depths)
-    median = np.median(np.array(depths)[known]) if known.any() else 0.0
     assert typical_depth(None, np.array(depths)) == median
-
-
-def test_labels_of_degrees_and_of_arrows():
-    assert [degrees_text(value, "NS") for value in (-40.25, 0.0, 62.5)] == [
-        "40.25°S",
-        "0°",
-        "62.5°N",
-    ]
-    assert [nice(value) for value in (0.19, 0.2, 0.51, 1.7, 0.099)] == [0.1, 0.2, 0.5, 1.0, 0.05]
 
 
 @pytest.mark.parametrize(
     ("minutes", "most"),
-    list(product([1, 9, 50, 100, 200, 1_500, 4_000, 6_000, 20_000, 90_000, 10**6], [4, 7])),
+    [*product([1, 9, 50, 100, 200, 1_500, 4_000, 6_000, 20_000, 90_000, 10**6], [4, 7])],
 )
 def test_an_axis_of_time_has_a_step_for_every_span(minutes, most):
     axes = Figure().add_subplot()
@@ -263,22 +213,20 @@ def test_an_axis_of_time_has_a_step_for_every_span(minutes, most):
     assert 2 <= len(axes.get_xticks()) <= most + 1
 
 
-def test_colours_are_cmoceans():
-    assert [to_hex(colormap("balance")(end)) for end in (0.0, 1.0)] == ["#171c42", "#3c0911"]
-    assert [to_hex(colormap("speed")(end)) for end in (0.0, 1.0)] == ["#eafdfd", "#3e478f"]
+def test_labels_of_degrees_and_colours_of_cmocean():
+    found = [degrees_text(value, "NS") for value in (-40.25, 0.0, 62.5)]
+    assert found == ["40.25°S", "0°", "62.5°N"]
+    for name, ends in (("balance", ["#171c42", "#3c0911"]), ("speed", ["#eafdfd", "#3e478f"])):
+        assert [to_hex(colormap(name)(end)) for end in (0.0, 1.0)] == ends
 
 
 def test_a_section_shows_the_estimate_before_smoothing_where_there_is_one():
-    estimated, residual, replayed, error = np.random.default_rng(0).normal(size=(4, 6, 2))
-    times = np.arange(6)
-    bins = BinsAlongTrack(
-        times, times, times, estimated, residual, replayed, error, profiles=6, left_out=0
-    )
+    each = np.random.default_rng(0).normal(size=(4, 6, 2))
+    bins = BinsAlongTrack(*[np.arange(6)] * 3, *each, profiles=6, left_out=0)
     names, values = quantities_of(bins)
-    assert names[1:5] == (
-        *("estimated before smoothing", "smoothed"),
-        *("measured minus before", "measured minus smoothed"),
-    )
+    assert names[1:3] == ("estimated before smoothing", "smoothed")
+    assert names[3:5] == ("measured minus before", "measured minus smoothed")
+    estimated, residual, replayed, error = each
     measured = estimated + residual
     expected = measured, replayed, estimated, measured - replayed, residual, error
     np.testing.assert_allclose(values, expected, rtol=1e-12)

@@ -33,39 +33,33 @@ def contents(tmp_path, innovation, plan):
 
 
 def test_slices_know_which_cells_lie_off_the_grid(contents):
-    slices, grid = contents().slices, contents().estimate.grid
-    outside = ~inside_grid(grid, *np.meshgrid(slices.east, slices.north))
+    slices, estimate = contents().slices, contents().estimate
+    outside = ~inside_grid(estimate.grid, *np.meshgrid(slices.east, slices.north))
     assert 0.3 < outside.mean() < 0.7
     np.testing.assert_array_equal(slices.outside, outside)
-    np.testing.assert_array_equal(slices_of(contents().estimate, np.array([5.0])).outside, outside)
+    np.testing.assert_array_equal(slices_of(estimate, np.array([5.0])).outside, outside)
     assert not np.isfinite(slices.fields[..., outside]).any()
     # the island
     assert np.isnan(slices.fields[0, -1, 0][~outside]).any()
-
-
-def test_what_was_published_of_another_grid_is_not_called_outside(contents):
-    slices = published_slices(contents().result.reader)
-    assert on_grid(slices, synthetic_flow(spacing=1_000.0).grid).outside is None
+    # what was published of another grid is not called outside
+    published = published_slices(contents().result.reader)
+    assert on_grid(published, synthetic_flow(spacing=1_000.0).grid).outside is None
 
 
 @pytest.mark.full
-def test_the_page_calls_them_outside_the_forecast(contents):
-    figure = figures(report_html(contents().result))["current-map"]
+def test_page_and_figures_call_them_outside_the_forecast(contents):
+    page = report_html(contents().result)
+    figure = figures(page)["current-map"]
     outside = np.isfinite(unpacked(figure["packed"]["outside"]))
     np.testing.assert_array_equal(outside, contents().slices.outside)
     assert figure["map"]["dry"] == "land, or below the bottom"
-    said = text_of(report_html(contents().result), "map")
-    assert "Grey: land, or below the bottom. Hatched: outside the forecast." in said
-
-
-@pytest.mark.full
-def test_the_figures_hatch_them(contents):
-    for land in (True, False):
-        figure = drawn(contents(land=land), "map")
+    said = "Grey: land, or below the bottom. Hatched: outside the forecast."
+    assert said in text_of(page, "map")
+    for land, result in ((True, contents()), (False, contents(land=False))):
+        figure = drawn(result, "map")
         assert figure.axes[0].patch.get_hatch()
-        said = notes_of(figure)
-        assert "Hatched: outside the forecast." in said
-        assert ("Grey: land, or below the bottom." in said) == land
+        assert "Hatched: outside the forecast." in notes_of(figure)
+        assert ("Grey: land, or below the bottom." in notes_of(figure)) == land
 
 
 def test_a_plan_that_leads_out_of_the_forecast_says_so(plan, innovation, tmp_path):
@@ -81,6 +75,5 @@ def test_without_an_estimate_nothing_is_called_land_that_may_lie_outside(content
     result = contents(estimate=False)
     said = "land, below the bottom, or outside the forecast"
     figure = figures(report_html(result.result))["current-map"]
-    assert figure["map"]["dry"] == said
-    assert "outside" not in figure["packed"]
+    assert (figure["map"]["dry"], "outside" in figure["packed"]) == (said, False)
     assert f"Grey: {said}." in notes_of(drawn(result, "map"))

@@ -1,6 +1,5 @@
 """Figures can be read: no two of their texts lie over each other, and none leaves the figure."""
 
-import json
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -12,7 +11,7 @@ from matplotlib.figure import Figure
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Seabed
 from replay_kit.core.observation import Innovation
-from replay_kit.core.plan import Area, Odds, Plan
+from replay_kit.core.plan import Area, Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
@@ -20,6 +19,7 @@ from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.figures.map import Chosen
 from tests.results.cases import on, one_bin, turned, write
 from tests.show.figures.texts import complaints
+from tests.show.status.held_samples import plan as planned
 from tests.synthetic_flow import synthetic_flow
 
 HOUR = 3_600 * 10**9
@@ -45,73 +45,43 @@ REGIONS = {
 def crowded(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> Contents:
     """Write a result with everything that figures show: dives with mean currents, surfacings, a plan of legs among areas, the bottom."""
     centre, start = flow.grid.projection, flow.time_ns or 0
-    size = max(float(np.ptp(flow.grid.longitude)), 1e-3)
-    ellipse = {"ellipse_major_m": 3_000.0, "ellipse_minor_m": 1_500.0, "ellipse_bearing_deg": 30.0}
-    leg = {"heading_deg": 45.0, "glide_angle_deg": 15.0, "depth_m": 300.0, **ellipse}
-    legs = {}
-    for k in range(1, 6):
-        place = {"longitude": centre.longitude + 0.02 * size * k, "latitude": centre.latitude}
+    size, wide = max(float(np.ptp(flow.grid.longitude)), 1e-3), float(flow.grid.east.max())
+
+    def at(x: float, y: float = 0.0) -> tuple[float, float]:
+        return centre.longitude + size * x, centre.latitude + size * y
+
+    legs = []
+    for leg, k in zip(planned(start).legs * 3, range(1, 6), strict=False):
+        place = dict(zip(("longitude", "latitude"), at(0.02 * k), strict=True))
         centred = {f"ellipse_{name}": value for name, value in place.items()}
-        when = {"leg": k, "surfacing_s": 1_800.0 * k}
-        legs[f"leg_{k:03d}"] = json.dumps({**leg, **when, **place, **centred})
-    corners = tuple(
-        (centre.longitude + size * x, centre.latitude + 0.1 * size * y)
-        for x, y in ((0.1, 0.1), (0.2, 0.1), (0.2, 0.3))
-    )
-    wide = flow.grid.east.max()
-    track = np.column_stack(
-        [
-            np.linspace(0.0, 0.3 * wide, 9),
-            np.linspace(0.0, 0.1 * wide, 9),
-            np.tile([0.0, 300.0], 5)[:9],
-        ]
-    )
-    known = {
-        "odds": Odds(40, 0.725, 0.9, 250.0, 9e4, 7e4, 8e4),
-        "areas": (Area("range", False, corners),),
-        "energy": 92_400.0,
-        "battery": 2e6,
-    }
-    way = {
-        "track": track,
-        "track_time": 1_800.0 * np.arange(9.0),
-        "bottom": np.linspace(800.0, 400.0, 9),
-    }
+        legs.append({**leg, "leg": k, "surfacing_s": 1_800.0 * k, **place, **centred})
+    known = {name: getattr(planned(start), name) for name in ("energy", "battery", "odds")}
+    flown = np.linspace([0.0, 0.0], [0.3 * wide, 0.1 * wide], 9)
     whole = replace(
-        plan, status="uncertain", statistics={**plan.statistics, **legs}, **known, **way
+        plan,
+        status="uncertain",
+        legs=tuple(legs),
+        areas=(Area("range", False, (at(0.1, 0.01), at(0.2, 0.01), at(0.2, 0.03))),),
+        track=np.column_stack([flown, np.tile([0.0, 300.0], 5)[:9]]),
+        track_time=1_800.0 * np.arange(9.0),
+        bottom=np.linspace(800.0, 400.0, 9),
+        **known,
     )
 
     def more(writer: ResultWriter) -> None:
-        hill = 1_000.0 - 950.0 * np.exp(
-            -np.add.outer(np.linspace(-3, 3, 40) ** 2, np.linspace(-3, 3, 40) ** 2)
-        )
-        writer.seabed(
-            start, Seabed(np.linspace(-wide, wide, 40), np.linspace(-wide, wide, 40), hill)
-        )
+        ends, far = np.linspace(-wide, wide, 40), np.linspace(-3, 3, 40) ** 2
+        hill = 1_000.0 - 950.0 * np.exp(-np.add.outer(far, far))
+        writer.seabed(start, Seabed(ends, ends, hill))
         for k in range(5):
-            place = centre.longitude + 0.05 * size * (k - 3), centre.latitude
-            surfacing = Surfacing(start + k * HOUR, *place, Ellipse(*place, 3_000.0, 1_000.0, 40.0))
-            writer.outcome(
-                SurfacingOutcome(
-                    start,
-                    surfacing,
-                    start + k * HOUR,
-                    place[0] + 0.005 * size,
-                    place[1],
-                    500.0,
-                    90.0,
-                )
-            )
+            (x, y), time_ns = at(0.05 * (k - 3)), start + k * HOUR
+            surfacing = Surfacing(time_ns, x, y, Ellipse(x, y, 3_000.0, 1_000.0, 40.0))
+            actual = time_ns, x + 0.005 * size, y, 500.0, 90.0
+            writer.outcome(SurfacingOutcome(start, surfacing, *actual))
 
-    profiles = [replace(innovation, dive=k + 1) for k in range(5)]
     current = {"mean_current": np.array([0.1, -0.2]), "mean_kind": "dac"}
     of_dive = one_bin(innovation, source=replace(innovation.source, topic="/dac"), **current)
-    innovations = [
-        each
-        for k, profile in enumerate(profiles)
-        for each in (profile, replace(of_dive, dive=k + 1))
-    ]
-    return write(path, flow, innovations, whole, more=more)
+    each = [replace(one, dive=k + 1) for k in range(5) for one in (innovation, of_dive)]
+    return write(path, flow, each, whole, more=more)
 
 
 @pytest.mark.parametrize(

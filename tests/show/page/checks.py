@@ -21,20 +21,11 @@ def check_figures(page: str) -> dict[str, dict[str, Any]]:
         for attrs in plots
     )
     assert len(plots) == len(found)
-    offered = {
-        (attrs["data-figure"], attrs["data-table"])
-        for attrs, _ in elements(page, "button")
-        if "data-table" in attrs
-    }
-    assert offered == {(key, table) for key, figure in found.items() for table in figure["tables"]}
     for key, figure in found.items():
-        assert figure["tables"] or "map" in figure, key
         for panel in figure.get("panels", ()):
             units = r"\[.+\]|UTC|NIS|dive|density|innovation /|values|pings"
             assert all(re.search(units, text) for text in panel["axes"]), (key, panel["axes"])
-            _check_marks(key, figure["tables"], panel)
-        for table in figure["tables"].values():
-            assert len({len(column) for column in table.values()}) == 1, key
+            _check_marks(key, panel)
     _check_nothing_is_fetched(page)
     return found
 
@@ -54,15 +45,10 @@ def check_ids(page: str) -> None:
     assert set(named) <= set(ids)
 
 
-def _check_marks(key: str, tables: dict[str, Any], panel: dict[str, Any]) -> None:
-    """Check that what is said beside the pointer is a column of the page, of a length with the others of its mark."""
+def _check_marks(key: str, panel: dict[str, Any]) -> None:
+    """Check that what is said beside the pointer is of a length with the places of its mark."""
     for mark in panel["marks"]:
-        values = {}
-        for part in ("x", "y", "z", "text"):
-            held = mark.get(part)
-            table, _, name = held.partition(".") if isinstance(held, str) else ("", "", "")
-            values[part] = tables[table][name] if isinstance(held, str) else held
-        x, y, z, text = (values[part] for part in ("x", "y", "z", "text"))
+        x, y, z, text = (mark.get(part) for part in ("x", "y", "z", "text"))
         assert len(x) > 0, key
         assert len(z) == (len(x) - 1) * (len(y) - 1) if z else len(x) == len(y), key
         assert text is None or len(text) == len(x), key

@@ -1,5 +1,6 @@
 """Every kind of page: no element takes the id of another, and links, controls and buttons find theirs."""
 
+import numpy as np
 import pytest
 
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
@@ -31,9 +32,8 @@ def test_every_module_that_makes_a_page_is_tried():
 
 
 def figure(key: str) -> Figure:
-    mark = Mark("points", "values.x", "values.x")
-    panel = Panel("Title", Axis("x"), Axis("y"), [mark])
-    return Figure(key, "Title", [panel], {"values": {"x": [1.0]}}, "Caption", "Words")
+    panel = Panel("Title", Axis("x"), Axis("y"), [Mark("points", np.ones(1), np.ones(1))])
+    return Figure(key, "Title", [panel], "Caption", "Words")
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 import replay_kit as rk
-from replay_kit.config.run import RunConfig
 from replay_kit.show.report.pages import report_html
 from tests.places import SAMPLES
 
@@ -28,7 +27,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> rk.Result:
 
 
 def page_of(replayed: rk.Result) -> str:
-    return report_html(rk.open_result(replayed.path), (), RunConfig().model_dump(mode="json"))
+    return report_html(rk.open_result(replayed.path))
 
 
 @pytest.fixture(scope="session")

@@ -55,6 +55,12 @@ def figures(page: str) -> dict[str, dict[str, Any]]:
     }
 
 
+def track_of(page: str) -> dict[str, Any]:
+    """Return the mark of the track on the map of a page."""
+    marks = figures(page)["current-map"]["map"]["marks"]
+    return next(mark for mark in marks if mark["role"] == "track")
+
+
 def unpacked(packed: dict[str, Any]) -> np.ndarray:
     """Return a packed array as the page's script reads it."""
     low, high = np.frombuffer(base64.b64decode(packed["data"]), np.uint8).reshape(2, -1)

@@ -13,12 +13,11 @@ from tests.show.report.html_of import elements, text_of
 
 def _mine(contents: Contents) -> Section:
     depth = contents.track.depth
-    axes, look = (Axis("position", "number"), Axis("depth", "m")), ("depths.n", "depths.depth_m")
+    axes = Axis("position", "number"), Axis("depth", "m")
     figure = Figure(
         "my-depths",
         "Depths",
-        [Panel("Depths", *axes, [Mark("points", *look)])],
-        {"depths": {"n": np.arange(depth.size), "depth_m": depth}},
+        [Panel("Depths", *axes, [Mark("points", np.arange(depth.size), depth)])],
         "Each point: one position.",
         "The depth of each position of the track, one after the other.",
     )

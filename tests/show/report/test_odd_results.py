@@ -1,8 +1,5 @@
 """Results with something missing: the page shows what there is, and says what is not."""
 
-# fixtures of other modules are imported by their names
-# ruff: noqa: F811
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,23 +18,23 @@ from replay_kit.results.outcome.parts import plan_part
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from tests.results.cases import failed, placed, write_many
-from tests.results.conftest import innovation, plan, state  # noqa: F401 - fixtures
 from tests.results.result_samples import CONFIG, METADATA
-from tests.show.report.html_of import figures, table, text_of, unpacked
+from tests.show.report.html_of import figures, table, text_of, track_of, unpacked
 from tests.show.report.replays import peak_of_report
+from tests.show.status.held_samples import plan as planned
 from tests.synthetic_flow import TIME_NS
 
-SECOND = 10**9
+SECOND, CENTRE = 10**9, Projection(5.0, 62.0)
 Write = Callable[..., str]
 
 
 @pytest.fixture
-def write(tmp_path: Path, flow: FlowEstimate) -> Write:
+def write(tmp_path: Path) -> Write:
     """Return a function that writes a result with a function of its writer, and returns its page."""
 
     def make(
-        fill: Callable[[ResultWriter], None],
-        projection: Projection = flow.grid.projection,
+        fill: Callable[[ResultWriter], object] = lambda writer: None,
+        projection: Projection = CENTRE,
         estimate: FlowEstimate | None = None,
     ) -> str:
         with ResultWriter(tmp_path / "out.mcap", overwrite=True) as writer:
@@ -53,62 +50,49 @@ def write(tmp_path: Path, flow: FlowEstimate) -> Write:
 
 
 def test_one_ping_without_an_estimate(write, state, innovation):
-    def fill(writer: ResultWriter) -> None:
-        writer.fix(state)
-        writer.innovations([replace(innovation, dive=0)])
-
-    page = write(fill)
-    assert list(figures(page)) == ["current-map", "profiles", "innovations"]
-    words = text_of(page, "answer")
-    assert "without dives" in words
-    assert "Observations used: unknown." in words
-    assert "The result does not hold the counts of messages" in words
-    assert "--no-estimate" in words
-    assert "The result holds no estimate: the section shows only measured minus" in text_of(
-        page, "section"
+    page = write(
+        lambda writer: (writer.fix(state), writer.innovations([replace(innovation, dive=0)]))
     )
-    shown = [panel["marks"][0]["name"] for panel in figures(page)["profiles"]["panels"]]
+    found, words = figures(page), text_of(page, "answer")
+    assert list(found) == ["current-map", "profiles", "innovations"]
+    for said in ("without dives", "Observations used: unknown.", "--no-estimate"):
+        assert said in words
+    said = "The result holds no estimate: the section shows only measured minus"
+    assert said in text_of(page, "section")
+    shown = [panel["marks"][0]["name"] for panel in found["profiles"]["panels"]]
     assert shown == ["measured minus estimated"] * 2
 
 
-def test_an_estimate_alone_is_drawn_at_its_levels(write, flow):
-    page = write(lambda writer: None, estimate=flow)
+def test_an_estimate_alone_is_drawn_at_its_levels(write, state, flow):
+    page = write(estimate=flow)
     figure = figures(page)["current-map"]
-    assert figure["choices"] == [
-        ["speed", "standard error"],
-        ["mean to 200 m", "0.5 m", "50 m", "200 m"],
-        ["2023-11-14 22:13"],
-    ]
-    assert figure["map"]["dry"] == "land, or below the bottom"
+    depths = ["mean to 200 m", "0.5 m", "50 m", "200 m"]
+    assert figure["choices"] == [["speed", "standard error"], depths, ["2023-11-14 22:13"]]
     # the deepest level is dry in a corner, where the mean is over the water above it
     mean, shallow = unpacked(figure["packed"]["current"])[:2, -1, 0]
     np.testing.assert_array_equal(np.isfinite(mean), np.isfinite(shallow))
     assert "The result holds no position of the vehicle." in text_of(page, "map")
+    # nor has a vehicle far from it a section
+    far = replace(state, longitude=-128.0, latitude=51.7)
+    page = write(lambda writer: writer.fix(far), estimate=flow)
+    assert "profiles" not in figures(page)
+    assert "no profile that was used, and no estimate along" in text_of(page, "section")
 
 
 @pytest.mark.parametrize(
     ("longitude", "latitude"), [(180.0, -40.0), (-179.9, 80.0), (5.0, 80.0), (0.0, 89.5)]
 )
 def test_anywhere_on_the_globe(write, state, longitude, latitude):
-    moved, projection = placed(longitude, latitude), Projection(longitude, latitude)
-    ends = to_geographic(projection, [-4e3, 4e3], [-2e3, 2e3])
+    projection = Projection(longitude, latitude)
+    ends = np.transpose(to_geographic(projection, [-4e3, 4e3], [-2e3, 2e3])).tolist()
 
     def fill(writer: ResultWriter) -> None:
-        for k in (0, 1):
-            writer.fix(
-                replace(
-                    state,
-                    time_ns=TIME_NS + k * SECOND,
-                    longitude=float(ends[0][k]),
-                    latitude=float(ends[1][k]),
-                )
-            )
+        for k, (x, y) in enumerate(ends):
+            writer.fix(replace(state, time_ns=TIME_NS + k * SECOND, longitude=x, latitude=y))
 
-    page = write(fill, projection, moved)
-    figure = figures(page)["current-map"]
-    np.testing.assert_allclose(figure["tables"]["track"]["east_km"], [-4.0, 4.0], atol=1e-4)
-    np.testing.assert_allclose(figure["tables"]["track"]["north_km"], [-2.0, 2.0], atol=1e-4)
-    drawn = figure["map"]
+    page = write(fill, projection, placed(longitude, latitude))
+    drawn, track = figures(page)["current-map"]["map"], track_of(page)
+    np.testing.assert_allclose([track["x"], track["y"]], [[-4.0, 4.0], [-2.0, 2.0]], atol=2e-3)
     west, east = drawn["views"]["region"][:2]
     assert west < -4.0 < 4.0 < east
     frame = drawn["frame"]
@@ -120,28 +104,18 @@ def test_anywhere_on_the_globe(write, state, longitude, latitude):
     assert "8.9 km travelled" in text_of(page, "answer")
 
 
-def test_a_vehicle_far_from_the_estimate_has_no_section(write, state, flow):
-    page = write(
-        lambda writer: writer.fix(replace(state, longitude=-128.0, latitude=51.7)), estimate=flow
-    )
-    assert "profiles" not in figures(page)
-    assert "no profile that was used, and no estimate along its track." in text_of(page, "section")
-
-
 def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state, plan):
+    last = failed(plan, "no <way>")
+
     def fill(writer: ResultWriter) -> None:
         writer.fix(state)
-        writer.plan(plan, Projection(5.0, 62.0))
-        last = failed(plan, "no <way>")
-        writer.plan(last, Projection(5.0, 62.0))
+        for one in (plan, last):
+            writer.plan(one, CENTRE)
         writer.summary(TIME_NS, made({"plan": plan_part(last)}))
         for ellipse in (None, Ellipse(5.0, 62.0, 300.0, 200.0, 10.0)):
             predicted = Surfacing(TIME_NS + SECOND, 5.0, 62.0, ellipse)
-            writer.outcome(
-                SurfacingOutcome(
-                    TIME_NS, predicted, TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 30.0
-                )
-            )
+            actual = TIME_NS + 5 * SECOND, 5.01, 62.01, 1234.5, 30.0
+            writer.outcome(SurfacingOutcome(TIME_NS, predicted, *actual))
 
     page = write(fill)
     assert "No plan was found: no <way>." in text_of(page, "answer")
@@ -149,12 +123,9 @@ def test_plans_that_failed_and_surfacings_with_and_without_ellipses(write, state
     found = figures(page)
     assert "plan-profile" not in found
     roles = [mark["role"] for mark in found["current-map"]["map"]["marks"]]
-    assert roles.count("past") == 1
-    assert "plan" not in roles
-    assert found["surfacing-errors"]["tables"]["surfacing_errors"]["east_km"] == [
-        0.61725,
-        0.61725,
-    ]
+    assert (roles.count("past"), roles.count("plan")) == (1, 0)
+    (errors,) = found["surfacing-errors"]["panels"][0]["marks"]
+    assert errors["x"] == [0.61725] * 2
 
 
 def test_a_million_positions_are_thinned_and_it_is_said(write, state):
@@ -162,10 +133,9 @@ def test_a_million_positions_are_thinned_and_it_is_said(write, state):
         for k in range(4000):
             writer.fix(replace(state, time_ns=TIME_NS + k * SECOND, longitude=5.0 + 1e-5 * k))
 
-    figure = figures(page := write(fill))["current-map"]
-    track = figure["tables"]["track"]
-    assert len(track["time"]) == 3000
-    assert (track["longitude"][0], track["longitude"][-1]) == (5.0, 5.03999)
+    track = track_of(page := write(fill))
+    assert len(track["x"]) == len(track["text"]) == 3000
+    assert track["text"][-1].startswith("track 2023-11-14 23:19")
     assert "Of 4,000 positions 3,000 are drawn, evenly spread." in text_of(page, "map")
 
 
@@ -178,26 +148,17 @@ def test_a_report_of_a_million_pings_takes_less_than_600_mb(tmp_path, flow, stat
 
 
 def test_a_plan_alone_is_drawn(write, plan):
-    leg = {
-        "leg": 1,
-        "heading_deg": 45.4,
-        "glide_angle_deg": 15.0,
-        "depth_m": 300.0,
-        "start_s": 3600.0,
-        "surfacing_s": 5400.0,
-        "longitude": 5.1,
-        "latitude": 62.0,
-    }
-    planned = replace(plan, legs=(leg,))
-    page = write(lambda writer: writer.plan(planned, Projection(5.0, 62.0)))
+    legs = planned(TIME_NS).legs
+    page = write(lambda writer: writer.plan(replace(plan, legs=legs), CENTRE))
     found = figures(page)
     assert list(found) == ["current-map", "plan-profile"]
-    assert found["plan-profile"]["tables"]["plan"]["east_km"] == [0.0, 0.5, 1.0]
+    (depth,) = found["plan-profile"]["panels"][0]["marks"]
+    np.testing.assert_allclose(depth["x"], np.hypot([0.0, 0.5, 1.0], [0.0, 0.6, 1.2]), atol=1e-5)
     west, east = found["current-map"]["map"]["views"]["plan"][:2]
     assert west < 0.0 < 1.0 < east
     assert "The result holds only a plan." in text_of(page, "answer")
     assert "--no-estimate" not in text_of(page, "answer")
-    (cells,) = table(page, "Legs of the last plan")
-    shown = [re.sub(r"<[^>]+>", "", cell) for cell in cells]
-    assert shown == ["1", "45", "15.0", "300", "1.5", "5.1000", "62.0000"]
+    first, _ = table(page, "Legs of the last plan")
+    shown = [re.sub(r"<[^>]+>", "", cell) for cell in first]
+    assert shown == ["1", "80", "20.0", "500", "4.0", "5.1000", "62.0000"]
     assert "wet" not in text_of(page, "plan")

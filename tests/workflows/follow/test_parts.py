@@ -11,7 +11,7 @@ from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.show.status.alarms import Alarm
+from replay_kit.results.outcome.verdict import Alarm
 from replay_kit.show.status.status import Status
 from replay_kit.workflows.follow.sources import (
     Source,

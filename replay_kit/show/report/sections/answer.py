@@ -11,7 +11,6 @@ from replay_kit.core.text import count_text, time_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import doubtful_errors
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.slices import calibration
 from replay_kit.show.numbers import Sentence, number, sentence
 from replay_kit.show.page.page import Section
 from replay_kit.show.page.parts import items_html
@@ -33,11 +32,8 @@ def warnings_html(contents: Contents) -> str:
 
 def found_warnings(contents: Contents) -> list[tuple[str, str]]:
     """Return the alarms, warnings and notes, each with its kind and an escaped sentence."""
-    outcome = contents.outcome
-    tests = (_losses, _bias, _rejections, _surfacings)
-    notes = outcome.notes
-    care = [text for test in tests if (text := test(contents))]
-    events = contents.result.events
+    outcome, events = contents.outcome, contents.result.events
+    notes, care = outcome.notes, [*_cautions(outcome)]
     told = dict.fromkeys(events["message"][events["level"].isin(["warning", "error"])])
     said = [text for text in told if text not in notes]
     care += [escape(_sentence(text)) for text in said]
@@ -106,61 +102,27 @@ def _sentence(text: str) -> str:
     return (text if is_name else text[:1].upper() + text[1:]) + ("" if text.endswith(".") else ".")
 
 
-def _losses(contents: Contents) -> str:
-    outcome = contents.outcome
-    lost = outcome.lost_pings
+def _cautions(outcome: Outcome) -> Iterator[str]:
+    """Yield escaped sentences on losses, rejections and surfacings that missed."""
     late, losses = outcome.late, outcome.losses
-    parts = [f"{len(losses)} damaged parts of the logs were lost"] if losses else []
+    if losses:
+        yield f"{len(losses)} damaged parts of the logs were lost."
     if late:
-        parts.append(
-            f"{number('late', late, format(late, ','))} messages came later than the reorder window allows"
+        count = number("late", late, f"{late:,}")
+        yield f"{count} messages came later than the reorder window allows."
+    if outcome.lost_pings:
+        yield escape(_sentence(outcome.lost_pings))
+    rejected, counts = outcome.observations["rejected"], outcome.observations
+    if rejected > 0.1 * (total := counts["used"] + rejected):
+        form = f"{{rejected}} of {total:,} measurements were rejected."
+        yield sentence(form, counts, "observations.").html
+    share = (outcome.surfacings or {}).get("inside_ellipse")
+    if share is not None and share < 0.6:
+        form = (
+            "Only {inside_ellipse:share} of the surfacings lie in the ellipse predicted to hold 90 %: the vehicle did not fly "
+            "these plans, or the current is less certain than stated."
         )
-    return " ".join(
-        [
-            *([f"{' and '.join(parts)}."] if parts else []),
-            *([escape(_sentence(lost))] if lost else []),
-        ]
-    )
-
-
-def _bias(contents: Contents) -> str:
-    bins = contents.measured.innovations
-    found = calibration(bins)
-    # the mean of many independent values would be this near to 0; profiles are not independent, hence the wide limit
-    if found.standardized.size < 50 or abs(found.mean) < 0.2:
-        return ""
-    east, north = (float(np.nanmean(bins[f"innovation_{axis}"])) for axis in ("east", "north"))
-    return (
-        f"The innovations have a mean of {100 * east:+.1f} cm/s east and {100 * north:+.1f} "
-        f"cm/s north: a bias of instrument or forecast."
-    )
-
-
-def _rejections(contents: Contents) -> str:
-    observations = contents.outcome.observations
-    total = observations["used"] + observations["rejected"]
-    if not total or observations["rejected"] <= 0.1 * total:
-        return ""
-    rejected = number(
-        "observations.rejected", observations["rejected"], f"{observations['rejected']:,}"
-    )
-    return f"{rejected} of {total:,} measurements were rejected."
-
-
-def _surfacings(contents: Contents) -> str:
-    surfacings = contents.outcome.surfacings
-    if (
-        not surfacings
-        or surfacings.get("inside_ellipse") is None
-        or surfacings["inside_ellipse"] >= 0.6
-    ):
-        return ""
-    share = surfacings["inside_ellipse"]
-    return (
-        f"Only {number('surfacings.inside_ellipse', share, f'{100.0 * share:.0f} %')} of the surfacings lie in the "
-        "ellipse predicted to hold "
-        "90 %: the vehicle did not fly these plans, or the current is less certain than stated."
-    )
+        yield sentence(form, {"inside_ellipse": share}, "surfacings.").html
 
 
 def words_section(contents: Contents) -> Section:
@@ -169,7 +131,7 @@ def words_section(contents: Contents) -> Section:
     used = estimate_sentences(outcome) if outcome.complete else ()
     parts = {
         "What was measured": [Sentence([_measured(contents)]), *used],
-        "What was found": [*_found(contents), *flown_sentences(outcome)],
+        "What was found": [*_lacking(contents), *flown_sentences(outcome)],
         "What was not used, and why": [*_not_used(contents)],
     }
     lists = (
@@ -219,21 +181,11 @@ def _depths(depth: Array) -> str:
     return f"{round(float(np.nanmin(depth)))} to {round(float(np.nanmax(depth)))} m"
 
 
-def _found(contents: Contents) -> Iterator[Sentence]:
-    """Yield sentences on current speed and standard error over the region."""
-    slices, plans = contents.slices, contents.result.plans
-    if slices is None:
-        what = "The result holds only a plan" if len(plans) else "Nothing was estimated"
-        yield Sentence([f"{what}."])
-        return
-    fields = slices.fields[0, -1]
-    speed, error = np.hypot(*fields[:2]), fields[2:]
-    for name, values in (("Current", speed), ("Standard error of a component", error)):
-        if np.isfinite(values).any():
-            ends = f"{np.nanmin(values):.3f} to {np.nanmax(values):.3f} m/s"
-            yield Sentence(
-                [f"{name} at {slices.depths[0]:g} m, at the end of the log: {ends} in the region"]
-            )
+def _lacking(contents: Contents) -> Iterator[Sentence]:
+    """Yield the sentence on a result without a current."""
+    if contents.slices is None:
+        plans = len(contents.result.plans)
+        yield Sentence(["The result holds only a plan." if plans else "Nothing was estimated."])
 
 
 def _not_used(contents: Contents) -> Iterator[Sentence]:

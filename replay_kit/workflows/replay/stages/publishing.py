@@ -217,19 +217,19 @@ def surface_step(
     x, y = (each.ravel() for each in np.meshgrid(east, north))
     beside, error = field.between(vectors, residual, *to_geographic(projection, x, y))
     velocity = _estimated(flow, vectors.time_ns, x, y, depth) + beside
-    shape = (north.size, east.size, 2)
+    shape = north.size, east.size
     known = np.where(np.isfinite(velocity), error[:, None], np.nan)
+    fields = np.column_stack([velocity, known]).T.reshape(4, *shape)
     last = SurfaceCurrent(
         east,
         north,
-        beside.reshape(shape),
-        error.reshape(shape[:2]),
+        beside.reshape(*shape, 2),
+        error.reshape(shape),
         field.std,
         max(depth, float(flow.levels[0])),
         vectors.time_ns,
     )
-    found = Slice(depth, east, north, velocity.reshape(shape), known.reshape(shape))
-    return replace(state, last=(projection, last)), found
+    return replace(state, last=(projection, last)), Slice(depth, east, north, fields)
 
 
 def _estimated(flow: FlowEstimate, time_ns: int, east: Array, north: Array, depth: float) -> Array:
