@@ -345,6 +345,8 @@ def find_time(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:
     return find_dimension(ds, dims, ("time",), _TIME_NAMES)
 
 
+#: Name of the share of the water above terrain-following levels, from -1 at the sea bed to 0, where a file of a mesh has it.
+SHARE = "replay_kit_share"
 #: Attribute of a dataset of a mesh that was interpolated to a grid: what was done, and what error it makes.
 MESH = "replay_kit_mesh"
 # Names of the corners of faces, longitude and latitude where no topology is stated: FVCOM, SCHISM, FESOM.

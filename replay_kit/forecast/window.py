@@ -16,7 +16,12 @@ from replay_kit.core.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.depths import choose_levels
 from replay_kit.forecast.grids.layout import Layout, U, V
-from replay_kit.forecast.grids.s_levels import LEFT_DRY, find_s_coordinate, from_s_levels
+from replay_kit.forecast.grids.s_levels import (
+    LEFT_DRY,
+    follows_terrain,
+    from_s_levels,
+    read_terrain,
+)
 from replay_kit.forecast.members.rules import WARNING
 from replay_kit.forecast.names import SEA_LEVEL, Axes, find_depth
 from replay_kit.forecast.variables import (
@@ -77,16 +82,17 @@ def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
             f"{where}: the region holds a grid of {longitude.shape}; at least 2 x 2 points are needed: widen --region"
         )
     dims = tuple(find_depth(ds, ds[name].dims) for name in (U, V))
-    s_coordinate = None if dims[0] is None else find_s_coordinate(ds, dims[0], where)
-    if s_coordinate is None:
-        levels = choose_levels(
-            ds, dims, config, 0.5 * float(latitude.min() + latitude.max()), where
-        )
-    order = levels.position if s_coordinate is None else np.arange(s_coordinate.s.size)
+    terrain = follows_terrain(ds, dims[0])
+    if terrain:
+        order = np.arange(ds.sizes[dims[0]])
+    else:
+        middle = 0.5 * float(latitude.min() + latitude.max())
+        levels = choose_levels(ds, dims, config, middle, where)
+        order = levels.position
     taken = tuple(None if dim is None else (dim, order) for dim in dims)
     mask, by_level = mask_at_centres(field, layout, taken[0])
     # a mask of the surface says nothing of fixed depths, which may lie below the sea bed
-    masked = by_level or (mask is not None and s_coordinate is not None)
+    masked = by_level or (mask is not None and terrain)
     velocity, counts = _at_centres(field, layout, taken, masked)
     if velocity.shape[-2:] != longitude.shape:
         got, expected = (
@@ -98,9 +104,9 @@ def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
     if mask is not None:
         velocity[..., ~np.broadcast_to(mask, velocity.shape[2:])] = np.nan
     sea_level = _surface(field, layout)
-    if s_coordinate is not None:
-        h = read(field, layout, s_coordinate.h, layout.centre_dims)[0, 0]
-        velocity, levels = from_s_levels(velocity, s_coordinate, h, sea_level, config.levels, where)
+    if terrain:
+        depths = read_terrain(field, layout, str(dims[0]), sea_level)
+        velocity, levels = from_s_levels(velocity, depths, config.levels, where)
     first = None if sea_level is None else np.asarray(sea_level[0])
     notes = (*layout.notes, *counts, *levels.notes)
     # of terrain-following levels it was said where the water above the first was left dry

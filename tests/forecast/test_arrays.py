@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.forecast.grids.depths import at_depths, reach
 from replay_kit.forecast.grids.horizontal import bilinear, find_cells, region_block
-from replay_kit.forecast.grids.s_levels import SCoordinate
+from replay_kit.forecast.grids.s_levels import Terrain, stretched
 from replay_kit.forecast.variables import never_changing, to_centres
 
 
@@ -42,10 +42,11 @@ def test_zeros_are_land_from_the_sea_bed_up_and_packed_fills_everywhere():
 
 @pytest.mark.parametrize("transform", [1, 2])
 def test_depths_of_terrain_following_levels_end_at_the_surface_and_the_sea_bed(transform):
-    s = np.array([-1.0, -0.4, 0.0])
-    c = np.array([-1.0, -0.1, 0.0])
+    s = np.array([-1.0, -0.4, 0.0])[:, None, None]
+    c = np.array([-1.0, -0.1, 0.0])[:, None, None]
     h, surface = np.array([[100.0, 200.0]]), np.array([[0.5, -1.0]])
-    found = SCoordinate(s, c, 20.0, "h", transform).depths(h, surface)
+    share = stretched(s, c, 20.0, h, transform)
+    found, _ = Terrain("h", h, share[None], surface[None], "").of_member(0)
     assert_allclose(found[0], h, atol=1e-12)
     assert_allclose(found[-1], -surface, atol=1e-12)
     # by hand: z0 = 20 (-0.4 + 0.1) - 10 = -16, z = -16 + 0.5 (1 - 0.16); S = (-8 - 10) / 120, z = 0.5 + 100.5 S

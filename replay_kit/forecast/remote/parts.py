@@ -16,7 +16,7 @@ from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.grids.depths import choose_levels
 from replay_kit.forecast.grids.layout import Layout, U, V, lay_out
-from replay_kit.forecast.grids.s_levels import find_s_coordinate
+from replay_kit.forecast.grids.s_levels import follows_terrain
 from replay_kit.forecast.members.rules import MADE
 from replay_kit.forecast.members.times import dated_leads, valid_times
 from replay_kit.forecast.names import find_depth, find_lead, find_time
@@ -74,7 +74,7 @@ def parts_of(
     if wanted.region is not None:
         taken |= _of_region(layout, ds, wanted.region, alone, where)
     depths = tuple(find_depth(ds, ds[name].dims) for name in (U, V))
-    if depths[0] is not None and find_s_coordinate(ds, depths[0], where) is None:
+    if depths[0] is not None and not follows_terrain(ds, depths[0]):
         everything = config.model_copy(update={"levels": None})
         levels = choose_levels(ds, depths, everything, float(np.mean(layout.latitude)), where)
         order = levels.position[_of_depths(levels.depth, wanted.deepest, config.levels)]
