@@ -187,7 +187,7 @@ class Extent:
         if block is None:
             return 0, 0
         rows, columns = block
-        return rows.stop - rows.start, sum(part.stop - part.start for part in columns)
+        return rows.size, columns.size
 
     def patch(self, region: Region) -> Ensemble:
         """Return the first fields of the first level in a region, before any change into members.

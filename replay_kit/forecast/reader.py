@@ -29,8 +29,7 @@ from replay_kit.forecast.members.rules import (
 )
 from replay_kit.forecast.members.selection import Selection, select
 from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
-from replay_kit.forecast.variables import check_content
-from replay_kit.forecast.window import Window, read_window, window_size
+from replay_kit.forecast.window import Window, check_claim, read_window, window_size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,7 +217,8 @@ def read_selection(
     field, where = selection.fields[0], selection.fields[0].where
     layout = layout_of(field, config).within(config.region, where)
     size = _size(selection, layout, config)
-    check_content(selection.fields, layout, size, times)
+    for one in {each.paths: each for each in selection.fields}.values():
+        check_claim(one, layout, times)
     large = _large(size)
     fields = [part for field in selection.fields for part in in_groups(field, layout)]
     first = fields[0]

@@ -115,9 +115,8 @@ def test_cells_of_a_turned_grid_and_values_in_them():
 def test_a_seam_is_crossed_only_on_a_grid_that_goes_round():
     latitude = np.array([0.0, 1.0])
     globe = np.arange(0.0, 360.0, 10.0)
-    over_seam = slice(0, 2), (slice(35, 36), slice(0, 2))
     for grid in ((globe, latitude), np.meshgrid(globe, latitude)):
-        assert region_block(*grid, (-15.0, 0.0, 15.0, 1.0)) == over_seam
+        assert region_block(*grid, (-15.0, 0.0, 15.0, 1.0))[1].tolist() == [35, 0, 1]
     part = region_block(globe[:32], latitude, (-65.0, 0.0, 15.0, 1.0))
-    assert part == (slice(0, 2), (slice(0, 32),))
+    assert_array_equal(part[1], np.arange(32))
     assert region_block(globe, latitude, (15.0, 5.0, 25.0, 6.0)) is None

@@ -150,7 +150,7 @@ def test_currents_that_were_never_written_are_refused_before_they_are_made(tmp_p
     paths = unwritten_stores(tmp_path, (4400, 400, 600), x, y)
     refused_early(
         paths,
-        r"its currents cannot be read: it claims 16896 MB of values in .*; choose less with --region and --levels, or mend the file",
+        r"vozocrtx cannot be read: it claims 8448 MB of values in .*; choose less with --region and --levels, or mend the file",
     )
     # of a small part all of its chunk is unpacked
     refused_early(

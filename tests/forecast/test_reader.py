@@ -33,7 +33,7 @@ def test_regions_in_any_longitude_convention_and_across_the_antimeridian(shift):
         np.array([178.0, 179.0, -180.0, -179.0]), np.array([0.0, 1.0])
     )
     block = region_block(longitude, latitude, (179.0 + shift, -1.0, 181.0 + shift, 2.0))
-    assert block == (slice(0, 2), (slice(1, 4),))
+    assert [part.tolist() for part in block] == [[0, 1], [1, 2, 3]]
     assert centre_longitude(longitude) == pytest.approx(179.5)
 
 

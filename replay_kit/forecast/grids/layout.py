@@ -1,6 +1,7 @@
 """Horizontal layout of velocities: dimensions, cell centres, staggering and axes."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import Region
 from replay_kit.core.text import count_text
 from replay_kit.forecast.files import size_text
-from replay_kit.forecast.grids.horizontal import columns_round, region_block
+from replay_kit.forecast.grids.horizontal import Index, columns_round, region_block
 from replay_kit.forecast.names import (
     ANGLES,
     Axes,
@@ -33,8 +34,8 @@ DIRECTION = "replay_kit_direction"
 STAGGERED = "replay_kit_staggered"
 
 
-Faces = tuple[int | None, int | None]
-AT_CENTRES: Faces = (None, None)
+#: Points of a variable that are neither of these: cell centres.
+CENTRE = "centre"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,12 +46,10 @@ class Layout:
         kind: Kind of grid.
         longitude: Degrees east, shape (J, I) or (I,).
         latitude: Degrees north, shape (J, I) or (J,).
-        u_dims: Dimensions (y, x) of u.
-        v_dims: Dimensions of v.
-        centre_dims: Dimensions of masks.
+        dims: Dimensions (y, x) of ``U``, ``V`` and ``CENTRE``.
         first_face: Face before centre 0 along y (v), x (u), if any.
         rows: Rows used.
-        columns: Columns, in spatial order; two across a seam.
+        columns: Columns used, in spatial order.
         period: Columns round the globe, if any.
         axes: Axes of u and v.
         why: Reason for axes.
@@ -60,12 +59,10 @@ class Layout:
     kind: Coordinates
     longitude: Array
     latitude: Array
-    u_dims: tuple[str, str]
-    v_dims: tuple[str, str]
-    centre_dims: tuple[str, str]
+    dims: Mapping[str, tuple[str, str]]
     first_face: tuple[int, int] | None
-    rows: slice
-    columns: tuple[slice, ...]
+    rows: Index
+    columns: Index
     period: int | None
     axes: Axes
     why: str
@@ -73,13 +70,11 @@ class Layout:
 
     @property
     def places(self) -> tuple[Array, Array]:
-        """Longitude and latitude of the centres used, each once [degrees], shaped as in the file."""
-        flat = self.longitude.ndim == 1
-        x, y = (
-            np.concatenate([axis[..., part] for part in self.columns], axis=-1)
-            for axis in (self.longitude, self.longitude if flat else self.latitude)
-        )
-        return (x, self.latitude[self.rows]) if flat else (x[self.rows], y[self.rows])
+        """Longitude and latitude of the centres used [degrees], shaped as in the file."""
+        if self.longitude.ndim == 1:
+            return self.longitude[self.columns], self.latitude[self.rows]
+        used = np.ix_(self.rows, self.columns)
+        return self.longitude[used], self.latitude[used]
 
     @property
     def points(self) -> tuple[Array, Array]:
@@ -89,12 +84,15 @@ class Layout:
             x, y = np.meshgrid(x, y)
         return x, y
 
-    @property
-    def faces(self) -> tuple[Faces, Faces]:
-        """First faces of both components along their dimensions; None at the centres."""
-        if self.first_face is None:
-            return AT_CENTRES, AT_CENTRES
-        return (None, self.first_face[1]), (self.first_face[0], None)
+    def taken(self, of: str) -> tuple[Index, Index]:
+        """Return the rows and columns used of ``U``, ``V`` or ``CENTRE``; of a C-grid with the faces on both sides of the centres."""
+        rows, columns = self.rows, self.columns
+        if self.first_face is not None and of == V:
+            rows = np.append(rows, rows[-1] + 1) + self.first_face[0]
+        if self.first_face is not None and of == U:
+            columns = np.append(columns, columns[-1] + 1) + self.first_face[1]
+            columns = columns if self.period is None else columns % self.period
+        return rows, columns
 
     def within(self, region: Region | None, where: str) -> "Layout":
         """Return the layout of the smallest block with all points inside a region; unchanged without a region.
@@ -111,12 +109,7 @@ class Layout:
                 f"{where}: no grid point inside the region {region} (west, south, east, north); the forecast covers "
                 f"{x.min():.3f}..{x.max():.3f} E, {y.min():.3f}..{y.max():.3f} N"
             )
-        rows, columns = block
-        return replace(
-            self,
-            rows=_moved(rows, self.rows.start),
-            columns=tuple(_moved(part, self.columns[0].start) for part in columns),
-        )
+        return replace(self, rows=self.rows[block[0]], columns=self.columns[block[1]])
 
     @property
     def name(self) -> str:
@@ -178,19 +171,16 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
     _check_places(x, y, (x_name, y_name), where, 16 * math.prod(ds[U].shape))
     ny, nx = y.shape[0], x.shape[-1]
     period = columns_round(x)
-    rows, columns = slice(0, ny), (slice(0, period or nx),)
+    rows, columns = np.arange(ny), np.arange(period or nx)
     if face is not None:
         b, a = face
-        rows = slice(max(0, -b), min(ny, ds.sizes[v_dims[0]] - b - 1, ds.sizes[u_dims[0]]))
+        rows = np.arange(max(0, -b), min(ny, ds.sizes[v_dims[0]] - b - 1, ds.sizes[u_dims[0]]))
         if period is None:
             last = min(nx, ds.sizes[u_dims[1]] - a - 1, ds.sizes[v_dims[1]])
-            columns = (slice(max(0, -a), last),)
+            columns = np.arange(max(0, -a), last)
     axes, why = _axes(ds, current, face is not None)
-    return Layout(kind, x, y, u_dims, v_dims, centre, face, rows, columns, period, axes, why, notes)
-
-
-def _moved(part: slice, by: int) -> slice:
-    return slice(part.start + by, part.stop + by)
+    of = {U: u_dims, V: v_dims, CENTRE: centre}
+    return Layout(kind, x, y, of, face, rows, columns, period, axes, why, notes)
 
 
 def _check_places(x: Array, y: Array, names: tuple[str, str], where: str, size: int) -> None:

@@ -96,11 +96,11 @@ def read_terrain(field: Field, layout: Layout, dim: str, surface: Array | None) 
             "with --ensemble, or a file that holds them"
         )
     name = found.pop("h")
-    bed = read(field, layout, name, layout.centre_dims)[0, 0]
+    bed = read(field, layout, name)[0, 0]
     surface = None if surface is None else np.nan_to_num(surface)
     if SHARE in ds.variables:
         levels = dim, np.arange(ds.sizes[dim])
-        share = read(field, layout, SHARE, layout.centre_dims, levels=levels)
+        share = read(field, layout, SHARE, levels=levels)
         return Terrain(name, bed, share, surface, "sigma")
     s, c, hc, transform = (
         np.asarray(ds[of].values, np.float64).reshape(-1, 1, 1) for of in found.values()

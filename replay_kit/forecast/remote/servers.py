@@ -70,16 +70,16 @@ class Served:
         found = encoding.get("chunks") or encoding.get("chunksizes")
         return None if not found or self.form != "Zarr" else tuple(found)
 
-    def state(self, name: str, position: tuple[int, ...]) -> tuple[int | None, str]:
-        """Return the size of a chunk's object [bytes] and its version tag; None and empty if not stated."""
+    def state(self, name: str, position: tuple[int, ...]) -> str:
+        """Return the size and version of the object that holds a chunk; empty if not stated."""
         if self.url_of is None:
-            return None, ""
+            return ""
         try:
             found = self.files.info(self.url_of(name, position))
         # a library may raise anything
         except Exception:
-            return None, ""
-        return found.get("size"), str(found.get("ETag") or found.get("Last-Modified") or "")
+            return ""
+        return f"{found.get('size')} {found.get('ETag') or found.get('Last-Modified')}"
 
 
 def open_address(address: Address) -> xr.Dataset:
