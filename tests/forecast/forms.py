@@ -234,3 +234,15 @@ def save(ds, path, **encoding):
     """Write NetCDF-3, as models do: it opens many times sooner than NetCDF-4, which `test_reads_every_container_alike` has."""
     ds.to_netcdf(path, engine="scipy", encoding=encoding or None)
     return path
+
+
+def saved(files, folder):
+    """Write datasets by name into a folder, and return it."""
+    for name, ds in files.items():
+        save(ds, folder / name)
+    return folder
+
+
+def dated(ds, times):
+    """Return a dataset at some times."""
+    return ds.expand_dims(time=np.array(times, "M8[ns]"))

@@ -29,10 +29,6 @@ def fields(n=3, folder=None, name="mem{:03d}.nc"):
     return [save(ds.isel(member=k % 3), folder / name.format(k)) for k in range(n)]
 
 
-def dated(ds, times):
-    return ds.expand_dims(time=np.array(times, "M8[ns]"))
-
-
 @pytest.mark.parametrize("rule", [None, "files", "files:mem0*(\\d+)", "files:mem\\d+"])
 @pytest.mark.parametrize("how", ["folder", "pattern", "names"])
 def test_a_file_a_member_by_folder_pattern_or_name(tmp_path, rule, how):
