@@ -136,8 +136,6 @@ def _inside(folder: Path) -> list[Path]:
 _HINT = "give the path of a NetCDF file or a Zarr store"
 # What nanoseconds in 64 bits can hold.
 _FIRST, _LAST = np.datetime64("1678-01-01", "us"), np.datetime64("2262-01-01", "us")
-# What is read without a word [bytes].
-_LARGE = 2e9
 _CIVIL = ("standard", "gregorian", "proleptic_gregorian", "")
 
 
@@ -263,25 +261,10 @@ def _check_coordinates(path: Path, shapes: Sequence[tuple[int, ...]]) -> None:
     """Raise ForecastError if coordinates, which are read whole, are implausibly large for their file."""
     # arrays of one or two dimensions
     small = [shape for shape in shapes if sum(size > 1 for size in shape) <= 2]
-    if why := exceeds_claim(path, _memory(small)):
-        said = (
-            f"its coordinates cannot be read: {why}; were its values written? give the whole file"
+    if why := exceeds_claim(path, sum(8 * math.prod(shape) for shape in small)):
+        raise ForecastError(
+            f"{path}: its coordinates cannot be read: {why}; were its values written? give the whole file"
         )
-        raise ForecastError(f"{path}: {said}{size_text(_memory(shapes))}")
-
-
-def _memory(shapes: Sequence[tuple[int, ...]]) -> int:
-    """Return the memory of arrays [bytes]."""
-    return sum(8 * math.prod(shape) for shape in shapes)
-
-
-def size_text(size: float) -> str:
-    """Return the clause of a message on arrays above 2 GB in memory [bytes]; empty for smaller ones."""
-    return (
-        f"; its arrays take {size / 1e9:.1f} GB in memory, of which --region reads a part"
-        if size > _LARGE
-        else ""
-    )
 
 
 def undated(variable: xr.Variable | xr.DataArray) -> str:

@@ -10,10 +10,8 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble, Projection
 from replay_kit.core.paths import Paths
-from replay_kit.core.progress import announce
 from replay_kit.core.text import place_text
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.files import size_text
 from replay_kit.forecast.gather import in_groups, is_alike, layout_of, together
 from replay_kit.forecast.grids.axes import AxesCheck, check_axes
 from replay_kit.forecast.grids.horizontal import local_grid, projection_of, turn_to_local
@@ -28,8 +26,8 @@ from replay_kit.forecast.members.rules import (
     without_copies,
 )
 from replay_kit.forecast.members.selection import Selection, select
-from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
-from replay_kit.forecast.window import Window, check_claim, read_window, window_size
+from replay_kit.forecast.names import MEMBER_NAMES, sizes_text
+from replay_kit.forecast.window import Window, check_claim, read_window
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,10 +214,8 @@ def read_selection(
     """
     field, where = selection.fields[0], selection.fields[0].where
     layout = layout_of(field, config).within(config.region, where)
-    size = _size(selection, layout, config)
     for one in {each.paths: each for each in selection.fields}.values():
         check_claim(one, layout, times)
-    large = _large(size)
     fields = [part for field in selection.fields for part in in_groups(field, layout)]
     first = fields[0]
     window = read_window(first, layout, config)
@@ -244,7 +240,6 @@ def read_selection(
     )
     in_order = (
         *selection.notes,
-        *large,
         *more,
         *_placed(place_at),
         *window.notes,
@@ -258,23 +253,6 @@ def read_selection(
     error_std = check.residual_std if doubts else 0.0
     ensemble = Ensemble(grid, velocity, selection.time_ns, source, notes, labels, error_std)
     return Reading(ensemble, layout, check, first, window, projection, turn)
-
-
-def _size(selection: Selection, layout: Layout, config: ForecastConfig) -> float:
-    """Return the memory of the currents of a selection [bytes], estimated from the first file."""
-    first, count = selection.fields[0], sum(len(field.labels) for field in selection.fields)
-    size = window_size(first, layout) * count / len(first.labels)
-    if config.levels is not None and (depth := find_depth(first.ds, first.ds[U].dims)) is not None:
-        size *= min(1.0, len(config.levels) / first.ds.sizes[depth])
-    return size
-
-
-def _large(size: float) -> tuple[str, ...]:
-    """Return a note on currents that need much memory [bytes], also logged before reading; empty for small ones."""
-    if not (said := size_text(size)):
-        return ()
-    announce(f"reading the forecast{said}")
-    return (f"the forecast is large{said}",)
 
 
 def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:

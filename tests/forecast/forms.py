@@ -239,6 +239,7 @@ def save(ds, path, **encoding):
 def saved(files, folder):
     """Write datasets by name into a folder, and return it."""
     for name, ds in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
         save(ds, folder / name)
     return folder
 

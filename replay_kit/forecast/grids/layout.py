@@ -1,6 +1,5 @@
 """Horizontal layout of velocities: dimensions, cell centres, staggering and axes."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -12,7 +11,6 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import Region
 from replay_kit.core.text import count_text
-from replay_kit.forecast.files import size_text
 from replay_kit.forecast.grids.horizontal import Index, columns_round, region_block
 from replay_kit.forecast.names import (
     ANGLES,
@@ -168,7 +166,7 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
         notes += (
             "cell centres assumed midway between the points of u, as no grid file (glamt, gphit) was given",
         )
-    _check_places(x, y, (x_name, y_name), where, 16 * math.prod(ds[U].shape))
+    _check_places(x, y, (x_name, y_name), where)
     ny, nx = y.shape[0], x.shape[-1]
     period = columns_round(x)
     rows, columns = np.arange(ny), np.arange(period or nx)
@@ -183,8 +181,8 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
     return Layout(kind, x, y, of, face, rows, columns, period, axes, why, notes)
 
 
-def _check_places(x: Array, y: Array, names: tuple[str, str], where: str, size: int) -> None:
-    """Raise ForecastError for implausible longitudes or latitudes, before currents of a size [bytes] are read."""
+def _check_places(x: Array, y: Array, names: tuple[str, str], where: str) -> None:
+    """Raise ForecastError for implausible longitudes or latitudes."""
     if not (np.isfinite(x).all() and np.isfinite(y).all() and (np.abs(y) <= 90.0).all()):
         raise ForecastError(
             f"{where}: longitude or latitude holds missing values or latitudes beyond 90 degrees; swapped or damaged coordinates?"
@@ -193,7 +191,7 @@ def _check_places(x: Array, y: Array, names: tuple[str, str], where: str, size: 
         if min(y.shape[0], x.shape[-1]) > 1 and np.ptp(values) == 0.0:
             raise ForecastError(
                 f"{where}: {name} is {values.flat[0]:g} at every point; were the coordinates written? give the file of the grid with "
-                f"--ensemble{size_text(size)}"
+                "--ensemble"
             )
 
 

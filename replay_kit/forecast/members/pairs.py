@@ -217,7 +217,7 @@ def _with_second(
 def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:
     """Return a dataset with missing variables of a grid file that match its dimensions, and whether any does."""
     added, fitting = {}, False
-    for name, variable in _without_supergrid(ds, grid).variables.items():
+    for name, variable in grid.variables.items():
         single = [dim for dim in variable.dims if variable.sizes[dim] == 1 and dim not in ds.sizes]
         small = variable.isel(dict.fromkeys(single, 0))
         fits = all(ds.sizes.get(dim, small.sizes[dim]) == small.sizes[dim] for dim in small.dims)
@@ -230,25 +230,3 @@ def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:
         ):
             added[name] = small
     return ds.assign(added), fitting
-
-
-def _without_supergrid(ds: xr.Dataset, grid: xr.Dataset) -> xr.Dataset:
-    """Return a grid file with the positions of a dataset's currents instead of a supergrid of MOM (``ocean_hgrid.nc``).
-
-    A supergrid has points at corners, faces and centres of the cells. Every second one from the second on is a centre, from the third
-    on the corner after it, where a B-grid has both components.
-    """
-    if not {"nyp", "nxp"} <= set(grid.sizes) or not {"x", "y"} <= set(grid.variables):
-        return grid
-    # u of a C-grid has the centres' rows, v their columns
-    rows, columns = ds[U].dims[-2], ds[V].dims[-1]
-    first, names = (
-        (1, ("geolon", "geolat"))
-        if ds[U].dims[-2:] != ds[V].dims[-2:]
-        else (2, ("geolon_c", "geolat_c"))
-    )
-    places = {"nyp": slice(first, None, 2), "nxp": slice(first, None, 2)}
-    axes = (grid[name].variable.isel(places) for name in ("x", "y"))
-    return xr.Dataset(
-        {name: ((rows, columns), axis.values) for name, axis in zip(names, axes, strict=True)}
-    )

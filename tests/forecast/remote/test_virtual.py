@@ -2,17 +2,13 @@
 
 import json
 import math
-import subprocess
-import sys
 from itertools import product
 
 import numpy as np
-import pytest
 import xarray as xr
 import zarr
 
 from tests.forecast.remote.servers import Files, serving
-from tests.places import ROOT, SAMPLES
 
 #: Members, times, levels, rows, columns; their chunks.
 SHAPE, CHUNKS = (4, 10, 50, 1000, 2600), (1, 1, 10, 50, 50)
@@ -95,19 +91,8 @@ def _described() -> dict[str, bytes]:
     return objects
 
 
-#: 60 x 60 points; the log asks for 8 times.
+#: 60 x 60 points.
 BOX = (151.02, -41.03, 154.03, -38.02)
-# Peak of resident memory of a process that imports and runs one command [MB]. Not by getrusage, in which a new process begins with the
-# peak of the one that started it.
-_MEASURED = """
-import sys
-from tests.benchmarks.measure import peak_mb
-from tests.command import invoke
-done = invoke(sys.argv[1:])
-print(done.output)
-print("PEAK", peak_mb())
-sys.exit(done.exit_code)
-"""
 
 
 def touched(shape, first):
@@ -130,35 +115,3 @@ def test_no_chunk_is_received_that_the_box_does_not_touch(asker):
     chunks = touched(shape, (0, 1, 0, 380, 1221))
     assert sum(store.made.values()) == chunks
     assert files.sent < 1.1 * chunks
-
-
-@pytest.mark.full
-def test_a_box_of_a_store_of_20_gb(tmp_path):
-    store, cache = VirtualStore(), f"--config {tmp_path / 'run.toml'}"
-    levels = [5 + 15 * k for k in range(1, 29)]
-    (tmp_path / "run.toml").write_text(f'[forecast]\nlevels = {levels}\ncache = "{tmp_path}/cache"')
-    with serving(Files(store)) as files:
-        out = [tmp_path / "first.mcap", tmp_path / "second.mcap"]
-        asked = f"--ensemble {files.url} --region {','.join(map(str, BOX))}"
-        for result, more in zip(out, ("", "--offline"), strict=True):
-            words = f"replay {SAMPLES}/survey.mcap {asked} --modes 20 {cache} -o {result} {more}"
-            count = len(files.asked)
-            done = subprocess.run(
-                [sys.executable, "-c", _MEASURED, *words.split()],
-                cwd=ROOT,
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-            assert done.returncode in (0, 6), done.stdout + done.stderr
-            assert float(done.stdout.rpartition("PEAK ")[2]) < 600.0
-        assert len(files.asked) == count
-    (held,) = (tmp_path / "cache").glob("*.nc")
-    with xr.open_dataset(held) as ds:
-        shape = tuple(ds.sizes[dim] for dim in ("member", "time", "depth", "lat", "lon"))
-    assert shape == (4, 8, 30, 60, 60)
-    chunks = touched(shape, (0, 2, 0, 380, 1221))
-    print(f"sent {files.sent}, chunks {chunks}, ratio {files.sent / chunks:.4f}")
-    assert sum(store.made.values()) <= 1.1 * chunks
-    assert files.sent <= 1.1 * chunks
-    assert out[0].read_bytes() == out[1].read_bytes()
