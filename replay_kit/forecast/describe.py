@@ -23,7 +23,7 @@ from replay_kit.forecast.members.rules import MemberRule, parse_rule
 from replay_kit.forecast.members.selection import Selection, select
 from replay_kit.forecast.names import NoCurrentError
 from replay_kit.forecast.reader import read_members, read_selection, ways
-from replay_kit.forecast.series import dated_choices
+from replay_kit.forecast.series import dates_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +178,7 @@ class Extent:
         return (
             self.config.lead is None
             and self.config.time is None
-            and len(dated_choices(self.found, self.config)) > 1
+            and dates_of(self.found, self.config).size > 1
         )
 
     def shape_in(self, region: Region) -> tuple[int, int]:

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Times
 from replay_kit.core.inputs import plain_attribute, why_no_input
 from replay_kit.core.paths import Address
 from replay_kit.forecast.files import dated, opened_file
@@ -74,8 +75,8 @@ class Field:
 
     @cached_property
     def time(self) -> str | None:
-        """Dimension of times; None without one."""
-        return find_time(self.like, self.dims)
+        """Dimension of times other than of the members; None without one."""
+        return find_time(self.like, [dim for dim in self.dims if dim != self.member])
 
     @property
     def lead(self) -> str | None:
@@ -94,10 +95,11 @@ class Field:
         return self.look(str(self.time)).values if known else np.zeros(0)
 
     @cached_property
-    def times(self) -> NDArray[np.datetime64]:
+    def times(self) -> Times:
         """Times [ns, UTC]; empty without dates."""
         times = self.stated_times
-        return times.astype("M8[ns]") if times.dtype.kind == "M" else np.zeros(0, "M8[ns]")
+        dates = times if times.dtype.kind == "M" else np.zeros(0, "M8[ns]")
+        return dates.astype("M8[ns]").astype(np.int64)
 
     @property
     def where(self) -> str:

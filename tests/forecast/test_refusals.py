@@ -120,6 +120,11 @@ REFUSED = [
         r"v\.nc: its times \(2 from 2020-01-01T.*\) are not those of .*u\.nc \(1 from",
     ),
     (beside_another_grid(), {}, "the currents have 7 x 8 points, the coordinates 9 x 14; give"),
+    (
+        {"e.nc": SEA, "ocean_hgrid.nc": xr.Dataset({"x": (("nyp", "nxp"), np.ones((3, 3)))})},
+        {},
+        "a supergrid of MOM, .*; give ocean_static.nc",
+    ),
     ({}, {}, "the folder holds no NetCDF file"),
     ({"a.nc.analysis": ONE}, {}, r"holds only analysis results, such as a\.nc\.analysis; give"),
 ]

@@ -5,7 +5,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
@@ -277,7 +276,7 @@ def _members(fields: tuple[Field, ...], rule: MemberRule | None) -> list[tuple[F
                 f"{field.paths[-1]}: {current.v} has no dimension {member}, which {current.u} has; mend the file"
             )
         found.append(replace(field, member=str(member), label=field.names))
-    over_time = {tuple(field.times.astype(np.int64)) for field in fields}
+    over_time = {tuple(field.times) for field in fields}
     if rule.name and find_time(fields[0].like, (rule.name,)) == rule.name:
         return [(field,) for field in found]
     if len(fields) > 1 and len(over_time) == len(fields):

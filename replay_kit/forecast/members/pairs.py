@@ -99,7 +99,7 @@ def pair_files(files: Sequence[Field], grids: Sequence[Field]) -> tuple[Field, .
     pairs = [(file, file) for file in both] + list(zip(*in_order, strict=True))
     fields = [_pair(u, v, grids) for u, v in pairs]
     if all(field.times.size for field in fields):
-        fields.sort(key=lambda field: int(field.times.min().astype(np.int64)))
+        fields.sort(key=lambda field: int(field.times.min()))
     return tuple(fields)
 
 
@@ -130,6 +130,10 @@ def _joined(
             ds[name].attrs["replay_kit_turn"] = turn
     notes = list(_assumptions(first, current))
     for grid in grids:
+        if {"nyp", "nxp"} <= set(grid.ds.sizes):
+            raise ForecastError(
+                f"{grid.names}: a supergrid of MOM, in which each point of the currents has another place; give ocean_static.nc"
+            )
         ds, fits = _with_grid(ds, grid.ds)
         if not fits:
             sizes = some_text([f"{dim} = {size}" for dim, size in grid.ds.sizes.items()])

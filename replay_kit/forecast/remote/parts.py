@@ -1,6 +1,6 @@
 """Required part of a forecast: rows, columns, levels and times, from its coordinates alone."""
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from replay_kit.forecast.grids.horizontal import Index
 from replay_kit.forecast.grids.layout import CENTRE, Layout, U, V, lay_out
 from replay_kit.forecast.grids.s_levels import follows_terrain
 from replay_kit.forecast.members.rules import MADE
-from replay_kit.forecast.members.times import dated_leads, valid_times
+from replay_kit.forecast.members.times import steps_of, valid_times
 from replay_kit.forecast.names import find_depth, find_lead, find_time
 from replay_kit.forecast.remote.servers import open_address
 
@@ -68,7 +68,7 @@ def parts_of(
     # as the server has it, where a field is one of its runs
     whole = with_dates(open_address(first)) if isinstance(first, Address) else ds
     current = field.current.u if whole is not ds else U
-    taken = _of_times(whole, whole[current].dims, wanted, config, kind, where)
+    taken = _of_times(field, whole, whole[current].dims, wanted, config, kind)
     layout = lay_out(ds, field.current, where)
     for dims in layout.dims.values():
         taken |= {dim: np.arange(ds.sizes[dim]) for dim in dims}
@@ -114,12 +114,12 @@ def _of_region(cut: Layout, ds: xr.Dataset, alone: bool) -> dict[str, Index]:
 
 
 def _of_times(
+    field: Field,
     ds: xr.Dataset,
-    dims: tuple[object, ...],
+    dims: tuple[Hashable, ...],
     wanted: Wanted,
     config: ForecastConfig,
     kind: str,
-    where: str,
 ) -> dict[str, Index]:
     """Return the times or leads from the last before the first required time to the first after the last.
 
@@ -147,15 +147,16 @@ def _of_times(
         return {}
     if runs is not None:
         return _needed(*runs, first, last)
-    times = np.array([valid for _, valid in dated_leads(ds, lead, config)] if lead else [])
+    times = steps_of(field, config).valid
     if time is not None:
         times = ds[time].values.astype("M8[ns]").astype(np.int64)
     if not times.size:
         return {}
     if not chosen and (last < times.min() - _DAY_NS or first > times.max() + _DAY_NS):
         raise ForecastError(
-            f"{where}: the forecast is of {time_text(int(times.min()))} to {time_text(int(times.max()))}, the log of {time_text(first)} to "
-            f"{time_text(last)}; nothing of its currents was received: give one of that time, or choose one of these with forecast.time"
+            f"{field.where}: the forecast is of {time_text(int(times.min()))} to {time_text(int(times.max()))}, the log of "
+            f"{time_text(first)} to {time_text(last)}; nothing of its currents was received: give one of that time, or choose one of "
+            "these with forecast.time"
         )
     dim = str(time or lead)
     found = _needed(times[None], ("", dim), first, last).get(dim, np.zeros(0, np.int64))
