@@ -3,7 +3,6 @@
 import errno
 import os
 import tracemalloc
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,17 +25,6 @@ def nothing_fits(monkeypatch):
     monkeypatch.setattr(arrays, "IN_MEMORY", 1000)
     monkeypatch.setattr(gather, "IN_MEMORY", 1000)
     monkeypatch.setattr(gather, "_GROUP", 6000)
-
-
-@pytest.mark.parametrize(("wide", "tall"), [(0.1, 0.1), (0.1, 0.3), (0.3, 0.1)])
-def test_other_grids_are_read_two_cells_around_the_window(wide, tall):
-    x, y = np.meshgrid(179.5 + wide * np.arange(5), 10.0 + tall * np.arange(4))
-    part = SimpleNamespace(longitude=(x + 180.0) % 360.0 - 180.0, latitude=y)
-    west, south, east, north = gather.region_around(part)
-    margin = 2.0 * max(wide, tall)
-    assert (south, north) == pytest.approx((y.min() - margin, y.max() + margin))
-    assert east - west == pytest.approx(np.ptp(x) + 2.0 * margin)
-    assert np.exp(1j * np.radians(west - x.min() + margin)) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("form", ["zarr", "netcdf", "files"])
