@@ -273,31 +273,32 @@ def find_coordinates(
     Raises:
         ForecastError: The coordinates are missing.
     """
-    cf = COORDINATES[-1]
-    for longitude in _by_standard_name(ds, "longitude"):
-        for latitude in _by_standard_name(ds, "latitude"):
-            usual = longitude in {name for kind in COORDINATES[:-1] for name in kind.longitude}
-            if (
-                not usual
-                and ds[longitude].ndim in (1, 2)
-                and set(ds[longitude].dims) | set(ds[latitude].dims) <= set(dims)
-            ):
-                return longitude, latitude, cf
-    for kind in COORDINATES:
-        for longitude, latitude in zip(kind.longitude, kind.latitude, strict=False):
-            if (
-                longitude in ds.variables
-                and latitude in ds.variables
-                and ds[longitude].ndim in (1, 2, 3)
-            ):
-                return longitude, latitude, kind
-    for longitude in _by_standard_name(ds, "longitude"):
-        for latitude in _by_standard_name(ds, "latitude"):
-            return longitude, latitude, cf
+    by_kind = [
+        (longitude, latitude, kind)
+        for kind in COORDINATES
+        for longitude, latitude in zip(kind.longitude, kind.latitude, strict=False)
+    ]
+    by_standard_name = [
+        (longitude, latitude, COORDINATES[-1])
+        for longitude in _by_standard_name(ds, "longitude")
+        for latitude in _by_standard_name(ds, "latitude")
+    ]
+    usual = {longitude for longitude, _, kind in by_kind if kind is not COORDINATES[-1]}
+    own = [
+        found
+        for found in by_standard_name
+        if found[0] not in usual
+        and {dim for name in found[:2] for dim in ds[name].dims} <= set(dims)
+    ]
+    for found in (*own, *by_kind):
+        if set(found[:2]) <= set(ds.variables) and ds[found[0]].ndim in (1, 2, 3):
+            return found
+    if by_standard_name:
+        return by_standard_name[0]
     there = [name for name in ("longitude", "latitude") if not _by_standard_name(ds, name)]
     raise ForecastError(
         f"{where}: no {there[0] if there else 'longitude'} found; expected standard names longitude and latitude, or one of "
-        f"{', '.join('/'.join(pair) for kind in COORDINATES for pair in zip(kind.longitude, kind.latitude, strict=False))}; "
+        f"{', '.join('/'.join(found[:2]) for found in by_kind)}; "
         "give the file of the grid with --ensemble too"
     )
 

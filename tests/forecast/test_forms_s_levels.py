@@ -219,8 +219,10 @@ def test_a_patch_of_deep_water_alone_is_of_the_first_level_asked_for(tmp_path):
         save(deep_sea(slice(0, 3), k), tmp_path / f"mem{k}.nc")
     with open_extent(tmp_path, ForecastConfig(levels=(3900.0, 4000.0)), None) as found:
         assert_array_equal(found.patch(found.box).grid.levels, [3900.0])
-        south, north, cell = found.latitude.min(), found.latitude.max(), max(found.step)
-        assert found.box[1::2] == pytest.approx((south - cell, north + cell), abs=0.01 * cell)
+        latitude, cell = found.layout.points[1], max(found.step)
+        assert found.box[1::2] == pytest.approx(
+            (latitude.min() - cell, latitude.max() + cell), abs=0.01 * cell
+        )
     with (
         open_extent(tmp_path, ForecastConfig(), None) as found,
         pytest.raises(ForecastError, match="no level is near 0 m"),

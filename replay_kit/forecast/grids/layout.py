@@ -79,7 +79,7 @@ class Layout:
         """Longitude and latitude of all centres used [degrees], shape (J, I)."""
         x, y = self.places
         if x.ndim == 1:
-            x, y = np.meshgrid(x, y)
+            x, y = np.meshgrid(x, y, copy=False)
         return x, y
 
     def taken(self, of: str) -> tuple[Index, Index]:
