@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.forecast.grids.depths import reach
+from replay_kit.forecast.grids.horizontal import columns_round
 from replay_kit.forecast.variables import never_changing
 
 
@@ -48,3 +49,18 @@ def test_levels_reach_half_their_spacing_down_and_to_a_surface_that_is_near(
     # levels that move with the surface do for where they lie at rest
     moved = reach(np.array(levels) - 1.5, 1.5)
     assert_allclose(moved, [least - 3.0, greatest], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("longitude", "count"),
+    [
+        (np.arange(0.0, 360.0, 5.0), 72),
+        (np.arange(0.0, 366.0, 5.0) % 360.0, 72),
+        (np.arange(180.0, -180.0, -5.0), 72),
+        (np.arange(0.0, 354.0, 5.0), None),
+        (np.array([10.0, 10.1, 10.2]), None),
+        (np.tile(np.arange(0.0, 361.0, 5.0), (3, 1)), 72),
+    ],
+)
+def test_how_many_columns_go_round(longitude, count):
+    assert columns_round(longitude) == count

@@ -12,8 +12,6 @@ _LEVELS = (0.494, 47.37, 92.33, 155.85, 318.13, 541.1)
 #: Spacing [degrees], type of values, days, further levels, names of the coordinates.
 FORMS = {
     "glo12": (1 / 12, "f4", 10, (643.6, 1245.0), ("latitude", "longitude")),
-    "xihe": (1 / 12, "f4", 10, (643.6,), ("latitude", "longitude")),
-    "wenhai": (1 / 12, "f4", 10, (643.6,), ("latitude", "longitude")),
     "langya": (1 / 12, "f4", 7, (), ("latitude", "longitude")),
     "glonet": (1 / 4, "f8", 10, (643.6, 1245.0), ("lat", "lon")),
     "hclimrep": (1 / 4, "f4", 10, (), ("latitude", "longitude")),
@@ -60,31 +58,31 @@ def products(tmp_path_factory):
             product.to_zarr(paths[-1], consolidated=True, zarr_format=2)
         else:
             product.to_netcdf(paths[-1], engine="h5netcdf")
-    earlier = made("xihe", 0.7)
+    earlier = made("langya", 0.7)
     earlier["time"] = earlier["time"] - np.timedelta64(3, "D")
-    earlier.to_netcdf(folder / "xihe_20231231.nc", engine="h5netcdf")
-    return [*paths, folder / "xihe_20231231.nc"]
+    earlier.to_netcdf(folder / "langya_20231231.nc", engine="h5netcdf")
+    return [*paths, folder / "langya_20231231.nc"]
 
 
 def test_products_and_an_earlier_start_of_one_are_members_on_the_grid_of_the_first(products):
     read = read_with(products, members="models", time="2024-01-05")
     assert read.made_from == "models"
-    assert [name.split("_")[0] for name in read.members] == [*FORMS, "xihe"]
+    assert [name.split("_")[0] for name in read.members] == [*FORMS, "langya"]
     # HClimRep and LangYa end above the last level of the first
     assert read.grid.wet.any(axis=(1, 2)).tolist() == [True] * 7 + [False]
-    assert noted(read, "over its times was replaced by that of all 7 models")
+    assert noted(read, "over its times was replaced by that of all 5 models")
     j, i = 7, 5
     latitude, longitude = read.grid.latitude[j, i], read.grid.longitude[j, i]
     depth = float(read.grid.levels[1])
-    amplitudes = [*(0.5 + 0.3 * k for k in range(6)), 0.7]
-    days = [range(FORMS[name][2]) for name in [*FORMS, "xihe"]]
+    amplitudes = [*(0.5 + 0.3 * k for k in range(len(FORMS))), 0.7]
+    days = [range(FORMS[name][2]) for name in [*FORMS, "langya"]]
     means = np.array(
         [
             np.mean([current(a, day, depth, latitude, longitude) for day in of], axis=0)
             for a, of in zip(amplitudes, days, strict=True)
         ]
     )
-    now = [2] * 6 + [5]
+    now = [2] * len(FORMS) + [5]
     expected = np.array(
         [
             current(a, day, depth, latitude, longitude)
