@@ -22,7 +22,7 @@ from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import MemberRule, parse_rule
 from replay_kit.forecast.members.selection import Selection, select
 from replay_kit.forecast.names import NoCurrentError
-from replay_kit.forecast.reader import read_members, read_selection, ways
+from replay_kit.forecast.reader import read_members, read_selections, ways
 from replay_kit.forecast.series import dates_of
 
 
@@ -78,18 +78,18 @@ def _described(
 ) -> Description:
     if found.rule is None:
         one = select(replace(found, rule=MemberRule("dim")), config, near_ns)
-        reading = read_selection(one, config, None, found.source, found.notes)
+        reading = read_selections([one], config, None, found.source, found.notes)
         use = f"one field, which --truth takes; no ensemble{ways(found)}"
     else:
         reading = read_members(found, config, near_ns, None)
-        use = f"an ensemble of {reading.ensemble.n_members} members"
+        use = f"an ensemble of {reading.series[0].n_members} members"
     current = reading.field.current
     assert current is not None
     return Description(
         _named(files),
         found.grids,
         _rule(found),
-        reading.ensemble,
+        reading.series[0],
         (str(current.u), str(current.v)),
         reading.layout.name,
         reading.check,
@@ -191,13 +191,13 @@ class Extent:
         some = replace(self.selection, fields=tuple(fields), change=None)
         settings = self.config.model_copy(update={"region": region, "levels": (0.0,)})
         try:
-            return read_selection(some, settings, None, self.source, ()).ensemble
+            return read_selections([some], settings, None, self.source, ()).series[0]
         except ForecastError:
             # terrain-following levels of deep water alone have none near 0 m
             if self.config.levels is None:
                 raise
             deeper = settings.model_copy(update={"levels": (min(self.config.levels),)})
-            return read_selection(some, deeper, None, self.source, ()).ensemble
+            return read_selections([some], deeper, None, self.source, ()).series[0]
 
 
 @contextmanager

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import IN_MEMORY, Array, Values, large_array, release
@@ -21,9 +20,7 @@ from replay_kit.forecast.grids.horizontal import (
     turn_to_local,
     turned,
 )
-from replay_kit.forecast.grids.layout import Layout, U, lay_out
-from replay_kit.forecast.members.selection import Change
-from replay_kit.forecast.variables import precision
+from replay_kit.forecast.grids.layout import Layout, lay_out
 from replay_kit.forecast.window import Window, read_window, window_size
 
 # Members read at once [bytes].
@@ -49,10 +46,9 @@ def together(
     fields: Sequence[Field],
     layout: Layout,
     window: Window,
-    turn: NDArray[np.complex128],
     projection: Projection,
     config: ForecastConfig,
-    change: Change | None,
+    dtype: np.dtype[np.floating],
 ) -> tuple[Values, list[str]]:
     """Return the members of fields in the local frame on the grid of the first, and notes on changes.
 
@@ -60,14 +56,12 @@ def together(
         fields: Fields in order.
         layout: Used part of the first file.
         window: Window of the first file; a single field is turned in place.
-        turn: Rotation from the first file's axes to the local ones, shape (J, I).
         projection: Local frame.
         config: Levels and axes.
-        change: Function from fields to members.
+        dtype: Precision of the members.
     """
     own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
-    # what is made of members is computed in double precision, however many they are
-    dtype = precision(fields[0].ds[U], 0 if change else count * own[0, 0].size)
+    turn = turn_to_local(projection, window.longitude, window.latitude, window.axes)
     alone = len(own) == count and own.dtype == dtype
     velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
     turned(own, turn, velocity[: len(own)])
@@ -93,9 +87,6 @@ def together(
         release(velocity)
         notes += [note for note in other.notes if last is not layout or note not in window.notes]
     notes += moved_notes(moved, window.levels[far])
-    if change is not None:
-        velocity, changed = change(velocity)
-        notes += changed
     return velocity, notes
 
 

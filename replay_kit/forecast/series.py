@@ -16,7 +16,13 @@ from replay_kit.forecast.grids.layout import U
 from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import MADE, kind_of, parse_rule, without_copies
 from replay_kit.forecast.members.times import date_text, steps_of
-from replay_kit.forecast.reader import read_ensemble, read_members, truth_in
+from replay_kit.forecast.reader import (
+    read_ensemble,
+    read_members,
+    read_selections,
+    select_each,
+    truth_in,
+)
 
 _DAY_NS = 86_400 * 10**9
 
@@ -44,34 +50,25 @@ def read_series(
     with open_collection(path, parse_rule(config.members)) as found:
         dates = dates_of(found, config)
         if dates.size < 2:
-            return without_copies((read_members(found, config, near_ns, place_at).ensemble,))
-        series, reading = list[Ensemble](), None
-        for date in dates:
-            reading = read_members(found, _at(config, date), None, place_at, dates.size, reading)
-            series.append(reading.ensemble)
-        where = found.source
-    series = list(without_copies(series))
-    times = [int(part.time_ns or 0) for part in series]
-    for member in series[1:]:
-        if not np.array_equal(member.grid.wet, series[0].grid.wet):
-            raise ForecastError(
-                f"{where}: land is not the same at all times of the forecast; choose one with --lead or forecast.time, or mend its mask"
-            )
-    notes = tuple(
-        note for note in series[0].notes if not note.startswith(("lead ", "the forecast is of "))
-    )
-    span = f"{date_text(times[0])} to {date_text(times[-1])}"
-    notes = (
-        f"the forecast at {len(series)} times, {span}, linear between them",
-        *notes,
-    )
-    outside = 0 if near_ns is None else max(times[0] - near_ns, near_ns - times[-1])
+            return without_copies(read_members(found, config, near_ns, place_at).series)
+        series = without_copies(read_members(found, config, None, place_at, dates).series)
+    first, last = int(dates[0]), int(dates[-1])
+    notes = [
+        f"the forecast at {len(series)} times, {date_text(first)} to {date_text(last)}, linear between them",
+        *(
+            note
+            for note in series[0].notes
+            if not note.startswith(("lead ", "the forecast is of "))
+        ),
+    ]
+    outside = 0 if near_ns is None else max(first - near_ns, near_ns - last)
     if outside > _DAY_NS:
-        notes = (
-            f"the log begins {outside / _DAY_NS:.1f} days outside the forecast's times: the nearest of them holds there",
-            *notes,
+        days = f"{outside / _DAY_NS:.1f} days"
+        notes.insert(
+            0,
+            f"the log begins {days} outside the forecast's times: the nearest of them holds there",
         )
-    return tuple(replace(part, notes=notes if k == 0 else ()) for k, part in enumerate(series))
+    return replace(series[0], notes=tuple(notes)), *(replace(part, notes=()) for part in series[1:])
 
 
 def dates_of(found: Collection, config: ForecastConfig) -> Times:
@@ -107,11 +104,6 @@ def _dates(field: Field, config: ForecastConfig) -> Times:
     return dates
 
 
-def _at(config: ForecastConfig, time_ns: int) -> ForecastConfig:
-    """Return the settings of a forecast at one time [ns, UTC]."""
-    return config.model_copy(update={"time": str(np.datetime64(int(time_ns), "ns"))})
-
-
 def read_changing_truth(
     spec: str, config: ForecastConfig, reference_time: str
 ) -> tuple[Ensemble, ...]:
@@ -145,4 +137,6 @@ def read_changing_truth(
             raise ForecastError(
                 f"{name}: its leads have no unit of time; give the lead's attribute units, such as days"
             )
-        return tuple(truth_in(found, spec, _at(config, time)) for time in steps.valid)
+        one = truth_in(found, spec)
+        selections = select_each(one, config, None, steps.valid)
+        return read_selections(selections, config, None, spec, found.notes).series

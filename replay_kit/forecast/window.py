@@ -1,8 +1,10 @@
 """Window of one file: both components at cell centres and fixed depths; nothing else is read."""
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -127,27 +129,29 @@ def window_size(field: Field, layout: Layout) -> int:
     return 16 * layout.rows.size * layout.columns.size * others
 
 
-def check_claim(field: Field, layout: Layout, times: int) -> None:
+def check_claims(fields: Sequence[Field], layout: Layout) -> None:
     """Raise ForecastError for velocities that are not numeric, or implausibly many for their file.
 
     Args:
-        field: Members of the file at one time.
-        layout: Used part of the file.
-        times: Number of times to be read.
+        fields: Fields to be read, each at one time.
+        layout: Used part of the first file.
     """
-    whole = field.load()[0]
-    for name in (U, V):
-        part = field.ds[name]
-        shown = part.attrs.get("replay_kit_name", name)
-        if part.dtype.kind not in "fiu":
-            raise ForecastError(
-                f"{field.where}: expected numbers, {shown} holds values of the type {part.dtype}; give a forecast of currents"
-            )
-        read = min(times, whole[name].size // part.size) * window_size(field, layout) // 2
-        if why := exceeds_claim(field.paths[0], max(read, chunk_bytes(part))):
-            raise ForecastError(
-                f"{field.where}: {shown} cannot be read: {why}; choose less with --region and --levels, or mend the file"
-            )
+    claims = Counter[Path]()
+    for field in fields:
+        claims[field.paths[0]] += window_size(field, layout) // 2
+    for field in {field.paths[0]: field for field in fields}.values():
+        for name in (U, V):
+            part = field.ds[name]
+            shown = part.attrs.get("replay_kit_name", name)
+            if part.dtype.kind not in "fiu":
+                raise ForecastError(
+                    f"{field.where}: expected numbers, {shown} holds values of the type {part.dtype}; give a forecast of currents"
+                )
+            size = max(claims[field.paths[0]], chunk_bytes(part))
+            if why := exceeds_claim(field.paths[0], size):
+                raise ForecastError(
+                    f"{field.where}: {shown} cannot be read: {why}; choose less with --region and --levels, or mend the file"
+                )
 
 
 def _at_centres(

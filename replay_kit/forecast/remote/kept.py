@@ -44,19 +44,14 @@ class Kept:
 
     def find(self, addresses: Sequence[Address], request: str) -> tuple[Copy, ...] | None:
         """Return the newest files of addresses that answered a request; None if one is missing or damaged."""
-        found = [
-            next(
-                (
-                    copy
-                    for copy in self.copies(address)
-                    if copy[1].get("request") == request
-                    and copy[0].stem.endswith(_hash(copy[0])[:_DIGITS])
-                ),
-                None,
-            )
-            for address in addresses
-        ]
-        return None if None in found else tuple(copy for copy in found if copy is not None)
+        found = []
+        for address in addresses:
+            held = [copy for copy in self.copies(address) if copy[1].get("request") == request]
+            sound = [copy for copy in held if copy[0].stem.endswith(_hash(copy[0])[:_DIGITS])]
+            if not sound:
+                return None
+            found.append(sound[0])
+        return tuple(found)
 
     def copies(self, address: Address) -> list[Copy]:
         """Return the files of an address with their records, newest first."""

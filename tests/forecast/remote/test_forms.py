@@ -95,14 +95,6 @@ def test_zarr_over_https_is_cut_to_box_depths_and_times(asker, zarr_format, enco
     assert record["fetched"].endswith("Z")
 
 
-def test_zip_archives_and_references_are_refused(asker):
-    held = {"e.zarr.zip": b"PK\x03\x04" + bytes(40), "refs.json": b'{"version": 1, "refs": {}}'}
-    with serving(Files(held)) as files:
-        for name in held:
-            with pytest.raises(Exception, match="got a zip archive or references to files"):
-                asker(f"{files.url}/{name}")
-
-
 def test_a_box_across_the_seam_of_a_global_grid(asker):
     ds = sea(times=1, shape=(20, 360), step=1.0).isel(time=0)
     ds = ds.assign_coords(lon=("lon", np.arange(-180.0, 180.0), ds.lon.attrs))
