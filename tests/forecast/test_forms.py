@@ -191,12 +191,12 @@ def topaz(projected):
         },
     ).assign(stereographic=((), 0, about))
     if not projected:
-        x, y = plane(at)
+        # unknown on land
+        x, y = (np.where(water(ROWS, COLUMNS)[0], axis, np.nan) for axis in plane(at))
         ds = ds.assign_coords(longitude=(("y", "x"), x), latitude=(("y", "x"), y))
     return {"e.nc": ds}
 
 
-EAST, NORTH = np.s_[1:], np.s_[:, 1:]
 #: Files, what a member is, arrangement, offset of the points, those that are read, error away from land and edges, and a note.
 MODELS = [
     (nemo(True), "dim:time_counter", "NEMO", 0.0, np.s_[1:, 1:], ANGLE_ERROR, ""),
@@ -209,7 +209,7 @@ MODELS = [
     (mom5(), "dim:time", "MOM5", 0.5, np.s_[:, :], ANGLE_ERROR, ""),
     (pop(), "dim:time", "POP", 0.5, np.s_[:, :], ANGLE_ERROR, "levels of k assumed midway between"),
     (topaz(True), "dim:time", "CF", None, np.s_[:, :], EDGE_ERROR, ""),
-    (topaz(False), "dim:time", "CF", None, np.s_[:, :], EDGE_ERROR, ""),
+    (topaz(False), "dim:time", "CF", None, np.s_[:, :], EDGE_ERROR, "12 points without coordin"),
 ]
 
 

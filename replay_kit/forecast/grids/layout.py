@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pyproj
@@ -205,10 +206,8 @@ def _horizontal(ds: xr.Dataset, component: str, name: str | None, where: str) ->
     """Return the two horizontal dimensions of a component: neither members, times nor levels."""
     dims = ds[component].dims
     others = {find(ds, dims) for find in (find_member, find_time, find_lead, find_depth)}
-    left = tuple(str(dim) for dim in dims if dim not in others)
-    if len(left) > 2:
-        # members under a name of their own, chosen by dim:NAME, come before the grid
-        left = left[-2:]
+    # members under a name of their own, chosen by dim:NAME, come before the grid
+    left = [str(dim) for dim in dims if dim not in others][-2:]
     if len(left) != 2:
         raise ForecastError(
             f"{where}: {name} has dimensions {', '.join(map(str, dims))}; expected two horizontal ones among them"
@@ -238,25 +237,17 @@ def _first_faces(
     found = []
     for face, middle in ((vy, centre[0]), (ux, centre[1])):
         more = ds.sizes[face] - ds.sizes[middle]
-        along = [
-            ds[dim].values.astype(np.float64)
-            if dim in ds.coords and ds[dim].dtype.kind in "fiu"
-            else None
-            for dim in (face, middle)
-        ]
-        if more == 1:
-            found.append(0)
-        elif (
-            face != middle
-            and along[0] is not None
-            and along[1] is not None
-            and along[0].size
-            and more == 0
-        ):
-            found.append(0 if along[0][0] < along[1][0] else -1)
-        else:
-            found.append(-1 if kind.face == 1 or more < 0 else 0)
+        known = more == 0 and face != middle
+        first, other = (_first(ds, dim) if known else np.nan for dim in (face, middle))
+        before = more < 0 or kind.face == 1 or first >= other
+        found.append(-1 if more < 1 and before and not first < other else 0)
     return found[0], found[1]
+
+
+def _first(ds: xr.Dataset, dim: str) -> float:
+    """Return the first value of a dimension's coordinate; NaN without one."""
+    has = dim in ds.coords and ds.sizes[dim] and ds[dim].dtype.kind in "fiu"
+    return float(ds[dim].values[0]) if has else np.nan
 
 
 def _before(values: Array) -> Array:
@@ -274,35 +265,29 @@ def _filled(x: Array, y: Array) -> tuple[Array, Array, int]:
         return x, y, 0
     middle = float(np.median(x[~missing]))
     x = (x - middle + 180.0) % 360.0 - 180.0 + middle
-    return _extended(x, missing), _extended(y, missing), count
+    filled = []
+    for values in (x, y):
+        axis = xr.DataArray(values, dims=("y", "x")).where(~missing)
+        for dim in ("x", "y"):
+            known = axis.where(axis.notnull().sum(dim) > 1)
+            axis = axis.fillna(known.interpolate_na(dim, fill_value="extrapolate"))
+        filled.append(axis.values)
+    return filled[0], filled[1], count
 
 
-def _extended(values: Array, missing: Array) -> Array:
-    values = np.where(missing, np.nan, values)
-    for turned in (values, values.T):
-        for row in turned:
-            known = np.flatnonzero(np.isfinite(row))
-            if 2 <= known.size < row.size:
-                i = np.arange(row.size)
-                inside = np.interp(i, known, row[known])
-                before, after = (
-                    (row[known[k + 1]] - row[known[k]]) / (known[k + 1] - known[k]) for k in (0, -2)
-                )
-                inside += (
-                    np.minimum(i - known[0], 0) * before + np.maximum(i - known[-1], 0) * after
-                )
-                row[:] = np.where(np.isfinite(row), row, inside)
-    return values
+def _mapping(ds: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes of a map projection; empty without one."""
+    each = (variable.attrs for variable in ds.variables.values())
+    return next((about for about in each if "grid_mapping_name" in about), {})
 
 
 def _projected(ds: xr.Dataset, dims: tuple[str, str]) -> xr.Dataset:
     """Return a dataset with longitude and latitude computed from its map projection, if it states one."""
-    name = next((name for name in ds.variables if "grid_mapping_name" in ds[name].attrs), None)
     y, x = dims
-    if name is None or x not in ds.coords or y not in ds.coords:
+    if not (about := _mapping(ds)) or x not in ds.coords or y not in ds.coords:
         return ds
     scale = [1e3 if ds[dim].attrs.get("units") == "km" else 1.0 for dim in (x, y)]
-    crs = pyproj.CRS.from_cf(dict(ds[name].attrs))
+    crs = pyproj.CRS.from_cf(about)
     east, north = np.meshgrid(ds[x].values * scale[0], ds[y].values * scale[1])
     longitude, latitude = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(
         east, north
@@ -324,14 +309,7 @@ def _axes(ds: xr.Dataset, current: Current, staggered: bool) -> tuple[Axes, str]
     angle = next((name for name in ANGLES if name in ds.variables), None)
     if angle is not None:
         return "grid", f"the file holds the grid's angle ({angle})"
-    mapping = next(
-        (
-            ds[name].attrs["grid_mapping_name"]
-            for name in ds.variables
-            if "grid_mapping_name" in ds[name].attrs
-        ),
-        None,
-    )
+    mapping = _mapping(ds).get("grid_mapping_name")
     if mapping not in (None, "latitude_longitude"):
         return "grid", f"the map projection {mapping}"
     return "true", "no sign of other axes"
