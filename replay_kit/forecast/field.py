@@ -160,20 +160,29 @@ def _seen(path: Path, forms: Mapping[Any, xr.Dataset]) -> tuple[Any, dict[str, x
     try:
         with h5py.File(path, "r") as file:
             # of the library's own layer, as its objects take longer to make than to be asked
-            about = [
-                str(file.attrs[name]) if h5py.h5a.exists(file.id, name.encode()) else ""
-                for name in PRODUCT
-            ]
-            items = [(name, h5py.h5o.open(file.id, name)) for name in file.id]
+            about = [_text(file.id, name.encode()) for name in PRODUCT]
+            items = {name: h5py.h5o.open(file.id, name) for name in file.id}
             sizes = [
-                (name, item.shape, item.dtype.str) if isinstance(item, h5py.h5d.DatasetID) else name
-                for name, item in items
+                (name, item.shape, item.dtype.str, _text(item, b"standard_name"))
+                if isinstance(item, h5py.h5d.DatasetID)
+                else name
+                for name, item in items.items()
             ]
             form = *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
             time = find_time(forms[form], forms[form].dims) if form in forms else None
             return form, {} if time is None else {time: _times(file[time], time)}
     except (OSError, RuntimeError, TypeError, ValueError, LookupError):
         return None, {}
+
+
+def _text(item: Any, name: bytes) -> str:
+    """Return an attribute of an object of HDF5 as text; empty if it is absent."""
+    if not h5py.h5a.exists(item, name):
+        return ""
+    attribute = h5py.h5a.open(item, name)
+    value = np.empty((), attribute.dtype)
+    attribute.read(value)
+    return str(value)
 
 
 def _times(item: h5py.Dataset, name: str) -> xr.Variable:

@@ -1,6 +1,6 @@
 """Members of an ensemble from its files: files of u and v, files of the grid, and their grouping."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -137,23 +137,9 @@ def _identified(
         form = id(file.like)
         if form not in currents:
             currents[form] = find_current(file.like, file.where)
-        one = replace(file, current=currents[form], load=_checked(file, currents[form]))
+        one = replace(file, current=currents[form])
         found += _runs(one) if kind_of(rule) == "lags" else [one]
     return found, rule
-
-
-def _checked(file: Field, current: Current | None) -> Callable[[], tuple[xr.Dataset, Notes]]:
-    """Return the loader of a file, which rejects components other than those of its form."""
-
-    def load() -> tuple[xr.Dataset, Notes]:
-        ds, notes = file.load()
-        if ds is not file.like and find_current(ds, file.where) != current:
-            raise ForecastError(
-                f"{file.where}: its variables have the names and sizes of those in other files, but other standard names; give it alone"
-            )
-        return ds, notes
-
-    return load
 
 
 def _runs(file: Field) -> list[Field]:
