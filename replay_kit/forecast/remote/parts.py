@@ -19,7 +19,7 @@ from replay_kit.forecast.grids.horizontal import Index
 from replay_kit.forecast.grids.layout import CENTRE, Layout, U, V, lay_out
 from replay_kit.forecast.grids.s_levels import follows_terrain
 from replay_kit.forecast.members.rules import MADE
-from replay_kit.forecast.members.times import steps_of, valid_times
+from replay_kit.forecast.members.times import nearest, steps_of, valid_times
 from replay_kit.forecast.names import find_depth, find_lead, find_time
 from replay_kit.forecast.remote.servers import open_address
 
@@ -88,8 +88,8 @@ def parts_of(
 def _of_depths(depth: np.ndarray, deepest: float | None, levels: tuple[float, ...] | None) -> slice:
     """Return the range of required levels by depth, with one more on each side of those requested."""
     if levels is not None:
-        nearest = [int(np.argmin(np.abs(depth - level))) for level in levels]
-        return slice(max(0, min(nearest) - 1), max(nearest) + 2)
+        at = [nearest(depth, level) for level in levels]
+        return slice(max(0, min(at) - 1), max(at) + 2)
     if deepest is None:
         return slice(None)
     return slice(0, max(int(np.searchsorted(depth, deepest)) + 1, 2))
@@ -137,19 +137,18 @@ def _of_times(
     dated = kind == "lags" if runs is not None else time is not None
     chosen = (parse_time(config.time),) * 2 if config.time and dated else None
     if lead is not None and config.lead is not None:
-        nearest = int(np.argmin(np.abs(ds[lead].values.astype(float) - config.lead)))
+        at = nearest(ds[lead].values.astype(float), config.lead)
         if kind != "lags" or runs is None:
-            return {lead: np.array([nearest])}
+            return {lead: np.array([at])}
         # that of the newest run
-        chosen = (int(runs[0][:, nearest].max()),) * 2
+        chosen = (int(runs[0][:, at].max()),) * 2
     first, last = chosen or (wanted.first_ns, wanted.last_ns)
     if first is None or last is None:
         return {}
     if runs is not None:
         return _needed(*runs, first, last)
-    times = steps_of(field, config).valid
-    if time is not None:
-        times = ds[time].values.astype("M8[ns]").astype(np.int64)
+    steps = steps_of(field, config)
+    times, dim = steps.valid, str(steps.dim)
     if not times.size:
         return {}
     if not chosen and (last < times.min() - _DAY_NS or first > times.max() + _DAY_NS):
@@ -158,10 +157,7 @@ def _of_times(
             f"{time_text(first)} to {time_text(last)}; nothing of its currents was received: give one of that time, or choose one of "
             "these with forecast.time"
         )
-    dim = str(time or lead)
-    found = _needed(times[None], ("", dim), first, last).get(dim, np.zeros(0, np.int64))
-    if not found.size:
-        found = np.argmin(np.abs(times - first), keepdims=True)
+    found = _needed(times[None], ("", dim), first, last).get(dim, np.array([nearest(times, first)]))
     # what changes in time is read as such only where there are two
     if found.size == 1 < times.size and not chosen:
         found = np.arange(2) + min(found[0], times.size - 2)
