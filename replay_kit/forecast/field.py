@@ -52,6 +52,12 @@ class Field:
     labels: tuple[str, ...] = ()
     extra: bool = False
 
+    @property
+    def holds(self) -> tuple[bool, bool]:
+        """Whether it has the first and the second component."""
+        found = self.current
+        return found is not None and found.u is not None, found is not None and found.v is not None
+
     @cached_property
     def ds(self) -> xr.Dataset:
         """Dataset at the chosen positions."""
@@ -164,11 +170,10 @@ def _seen(path: Path, forms: Mapping[Any, xr.Dataset]) -> tuple[Any, dict[str, x
             items = {name: h5py.h5o.open(file.id, name) for name in file.id}
             sizes = [
                 (name, item.shape, item.dtype.str, _text(item, b"standard_name"))
-                if isinstance(item, h5py.h5d.DatasetID)
-                else name
                 for name, item in items.items()
+                if isinstance(item, h5py.h5d.DatasetID)
             ]
-            form = *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
+            form = *items, *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
             time = find_time(forms[form], forms[form].dims) if form in forms else None
             return form, {} if time is None else {time: _times(file[time], time)}
     except (OSError, RuntimeError, TypeError, ValueError, LookupError):
@@ -182,16 +187,12 @@ def _text(item: Any, name: bytes) -> str:
     attribute = h5py.h5a.open(item, name)
     value = np.empty((), attribute.dtype)
     attribute.read(value)
-    return str(value)
+    return str(plain_attribute(value))
 
 
 def _times(item: h5py.Dataset, name: str) -> xr.Variable:
     """Return the times of a file, as dates if possible."""
-    about = {
-        key: plain_attribute(item.attrs[key])
-        for key in ("units", "calendar")
-        if h5py.h5a.exists(item.id, key.encode())
-    }
+    about = {key: _text(item.id, key.encode()) for key in ("units", "calendar")}
     variable = xr.Variable((name,), item[...], about)
     found = dated(variable)
     return variable if found is None else found

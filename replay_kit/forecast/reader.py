@@ -215,6 +215,10 @@ def read_selections(
     velocity, more = together(fields, layout, window, projection, config, dtype)
     # the members are in memory once
     window = replace(window, velocity=velocity[:0])
+    placed = []
+    if place_at is not None:
+        centre = f"its centre is at {place_text(*place_at)}"
+        placed = [f"the ensemble was moved: not a forecast for this region; {centre}"]
     series, filled = list[Ensemble](), 0
     for one, each, count in zip(selections, by_time, counts, strict=True):
         members = velocity[filled : filled + count]
@@ -238,7 +242,7 @@ def read_selections(
         notes = (
             *one.notes,
             *more,
-            *_placed(place_at),
+            *placed,
             *window.notes,
             *holes,
             *unusual_members(members, labels, source),
@@ -251,11 +255,3 @@ def read_selections(
             Ensemble(grid, members, one.time_ns, source, tuple(dict.fromkeys(notes)), labels, error)
         )
     return Reading(tuple(series), layout, check, fields[0])
-
-
-def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
-    if place_at is None:
-        return ()
-    return (
-        f"the ensemble was moved: not a forecast for this region; its centre is at {place_text(*place_at)}",
-    )

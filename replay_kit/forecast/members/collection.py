@@ -199,23 +199,13 @@ def _labelled(holders: list[Field], rule: MemberRule | None) -> list[Field]:
     kind = kind_of(rule)
     if rule is not None and kind == "files":
         labels = label_files([file.paths[0] for file in holders], rule.name)
-        whole = any(
-            file.current is not None and file.current.u and file.current.v for file in holders
+        us, vs = (
+            sorted((file.paths[0] for file in holders if file.holds == one), key=natural)
+            for one in ((True, False), (False, True))
         )
-        if len(set(labels.values())) == len(holders) and not whole:
+        if len(set(labels.values())) == len(us) + len(vs) == len(holders):
             # a file of u and one of v to each member, whose names say no member: paired in their order
-            us, vs = (
-                sorted(
-                    (
-                        file.paths[0]
-                        for file in holders
-                        if file.current and bool(file.current.u) is first
-                    ),
-                    key=natural,
-                )
-                for first in (True, False)
-            )
-            labels |= {v: u.name for u, v in zip(us, vs, strict=False)} | {u: u.name for u in us}
+            labels |= dict(zip([*us, *vs], [u.name for u in us] * 2, strict=False))
         return sorted(
             (replace(file, label=labels[file.paths[0]]) for file in holders),
             key=lambda file: natural(Path(file.label)),
@@ -252,19 +242,14 @@ def _members(fields: tuple[Field, ...], rule: MemberRule | None) -> list[tuple[F
                 f"{field.where}: no member dimension{' ' + rule.name if rule.name else ''}; expected one of "
                 f"{', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(ds[u])}"
             )
-        if (of_v := f"{member}_of_v") in ds[v].dims:
-            sizes = f"{ds.sizes[member]} of {current.u} and {ds.sizes[of_v]} of {current.v} along {member}"
-            raise ForecastError(
-                f"{field.paths[-1]}: its members are not those of {field.where}: {sizes}; give files with the same members"
-            )
         if member not in ds[v].dims:
             raise ForecastError(
-                f"{field.paths[-1]}: {current.v} has no dimension {member}, which {current.u} has; mend the file"
+                f"{field.paths[-1]}: its members are not those of {field.where}: {current.u} has {sizes_text(ds[u])}, {current.v} has "
+                f"{sizes_text(ds[v])}; give the same members"
             )
         found.append(replace(field, member=str(member), label=field.names))
     over_time = {tuple(field.times) for field in fields}
-    if rule.name and find_time(fields[0].like, (rule.name,)) == rule.name:
-        return [(field,) for field in found]
-    if len(fields) > 1 and len(over_time) == len(fields):
+    of_times = rule.name and find_time(fields[0].like, (rule.name,)) == rule.name
+    if not of_times and 1 < len(fields) == len(over_time):
         return [tuple(replace(field, label=found[0].label) for field in found)]
     return [(field,) for field in found]

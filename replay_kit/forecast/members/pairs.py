@@ -66,12 +66,8 @@ def _without_repeats(ds: xr.Dataset, where: str) -> tuple[xr.Dataset, tuple[str,
 def pair_files(files: Sequence[Field], grids: Sequence[Field]) -> tuple[Field, ...]:
     """Return the fields of files of both components, or of u and v, in order of time, joined with the grid when opened."""
     us, vs, both = (
-        [
-            file
-            for file in files
-            if file.current and (file.current.u is None, file.current.v is None) == lacks
-        ]
-        for lacks in ((False, True), (True, False), (False, False))
+        [file for file in files if file.holds == which]
+        for which in ((True, False), (False, True), (True, True))
     )
     if len(us) != len(vs):
         (more, *_), name, missing = (us, "u", "v") if len(us) > len(vs) else (vs, "v", "u")

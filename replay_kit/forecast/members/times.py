@@ -41,7 +41,6 @@ class Steps:
         values: What ``--lead`` takes, shape (T,): leads, or undated times since the first; None for dated times.
         unit: Unit of these as text.
         usual: Position without a choice.
-        notes: Assumptions.
     """
 
     at: dict[str, int]
@@ -50,7 +49,6 @@ class Steps:
     values: Array | None = None
     unit: str = ""
     usual: int = 0
-    notes: tuple[str, ...] = ()
 
 
 def steps_of(field: Field, config: ForecastConfig, wanted: int | None = None) -> Steps:
@@ -68,11 +66,9 @@ def steps_of(field: Field, config: ForecastConfig, wanted: int | None = None) ->
             return Steps({}, time, times if single is None else np.array([single]))
         values, unit = _since_first(field.ds, time)
         return Steps({}, time, times, values, unit)
-    at, notes, start = dict[str, int](), tuple[str, ...](), None
+    at, start = dict[str, int](), None
     if time is not None:
         at = {time: 0 if wanted is None or not times.size else nearest(times, wanted)}
-        if not times.size:
-            notes = (f"time has no dates ({undated(field.ds[time])})",)
     if time is not None and times.size:
         start = int(times[at[time]])
     elif config.reference_time:
@@ -84,7 +80,7 @@ def steps_of(field: Field, config: ForecastConfig, wanted: int | None = None) ->
     valid = np.zeros(0, np.int64) if start is None or periods is None else start + periods
     unit = str(lead.attrs.get("units", ""))
     values = np.asarray(lead.values, np.float64)
-    return Steps(at, field.lead, valid, values, unit, values.size - 1, notes)
+    return Steps(at, field.lead, valid, values, unit, values.size - 1)
 
 
 def nearest(values: Times | Array, wanted: float) -> int:
@@ -127,7 +123,7 @@ def choose_time(
         position = nearest(steps.values, config.lead)
     elif steps.valid.size and wanted is not None:
         position = nearest(steps.valid, wanted)
-    notes = list(steps.notes)
+    notes = list[str]()
     if steps.values is not None:
         value = f"{steps.values[position]:g} {steps.unit}".strip()
         taken = "the first" if config.lead is None else f"that of {value} since the first"
@@ -262,7 +258,7 @@ def rule_of(holders: Sequence[Field]) -> tuple[MemberRule | None, tuple[str, ...
 
     Files of one grid with the same times are members. So are forecasts of several starts with a common time.
     """
-    files = [file for file in holders if file.current and file.current.u]
+    files = [file for file in holders if file.holds[0]]
     if len(files) < 2 or len({_form(file) for file in files}) > 1:
         return None, ()
     times = [file.stated_times for file in files]

@@ -204,10 +204,8 @@ def _names(ds: xr.Dataset, parts: Parts, current: tuple[str, ...]) -> tuple[str,
 def cost_text(row: dict[str, Any]) -> str:
     """Return the contents and cost of a cut as text."""
     shape = " x ".join(f"{size} {dim}" for dim, size in row["shape"].items())
-    ratio, chunks = row["download_bytes"] / max(row["bytes"], 1), ""
-    if ratio > 2.0:
-        each = " x ".join(map(str, row["chunks"]))
-        chunks = f"; its chunks ({each}) make that {ratio:.3g} times the values"
+    ratio = row["download_bytes"] / max(row["bytes"], 1)
+    chunks = f"; whole chunks make that {ratio:.3g} times the values" if ratio > 2.0 else ""
     return (
         f"{row['address']} ({row['form']}): {shape}, {row['bytes'] / 1e6:.4g} MB of values, {row['download_bytes'] / 1e6:.4g} MB to "
         f"receive before packing{chunks}"
