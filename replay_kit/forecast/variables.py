@@ -162,11 +162,12 @@ def never_changing(values: Values, constants: Iterable[float]) -> NDArray[np.boo
             same &= np.abs(member - constant) <= 1e-6 * abs(constant)
             if not same.any():
                 break
-        if constant == 0.0:
-            below = np.logical_and.accumulate(same[::-1], axis=0)[::-1]
-            at_rest = same.all(axis=(1, 2), keepdims=True)
-            same = np.where(at_rest, same.all(axis=0), below)
-        found |= same
+        else:
+            if constant == 0.0:
+                below = np.logical_and.accumulate(same[::-1], axis=0)[::-1]
+                at_rest = same.all(axis=(1, 2), keepdims=True)
+                same = np.where(at_rest, same.all(axis=0), below)
+            found |= same
     return found
 
 

@@ -80,7 +80,7 @@ def steps_of(field: Field, config: ForecastConfig, wanted: int | None = None) ->
     valid = np.zeros(0, np.int64) if start is None or periods is None else start + periods
     unit = str(lead.attrs.get("units", ""))
     values = np.asarray(lead.values, np.float64)
-    return Steps(at, field.lead, valid, values, unit, values.size - 1)
+    return Steps(at, field.lead, valid, values, unit, -1)
 
 
 def nearest(values: Times | Array, wanted: float) -> int:
