@@ -205,41 +205,23 @@ def find_current(ds: xr.Dataset, where: str) -> Current | None:
     return next((pair for pair in present if pair.u and pair.v), present[0] if present else None)
 
 
-def suffixes(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
-    """Return the components of members by the suffix of their names, without statistics."""
-    return {
-        ending: pair
-        for ending, pair in _with_suffix(ds).items()
-        if all(name in ds.variables for name in pair)
-    }
-
-
-def without_partner(ds: xr.Dataset) -> list[str]:
-    """Return the names of components with a suffix that the other component lacks, if suffixes distinguish members."""
-    pairs = _with_suffix(ds).values() if len(suffixes(ds)) > 1 else ()
-    return [
-        f"{name} without {other}"
-        for pair in pairs
-        for name, other in (pair, pair[::-1])
-        if other not in ds.variables
-    ]
-
-
-def _with_suffix(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
-    """Return the names of both components by suffix, if the file holds at least one."""
-    found: dict[str, tuple[str, str]] = {}
-    for pair in ((u, v) for u, v, _ in _VELOCITY_SHORT_NAMES):
-        for name in map(str, ds.data_vars):
-            for part in pair:
-                ending = name.removeprefix(f"{part}_")
-                whole = all(f"{one}_{ending}" in ds.variables for one in pair)
-                if (
-                    ending != name
-                    and ending.lower() not in _NO_MEMBERS
-                    and (whole or ending not in found)
-                ):
-                    found[ending] = (f"{pair[0]}_{ending}", f"{pair[1]}_{ending}")
-    return found
+def suffixes(ds: xr.Dataset) -> tuple[dict[str, tuple[str, str]], list[str]]:
+    """Return the components of members by the suffix of their names, without statistics; and those that lack the other component."""
+    found, alone = dict[str, tuple[str, str]](), dict[str, str]()
+    for name in map(str, ds.data_vars):
+        for u, v, _ in _VELOCITY_SHORT_NAMES:
+            ending = name.removeprefix(f"{u}_").removeprefix(f"{v}_")
+            if ending == name or ending.lower() in _NO_MEMBERS:
+                continue
+            pair = f"{u}_{ending}", f"{v}_{ending}"
+            missing = [other for other in pair if other not in ds.variables]
+            if missing:
+                alone[ending] = f"{name} without {missing[0]}"
+            else:
+                found.setdefault(ending, pair)
+    # of a single field a variable of a like name is no member
+    lone = [text for ending, text in alone.items() if ending not in found]
+    return found, lone if len(found) > 1 else []
 
 
 def sizes_text(held: xr.Dataset | xr.DataArray) -> str:

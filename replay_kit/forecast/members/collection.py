@@ -33,7 +33,6 @@ from replay_kit.forecast.names import (
     find_time,
     sizes_text,
     suffixes,
-    without_partner,
 )
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
@@ -100,9 +99,7 @@ def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Ite
             ]
             fields, rule = _identified(looked, rule)
             of_suffix = looked if kind_of(rule) == "suffix" else ()
-            alone = [
-                f"{file.names}: {name}" for file in of_suffix for name in without_partner(file.ds)
-            ]
+            alone = [f"{file.names}: {name}" for file in of_suffix for name in suffixes(file.ds)[1]]
             notes = sources.notes
             if alone:
                 excluded = f"members with only one component were excluded: {some_text(alone)}"
@@ -121,7 +118,7 @@ def _identified(
 ) -> tuple[list[Field], MemberRule | None]:
     """Return the files with the names of their components; one field for each suffix if suffixes are members."""
     found: list[Field] = []
-    if rule is None and all(len(suffixes(file.like)) > 1 for file in files) and files:
+    if rule is None and files and all(len(suffixes(file.like)[0]) > 1 for file in files):
         rule = MemberRule("suffix")
     currents = dict[int, Current | None]()
     for file in files:
@@ -131,7 +128,7 @@ def _identified(
                 replace(
                     file, current=Current(u, v, _axes_of(whole, u), f"suffix {label}"), label=label
                 )
-                for label, (u, v) in suffixes(whole).items()
+                for label, (u, v) in suffixes(whole)[0].items()
             ] or [file]
             continue
         form = id(file.like)
