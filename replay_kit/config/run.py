@@ -188,7 +188,7 @@ class ForecastConfig(Section):
         reference_time: Start of the forecast, ISO 8601 UTC, for a file of leads that states none.
         place: Move the ensemble's centre to the mean fix of the log.
         offline: Use fetched forecasts only.
-        max_download: Largest download of a forecast given by address [MB]. Default: 1000, and no more than 10 times the values needed.
+        max_download: Largest download of a forecast given by address [MB], before packing. Default: 1000.
         cache: Folder of fetched forecasts. Default: .cache/replay-kit in the home folder.
     """
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
@@ -18,12 +17,13 @@ from replay_kit.forecast.files import find_sources
 from replay_kit.forecast.gather import layout_of
 from replay_kit.forecast.grids.axes import AxesCheck
 from replay_kit.forecast.grids.horizontal import region_block
+from replay_kit.forecast.grids.layout import Layout
 from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import MemberRule, parse_rule
 from replay_kit.forecast.members.selection import Selection, select
 from replay_kit.forecast.names import NoCurrentError
-from replay_kit.forecast.reader import read_members, read_selection, ways
-from replay_kit.forecast.series import dated_choices
+from replay_kit.forecast.reader import read_members, read_selections, ways
+from replay_kit.forecast.series import dates_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,18 +78,18 @@ def _described(
 ) -> Description:
     if found.rule is None:
         one = select(replace(found, rule=MemberRule("dim")), config, near_ns)
-        reading = read_selection(one, config, None, found.source, found.notes)
+        reading = read_selections([one], config, None, found.source, found.notes)
         use = f"one field, which --truth takes; no ensemble{ways(found)}"
     else:
         reading = read_members(found, config, near_ns, None)
-        use = f"an ensemble of {reading.ensemble.n_members} members"
+        use = f"an ensemble of {reading.series[0].n_members} members"
     current = reading.field.current
     assert current is not None
     return Description(
         _named(files),
         found.grids,
         _rule(found),
-        reading.ensemble,
+        reading.series[0],
         (str(current.u), str(current.v)),
         reading.layout.name,
         reading.check,
@@ -122,72 +122,56 @@ class Extent:
     """Horizontal grid of a forecast.
 
     Attributes:
-        source: Names of the files.
-        longitude: Longitude [degrees east], shape (J, I), or (I,) for a separable grid.
-        latitude: Latitude [degrees north], shape (J, I) or (J,).
         found: Opened files.
         selection: Fields that become members.
         config: Settings of the forecast.
+        layout: Layout of the first field.
     """
 
-    source: str
-    longitude: Array
-    latitude: Array
     found: Collection
     selection: Selection
     config: ForecastConfig
+    layout: Layout
+
+    @property
+    def source(self) -> str:
+        """Names of the files."""
+        return self.found.source
 
     @property
     def shape(self) -> tuple[int, int]:
         """Number of rows and columns."""
-        return self.latitude.shape[0], self.longitude.shape[-1]
+        return self.layout.rows.size, self.layout.columns.size
 
     @property
     def box(self) -> Region:
         """Bounding box of the grid, widened by a cell; all longitudes for a global grid."""
-        x, y = self._places
-        sides = [
-            np.column_stack([x[side], y[side]])
-            for side in (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])
-        ]
+        edges = (np.s_[0], np.s_[-1], np.s_[:, 0], np.s_[:, -1])
+        sides = [np.column_stack([axis[side] for axis in self.layout.points]) for side in edges]
         return around(np.concatenate(sides), max(self.step) * DEGREE)
-
-    @property
-    def _places(self) -> tuple[Array, Array]:
-        """Longitude and latitude of all points, shape (J, I)."""
-        x, y = np.broadcast_arrays(
-            self.longitude, self.latitude if self.latitude.ndim == 2 else self.latitude[:, None]
-        )
-        return x, y
 
     @property
     def step(self) -> tuple[float, float]:
         """Median spacing of grid points towards east and north [degrees]."""
-        by_axis = [
-            [(np.diff(values, axis=axis) + 180.0) % 360.0 - 180.0 for axis in (0, 1)]
-            for values in self._places
-        ]
         east, north = (
-            max(float(np.median(np.abs(along))) for along in values) for values in by_axis
+            max(
+                float(np.median(np.abs((np.diff(axis, axis=k) + 180.0) % 360.0 - 180.0)))
+                for k in (0, 1)
+            )
+            for axis in self.layout.points
         )
         return east, north
 
     @property
     def has_several_times(self) -> bool:
         """Whether ``read_series`` returns more than one time."""
-        return (
-            self.config.lead is None
-            and self.config.time is None
-            and len(dated_choices(self.found, self.config)) > 1
-        )
+        chosen = self.config.lead is not None or self.config.time is not None
+        return not chosen and dates_of(self.found, self.config).size > 1
 
     def shape_in(self, region: Region) -> tuple[int, int]:
         """Return the number of rows and columns of the block around a region; zeros if no point lies inside."""
-        block = region_block(self.longitude, self.latitude, region)
-        if block is None:
-            return 0, 0
-        rows, columns = block
-        return rows.stop - rows.start, sum(part.stop - part.start for part in columns)
+        rows, columns = region_block(*self.layout.places, region) or ((), ())
+        return len(rows), len(columns)
 
     def patch(self, region: Region) -> Ensemble:
         """Return the first fields of the first level in a region, before any change into members.
@@ -199,21 +183,21 @@ class Extent:
         for field in self.selection.fields:
             if field.extra or not left:
                 continue
-            at = dict(field.at or {}) | (
-                {} if field.member is None else {field.member: slice(left)}
-            )
+            at = dict(field.at or {})
+            if field.member is not None:
+                at[field.member] = slice(left)
             fields.append(replace(field, at=at, labels=field.labels[:left]))
             left -= len(fields[-1].labels)
         some = replace(self.selection, fields=tuple(fields), change=None)
         settings = self.config.model_copy(update={"region": region, "levels": (0.0,)})
         try:
-            return read_selection(some, settings, None, self.source, ()).ensemble
+            return read_selections([some], settings, None, self.source, ()).series[0]
         except ForecastError:
             # terrain-following levels of deep water alone have none near 0 m
             if self.config.levels is None:
                 raise
             deeper = settings.model_copy(update={"levels": (min(self.config.levels),)})
-            return read_selection(some, deeper, None, self.source, ()).ensemble
+            return read_selections([some], deeper, None, self.source, ()).series[0]
 
 
 @contextmanager
@@ -235,5 +219,4 @@ def open_extent(
             yield None
             return
         selection = select(found, config, near_ns)
-        places = layout_of(selection.fields[0], config).places
-        yield Extent(found.source, *places, found, selection, config)
+        yield Extent(found, selection, config, layout_of(selection.fields[0], config))

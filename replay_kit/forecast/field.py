@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from replay_kit.core.arrays import Times
 from replay_kit.core.inputs import plain_attribute, why_no_input
 from replay_kit.core.paths import Address
 from replay_kit.forecast.files import dated, opened_file
@@ -51,6 +52,12 @@ class Field:
     labels: tuple[str, ...] = ()
     extra: bool = False
 
+    @property
+    def holds(self) -> tuple[bool, bool]:
+        """Whether it has the first and the second component."""
+        found = self.current
+        return found is not None and found.u is not None, found is not None and found.v is not None
+
     @cached_property
     def ds(self) -> xr.Dataset:
         """Dataset at the chosen positions."""
@@ -74,8 +81,8 @@ class Field:
 
     @cached_property
     def time(self) -> str | None:
-        """Dimension of times; None without one."""
-        return find_time(self.like, self.dims)
+        """Dimension of times other than of the members; None without one."""
+        return find_time(self.like, [dim for dim in self.dims if dim != self.member])
 
     @property
     def lead(self) -> str | None:
@@ -94,10 +101,11 @@ class Field:
         return self.look(str(self.time)).values if known else np.zeros(0)
 
     @cached_property
-    def times(self) -> NDArray[np.datetime64]:
+    def times(self) -> Times:
         """Times [ns, UTC]; empty without dates."""
         times = self.stated_times
-        return times.astype("M8[ns]") if times.dtype.kind == "M" else np.zeros(0, "M8[ns]")
+        dates = times if times.dtype.kind == "M" else np.zeros(0, "M8[ns]")
+        return dates.astype("M8[ns]").astype(np.int64)
 
     @property
     def where(self) -> str:
@@ -158,29 +166,33 @@ def _seen(path: Path, forms: Mapping[Any, xr.Dataset]) -> tuple[Any, dict[str, x
     try:
         with h5py.File(path, "r") as file:
             # of the library's own layer, as its objects take longer to make than to be asked
-            about = [
-                str(file.attrs[name]) if h5py.h5a.exists(file.id, name.encode()) else ""
-                for name in PRODUCT
-            ]
-            items = [(name, h5py.h5o.open(file.id, name)) for name in file.id]
+            about = [_text(file.id, name.encode()) for name in PRODUCT]
+            items = {name: h5py.h5o.open(file.id, name) for name in file.id}
             sizes = [
-                (name, item.shape, item.dtype.str) if isinstance(item, h5py.h5d.DatasetID) else name
-                for name, item in items
+                (name, item.shape, item.dtype.str, _text(item, b"standard_name"))
+                for name, item in items.items()
+                if isinstance(item, h5py.h5d.DatasetID)
             ]
-            form = *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
+            form = *items, *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
             time = find_time(forms[form], forms[form].dims) if form in forms else None
             return form, {} if time is None else {time: _times(file[time], time)}
     except (OSError, RuntimeError, TypeError, ValueError, LookupError):
         return None, {}
 
 
+def _text(item: Any, name: bytes) -> str:
+    """Return an attribute of an object of HDF5 as text; empty if it is absent."""
+    if not h5py.h5a.exists(item, name):
+        return ""
+    attribute = h5py.h5a.open(item, name)
+    value = np.empty((), attribute.dtype)
+    attribute.read(value)
+    return str(plain_attribute(value))
+
+
 def _times(item: h5py.Dataset, name: str) -> xr.Variable:
     """Return the times of a file, as dates if possible."""
-    about = {
-        key: plain_attribute(item.attrs[key])
-        for key in ("units", "calendar")
-        if h5py.h5a.exists(item.id, key.encode())
-    }
+    about = {key: _text(item.id, key.encode()) for key in ("units", "calendar")}
     variable = xr.Variable((name,), item[...], about)
     found = dated(variable)
     return variable if found is None else found

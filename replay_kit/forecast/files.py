@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import xarray as xr
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.inputs import exceeds_claim, open_input, packed_fill
 from replay_kit.core.paths import Address, Paths, as_groups
+from replay_kit.core.quantities import seconds
 from replay_kit.core.text import count_text
 from replay_kit.forecast.names import find_mesh
 
@@ -136,8 +138,6 @@ def _inside(folder: Path) -> list[Path]:
 _HINT = "give the path of a NetCDF file or a Zarr store"
 # What nanoseconds in 64 bits can hold.
 _FIRST, _LAST = np.datetime64("1678-01-01", "us"), np.datetime64("2262-01-01", "us")
-# What is read without a word [bytes].
-_LARGE = 2e9
 _CIVIL = ("standard", "gregorian", "proleptic_gregorian", "")
 
 
@@ -263,25 +263,10 @@ def _check_coordinates(path: Path, shapes: Sequence[tuple[int, ...]]) -> None:
     """Raise ForecastError if coordinates, which are read whole, are implausibly large for their file."""
     # arrays of one or two dimensions
     small = [shape for shape in shapes if sum(size > 1 for size in shape) <= 2]
-    if why := exceeds_claim(path, _memory(small)):
-        said = (
-            f"its coordinates cannot be read: {why}; were its values written? give the whole file"
+    if why := exceeds_claim(path, sum(8 * math.prod(shape) for shape in small)):
+        raise ForecastError(
+            f"{path}: its coordinates cannot be read: {why}; were its values written? give the whole file"
         )
-        raise ForecastError(f"{path}: {said}{size_text(_memory(shapes))}")
-
-
-def _memory(shapes: Sequence[tuple[int, ...]]) -> int:
-    """Return the memory of arrays [bytes]."""
-    return sum(8 * math.prod(shape) for shape in shapes)
-
-
-def size_text(size: float) -> str:
-    """Return the clause of a message on arrays above 2 GB in memory [bytes]; empty for smaller ones."""
-    return (
-        f"; its arrays take {size / 1e9:.1f} GB in memory, of which --region reads a part"
-        if size > _LARGE
-        else ""
-    )
 
 
 def undated(variable: xr.Variable | xr.DataArray) -> str:
@@ -292,25 +277,20 @@ def undated(variable: xr.Variable | xr.DataArray) -> str:
 
 def dated(variable: xr.Variable) -> xr.Variable | None:
     """Return times as dates; None for a variable that is not a time with an epoch."""
-    if (
-        " since " not in str(variable.attrs.get("units", ""))
-        or variable.ndim > 1
-        or variable.dtype.kind not in "iuf"
-    ):
+    units, calendar = (str(variable.attrs.get(key, "")) for key in ("units", "calendar"))
+    if " since " not in units or variable.ndim > 1 or variable.dtype.kind not in "iuf":
         return None
-    civil = str(variable.attrs.get("calendar", "")).lower() in _CIVIL
+    civil = calendar.lower() in _CIVIL
+    dates = _whole(variable.values, units) if civil and calendar else None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            coder = xr.coders.CFDatetimeCoder(use_cftime=not civil)
-            decoded = coder.decode(variable, name="time").values
-        dates = (
-            decoded
-            if civil
-            else np.array([moment.isoformat() for moment in decoded.ravel()], "M8[us]").reshape(
-                decoded.shape
-            )
-        )
+            if dates is None:
+                coder = xr.coders.CFDatetimeCoder(use_cftime=not civil)
+                dates = coder.decode(variable, name="time").values
+            if not civil:
+                names = [moment.isoformat() for moment in dates.ravel()]
+                dates = np.array(names, "M8[us]").reshape(dates.shape)
         if np.any((dates < _FIRST) | (dates > _LAST)):
             return None
         left_out = ("units", "calendar") if civil else ("units",)
@@ -318,3 +298,19 @@ def dated(variable: xr.Variable) -> xr.Variable | None:
         return xr.Variable(variable.dims, dates.astype("M8[ns]"), attributes)
     except (ValueError, OverflowError, TypeError, AttributeError, Warning):
         return None
+
+
+def _whole(values: np.ndarray, units: str) -> np.ndarray | None:
+    """Return the dates of whole numbers of a civil unit, for which one epoch is decoded; None for others."""
+    epoch, length = _epoch(units), seconds(units.partition(" since ")[0].strip()) or 0.0
+    most = np.abs(values).max(initial=0.0) * length
+    # a second at least, within what microseconds in 64 bits can hold
+    if epoch is None or length < 1.0 or most > 1e12 or not np.all(values == np.round(values)):
+        return None
+    whole = values.astype(np.int64) * np.timedelta64(int(length), "s")
+    return np.asarray(epoch.values.astype("M8[us]") + whole)
+
+
+@cache
+def _epoch(units: str) -> xr.Variable | None:
+    return dated(xr.Variable((), 0, {"units": units}))

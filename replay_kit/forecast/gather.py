@@ -1,19 +1,15 @@
 """Members on the grid of the first as one array, on disk if larger than memory."""
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from math import inf
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import IN_MEMORY, Array, Values, large_array, release
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.inputs import held, unpacking
 from replay_kit.core.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.depths import at_depths, depths_text
@@ -24,15 +20,11 @@ from replay_kit.forecast.grids.horizontal import (
     turn_to_local,
     turned,
 )
-from replay_kit.forecast.grids.layout import Layout, U, lay_out
-from replay_kit.forecast.members.selection import Change
-from replay_kit.forecast.variables import precision
+from replay_kit.forecast.grids.layout import Layout, lay_out
 from replay_kit.forecast.window import Window, read_window, window_size
 
 # Members read at once [bytes].
 _GROUP = 1 << 28
-# Bytes of coordinates in memory per byte of a file.
-_COORDINATES = 4
 
 
 def in_groups(field: Field, layout: Layout) -> list[Field]:
@@ -54,10 +46,9 @@ def together(
     fields: Sequence[Field],
     layout: Layout,
     window: Window,
-    turn: NDArray[np.complex128],
     projection: Projection,
     config: ForecastConfig,
-    change: Change | None,
+    dtype: np.dtype[np.floating],
 ) -> tuple[Values, list[str]]:
     """Return the members of fields in the local frame on the grid of the first, and notes on changes.
 
@@ -65,14 +56,12 @@ def together(
         fields: Fields in order.
         layout: Used part of the first file.
         window: Window of the first file; a single field is turned in place.
-        turn: Rotation from the first file's axes to the local ones, shape (J, I).
         projection: Local frame.
         config: Levels and axes.
-        change: Function from fields to members.
+        dtype: Precision of the members.
     """
     own, count = window.velocity, sum(1 if field.extra else len(field.labels) for field in fields)
-    # what is made of members is computed in double precision, however many they are
-    dtype = precision(fields[0].ds[U], 0 if change else count * own[0, 0].size)
+    turn = turn_to_local(projection, window.longitude, window.latitude, window.axes)
     alone = len(own) == count and own.dtype == dtype
     velocity = own if alone else large_array((count, *own.shape[1:]), dtype)
     turned(own, turn, velocity[: len(own)])
@@ -98,54 +87,38 @@ def together(
         release(velocity)
         notes += [note for note in other.notes if last is not layout or note not in window.notes]
     notes += moved_notes(moved, window.levels[far])
-    if change is not None:
-        velocity, changed = change(velocity)
-        notes += changed
     return velocity, notes
 
 
 def layout_of(field: Field, config: ForecastConfig) -> Layout:
     """Return the horizontal layout of a file, with the configured axes of its velocities."""
     assert field.current is not None
-    with _coordinates_of(field):
-        layout = lay_out(field.ds, field.current, field.where)
+    layout = lay_out(field.ds, field.current, field.where)
     if config.axes == "auto":
         return layout
     return replace(layout, axes=config.axes, why=f"--axes {config.axes}")
 
 
-def _coordinates_of(field: Field) -> AbstractContextManager[None]:
-    """Return a context that limits the memory of coordinates by the size of their file."""
-    # what is on a server has limits of its own
-    if not all(path.exists() for path in field.paths):
-        return nullcontext()
-    return unpacking(_COORDINATES * sum(held(path, inf) for path in field.paths))
+# Parts of the names of coordinates.
+_PLACES = ("lon", "lat", "glam", "gphi", "xc", "yc", "xh", "yh", "xu_", "yu_", "geo")
 
 
 def _same_grid(one: Field, other: Field) -> bool:
     """Return whether two files have the same horizontal grid, by size and first and last coordinates."""
     if one.paths == other.paths:
         return True
-    with _coordinates_of(other):
-        return one.current == other.current and _same_coordinates(one.ds, other.ds)
+    return one.current == other.current and all(
+        name in one.ds.variables and _same_ends(one.ds.variables[name], variable)
+        for name, variable in other.ds.variables.items()
+        if any(mark in str(name).lower() for mark in _PLACES)
+    )
 
 
-def _same_coordinates(one: xr.Dataset, other: xr.Dataset) -> bool:
-    for name, variable in other.variables.items():
-        if any(
-            mark in str(name).lower()
-            for mark in ("lon", "lat", "glam", "gphi", "xc", "yc", "xh", "yh", "xu_", "yu_", "geo")
-        ):
-            if name not in one.variables or one[name].shape != variable.shape:
-                return False
-            ends = [
-                np.asarray(v.isel(dict.fromkeys(v.dims, k)).values)
-                for v in (one[name].variable, variable)
-                for k in (0, -1)
-            ]
-            if not (np.array_equal(ends[0], ends[2]) and np.array_equal(ends[1], ends[3])):
-                return False
-    return True
+def _same_ends(one: xr.Variable, other: xr.Variable) -> bool:
+    first, last = dict.fromkeys(one.dims, 0), dict.fromkeys(one.dims, -1)
+    return one.sizes == other.sizes and all(
+        np.array_equal(one.isel(end).values, other.isel(end).values) for end in (first, last)
+    )
 
 
 def region_around(window: Window) -> tuple[float, float, float, float]:

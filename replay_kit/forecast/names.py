@@ -205,41 +205,23 @@ def find_current(ds: xr.Dataset, where: str) -> Current | None:
     return next((pair for pair in present if pair.u and pair.v), present[0] if present else None)
 
 
-def suffixes(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
-    """Return the components of members by the suffix of their names, without statistics."""
-    return {
-        ending: pair
-        for ending, pair in _with_suffix(ds).items()
-        if all(name in ds.variables for name in pair)
-    }
-
-
-def without_partner(ds: xr.Dataset) -> list[str]:
-    """Return the names of components with a suffix that the other component lacks, if suffixes distinguish members."""
-    pairs = _with_suffix(ds).values() if len(suffixes(ds)) > 1 else ()
-    return [
-        f"{name} without {other}"
-        for pair in pairs
-        for name, other in (pair, pair[::-1])
-        if other not in ds.variables
-    ]
-
-
-def _with_suffix(ds: xr.Dataset) -> dict[str, tuple[str, str]]:
-    """Return the names of both components by suffix, if the file holds at least one."""
-    found: dict[str, tuple[str, str]] = {}
-    for pair in ((u, v) for u, v, _ in _VELOCITY_SHORT_NAMES):
-        for name in map(str, ds.data_vars):
-            for part in pair:
-                ending = name.removeprefix(f"{part}_")
-                whole = all(f"{one}_{ending}" in ds.variables for one in pair)
-                if (
-                    ending != name
-                    and ending.lower() not in _NO_MEMBERS
-                    and (whole or ending not in found)
-                ):
-                    found[ending] = (f"{pair[0]}_{ending}", f"{pair[1]}_{ending}")
-    return found
+def suffixes(ds: xr.Dataset) -> tuple[dict[str, tuple[str, str]], list[str]]:
+    """Return the components of members by the suffix of their names, without statistics; and those that lack the other component."""
+    found, alone = dict[str, tuple[str, str]](), dict[str, str]()
+    for name in map(str, ds.data_vars):
+        for u, v, _ in _VELOCITY_SHORT_NAMES:
+            ending = name.removeprefix(f"{u}_").removeprefix(f"{v}_")
+            if ending == name or ending.lower() in _NO_MEMBERS:
+                continue
+            pair = f"{u}_{ending}", f"{v}_{ending}"
+            missing = [other for other in pair if other not in ds.variables]
+            if missing:
+                alone[ending] = f"{name} without {missing[0]}"
+            else:
+                found.setdefault(ending, pair)
+    # of a single field a variable of a like name is no member
+    lone = [text for ending, text in alone.items() if ending not in found]
+    return found, lone if len(found) > 1 else []
 
 
 def sizes_text(held: xr.Dataset | xr.DataArray) -> str:
@@ -273,31 +255,32 @@ def find_coordinates(
     Raises:
         ForecastError: The coordinates are missing.
     """
-    cf = COORDINATES[-1]
-    for longitude in _by_standard_name(ds, "longitude"):
-        for latitude in _by_standard_name(ds, "latitude"):
-            usual = longitude in {name for kind in COORDINATES[:-1] for name in kind.longitude}
-            if (
-                not usual
-                and ds[longitude].ndim in (1, 2)
-                and set(ds[longitude].dims) | set(ds[latitude].dims) <= set(dims)
-            ):
-                return longitude, latitude, cf
-    for kind in COORDINATES:
-        for longitude, latitude in zip(kind.longitude, kind.latitude, strict=False):
-            if (
-                longitude in ds.variables
-                and latitude in ds.variables
-                and ds[longitude].ndim in (1, 2, 3)
-            ):
-                return longitude, latitude, kind
-    for longitude in _by_standard_name(ds, "longitude"):
-        for latitude in _by_standard_name(ds, "latitude"):
-            return longitude, latitude, cf
+    by_kind = [
+        (longitude, latitude, kind)
+        for kind in COORDINATES
+        for longitude, latitude in zip(kind.longitude, kind.latitude, strict=False)
+    ]
+    by_standard_name = [
+        (longitude, latitude, COORDINATES[-1])
+        for longitude in _by_standard_name(ds, "longitude")
+        for latitude in _by_standard_name(ds, "latitude")
+    ]
+    usual = {longitude for longitude, _, kind in by_kind if kind is not COORDINATES[-1]}
+    own = [
+        found
+        for found in by_standard_name
+        if found[0] not in usual
+        and {dim for name in found[:2] for dim in ds[name].dims} <= set(dims)
+    ]
+    for found in (*own, *by_kind):
+        if set(found[:2]) <= set(ds.variables) and ds[found[0]].ndim in (1, 2, 3):
+            return found
+    if by_standard_name:
+        return by_standard_name[0]
     there = [name for name in ("longitude", "latitude") if not _by_standard_name(ds, name)]
     raise ForecastError(
         f"{where}: no {there[0] if there else 'longitude'} found; expected standard names longitude and latitude, or one of "
-        f"{', '.join('/'.join(pair) for kind in COORDINATES for pair in zip(kind.longitude, kind.latitude, strict=False))}; "
+        f"{', '.join('/'.join(found[:2]) for found in by_kind)}; "
         "give the file of the grid with --ensemble too"
     )
 
@@ -345,6 +328,8 @@ def find_time(ds: xr.Dataset, dims: Iterable[Hashable]) -> str | None:
     return find_dimension(ds, dims, ("time",), _TIME_NAMES)
 
 
+#: Name of the share of the water above terrain-following levels, from -1 at the sea bed to 0, where a file of a mesh has it.
+SHARE = "replay_kit_share"
 #: Attribute of a dataset of a mesh that was interpolated to a grid: what was done, and what error it makes.
 MESH = "replay_kit_mesh"
 # Names of the corners of faces, longitude and latitude where no topology is stated: FVCOM, SCHISM, FESOM.

@@ -1,22 +1,21 @@
 """Reader of ensembles and truths (CF and native NetCDF, Zarr) as ``Ensemble`` values."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
+from replay_kit.core.arrays import Times
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.grid import Ensemble, Projection
+from replay_kit.core.grid import Ensemble
 from replay_kit.core.paths import Paths
-from replay_kit.core.progress import announce
 from replay_kit.core.text import place_text
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.files import size_text
-from replay_kit.forecast.gather import in_groups, is_alike, layout_of, together
+from replay_kit.forecast.gather import in_groups, layout_of, together
 from replay_kit.forecast.grids.axes import AxesCheck, check_axes
-from replay_kit.forecast.grids.horizontal import local_grid, projection_of, turn_to_local
+from replay_kit.forecast.grids.horizontal import local_grid, projection_of
 from replay_kit.forecast.grids.layout import Layout, U
 from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import (
@@ -28,32 +27,26 @@ from replay_kit.forecast.members.rules import (
     without_copies,
 )
 from replay_kit.forecast.members.selection import Selection, select
-from replay_kit.forecast.names import MEMBER_NAMES, find_depth, sizes_text
-from replay_kit.forecast.variables import check_content
-from replay_kit.forecast.window import Window, read_window, window_size
+from replay_kit.forecast.names import MEMBER_NAMES, sizes_text
+from replay_kit.forecast.variables import precision
+from replay_kit.forecast.window import check_claims, read_window
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """Ensemble and the interpretation of its files.
+    """Ensembles and the interpretation of their files.
 
     Attributes:
-        ensemble: Members.
+        series: Members at each time.
         layout: Layout of the first file.
         check: Test of the axes.
         field: First file.
-        window: Window read of it, without velocities.
-        projection: Local frame of the velocities.
-        turn: Rotation from the file's axes to the local ones, shape (J, I).
     """
 
-    ensemble: Ensemble
+    series: tuple[Ensemble, ...]
     layout: Layout
     check: AxesCheck
     field: Field
-    window: Window
-    projection: Projection
-    turn: NDArray[np.complex128]
 
 
 def read_ensemble(
@@ -76,7 +69,7 @@ def read_ensemble(
             region holds no point.
     """
     with open_collection(path, parse_rule(config.members)) as found:
-        return without_copies((read_members(found, config, near_ns, place_at).ensemble,))[0]
+        return without_copies(read_members(found, config, near_ns, place_at).series)[0]
 
 
 def read_members(
@@ -84,33 +77,39 @@ def read_members(
     config: ForecastConfig,
     near_ns: int | None,
     place_at: tuple[float, float] | None,
-    times: int = 1,
-    first: Reading | None = None,
+    dates: Times | None = None,
 ) -> Reading:
-    """Return the chosen part of an opened ensemble, and the interpretation of its files; see ``read_ensemble``.
-
-    Args:
-        found: Opened files.
-        config: See ``read_ensemble``.
-        near_ns: See ``read_ensemble``.
-        place_at: See ``read_ensemble``.
-        times: Number of times to be read, including this one.
-        first: Reading of the first time, with the grid and axes for the others.
+    """Return the chosen part of an opened ensemble at one time or at some dates [ns, UTC]; see ``read_ensemble``.
 
     Raises:
         ForecastError: See ``read_ensemble``.
     """
     if found.rule is None:
-        raise _nothing_says(found)
-    selection = select(found, config, near_ns)
-    count = sum(len(field.labels) for field in selection.fields if not field.extra)
+        one = found.members[0][0]
+        raise ForecastError(
+            f"{one.where}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(one.ds[U])}"
+            f"{ways(found)}"
+        )
+    selections = select_each(found, config, near_ns, dates)
+    count = sum(len(field.labels) for field in selections[0].fields if not field.extra)
     if count < 2:
         raise ForecastError(
             f"{found.source}: an ensemble needs at least 2 members, got {count}{ways(found)}"
         )
-    reading = read_selection(selection, config, place_at, found.source, found.notes, times, first)
+    reading = read_selections(selections, config, place_at, found.source, found.notes)
     made_from = found.rule.kind if found.rule.kind in MADE else ""
-    return replace(reading, ensemble=replace(reading.ensemble, made_from=made_from))
+    series = tuple(replace(part, made_from=made_from) for part in reading.series)
+    return replace(reading, series=series)
+
+
+def select_each(
+    found: Collection, config: ForecastConfig, near_ns: int | None, dates: Times | None
+) -> list[Selection]:
+    """Return the selected fields at each date [ns, UTC]; at the chosen or nearest time without dates."""
+    if dates is None:
+        return [select(found, config, near_ns)]
+    times = (str(np.datetime64(int(date), "ns")) for date in dates)
+    return [select(found, config.model_copy(update={"time": time}), None) for time in times]
 
 
 def read_truth(
@@ -132,17 +131,13 @@ def read_truth(
         ForecastError: See ``read_ensemble``; or the member is absent, or required but not named.
     """
     with open_collection(Path(spec.partition("#")[0]), None) as found:
-        return truth_in(found, spec, config, near_ns, place_at)
+        one = truth_in(found, spec)
+        selections = [select(one, config, near_ns)]
+        return read_selections(selections, config, place_at, spec, found.notes).series[0]
 
 
-def truth_in(
-    found: Collection,
-    spec: str,
-    config: ForecastConfig,
-    near_ns: int | None = None,
-    place_at: tuple[float, float] | None = None,
-) -> Ensemble:
-    """Return a truth of an opened file; see ``read_truth``."""
+def truth_in(found: Collection, spec: str) -> Collection:
+    """Return an opened file with the truth as its member; see ``read_truth``."""
     name, _, label = spec.partition("#")
     field, *_ = fields = found.members[0]
     if field.member is None and label:
@@ -156,18 +151,7 @@ def truth_in(
     if label:
         fields = tuple(_one_member(field, label) for field in fields)
     rule = found.rule or MemberRule("dim")
-    one = replace(found, members=(fields,), rule=rule, background=())
-    return read_selection(
-        select(one, config, near_ns), config, place_at, spec, found.notes
-    ).ensemble
-
-
-def _nothing_says(found: Collection) -> ForecastError:
-    field = found.members[0][0]
-    sizes = sizes_text(field.ds[U])
-    return ForecastError(
-        f"{field.where}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes}{ways(found)}"
-    )
+    return replace(found, members=(fields,), rule=rule, background=())
 
 
 def ways(found: Collection) -> str:
@@ -201,85 +185,73 @@ def _one_member(field: Field, label: str) -> Field:
     return replace(field, load=lambda: (one, notes))
 
 
-def read_selection(
-    selection: Selection,
+def read_selections(
+    selections: Sequence[Selection],
     config: ForecastConfig,
     place_at: tuple[float, float] | None,
     source: str,
     earlier: tuple[str, ...],
-    times: int = 1,
-    before: Reading | None = None,
 ) -> Reading:
-    """Return the fields of a selection as members on the grid of the first; for ``times`` see ``read_members``.
+    """Return the fields of selections, each of one time, as members on the grid of the first.
 
     Raises:
-        ForecastError: See ``read_ensemble``.
+        ForecastError: See ``read_ensemble``; or land differs between times.
     """
-    field, where = selection.fields[0], selection.fields[0].where
-    layout = layout_of(field, config).within(config.region, where)
-    size = _size(selection, layout, config)
-    check_content(selection.fields, layout, size, times)
-    large = _large(size)
-    fields = [part for field in selection.fields for part in in_groups(field, layout)]
-    first = fields[0]
-    window = read_window(first, layout, config)
-    if before is None or not is_alike(window, before.window):
-        before = None
-        projection = projection_of(window.longitude, window.latitude)
-        turn = turn_to_local(projection, window.longitude, window.latitude, window.axes)
-    else:
-        projection, turn = before.projection, before.turn
-    velocity, more = together(fields, layout, window, turn, projection, config, selection.change)
+    first = selections[0].fields[0]
+    layout = layout_of(first, config).within(config.region, first.where)
+    check_claims([field for one in selections for field in one.fields], layout)
+    counts = [
+        sum(1 if field.extra else len(field.labels) for field in one.fields) for one in selections
+    ]
+    by_time = [
+        [part for field in one.fields for part in in_groups(field, layout)] for one in selections
+    ]
+    fields = [field for each in by_time for field in each]
+    window = read_window(fields[0], layout, config)
+    projection = projection_of(window.longitude, window.latitude)
+    # what is made of members is computed in double precision, however many they are
+    made = selections[0].change is not None
+    dtype = precision(fields[0].ds[U], 0 if made else counts[0] * window.velocity[0, 0].size)
+    velocity, more = together(fields, layout, window, projection, config, dtype)
     # the members are in memory once
     window = replace(window, velocity=velocity[:0])
-    labels = tuple(label for field in fields if not field.extra for label in field.labels)
-    velocity, wet, holes = common_water(velocity, labels, source)
-    check = before.check if before else check_axes(window, layout, velocity, wet, projection)
-    # axes that were stated need no check
-    doubts = check.notes if config.axes == "auto" else ()
-    grid = (
-        replace(before.ensemble.grid, levels=window.levels, wet=wet)
-        if before
-        else local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
-    )
-    in_order = (
-        *selection.notes,
-        *large,
-        *more,
-        *_placed(place_at),
-        *window.notes,
-        *holes,
-        *unusual_members(velocity, labels, source),
-        *doubts,
-        *earlier,
-        *(note for field in fields for note in field.load()[1]),
-    )
-    notes = tuple(dict.fromkeys(in_order))
-    error_std = check.residual_std if doubts else 0.0
-    ensemble = Ensemble(grid, velocity, selection.time_ns, source, notes, labels, error_std)
-    return Reading(ensemble, layout, check, first, window, projection, turn)
-
-
-def _size(selection: Selection, layout: Layout, config: ForecastConfig) -> float:
-    """Return the memory of the currents of a selection [bytes], estimated from the first file."""
-    first, count = selection.fields[0], sum(len(field.labels) for field in selection.fields)
-    size = window_size(first, layout) * count / len(first.labels)
-    if config.levels is not None and (depth := find_depth(first.ds, first.ds[U].dims)) is not None:
-        size *= min(1.0, len(config.levels) / first.ds.sizes[depth])
-    return size
-
-
-def _large(size: float) -> tuple[str, ...]:
-    """Return a note on currents that need much memory [bytes], also logged before reading; empty for small ones."""
-    if not (said := size_text(size)):
-        return ()
-    announce(f"reading the forecast{said}")
-    return (f"the forecast is large{said}",)
-
-
-def _placed(place_at: tuple[float, float] | None) -> tuple[str, ...]:
-    if place_at is None:
-        return ()
-    return (
-        f"the ensemble was moved: not a forecast for this region; its centre is at {place_text(*place_at)}",
-    )
+    placed = []
+    if place_at is not None:
+        centre = f"its centre is at {place_text(*place_at)}"
+        placed = [f"the ensemble was moved: not a forecast for this region; {centre}"]
+    series, filled = list[Ensemble](), 0
+    for one, each, count in zip(selections, by_time, counts, strict=True):
+        members = velocity[filled : filled + count]
+        filled += count
+        if one.change is not None:
+            members, changed = one.change(members)
+            more += changed
+        labels = tuple(label for field in each if not field.extra for label in field.labels)
+        members, wet, holes = common_water(members, labels, source)
+        if series and not np.array_equal(wet, series[0].grid.wet):
+            raise ForecastError(
+                f"{source}: land is not the same at all times of the forecast; choose one with --lead or forecast.time, or mend its mask"
+            )
+        if series:
+            series.append(replace(series[0], velocity=members, time_ns=one.time_ns, members=labels))
+            continue
+        check = check_axes(window, layout, members, wet, projection)
+        # axes that were stated need no check
+        doubts = check.notes if config.axes == "auto" else ()
+        grid = local_grid(window.longitude, window.latitude, window.levels, wet, place_at)
+        notes = (
+            *one.notes,
+            *more,
+            *placed,
+            *window.notes,
+            *holes,
+            *unusual_members(members, labels, source),
+            *doubts,
+            *earlier,
+            *(note for field in each for note in field.load()[1]),
+        )
+        error = check.residual_std if doubts else 0.0
+        series.append(
+            Ensemble(grid, members, one.time_ns, source, tuple(dict.fromkeys(notes)), labels, error)
+        )
+    return Reading(tuple(series), layout, check, fields[0])

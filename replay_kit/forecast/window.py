@@ -1,11 +1,12 @@
 """Window of one file: both components at cell centres and fixed depths; nothing else is read."""
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array, Values
@@ -16,10 +17,16 @@ from replay_kit.core.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.depths import choose_levels
 from replay_kit.forecast.grids.layout import Layout, U, V
-from replay_kit.forecast.grids.s_levels import LEFT_DRY, find_s_coordinate, from_s_levels
+from replay_kit.forecast.grids.s_levels import (
+    LEFT_DRY,
+    follows_terrain,
+    from_s_levels,
+    read_terrain,
+)
 from replay_kit.forecast.members.rules import WARNING
 from replay_kit.forecast.names import SEA_LEVEL, Axes, find_depth
 from replay_kit.forecast.variables import (
+    Levels,
     chunk_bytes,
     component,
     constant_land,
@@ -70,23 +77,25 @@ def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
         ForecastError: Units, depths or dimensions are not as expected.
     """
     ds, where = field.ds, field.where
-    _check_size(field, layout)
     longitude, latitude = layout.points
     if min(longitude.shape) < 2:
         raise ForecastError(
             f"{where}: the region holds a grid of {longitude.shape}; at least 2 x 2 points are needed: widen --region"
         )
-    dims = tuple(find_depth(ds, ds[name].dims) for name in (U, V))
-    s_coordinate = None if dims[0] is None else find_s_coordinate(ds, dims[0], where)
-    if s_coordinate is None:
-        levels = choose_levels(
-            ds, dims, config, 0.5 * float(latitude.min() + latitude.max()), where
-        )
-    order = levels.position if s_coordinate is None else np.arange(s_coordinate.s.size)
-    taken = tuple(None if dim is None else (dim, order) for dim in dims)
-    mask, by_level = mask_at_centres(field, layout, taken[0])
+    dims = {name: find_depth(ds, ds[name].dims) for name in (U, V)}
+    terrain = follows_terrain(ds, dims[U])
+    if terrain:
+        order = np.arange(ds.sizes[dims[U]])
+    else:
+        middle = 0.5 * float(latitude.min() + latitude.max())
+        levels = choose_levels(ds, tuple(dims.values()), config, middle, where)
+        order = levels.position
+    taken: Mapping[str, Levels] = {
+        name: None if dim is None else (dim, order) for name, dim in dims.items()
+    }
+    mask, by_level = mask_at_centres(field, layout, taken[U])
     # a mask of the surface says nothing of fixed depths, which may lie below the sea bed
-    masked = by_level or (mask is not None and s_coordinate is not None)
+    masked = by_level or (mask is not None and terrain)
     velocity, counts = _at_centres(field, layout, taken, masked)
     if velocity.shape[-2:] != longitude.shape:
         got, expected = (
@@ -98,9 +107,9 @@ def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
     if mask is not None:
         velocity[..., ~np.broadcast_to(mask, velocity.shape[2:])] = np.nan
     sea_level = _surface(field, layout)
-    if s_coordinate is not None:
-        h = read(field, layout, s_coordinate.h, layout.centre_dims)[0, 0]
-        velocity, levels = from_s_levels(velocity, s_coordinate, h, sea_level, config.levels, where)
+    if terrain:
+        depths = read_terrain(field, layout, str(dims[U]), sea_level)
+        velocity, levels = from_s_levels(velocity, depths, config.levels, where)
     first = None if sea_level is None else np.asarray(sea_level[0])
     notes = (*layout.notes, *counts, *levels.notes)
     # of terrain-following levels it was said where the water above the first was left dry
@@ -116,41 +125,41 @@ def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
 def window_size(field: Field, layout: Layout) -> int:
     """Return the memory of the velocities in the used part of a file [bytes], in double precision."""
     sizes = field.ds[U].sizes.items()
-    return 16 * _count(layout) * math.prod(n for dim, n in sizes if dim not in layout.u_dims)
+    others = math.prod(n for dim, n in sizes if dim not in layout.dims[U])
+    return 16 * layout.rows.size * layout.columns.size * others
 
 
-def _count(layout: Layout) -> int:
-    """Return the number of points."""
-    rows, *columns = (len(range(part.stop)[part]) for part in (layout.rows, *layout.columns))
-    return rows * sum(columns)
+def check_claims(fields: Sequence[Field], layout: Layout) -> None:
+    """Raise ForecastError for velocities that are not numeric, or implausibly many for their file.
 
-
-def _check_size(field: Field, layout: Layout) -> None:
-    """Raise ForecastError for velocities that are not numeric, or implausibly many for their file."""
-    for name, dims in ((U, layout.u_dims), (V, layout.v_dims)):
-        part = field.ds[name]
-        fields = math.prod(size for dim, size in part.sizes.items() if dim not in dims)
-        shown = part.attrs.get("replay_kit_name", name)
-        if part.dtype.kind not in "fiu":
-            raise ForecastError(
-                f"{field.where}: expected numbers, {shown} holds values of the type {part.dtype}; give a forecast of currents"
-            )
-        size = max(8 * _count(layout) * fields, chunk_bytes(part))
-        if why := exceeds_claim(field.paths[0], size):
-            raise ForecastError(
-                f"{field.where}: {shown} cannot be read: {why}; choose less with --region and --levels, or mend the file"
-            )
+    Args:
+        fields: Fields to be read, each at one time.
+        layout: Used part of the first file.
+    """
+    claims = Counter[Path]()
+    for field in fields:
+        claims[field.paths[0]] += window_size(field, layout) // 2
+    for field in {field.paths[0]: field for field in fields}.values():
+        for name in (U, V):
+            part = field.ds[name]
+            shown = part.attrs.get("replay_kit_name", name)
+            if part.dtype.kind not in "fiu":
+                raise ForecastError(
+                    f"{field.where}: expected numbers, {shown} holds values of the type {part.dtype}; give a forecast of currents"
+                )
+            size = max(claims[field.paths[0]], chunk_bytes(part))
+            if why := exceeds_claim(field.paths[0], size):
+                raise ForecastError(
+                    f"{field.where}: {shown} cannot be read: {why}; choose less with --region and --levels, or mend the file"
+                )
 
 
 def _at_centres(
-    field: Field,
-    layout: Layout,
-    levels: Sequence[tuple[str, NDArray[np.int64]] | None],
-    masked: bool,
+    field: Field, layout: Layout, levels: Mapping[str, Levels], masked: bool
 ) -> tuple[Values, tuple[str, ...]]:
     """Return both components at cell centres [m/s], shape (E, 2, Z, J, I), NaN on land, and notes on assumed land."""
     raw, odd = [], 0
-    for name, of in zip((U, V), levels, strict=True):
+    for name, of in levels.items():
         values, undeclared = _speeds(component(field, field.ds, layout, name, of), field, name)
         odd += undeclared
         raw.append(values)
@@ -170,21 +179,12 @@ def _at_centres(
             )
         return velocity, tuple(notes)
     means = []
-    kind, depths = layout.kind, levels[0]
-    parts = zip(
-        (-1, -2),
-        raw,
-        constant,
-        (kind.mask_u, kind.mask_v),
-        (layout.u_dims, layout.v_dims),
-        layout.faces,
-        strict=True,
-    )
-    for axis, values, dry, names, dims, faces in parts:
+    masks = (U, -1, layout.kind.mask_u), (V, -2, layout.kind.mask_v)
+    for (points, axis, names), values, dry in zip(masks, raw, constant, strict=True):
         mask = next((name for name in names if name in field.ds.variables), None)
         valid = np.isfinite(values) & ~dry
         if mask is not None:
-            valid &= read(field, layout, mask, dims, faces, depths)[0] > 0.0
+            valid &= read(field, layout, mask, points, levels[U])[0] > 0.0
         means.append(to_centres(values, valid, axis))
     (u, u_wet), (v, v_wet) = means
     wet = u_wet | v_wet
@@ -214,8 +214,8 @@ def _speeds(values: Values, field: Field, component: str) -> tuple[Values, int]:
 
 def _surface(field: Field, layout: Layout) -> Array | None:
     """Return the sea surface height [m], shape (E or 1, J, I); None if absent at cell centres."""
-    name = first_of(field, SEA_LEVEL, layout.centre_dims)
+    name = first_of(field, layout, SEA_LEVEL)
     if name is None:
         return None
     scale = metres(str(field.ds[name].attrs.get("units", "m")).strip())
-    return read(field, layout, name, layout.centre_dims)[:, 0] * (scale or 1.0)
+    return read(field, layout, name)[:, 0] * (scale or 1.0)

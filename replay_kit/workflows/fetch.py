@@ -21,7 +21,6 @@ from replay_kit.forecast.describe import open_extent
 from replay_kit.forecast.remote.apart import apart
 from replay_kit.forecast.remote.fetch import (
     cache_of,
-    cost,
     covers,
     cuts_of,
     receive,
@@ -231,7 +230,7 @@ def _received(request: Request, held: Sequence[Copy] | None) -> Fetched | None:
     wanted, regions = wanted_of(request)
     why = {"request": request.key, "regions": [one and one.to_record() for one in regions]}
     cuts = cuts_of(request.ensemble, wanted, config)
-    files = receive(cuts, wanted, config, cache_of(config), why)
+    files = receive(cuts, wanted, config, why)
     return replace(_fetched(request, files, regions), asked=True)
 
 
@@ -245,7 +244,8 @@ def price(request: Request) -> list[dict[str, Any]]:
 
 
 def _price(request: Request) -> list[dict[str, Any]]:
-    return cost(cuts_of(request.ensemble, wanted_of(request)[0], request.config.forecast))
+    wanted = wanted_of(request)[0]
+    return [cut.cost() for cut in cuts_of(request.ensemble, wanted, request.config.forecast)]
 
 
 def _asked(call: Callable[..., _Value], request: Request, *more: object) -> _Value:

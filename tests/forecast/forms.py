@@ -21,8 +21,8 @@ _CMEMS = (
 
 
 def truth(longitude, latitude, depth, member=0):
-    """East and north component [m/s] at points, smooth and different for each member."""
-    x, y = 0.9 * np.asarray(longitude), 0.9 * np.asarray(latitude)
+    """East and north component [m/s] at points, smooth round the globe and different for each member."""
+    x, y = np.deg2rad(52.0 * np.asarray(longitude)), 0.9 * np.asarray(latitude)
     decay = np.exp(-np.asarray(depth) / (200.0 + 60.0 * member))
     east = (0.25 * np.sin(x + 0.4 * member) * np.cos(y) + 0.05) * decay
     north = (0.2 * np.cos(x - y + 0.7 * member) - 0.03 * member) * decay
@@ -222,10 +222,9 @@ def assert_comes_back(read, atol, n_members=N_MEMBERS, at=np.s_[:]):
     assert read.n_members == n_members
     found, wet = true_components(read), read.grid.wet[at]
     assert wet.any()
-    longitude = (read.grid.longitude + 180.0) % 360.0 - 180.0
     for member in range(n_members):
         depth = read.grid.levels[:, None, None]
-        known = truth(longitude, read.grid.latitude, depth, member)
+        known = truth(read.grid.longitude, read.grid.latitude, depth, member)
         for component, expected in zip(found, known, strict=True):
             assert_allclose(component[member][at][wet], expected[at][wet], atol=atol)
 
@@ -234,3 +233,16 @@ def save(ds, path, **encoding):
     """Write NetCDF-3, as models do: it opens many times sooner than NetCDF-4, which `test_reads_every_container_alike` has."""
     ds.to_netcdf(path, engine="scipy", encoding=encoding or None)
     return path
+
+
+def saved(files, folder):
+    """Write datasets by name into a folder, and return it."""
+    for name, ds in files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        save(ds, folder / name)
+    return folder
+
+
+def dated(ds, times):
+    """Return a dataset at some times."""
+    return ds.expand_dims(time=np.array(times, "M8[ns]"))

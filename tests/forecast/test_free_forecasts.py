@@ -1,98 +1,56 @@
 """Global forecasts that are free, in the forms that their producers publish, as the members of one ensemble."""
 
 import numpy as np
-import pytest
-import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 
+from tests.forecast import forms
 from tests.forecast.forms import noted, read_with, true_components
 
-LATITUDES, LONGITUDES, START = (36.0, 37.5), (-21.5, -19.5), np.datetime64("2024-01-03", "ns")
-# of these the first, the last and some between are kept: a form is more than its number of levels
-_LEVELS = (0.494, 47.37, 92.33, 155.85, 318.13, 541.1)
-#: Spacing [degrees], type of values, days, further levels, names of the coordinates.
-FORMS = {
-    "glo12": (1 / 12, "f4", 10, (643.6, 1245.0), ("latitude", "longitude")),
-    "xihe": (1 / 12, "f4", 10, (643.6,), ("latitude", "longitude")),
-    "wenhai": (1 / 12, "f4", 10, (643.6,), ("latitude", "longitude")),
-    "langya": (1 / 12, "f4", 7, (), ("latitude", "longitude")),
-    "glonet": (1 / 4, "f8", 10, (643.6, 1245.0), ("lat", "lon")),
-    "hclimrep": (1 / 4, "f4", 10, (), ("latitude", "longitude")),
+#: Spacing [degrees], type of values, days, deepest level, names of the axes, first day.
+PRODUCTS = {
+    "glo12": (1 / 12, "f4", 10, 743.6, ("latitude", "longitude"), 3),
+    "langya": (1 / 12, "f4", 7, 541.1, ("latitude", "longitude"), 3),
+    "glonet": (1 / 20, "f8", 10, 1245.0, ("lat", "lon"), 3),
+    "hclimrep": (1 / 20, "f4", 10, 541.1, ("latitude", "longitude"), 3),
+    "langya_earlier": (1 / 12, "f4", 7, 541.1, ("latitude", "longitude"), 1),
 }
+_LEVELS = (0.494, 47.37, 92.33, 155.85, 318.13, 541.1)
+DAY = 5
 
 
-def current(amplitude, day, depth, latitude, longitude):
-    """A current that turns with the days, linear in longitude so that a coarse grid has it whole."""
-    angle = amplitude + 0.3 * day
-    strength = 0.3 * amplitude * (1.0 - depth / 2000.0) * (longitude + 20.0) + 0.0 * latitude
-    return strength * np.cos(angle), strength * np.sin(angle)
+def strength(number, day):
+    """The factor of the known field in a product on a day."""
+    return (0.5 + 0.3 * number) * (1.0 + 0.1 * day * (1 + number % 2))
 
 
-def made(name, amplitude):
-    """A product of some days as its producer lays it out."""
-    step, kind, days, deeper, (north, east) = FORMS[name]
-    coordinates = {
-        "time": START + np.arange(days) * np.timedelta64(1, "D"),
-        "depth": np.array([*_LEVELS, *deeper], "f4"),
-        north: np.arange(LATITUDES[0], LATITUDES[1] + 1e-6, step),
-        east: np.arange(LONGITUDES[0], LONGITUDES[1] + 1e-6, step),
-    }
-    grid = np.meshgrid(
-        np.arange(days), *(coordinates[key] for key in ("depth", north, east)), indexing="ij"
-    )
-    both = zip(("uo", "vo"), current(amplitude, *grid), strict=True)
-    fields = {
-        key: (("time", "depth", north, east), values.astype(kind), {"units": "m/s"})
-        for key, values in both
-    }
-    fields["zos"] = (("time", north, east), np.zeros((days, *grid[0].shape[2:]), kind))
-    return xr.Dataset(fields, coordinates, {"challenger": name, "Conventions": "CF-1.8"})
-
-
-@pytest.fixture(scope="module")
-def products(tmp_path_factory):
-    """Two starts a week apart of a form as files, of the others one, the last as a Zarr store."""
-    folder = tmp_path_factory.mktemp("free")
-    paths = []
-    for k, name in enumerate(FORMS):
-        paths.append(folder / f"{name}_20240103.{'zarr' if name == 'hclimrep' else 'nc'}")
-        product = made(name, 0.5 + 0.3 * k)
-        if paths[-1].suffix == ".zarr":
-            product.to_zarr(paths[-1], consolidated=True, zarr_format=2)
+def test_products_and_an_earlier_start_of_one_are_members_on_the_grid_of_the_first(tmp_path):
+    means, now, paths = [], [], []
+    for k, (name, (step, kind, days, deepest, axes, first)) in enumerate(PRODUCTS.items()):
+        at = forms.lonlat(-21.5, 36.0, (round(1.2 / step), round(1.5 / step)), step)
+        levels = np.unique([*_LEVELS, deepest]).astype("f4")
+        one = forms.known(at, levels).isel(member=0, drop=True)
+        dates = range(first, first + days)
+        ds = forms.in_turn(
+            [one * strength(k, day) for day in dates],
+            np.array([f"2024-01-{day:02d}" for day in dates], "M8[ns]"),
+        )
+        ds = ds.rename(dict(zip(("latitude", "longitude"), axes, strict=True))).astype(kind)
+        paths.append(tmp_path / f"{name}.{'zarr' if k == 3 else 'nc'}")
+        if k == 3:
+            ds.to_zarr(paths[-1], consolidated=True, zarr_format=2)
         else:
-            product.to_netcdf(paths[-1], engine="h5netcdf")
-    earlier = made("xihe", 0.7)
-    earlier["time"] = earlier["time"] - np.timedelta64(3, "D")
-    earlier.to_netcdf(folder / "xihe_20231231.nc", engine="h5netcdf")
-    return [*paths, folder / "xihe_20231231.nc"]
-
-
-def test_products_and_an_earlier_start_of_one_are_members_on_the_grid_of_the_first(products):
-    read = read_with(products, members="models", time="2024-01-05")
+            ds.to_netcdf(paths[-1], engine="h5netcdf")
+        means.append(np.mean([strength(k, day) for day in dates]))
+        now.append(strength(k, DAY))
+    read = read_with(paths, members="models", time=f"2024-01-{DAY:02d}")
     assert read.made_from == "models"
-    assert [name.split("_")[0] for name in read.members] == [*FORMS, "xihe"]
-    # HClimRep and LangYa end above the last level of the first
-    assert read.grid.wet.any(axis=(1, 2)).tolist() == [True] * 7 + [False]
-    assert noted(read, "over its times was replaced by that of all 7 models")
-    j, i = 7, 5
-    latitude, longitude = read.grid.latitude[j, i], read.grid.longitude[j, i]
-    depth = float(read.grid.levels[1])
-    amplitudes = [*(0.5 + 0.3 * k for k in range(6)), 0.7]
-    days = [range(FORMS[name][2]) for name in [*FORMS, "xihe"]]
-    means = np.array(
-        [
-            np.mean([current(a, day, depth, latitude, longitude) for day in of], axis=0)
-            for a, of in zip(amplitudes, days, strict=True)
-        ]
-    )
-    now = [2] * 6 + [5]
-    expected = np.array(
-        [
-            current(a, day, depth, latitude, longitude)
-            for a, day in zip(amplitudes, now, strict=True)
-        ]
-    )
-    np.testing.assert_allclose(
-        np.stack(true_components(read), axis=1)[:, :, 1, j, i],
-        expected - means + means.mean(axis=0),
-        atol=2e-4,
-    )
+    assert [name.split(".")[0] for name in read.members] == [*PRODUCTS]
+    # half of the products end above the last level of the first
+    assert_array_equal(read.grid.wet.any(axis=(1, 2)), read.grid.levels < 600.0)
+    assert noted(read, f"over its times was replaced by that of all {len(PRODUCTS)} models")
+    factors = (np.array(now) - means + np.mean(means))[:, None, None, None]
+    inner = np.s_[:, :-1, 2:-2, 2:-2]
+    depth = read.grid.levels[:, None, None]
+    known = forms.truth(read.grid.longitude, read.grid.latitude, depth)
+    for component, expected in zip(true_components(read), known, strict=True):
+        assert_allclose(component[inner], (factors * expected)[inner], atol=2e-3)

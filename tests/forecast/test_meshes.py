@@ -6,8 +6,8 @@ import xarray as xr
 from scipy.spatial import Delaunay
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble
+from tests.forecast.forms import refused
 
 WEST, SOUTH, SIDE = -5.0, 48.0, 0.5
 LEVELS = np.array([2.0, 10.0, 30.0])
@@ -45,9 +45,10 @@ def bottom(nodes):
 
 
 def fvcom(nodes, triangles):
-    sigma = -(np.arange(20) + 0.5) / 20
-    middle, depth = nodes[triangles].mean(axis=1), bottom(nodes)[triangles].mean(axis=1)
-    u, v = current(*middle.T, -sigma[:, None] * depth)
+    # closer at the surface in the east: shares of the water differ from node to node
+    share = ((np.arange(20) + 0.5) / 20)[:, None] ** (1.0 + 0.4 * (nodes[:, 0] - WEST) / SIDE)
+    middle = nodes[triangles].mean(axis=1)
+    u, v = current(*middle.T, (share * bottom(nodes))[:, triangles].mean(axis=2))
     terms = {"standard_name": "ocean_sigma_coordinate"}
     return xr.Dataset(
         {
@@ -56,7 +57,7 @@ def fvcom(nodes, triangles):
             "nv": (("three", "nele"), triangles.T + 1),
             "h": ("node", bottom(nodes)),
             "zeta": (("member", "node"), np.zeros((2, len(nodes)))),
-            "siglay": (("siglay", "node"), np.repeat(sigma[:, None], len(nodes), 1), terms),
+            "siglay": (("siglay", "node"), -share, terms),
             "member": ("member", [0, 1]),
             "u": (("member", "siglay", "nele"), of_members(u)),
             "v": (("member", "siglay", "nele"), of_members(v)),
@@ -139,8 +140,7 @@ def test_a_field_on_a_mesh_is_the_same_on_the_grid(tmp_path, mesh, made):
     found = read_ensemble(tmp_path / "mesh.nc", config)
     grid = found.grid
     assert found.n_members == 2
-    # those of the file that are nearest, where it has layers at each node
-    np.testing.assert_allclose(grid.levels, LEVELS, atol=2.0)
+    np.testing.assert_array_equal(grid.levels, LEVELS)
     expected = np.stack(current(grid.longitude, grid.latitude, grid.levels[:, None, None]))
     wet = grid.wet
     # of the mean spacing of the mesh
@@ -154,19 +154,13 @@ def test_a_field_on_a_mesh_is_the_same_on_the_grid(tmp_path, mesh, made):
     assert "cm/s RMS" in found.notes[-1]
 
 
-def test_a_mesh_in_metres_is_refused(tmp_path, mesh):
-    nodes, triangles = mesh
-    ds = fesom(nodes, triangles)
-    ds["lon"], ds["lat"] = 1e4 * ds.lon, 1e4 * ds.lat
-    ds.to_netcdf(tmp_path / "mesh.nc", engine="h5netcdf")
-    with pytest.raises(ForecastError, match="whose nodes are not in degrees"):
-        read_ensemble(tmp_path / "mesh.nc", ForecastConfig())
-
-
-def test_layers_that_differ_from_node_to_node_are_refused(tmp_path, mesh):
-    ds = fvcom(*mesh)
-    ds["siglay"] = ds.siglay * np.linspace(0.5, 1.0, ds.sizes["node"])
-    ds.siglay.attrs["standard_name"] = "ocean_sigma_coordinate"
-    ds.to_netcdf(tmp_path / "mesh.nc", engine="h5netcdf")
-    with pytest.raises(ForecastError, match="layers siglay that differ from node to node"):
-        read_ensemble(tmp_path / "mesh.nc", ForecastConfig())
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda ds: ds.assign(lon=1e4 * ds.lon), "whose nodes are not in degrees"),
+        (lambda ds: ds.drop_vars("h"), r"layers siglay need the depth of the bottom \(h\)"),
+    ],
+)
+def test_meshes_that_cannot_be_read_are_refused(tmp_path, mesh, spoil, words):
+    spoil(fvcom(*mesh)).to_netcdf(tmp_path / "mesh.nc", engine="h5netcdf")
+    refused(words, tmp_path / "mesh.nc")

@@ -5,10 +5,11 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 
-from replay_kit.config.run import ForecastConfig
+from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.flow.dataset import write_grid
+from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
-from replay_kit.forecast.grids.horizontal import centre_longitude, region_block
 from tests import synthetic
 from tests.forecast.forms import noted, read_with, refused, save
 
@@ -25,48 +26,6 @@ def test_region_and_levels_cut(tmp_path):
     assert read.grid.longitude.shape == (3, 3)
     assert_array_equal(read.grid.levels, [5.0, 150.0])
     refused(r"no grid point inside the region.*152\.0", path, region=(10.0, 50.0, 12.0, 52.0))
-
-
-@pytest.mark.parametrize("shift", [0.0, 360.0, -360.0])
-def test_regions_in_any_longitude_convention_and_across_the_antimeridian(shift):
-    longitude, latitude = np.meshgrid(
-        np.array([178.0, 179.0, -180.0, -179.0]), np.array([0.0, 1.0])
-    )
-    block = region_block(longitude, latitude, (179.0 + shift, -1.0, 181.0 + shift, 2.0))
-    assert block == (slice(0, 2), (slice(1, 4),))
-    assert centre_longitude(longitude) == pytest.approx(179.5)
-
-
-def test_land_of_any_member_is_everyone_s_and_is_told(tmp_path):
-    ds = synthetic.dataset()
-    ds["uo"][:, :, 4, 5] = ds["vo"][:, :, 4, 5] = 0.0
-    ds["uo"][3, 1:, 0, 0] = np.nan
-    ds["vo"][5, :, 2, 2] = np.nan
-    read = read_with(save(ds, tmp_path / "e.nc"))
-    assert not read.grid.wet[:, 2, 2].any()
-    assert_array_equal(read.grid.wet[:, 0, 0], [True, False, False, False])
-    assert np.isnan(read.velocity[:, :, ~read.grid.wet]).all()
-    assert np.isfinite(read.velocity[:, :, read.grid.wet]).all()
-    assert read.notes == (
-        "treated as land: 1 column whose current is exactly zero in every member",
-        "treated as land: 7 points without values in 2 of 8 members, most in 'e.nc member 5' (4 of 116 points)",
-    )
-    ds["uo"][3, 0] = np.nan
-    refused(
-        r"leave no water at the first level; 'none\.nc member 3' misses most \(33 of 117 points\)",
-        save(ds, tmp_path / "none.nc"),
-    )
-
-
-def test_options_that_the_file_has_no_use_for_are_refused(tmp_path):
-    path = save(synthetic.dataset(), tmp_path / "e.nc")
-    for config in (
-        ForecastConfig(lead=3.0),
-        ForecastConfig(time="2020-01-01"),
-        ForecastConfig(reference_time="2020-01-01"),
-    ):
-        with pytest.raises(ForecastError, match="remove the option"):
-            read_ensemble(path, config)
 
 
 def test_chooses_a_lead_and_a_time(tmp_path):
@@ -114,35 +73,9 @@ def test_truth_of_one_field_or_of_a_named_member(tmp_path):
         read_truth(f"{single}#1", PLAIN)
 
 
-def without(name):
-    return lambda ds: ds.drop_vars(name)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda ds: ds.isel(member=0, drop=True), "no member dimension.*depth = 4"),
-        (lambda ds: ds.drop_vars(["uo", "vo"]), "no current found"),
-        (without("lon"), "no longitude found"),
-        (lambda ds: ds.assign(uo=ds["uo"].assign_attrs(units="furlongs")), "'furlongs'"),
-        (lambda ds: ds.isel(lat=[0]), "at least 2 x 2"),
-        (lambda ds: ds.where(False), "is land"),
-        (lambda ds: ds.assign_coords(depth=("depth", [5.0, 5.0, 10.0, 20.0])), "distinct"),
-        (
-            lambda ds: ds.assign_coords(lat=("lat", ds["lat"].values + 300.0, ds["lat"].attrs)),
-            "beyond 90",
-        ),
-    ],
-)
-def test_what_cannot_be_used_is_refused_in_words(tmp_path, spoil, message):
-    refused(message, save(spoil(synthetic.dataset()), tmp_path / "e.nc"))
-
-
-@pytest.mark.parametrize(
-    "content", [b"", b"not a dataset at all", b"\x89HDF\r\n\x1a\n broken", b"CDF\x01 broken"]
-)
-def test_files_that_are_no_dataset(tmp_path, content):
-    path = tmp_path / "e.nc"
-    path.write_bytes(content)
-    refused(r"e\.nc", path)
-    refused("no such file", tmp_path / "absent.nc")
+def test_the_grid_that_a_replay_writes_can_be_a_truth(tmp_path):
+    estimator = build([synthetic.ensemble()], EstimatorConfig(modes=4, sample_share=0.6))
+    write_grid(estimator.flow(estimator.initial()), tmp_path / "flow.nc")
+    truth = read_truth(str(tmp_path / "flow.nc"), PLAIN)
+    assert_array_equal(truth.grid.levels, synthetic.LEVELS)
+    assert truth.notes == ()

@@ -12,7 +12,7 @@ from replay_kit.forecast import read_series
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from tests import synthetic
 from tests.forecast import forms
-from tests.forecast.forms import noted, read_with
+from tests.forecast.forms import noted, read_with, saved
 from tests.forecast.test_members import lagged
 
 DAY = 86_400 * 10**9
@@ -46,9 +46,7 @@ def of_reference(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def lags(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("lags")
-    lagged(folder)
-    return folder
+    return saved(lagged(), tmp_path_factory.mktemp("lags"))
 
 
 def test_each_lead_is_the_ensemble_that_would_be_read_alone(of_reference):

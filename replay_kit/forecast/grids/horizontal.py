@@ -26,15 +26,21 @@ def centre_longitude(longitude: Array) -> float:
 
 
 _STEPS = 12
-Block = tuple[slice, tuple[slice, ...]]
+Index = NDArray[np.int64]
+
+
+def runs(index: Index) -> list[slice]:
+    """Return positions as slices of successive ones, which are read faster."""
+    cuts = np.flatnonzero(np.diff(index) != 1) + 1
+    return [slice(int(run[0]), int(run[-1]) + 1) for run in np.split(index, cuts)]
 
 
 def region_block(
     longitude: Array, latitude: Array, region: tuple[float, float, float, float]
-) -> Block | None:
-    """Return the slices (J, (I, ...)) of the smallest block with all grid points inside a region; None without any.
+) -> tuple[Index, Index] | None:
+    """Return the rows and columns of the smallest block with all grid points inside a region; None without any.
 
-    Columns are two slices, in their order in space, if the region crosses the seam of a global grid.
+    Columns are in their order in space, also where the region crosses the seam of a global grid.
 
     Args:
         longitude: Longitude [degrees east], shape (J, I), or (I,) for a separable grid.
@@ -47,16 +53,15 @@ def region_block(
     inside_x = np.mod(longitude - west + 1e-4, 360.0) <= width + 2e-4
     inside_y = (latitude >= south - 1e-4) & (latitude <= north + 1e-4)
     inside = inside_y[:, None] & inside_x if longitude.ndim == 1 else inside_x & inside_y
-    rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    rows, found = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     if rows.size == 0:
         return None
-    first, last, count = int(columns[0]), int(columns[-1]) + 1, longitude.shape[-1]
-    block: tuple[slice, ...] = (slice(first, last),)
-    gaps = np.diff(columns)
-    if gaps.size and gaps.max() > count - (last - first) + 1 and columns_round(longitude) == count:
+    count, columns = longitude.shape[-1], np.arange(found[0], found[-1] + 1)
+    gaps = np.diff(found)
+    if gaps.size and gaps.max() > count - columns.size + 1 and columns_round(longitude) == count:
         split = int(np.argmax(gaps))
-        block = (slice(int(columns[split + 1]), count), slice(0, int(columns[split]) + 1))
-    return slice(int(rows[0]), int(rows[-1]) + 1), block
+        columns = np.r_[found[split + 1] : count, 0 : found[split] + 1]
+    return np.arange(rows[0], rows[-1] + 1), columns
 
 
 def columns_round(longitude: Array) -> int | None:

@@ -1,7 +1,8 @@
 """Horizontal layout of velocities: dimensions, cell centres, staggering and axes."""
 
-import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pyproj
@@ -11,8 +12,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import Region
 from replay_kit.core.text import count_text
-from replay_kit.forecast.files import size_text
-from replay_kit.forecast.grids.horizontal import columns_round, region_block
+from replay_kit.forecast.grids.horizontal import Index, columns_round, region_block
 from replay_kit.forecast.names import (
     ANGLES,
     Axes,
@@ -33,8 +33,8 @@ DIRECTION = "replay_kit_direction"
 STAGGERED = "replay_kit_staggered"
 
 
-Faces = tuple[int | None, int | None]
-AT_CENTRES: Faces = (None, None)
+#: Points of a variable that are neither of these: cell centres.
+CENTRE = "centre"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,12 +45,10 @@ class Layout:
         kind: Kind of grid.
         longitude: Degrees east, shape (J, I) or (I,).
         latitude: Degrees north, shape (J, I) or (J,).
-        u_dims: Dimensions (y, x) of u.
-        v_dims: Dimensions of v.
-        centre_dims: Dimensions of masks.
+        dims: Dimensions (y, x) of ``U``, ``V`` and ``CENTRE``.
         first_face: Face before centre 0 along y (v), x (u), if any.
         rows: Rows used.
-        columns: Columns, in spatial order; two across a seam.
+        columns: Columns used, in spatial order.
         period: Columns round the globe, if any.
         axes: Axes of u and v.
         why: Reason for axes.
@@ -60,12 +58,10 @@ class Layout:
     kind: Coordinates
     longitude: Array
     latitude: Array
-    u_dims: tuple[str, str]
-    v_dims: tuple[str, str]
-    centre_dims: tuple[str, str]
+    dims: Mapping[str, tuple[str, str]]
     first_face: tuple[int, int] | None
-    rows: slice
-    columns: tuple[slice, ...]
+    rows: Index
+    columns: Index
     period: int | None
     axes: Axes
     why: str
@@ -73,28 +69,29 @@ class Layout:
 
     @property
     def places(self) -> tuple[Array, Array]:
-        """Longitude and latitude of the centres used, each once [degrees], shaped as in the file."""
-        flat = self.longitude.ndim == 1
-        x, y = (
-            np.concatenate([axis[..., part] for part in self.columns], axis=-1)
-            for axis in (self.longitude, self.longitude if flat else self.latitude)
-        )
-        return (x, self.latitude[self.rows]) if flat else (x[self.rows], y[self.rows])
+        """Longitude and latitude of the centres used [degrees], shaped as in the file."""
+        if self.longitude.ndim == 1:
+            return self.longitude[self.columns], self.latitude[self.rows]
+        used = np.ix_(self.rows, self.columns)
+        return self.longitude[used], self.latitude[used]
 
     @property
     def points(self) -> tuple[Array, Array]:
         """Longitude and latitude of all centres used [degrees], shape (J, I)."""
         x, y = self.places
         if x.ndim == 1:
-            x, y = np.meshgrid(x, y)
+            x, y = np.meshgrid(x, y, copy=False)
         return x, y
 
-    @property
-    def faces(self) -> tuple[Faces, Faces]:
-        """First faces of both components along their dimensions; None at the centres."""
-        if self.first_face is None:
-            return AT_CENTRES, AT_CENTRES
-        return (None, self.first_face[1]), (self.first_face[0], None)
+    def taken(self, of: str) -> tuple[Index, Index]:
+        """Return the rows and columns used of ``U``, ``V`` or ``CENTRE``; of a C-grid with the faces on both sides of the centres."""
+        rows, columns = self.rows, self.columns
+        if self.first_face is not None and of == V:
+            rows = np.append(rows, rows[-1] + 1) + self.first_face[0]
+        if self.first_face is not None and of == U:
+            columns = np.append(columns, columns[-1] + 1) + self.first_face[1]
+            columns = columns if self.period is None else columns % self.period
+        return rows, columns
 
     def within(self, region: Region | None, where: str) -> "Layout":
         """Return the layout of the smallest block with all points inside a region; unchanged without a region.
@@ -111,12 +108,7 @@ class Layout:
                 f"{where}: no grid point inside the region {region} (west, south, east, north); the forecast covers "
                 f"{x.min():.3f}..{x.max():.3f} E, {y.min():.3f}..{y.max():.3f} N"
             )
-        rows, columns = block
-        return replace(
-            self,
-            rows=_moved(rows, self.rows.start),
-            columns=tuple(_moved(part, self.columns[0].start) for part in columns),
-        )
+        return replace(self, rows=self.rows[block[0]], columns=self.columns[block[1]])
 
     @property
     def name(self) -> str:
@@ -175,26 +167,23 @@ def lay_out(ds: xr.Dataset, current: Current, where: str) -> Layout:
         notes += (
             "cell centres assumed midway between the points of u, as no grid file (glamt, gphit) was given",
         )
-    _check_places(x, y, (x_name, y_name), where, 16 * math.prod(ds[U].shape))
+    _check_places(x, y, (x_name, y_name), where)
     ny, nx = y.shape[0], x.shape[-1]
     period = columns_round(x)
-    rows, columns = slice(0, ny), (slice(0, period or nx),)
+    rows, columns = np.arange(ny), np.arange(period or nx)
     if face is not None:
         b, a = face
-        rows = slice(max(0, -b), min(ny, ds.sizes[v_dims[0]] - b - 1, ds.sizes[u_dims[0]]))
+        rows = np.arange(max(0, -b), min(ny, ds.sizes[v_dims[0]] - b - 1, ds.sizes[u_dims[0]]))
         if period is None:
             last = min(nx, ds.sizes[u_dims[1]] - a - 1, ds.sizes[v_dims[1]])
-            columns = (slice(max(0, -a), last),)
+            columns = np.arange(max(0, -a), last)
     axes, why = _axes(ds, current, face is not None)
-    return Layout(kind, x, y, u_dims, v_dims, centre, face, rows, columns, period, axes, why, notes)
+    of = {U: u_dims, V: v_dims, CENTRE: centre}
+    return Layout(kind, x, y, of, face, rows, columns, period, axes, why, notes)
 
 
-def _moved(part: slice, by: int) -> slice:
-    return slice(part.start + by, part.stop + by)
-
-
-def _check_places(x: Array, y: Array, names: tuple[str, str], where: str, size: int) -> None:
-    """Raise ForecastError for implausible longitudes or latitudes, before currents of a size [bytes] are read."""
+def _check_places(x: Array, y: Array, names: tuple[str, str], where: str) -> None:
+    """Raise ForecastError for implausible longitudes or latitudes."""
     if not (np.isfinite(x).all() and np.isfinite(y).all() and (np.abs(y) <= 90.0).all()):
         raise ForecastError(
             f"{where}: longitude or latitude holds missing values or latitudes beyond 90 degrees; swapped or damaged coordinates?"
@@ -203,7 +192,7 @@ def _check_places(x: Array, y: Array, names: tuple[str, str], where: str, size: 
         if min(y.shape[0], x.shape[-1]) > 1 and np.ptp(values) == 0.0:
             raise ForecastError(
                 f"{where}: {name} is {values.flat[0]:g} at every point; were the coordinates written? give the file of the grid with "
-                f"--ensemble{size_text(size)}"
+                "--ensemble"
             )
 
 
@@ -217,10 +206,8 @@ def _horizontal(ds: xr.Dataset, component: str, name: str | None, where: str) ->
     """Return the two horizontal dimensions of a component: neither members, times nor levels."""
     dims = ds[component].dims
     others = {find(ds, dims) for find in (find_member, find_time, find_lead, find_depth)}
-    left = tuple(str(dim) for dim in dims if dim not in others)
-    if len(left) > 2:
-        # members under a name of their own, chosen by dim:NAME, come before the grid
-        left = left[-2:]
+    # members under a name of their own, chosen by dim:NAME, come before the grid
+    left = [str(dim) for dim in dims if dim not in others][-2:]
     if len(left) != 2:
         raise ForecastError(
             f"{where}: {name} has dimensions {', '.join(map(str, dims))}; expected two horizontal ones among them"
@@ -250,25 +237,17 @@ def _first_faces(
     found = []
     for face, middle in ((vy, centre[0]), (ux, centre[1])):
         more = ds.sizes[face] - ds.sizes[middle]
-        along = [
-            ds[dim].values.astype(np.float64)
-            if dim in ds.coords and ds[dim].dtype.kind in "fiu"
-            else None
-            for dim in (face, middle)
-        ]
-        if more == 1:
-            found.append(0)
-        elif (
-            face != middle
-            and along[0] is not None
-            and along[1] is not None
-            and along[0].size
-            and more == 0
-        ):
-            found.append(0 if along[0][0] < along[1][0] else -1)
-        else:
-            found.append(-1 if kind.face == 1 or more < 0 else 0)
+        known = more == 0 and face != middle
+        first, other = (_first(ds, dim) if known else np.nan for dim in (face, middle))
+        before = more < 0 or kind.face == 1 or first >= other
+        found.append(-1 if more < 1 and before and not first < other else 0)
     return found[0], found[1]
+
+
+def _first(ds: xr.Dataset, dim: str) -> float:
+    """Return the first value of a dimension's coordinate; NaN without one."""
+    has = dim in ds.coords and ds.sizes[dim] and ds[dim].dtype.kind in "fiu"
+    return float(ds[dim].values[0]) if has else np.nan
 
 
 def _before(values: Array) -> Array:
@@ -286,35 +265,29 @@ def _filled(x: Array, y: Array) -> tuple[Array, Array, int]:
         return x, y, 0
     middle = float(np.median(x[~missing]))
     x = (x - middle + 180.0) % 360.0 - 180.0 + middle
-    return _extended(x, missing), _extended(y, missing), count
+    filled = []
+    for values in (x, y):
+        axis = xr.DataArray(values, dims=("y", "x")).where(~missing)
+        for dim in ("x", "y"):
+            known = axis.where(axis.notnull().sum(dim) > 1)
+            axis = axis.fillna(known.interpolate_na(dim, fill_value="extrapolate"))
+        filled.append(axis.values)
+    return filled[0], filled[1], count
 
 
-def _extended(values: Array, missing: Array) -> Array:
-    values = np.where(missing, np.nan, values)
-    for turned in (values, values.T):
-        for row in turned:
-            known = np.flatnonzero(np.isfinite(row))
-            if 2 <= known.size < row.size:
-                i = np.arange(row.size)
-                inside = np.interp(i, known, row[known])
-                before, after = (
-                    (row[known[k + 1]] - row[known[k]]) / (known[k + 1] - known[k]) for k in (0, -2)
-                )
-                inside += (
-                    np.minimum(i - known[0], 0) * before + np.maximum(i - known[-1], 0) * after
-                )
-                row[:] = np.where(np.isfinite(row), row, inside)
-    return values
+def _mapping(ds: xr.Dataset) -> dict[str, Any]:
+    """Return the attributes of a map projection; empty without one."""
+    each = (variable.attrs for variable in ds.variables.values())
+    return next((about for about in each if "grid_mapping_name" in about), {})
 
 
 def _projected(ds: xr.Dataset, dims: tuple[str, str]) -> xr.Dataset:
     """Return a dataset with longitude and latitude computed from its map projection, if it states one."""
-    name = next((name for name in ds.variables if "grid_mapping_name" in ds[name].attrs), None)
     y, x = dims
-    if name is None or x not in ds.coords or y not in ds.coords:
+    if not (about := _mapping(ds)) or x not in ds.coords or y not in ds.coords:
         return ds
     scale = [1e3 if ds[dim].attrs.get("units") == "km" else 1.0 for dim in (x, y)]
-    crs = pyproj.CRS.from_cf(dict(ds[name].attrs))
+    crs = pyproj.CRS.from_cf(about)
     east, north = np.meshgrid(ds[x].values * scale[0], ds[y].values * scale[1])
     longitude, latitude = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(
         east, north
@@ -336,14 +309,7 @@ def _axes(ds: xr.Dataset, current: Current, staggered: bool) -> tuple[Axes, str]
     angle = next((name for name in ANGLES if name in ds.variables), None)
     if angle is not None:
         return "grid", f"the file holds the grid's angle ({angle})"
-    mapping = next(
-        (
-            ds[name].attrs["grid_mapping_name"]
-            for name in ds.variables
-            if "grid_mapping_name" in ds[name].attrs
-        ),
-        None,
-    )
+    mapping = _mapping(ds).get("grid_mapping_name")
     if mapping not in (None, "latitude_longitude"):
         return "grid", f"the map projection {mapping}"
     return "true", "no sign of other axes"

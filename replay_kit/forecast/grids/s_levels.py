@@ -1,12 +1,12 @@
-"""Terrain-following levels (ROMS, CROCO): depths, and interpolation of velocities to fixed depths.
+"""Terrain-following levels (ROMS, CROCO, sigma, heights at each node): depths, and interpolation of velocities to fixed depths.
 
-Symbols: s and C the stretched coordinate and its stretching, h the depth of the sea bed, hc the critical depth, zeta the surface, z
-upwards from the surface at rest. Transform 1: z0 = hc (s - C) + C h, z = z0 + zeta (1 + z0 / h). Transform 2:
-S = (hc s + C h) / (hc + h), z = zeta + (zeta + h) S (Shchepetkin and McWilliams, Ocean Modelling, 2005).
+A level lies at a share of the water: z = zeta + (h + zeta) share, with z upwards from the surface at rest, h the depth of the sea bed and
+zeta the surface. ROMS' share follows from s and C, the stretched coordinate and its stretching, and hc, the critical depth. Transform 1:
+(hc (s - C) + C h) / h. Transform 2: (hc s + C h) / (hc + h) (Shchepetkin and McWilliams, Ocean Modelling, 2005).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -15,111 +15,120 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, span_text
+from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.depths import Levels, at_depths, depths_text, reach, reach_of
+from replay_kit.forecast.grids.layout import Layout
 from replay_kit.forecast.members.rules import WARNING, no_water
+from replay_kit.forecast.names import SHARE
+from replay_kit.forecast.variables import read
 
 #: Begins the note on water that no level is near.
 LEFT_DRY = "left dry: "
 
 _NAMES = {
     "s": ("s_rho", "sc_r"),
-    "c": ("Cs_r", "Cs_rho", "Cs"),
+    "C": ("Cs_r", "Cs_rho", "Cs"),
     "hc": ("hc",),
     "h": ("h",),
-    "transform": ("Vtransform",),
+    "Vtransform": ("Vtransform",),
 }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SCoordinate:
-    """Vertical coordinate of terrain-following levels.
+class Terrain:
+    """Depths of terrain-following levels.
 
     Attributes:
-        s: Stretched coordinate, from -1 at the sea bed to 0, shape (Z,).
-        c: Stretching, shape (Z,).
-        hc: Critical depth [m].
-        h: Name of the variable of the sea bed's depth.
-        transform: Number of the transform, 1 or 2.
+        name: Variable of the sea bed.
+        bed: Depth of the sea bed [m], shape (J, I).
+        share: Share of the water above each level, from -1 at the sea bed to 0, shape (E or 1, Z, J, I).
+        surface: Sea surface height of each member or of all [m], shape (E or 1, J, I); None for a surface at rest.
+        how: Origin of the share as text.
     """
 
-    s: Array
-    c: Array
-    hc: float
-    h: str
-    transform: int
+    name: str
+    bed: Array
+    share: Array
+    surface: Array | None
+    how: str
 
     @property
-    def ends_at_sea_bed(self) -> bool:
-        """Whether the deepest level represents the water down to the sea bed."""
-        s = np.sort(self.s)
-        return bool(s.size > 1 and 1.0 + s[0] < 1.001 * (s[1] - s[0]))
+    def at_rest(self) -> Array:
+        """Depth of each level below a surface at rest, shape (Z, J, I) [m]."""
+        return np.asarray(-self.bed * self.share[0])
 
-    def depths(self, h: Array, surface: Array) -> Array:
-        """Return the depth of each level, shape (Z, J, I) [m], positive down, in the order of s.
-
-        Args:
-            h: Depth of the sea bed [m], shape (J, I).
-            surface: Sea surface height [m], shape (J, I).
-        """
-        s, c = self.s[:, None, None], self.c[:, None, None]
-        if self.transform == 1:
-            at_rest = self.hc * (s - c) + c * h
-            return -(at_rest + surface * (1.0 + at_rest / h))
-        return -(surface + (surface + h) * (self.hc * s + c * h) / (self.hc + h))
+    def of_member(self, k: int) -> tuple[Array, Array]:
+        """Return the depth of each level, shape (Z, J, I) [m], and the surface's height, shape (J, I), of a member."""
+        surface = np.zeros((1, *self.bed.shape)) if self.surface is None else self.surface
+        height, share = (each[min(k, len(each) - 1)] for each in (surface, self.share))
+        return -(height + (self.bed + height) * share), height
 
 
-def find_s_coordinate(ds: xr.Dataset, dim: str, where: str) -> SCoordinate | None:
-    """Return the coordinate of a dimension of terrain-following levels; None for another dimension.
+def follows_terrain(ds: xr.Dataset, dim: str | None) -> bool:
+    """Return whether a dimension numbers terrain-following levels."""
+    stated = [name for name in (*_NAMES["C"], SHARE) if name in ds.variables]
+    return any(dim in ds[name].dims for name in stated) or (not stated and dim in _NAMES["s"])
+
+
+def read_terrain(field: Field, layout: Layout, dim: str, surface: Array | None) -> Terrain:
+    """Return the depths of the levels of a dimension in the used part of a file.
+
+    Args:
+        field: Members of the file.
+        layout: Used part of the file.
+        dim: Dimension of the levels.
+        surface: Sea surface height [m], shape (E or 1, J, I); None if absent.
 
     Raises:
-        ForecastError: A variable that defines the depths of its levels is missing.
+        ForecastError: A variable that defines the depths is missing.
     """
+    ds, names = field.ds, _NAMES
+    if SHARE in ds.variables:
+        names = {"h": _NAMES["h"]}
     found = {
-        key: next((name for name in names if name in ds.variables), None)
-        for key, names in _NAMES.items()
+        key: next((name for name in some if name in ds.variables), "")
+        for key, some in names.items()
     }
-    if found["c"] is None and dim not in _NAMES["s"]:
-        return None
-    if found["c"] is not None and dim not in ds[found["c"]].dims:
-        return None
-    missing = [_NAMES[key][0] for key, name in found.items() if name is None]
+    missing = [names[key][0] for key, name in found.items() if not name]
     if missing:
         raise ForecastError(
-            f"{where}: {dim} numbers terrain-following levels, whose depths need {', '.join(missing)} too; give the file of the grid with "
-            "--ensemble, or a file that holds them"
+            f"{field.where}: {dim} numbers terrain-following levels, whose depths need {', '.join(missing)} too; give the file of the grid "
+            "with --ensemble, or a file that holds them"
         )
-    values = {
-        key: np.asarray(ds[name].values, dtype=np.float64)
-        for key, name in found.items()
-        if name is not None and key != "h"
-    }
-    transform = int(values["transform"].ravel()[0])
-    if transform not in (1, 2):
-        raise ForecastError(f"{where}: Vtransform is {transform}; expected 1 or 2")
-    return SCoordinate(
-        values["s"].ravel(),
-        values["c"].ravel(),
-        float(values["hc"].ravel()[0]),
-        str(found["h"]),
-        transform,
+    name = found.pop("h")
+    bed = read(field, layout, name)[0, 0]
+    surface = None if surface is None else np.nan_to_num(surface)
+    if SHARE in ds.variables:
+        levels = dim, np.arange(ds.sizes[dim])
+        share = read(field, layout, SHARE, levels=levels)
+        return Terrain(name, bed, share, surface, "sigma")
+    s, c, hc, transform = (
+        np.asarray(ds[of].values, np.float64).reshape(-1, 1, 1) for of in found.values()
     )
+    number = int(transform[0, 0, 0])
+    if number not in (1, 2):
+        raise ForecastError(f"{field.where}: Vtransform is {number}; expected 1 or 2")
+    # columns on land may have a depth of 0
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = stretched(s, c, hc[:1], bed, number)[None]
+    return Terrain(name, bed, share, surface, f"transform {number}")
+
+
+def stretched(s: Array, c: Array, hc: Array | float, h: Array, transform: int) -> Array:
+    """Return the share of the water above ROMS' levels; for the symbols see the module, for shapes numpy's broadcasting."""
+    if transform == 1:
+        return np.asarray((hc * (s - c) + c * h) / h)
+    return np.asarray((hc * s + c * h) / (hc + h))
 
 
 def from_s_levels(
-    velocity: Values,
-    coordinate: SCoordinate,
-    h: Array,
-    sea_level: Array | None,
-    wanted: Sequence[float] | None,
-    where: str,
+    velocity: Values, terrain: Terrain, wanted: Sequence[float] | None, where: str
 ) -> tuple[Values, Levels]:
     """Return velocities at fixed depths, shape (E, 2, L, J, I), and these depths.
 
     Args:
         velocity: Velocities on levels, shape (E, 2, Z, J, I); NaN on land.
-        coordinate: Coordinate of the levels.
-        h: Depth of the sea bed [m], shape (J, I); ignored on land.
-        sea_level: Sea surface height [m], shape (E or 1, J, I); None for a surface at rest.
+        terrain: Depths of the levels.
         wanted: Fixed depths [m]; None for those of the deepest column.
         where: The file, for messages.
 
@@ -130,19 +139,18 @@ def from_s_levels(
     water = np.isfinite(velocity).any(axis=(0, 1, 2))
     if not water.any():
         raise no_water(where)
-    water &= h > 0.0
+    water &= terrain.bed > 0.0
     if not water.any():
         raise ForecastError(
-            f"{where}: no column has both a current and a depth of the sea bed ({coordinate.h}) above 0; check the region and the "
+            f"{where}: no column has both a current and a depth of the sea bed ({terrain.name}) above 0; check the region and the "
             "variables' missing values"
         )
-    h = np.where(water, h, np.nan)
-    at_rest = np.sort(
-        coordinate.depths(h, np.zeros_like(h)).reshape(coordinate.s.size, -1)[:, np.nanargmax(h)]
-    )
+    bed = np.where(water, terrain.bed, np.nan)
+    terrain = replace(terrain, bed=bed)
+    at_rest = np.sort(terrain.at_rest.reshape(velocity.shape[2], -1)[:, np.nanargmax(bed)])
     levels = at_rest if wanted is None else np.unique(np.asarray(wanted, dtype=np.float64))
-    surface = np.zeros((1, *h.shape)) if sea_level is None else np.nan_to_num(sea_level)
-    found, beyond = _at_depths(velocity, coordinate, h, surface, levels)
+    ends = at_rest.size > 1 and np.nanmax(bed) - at_rest[-1] < 1.001 * (at_rest[-1] - at_rest[-2])
+    found, beyond = _at_depths(velocity, terrain, levels, bool(ends))
     span = f"those of the file ({span_text(at_rest)} m in the deepest column)"
     if beyond[0].any() and not np.isfinite(found[:, :, 0]).any():
         raise ForecastError(
@@ -150,12 +158,12 @@ def from_s_levels(
         )
     chosen = "those of the deepest column at rest" if wanted is None else "the levels asked for"
     own = (
-        "its own surface"
-        if sea_level is not None
-        else "a surface at rest, as the file holds no zeta"
+        "a surface at rest, as the file holds no zeta"
+        if terrain.surface is None
+        else "its own surface"
     )
     notes = [
-        f"terrain-following levels (transform {coordinate.transform}) interpolated to fixed depths, {chosen}; each member with {own}"
+        f"terrain-following levels ({terrain.how}) interpolated to fixed depths, {chosen}; each member with {own}"
     ]
     if beyond.any():
         dry = count_text(int(beyond.sum()), "point")
@@ -163,21 +171,21 @@ def from_s_levels(
         notes.append(
             f"{warning}{LEFT_DRY}{dry} in the water at {depths_text(levels[beyond.any(axis=(1, 2))])}: no level is near, of {span}"
         )
-    return found, Levels(levels, np.arange(coordinate.s.size), reach_of(at_rest), tuple(notes))
+    return found, Levels(levels, np.arange(at_rest.size), reach_of(at_rest), tuple(notes))
 
 
 def _at_depths(
-    velocity: Values, coordinate: SCoordinate, h: Array, surface: Array, levels: Array
+    velocity: Values, terrain: Terrain, levels: Array, ends_at_bed: bool
 ) -> tuple[Values, NDArray[np.bool_]]:
     """Return velocities at fixed depths, and the mask of water without a near level, shape (L, J, I)."""
-    # s says which level is the upper one, as the depths of columns on land may be none
-    down = slice(None, None, -1) if coordinate.s[0] < coordinate.s[-1] else slice(None)
-    found, at, beyond = [], levels[:, None, None], np.zeros((levels.size, *h.shape), dtype=bool)
+    h, at = terrain.bed, levels[:, None, None]
+    found, beyond = [], np.zeros((levels.size, *h.shape), dtype=bool)
+    means = np.nanmean(terrain.at_rest, axis=(1, 2))
+    down = slice(None, None, -1 if means[0] > means[-1] else 1)
     for k, field in enumerate(velocity):
-        height = surface[min(k, surface.shape[0] - 1)]
-        depths = coordinate.depths(h, height)[down]
-        top, bottom = reach(depths, height)
-        bottom = h if coordinate.ends_at_sea_bed else np.minimum(bottom, h)
-        found.append(at_depths(field[:, down], depths, (top, bottom), levels))
+        depths, height = terrain.of_member(k)
+        top, bottom = reach(depths[down], height)
+        bottom = h if ends_at_bed else np.minimum(bottom, h)
+        found.append(at_depths(field[:, down], depths[down], (top, bottom), levels))
         beyond |= (at <= h) & ~((top <= at) & (at <= bottom))
     return np.stack(found), beyond

@@ -1,11 +1,10 @@
 """Members of an ensemble from its files: files of u and v, files of the grid, and their grouping."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
@@ -34,7 +33,6 @@ from replay_kit.forecast.names import (
     find_time,
     sizes_text,
     suffixes,
-    without_partner,
 )
 
 #: What xarray, HDF5, pyproj and numpy raise on contents that are none of a forecast.
@@ -101,9 +99,7 @@ def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Ite
             ]
             fields, rule = _identified(looked, rule)
             of_suffix = looked if kind_of(rule) == "suffix" else ()
-            alone = [
-                f"{file.names}: {name}" for file in of_suffix for name in without_partner(file.ds)
-            ]
+            alone = [f"{file.names}: {name}" for file in of_suffix for name in suffixes(file.ds)[1]]
             notes = sources.notes
             if alone:
                 excluded = f"members with only one component were excluded: {some_text(alone)}"
@@ -122,7 +118,7 @@ def _identified(
 ) -> tuple[list[Field], MemberRule | None]:
     """Return the files with the names of their components; one field for each suffix if suffixes are members."""
     found: list[Field] = []
-    if rule is None and all(len(suffixes(file.like)) > 1 for file in files) and files:
+    if rule is None and files and all(len(suffixes(file.like)[0]) > 1 for file in files):
         rule = MemberRule("suffix")
     currents = dict[int, Current | None]()
     for file in files:
@@ -132,29 +128,15 @@ def _identified(
                 replace(
                     file, current=Current(u, v, _axes_of(whole, u), f"suffix {label}"), label=label
                 )
-                for label, (u, v) in suffixes(whole).items()
+                for label, (u, v) in suffixes(whole)[0].items()
             ] or [file]
             continue
         form = id(file.like)
         if form not in currents:
             currents[form] = find_current(file.like, file.where)
-        one = replace(file, current=currents[form], load=_checked(file, currents[form]))
+        one = replace(file, current=currents[form])
         found += _runs(one) if kind_of(rule) == "lags" else [one]
     return found, rule
-
-
-def _checked(file: Field, current: Current | None) -> Callable[[], tuple[xr.Dataset, Notes]]:
-    """Return the loader of a file, which rejects components other than those of its form."""
-
-    def load() -> tuple[xr.Dataset, Notes]:
-        ds, notes = file.load()
-        if ds is not file.like and find_current(ds, file.where) != current:
-            raise ForecastError(
-                f"{file.where}: its variables have the names and sizes of those in other files, but other standard names; give it alone"
-            )
-        return ds, notes
-
-    return load
 
 
 def _runs(file: Field) -> list[Field]:
@@ -214,23 +196,13 @@ def _labelled(holders: list[Field], rule: MemberRule | None) -> list[Field]:
     kind = kind_of(rule)
     if rule is not None and kind == "files":
         labels = label_files([file.paths[0] for file in holders], rule.name)
-        whole = any(
-            file.current is not None and file.current.u and file.current.v for file in holders
+        us, vs = (
+            sorted((file.paths[0] for file in holders if file.holds == one), key=natural)
+            for one in ((True, False), (False, True))
         )
-        if len(set(labels.values())) == len(holders) and not whole:
+        if len(set(labels.values())) == len(us) + len(vs) == len(holders):
             # a file of u and one of v to each member, whose names say no member: paired in their order
-            us, vs = (
-                sorted(
-                    (
-                        file.paths[0]
-                        for file in holders
-                        if file.current and bool(file.current.u) is first
-                    ),
-                    key=natural,
-                )
-                for first in (True, False)
-            )
-            labels |= {v: u.name for u, v in zip(us, vs, strict=False)} | {u: u.name for u in us}
+            labels |= dict(zip([*us, *vs], [u.name for u in us] * 2, strict=False))
         return sorted(
             (replace(file, label=labels[file.paths[0]]) for file in holders),
             key=lambda file: natural(Path(file.label)),
@@ -267,19 +239,14 @@ def _members(fields: tuple[Field, ...], rule: MemberRule | None) -> list[tuple[F
                 f"{field.where}: no member dimension{' ' + rule.name if rule.name else ''}; expected one of "
                 f"{', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(ds[u])}"
             )
-        if (of_v := f"{member}_of_v") in ds[v].dims:
-            sizes = f"{ds.sizes[member]} of {current.u} and {ds.sizes[of_v]} of {current.v} along {member}"
-            raise ForecastError(
-                f"{field.paths[-1]}: its members are not those of {field.where}: {sizes}; give files with the same members"
-            )
         if member not in ds[v].dims:
             raise ForecastError(
-                f"{field.paths[-1]}: {current.v} has no dimension {member}, which {current.u} has; mend the file"
+                f"{field.paths[-1]}: its members are not those of {field.where}: {current.u} has {sizes_text(ds[u])}, {current.v} has "
+                f"{sizes_text(ds[v])}; give the same members"
             )
         found.append(replace(field, member=str(member), label=field.names))
-    over_time = {tuple(field.times.astype(np.int64)) for field in fields}
-    if rule.name and find_time(fields[0].like, (rule.name,)) == rule.name:
-        return [(field,) for field in found]
-    if len(fields) > 1 and len(over_time) == len(fields):
+    over_time = {tuple(field.times) for field in fields}
+    of_times = rule.name and find_time(fields[0].like, (rule.name,)) == rule.name
+    if not of_times and 1 < len(fields) == len(over_time):
         return [tuple(replace(field, label=found[0].label) for field in found)]
     return [(field,) for field in found]

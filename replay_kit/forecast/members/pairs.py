@@ -1,12 +1,11 @@
 """Files of one component, both, or only the grid, joined to datasets with both components and the grid."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text, some_text
@@ -25,81 +24,64 @@ def _without_repeats(ds: xr.Dataset, where: str) -> tuple[xr.Dataset, tuple[str,
     """Return a dataset without repeated longitudes and latitudes, and notes on these.
 
     Raises:
-        ForecastError: Values at a repeated coordinate differ, or coordinates are not monotonic.
+        ForecastError: Values at repeated places differ, or coordinates are not monotonic.
     """
     notes = [note for note in (ds.attrs.get(MESH),) if note]
-    for axis in _axes(ds):
-        if axis.ndim != 1 or axis.size < 2:
-            continue
-        name, (dim,), values = axis.name, axis.dims, axis.values.astype(np.float64)
-        steps = (np.diff(values) + 180.0) % 360.0 - 180.0
-        turns = np.flatnonzero(steps * np.sign(np.median(steps)) < 0.0) + 1
-        again = np.flatnonzero(steps == 0.0) + 1
-        if turns.size:
-            raise ForecastError(
-                f"{where}: {name} is not monotonic: it turns at its value {turns[0] + 1}, {values[turns[0]]:g}; put {dim} in order"
-            )
-        if again.size not in (0, steps.size):
-            ds = _once(ds, dim, again, f"{where}: {name} repeats {values[again[0]]:g}")
-            listed = some_text([f"{value:g}" for value in values[again]])
-            notes.append(f"{name} repeats {count_text(again.size, 'value')} ({listed}): read once")
-    curved = [axis for axis in _axes(ds) if axis.ndim == 2]
-    for dim in curved[0].dims if len(curved) == 2 else ():
-        same = [
-            (axis.diff(dim) == 0.0).values.all(axis=1 - axis.dims.index(dim))
-            for axis in curved
-            if dim in axis.dims
-        ]
-        again = np.flatnonzero(np.all(same, axis=0)) + 1
-        if again.size not in (0, ds.sizes[dim] - 1):
-            ds = _once(
-                ds, dim, again, f"{where}: {dim} repeats the places of its position {again[0]}"
-            )
-            listed = count_text(again.size, "position")
-            notes.append(f"{dim} repeats the places of {listed}: read once")
-    return ds, tuple(notes)
-
-
-def _axes(ds: xr.Dataset) -> list[xr.DataArray]:
-    """Return the longitudes and latitudes of a dataset."""
-    return [
-        ds[name]
+    axes = [
+        axis.astype(np.float64)
         for name, axis in ds.variables.items()
         if (str(name).lower() in _AXES or axis.attrs.get("standard_name") in _AXES)
         and axis.dtype.kind in "fiu"
     ]
-
-
-def _once(ds: xr.Dataset, dim: Hashable, again: NDArray[np.intp], repeats: str) -> xr.Dataset:
-    """Return a dataset without repeated positions of a dimension; ``repeats`` describes them in errors."""
-    for held in (ds[U], ds[V]):
-        if dim not in held.dims or not np.array_equal(
-            held.isel({dim: again}), held.isel({dim: again - 1}), equal_nan=True
-        ):
-            raise ForecastError(
-                f"{repeats} with other values of {held.attrs['replay_kit_name']}; leave one out"
-            )
-    return ds.isel({dim: np.delete(np.arange(ds.sizes[dim]), again)})
+    for dim in dict.fromkeys(dim for axis in axes for dim in axis.dims if axis.ndim in (1, 2)):
+        if ds.sizes[dim] < 2:
+            continue
+        along = [
+            np.moveaxis(axis.values, axis.dims.index(dim), 0) for axis in axes if dim in axis.dims
+        ]
+        steps = [(np.diff(values, axis=0) + 180.0) % 360.0 - 180.0 for values in along]
+        for values, step in zip(along, steps, strict=True):
+            back = np.flatnonzero(step.ravel() * np.sign(np.median(step)) < 0.0)
+            if step.ndim == 1 and back.size:
+                raise ForecastError(
+                    f"{where}: {dim} is not monotonic: it turns at its value {back[0] + 2}, {values[back[0] + 1]:g}; put it in order"
+                )
+        still = [(step == 0.0).reshape(len(step), -1).all(axis=1) for step in steps]
+        again = np.flatnonzero(np.all(still, axis=0)) + 1
+        if again.size in (0, ds.sizes[dim] - 1):
+            continue
+        for held in (ds[U], ds[V]):
+            if dim not in held.dims or not np.array_equal(
+                held.isel({dim: again}), held.isel({dim: again - 1}), equal_nan=True
+            ):
+                raise ForecastError(
+                    f"{where}: {dim} repeats the place of its position {again[0]} with other values of {held.attrs['replay_kit_name']}; "
+                    "leave one out"
+                )
+        ds = ds.isel({dim: np.setdiff1d(np.arange(ds.sizes[dim]), again)})
+        notes.append(f"{dim} repeats the places of {count_text(again.size, 'position')}: read once")
+    return ds, tuple(notes)
 
 
 def pair_files(files: Sequence[Field], grids: Sequence[Field]) -> tuple[Field, ...]:
     """Return the fields of files of both components, or of u and v, in order of time, joined with the grid when opened."""
-    both = [file for file in files if file.current and file.current.u and file.current.v]
-    us = [file for file in files if file.current and file.current.u and not file.current.v]
-    vs = [file for file in files if file.current and file.current.v and not file.current.u]
+    us, vs, both = (
+        [file for file in files if file.holds == which]
+        for which in ((True, False), (False, True), (True, True))
+    )
     if len(us) != len(vs):
-        more, name, missing = (us, "u", "v") if len(us) > len(vs) else (vs, "v", "u")
-        assert more[0].current is not None
-        as_member = f" as member {more[0].label}" if more[0].label else ""
+        (more, *_), name, missing = (us, "u", "v") if len(us) > len(vs) else (vs, "v", "u")
+        assert more.current is not None
+        as_member = f" as member {more.label}" if more.label else ""
         raise ForecastError(
-            f"{more[0].where}: holds {more[0].current.u or more[0].current.v} and no {missing}; {count_text(len(us), 'file')} of u and "
+            f"{more.where}: holds {more.current.u or more.current.v} and no {missing}; {count_text(len(us), 'file')} of u and "
             f"{len(vs)} of v belong together{as_member}: give a file of {missing} for each file of {name}"
         )
     in_order = [sorted(group, key=lambda file: natural(file.paths[0])) for group in (us, vs)]
     pairs = [(file, file) for file in both] + list(zip(*in_order, strict=True))
     fields = [_pair(u, v, grids) for u, v in pairs]
     if all(field.times.size for field in fields):
-        fields.sort(key=lambda field: int(field.times.min().astype(np.int64)))
+        fields.sort(key=lambda field: int(field.times.min()))
     return tuple(fields)
 
 
@@ -130,6 +112,10 @@ def _joined(
             ds[name].attrs["replay_kit_turn"] = turn
     notes = list(_assumptions(first, current))
     for grid in grids:
+        if {"nyp", "nxp"} <= set(grid.ds.sizes):
+            raise ForecastError(
+                f"{grid.names}: a supergrid of MOM, in which each point of the currents has another place; give ocean_static.nc"
+            )
         ds, fits = _with_grid(ds, grid.ds)
         if not fits:
             sizes = some_text([f"{dim} = {size}" for dim, size in grid.ds.sizes.items()])
@@ -217,7 +203,7 @@ def _with_second(
 def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:
     """Return a dataset with missing variables of a grid file that match its dimensions, and whether any does."""
     added, fitting = {}, False
-    for name, variable in _without_supergrid(ds, grid).variables.items():
+    for name, variable in grid.variables.items():
         single = [dim for dim in variable.dims if variable.sizes[dim] == 1 and dim not in ds.sizes]
         small = variable.isel(dict.fromkeys(single, 0))
         fits = all(ds.sizes.get(dim, small.sizes[dim]) == small.sizes[dim] for dim in small.dims)
@@ -230,25 +216,3 @@ def _with_grid(ds: xr.Dataset, grid: xr.Dataset) -> tuple[xr.Dataset, bool]:
         ):
             added[name] = small
     return ds.assign(added), fitting
-
-
-def _without_supergrid(ds: xr.Dataset, grid: xr.Dataset) -> xr.Dataset:
-    """Return a grid file with the positions of a dataset's currents instead of a supergrid of MOM (``ocean_hgrid.nc``).
-
-    A supergrid has points at corners, faces and centres of the cells. Every second one from the second on is a centre, from the third
-    on the corner after it, where a B-grid has both components.
-    """
-    if not {"nyp", "nxp"} <= set(grid.sizes) or not {"x", "y"} <= set(grid.variables):
-        return grid
-    # u of a C-grid has the centres' rows, v their columns
-    rows, columns = ds[U].dims[-2], ds[V].dims[-1]
-    first, names = (
-        (1, ("geolon", "geolat"))
-        if ds[U].dims[-2:] != ds[V].dims[-2:]
-        else (2, ("geolon_c", "geolat_c"))
-    )
-    places = {"nyp": slice(first, None, 2), "nxp": slice(first, None, 2)}
-    axes = (grid[name].variable.isel(places) for name in ("x", "y"))
-    return xr.Dataset(
-        {name: ((rows, columns), axis.values) for name, axis in zip(names, axes, strict=True)}
-    )

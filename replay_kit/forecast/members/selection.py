@@ -5,18 +5,18 @@ from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core.arrays import Values
+from replay_kit.core.arrays import Times, Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.members.collection import Collection
 from replay_kit.forecast.members.rules import WARNING, kind_of
-from replay_kit.forecast.members.times import choose_time, date_text, nearest_time, wanted_time
+from replay_kit.forecast.members.times import choose_time, date_text, nearest, wanted_time
 
-_YEAR = np.timedelta64(365, "D") + np.timedelta64(6, "h")
+_DAY_NS = 86_400 * 10**9
+_YEAR_NS = 365.25 * _DAY_NS
 _LEAST_TIMES = 5
 #: A change of velocities, shape (E, 2, Z, J, I), and what it did.
 Change = Callable[[Values], tuple[Values, tuple[str, ...]]]
@@ -82,10 +82,7 @@ def _at_time(
     if len(member) > 1:
         wanted = wanted_time(config, near_ns)
         if wanted is not None and all(field.times.size for field in member):
-            field = min(
-                member,
-                key=lambda field: int(np.abs(field.times.astype(np.int64) - wanted).min()),
-            )
+            field = min(member, key=lambda field: int(np.abs(field.times - wanted).min()))
     at, time_ns, notes = choose_time(field, config, near_ns)
     if len(member) > 1:
         notes = (f"{field.names}, one of {len(member)} files of other times, was used", *notes)
@@ -96,7 +93,7 @@ def _unequal_times(fields: Sequence[Field], times: Sequence[int | None]) -> list
     """Return warnings of members of different times, and of undated members among dated ones."""
     notes, dated = [], [time for time in times if time is not None]
     if len(set(dated)) > 1:
-        first, last = (date_text(np.datetime64(time, "ns")) for time in (min(dated), max(dated)))
+        first, last = date_text(min(dated)), date_text(max(dated))
         notes.append(
             f"{WARNING}members are of different times, {first} to {last}: choose one that all have with forecast.time"
         )
@@ -118,7 +115,7 @@ def _labels(field: Field) -> tuple[str, ...]:
         return tuple(f"{names} {member}[{k}]" for k in range(ds.sizes[member]))
     values = ds[member].values
     return tuple(
-        f"{names} {member} {date_text(value) if values.dtype.kind == 'M' else value}"
+        f"{names} {member} {date_text(value.astype('M8[ns]').astype(int)) if values.dtype.kind == 'M' else value}"
         for value in values
     )
 
@@ -142,7 +139,7 @@ def _all_times(found: Collection, need: str) -> tuple[Field, ...]:
     return fields
 
 
-def _one_time(field: Field, time: np.datetime64, label: str, extra: bool = False) -> Field:
+def _one_time(field: Field, time: int, label: str, extra: bool = False) -> Field:
     at = {str(field.time): int(np.flatnonzero(field.times == time)[0])}
     return replace(field, at=at, member=None, labels=(label,), extra=extra)
 
@@ -164,34 +161,34 @@ def _lagged(found: Collection, config: ForecastConfig, near_ns: int | None) -> S
     wanted = wanted_time(config, near_ns)
     if config.lead is not None:
         wanted = _time_of_lead(found, config.lead, common)
-    time = nearest_time(common, wanted)
+    time = _nearest(common, wanted)
     chosen = [next(field for field in run if time in field.times) for run in found.members]
     fields = tuple(
         _one_time(field, time, f"{field.names} started {field.label}") for field in chosen
     )
     note = f"members: {len(fields)} forecasts started {labels[0]} to {labels[-1]}, all valid {date_text(time)}"
-    return Selection(
-        fields,
-        int(time.astype("M8[ns]").astype(np.int64)),
-        None,
-        (note, "lagged forecasts are usually underdispersive"),
-    )
+    return Selection(fields, time, None, (note, "lagged forecasts are usually underdispersive"))
 
 
-def _time_of_lead(found: Collection, lead: float, common: NDArray[np.datetime64]) -> int:
+def _nearest(times: Times, wanted: int | None) -> int:
+    """Return the time nearest to a wanted one [ns, UTC]; the last if None."""
+    return int(times.max() if wanted is None else times[nearest(times, wanted)])
+
+
+def _time_of_lead(found: Collection, lead: float, common: Times) -> int:
     """Return the valid time of a lead of the newest run [ns, UTC], which all runs must hold."""
     run = found.members[-1][0].ds
     if "lead" not in run.coords:
         raise ForecastError(
             f"{found.source}: a lead was given, but these runs state times alone; choose one with forecast.time"
         )
-    time = run["time"].values[np.argmin(np.abs(run["lead"].values.astype(float) - lead))]
+    time = found.members[-1][0].times[nearest(run["lead"].values.astype(float), lead)]
     if time not in common:
         raise ForecastError(
             f"{found.source}: lead {lead:g} of the newest run is valid {date_text(time)}; expected {date_text(common[0])} to "
             f"{date_text(common[-1])}, which all runs hold: choose another lead, or leave runs out"
         )
-    return int(time.astype("M8[ns]").astype(np.int64))
+    return int(time)
 
 
 def _of_season(
@@ -200,15 +197,15 @@ def _of_season(
     """Return the fields of the forecast's season in any year, for use as anomalies about the forecast."""
     files = _all_times(found, f"--members times:{days:g}d")
     known = np.concatenate([file.times for file in files])
-    forecast = nearest_time(known, wanted_time(config, near_ns))
+    forecast = _nearest(known, wanted_time(config, near_ns))
     fields, own = [], None
     for file in files:
         for time in file.times:
             if time == forecast:
                 own = own or _one_time(file, time, f"{file.names} {date_text(time)}", extra=True)
                 continue
-            apart = abs((time - forecast) / _YEAR)
-            if abs(apart - round(apart)) * (_YEAR / np.timedelta64(1, "D")) <= days:
+            apart = abs(time - forecast) / _YEAR_NS
+            if abs(apart - round(apart)) * _YEAR_NS <= days * _DAY_NS:
                 fields.append(
                     _one_time(
                         file,
@@ -223,9 +220,7 @@ def _of_season(
         )
     assert own is not None
     note = f"members: the forecast of {date_text(forecast)} plus the anomalies of {len(fields)} fields within {days:g} days of its season"
-    return Selection(
-        (*fields, own), int(forecast.astype("M8[ns]").astype(np.int64)), _about_forecast, (note,)
-    )
+    return Selection((*fields, own), forecast, _about_forecast, (note,))
 
 
 def _about_forecast(velocity: Values) -> tuple[Values, tuple[str, ...]]:

@@ -1,18 +1,18 @@
-"""Reference times of forecasts, and the choice of a time: by lead, by time, or nearest to the log."""
+"""Times of forecasts: their steps and starts, and the choice of a step by lead, by time, or nearest to the log."""
 
 from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from replay_kit.config.run import ForecastConfig
+from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.quantities import parse_time, seconds
 from replay_kit.forecast.field import PRODUCT, Field
 from replay_kit.forecast.files import undated
-from replay_kit.forecast.grids.layout import U
 from replay_kit.forecast.members.rules import MemberRule
 from replay_kit.forecast.names import find_dimension, find_lead, find_time
 
@@ -20,9 +20,9 @@ _STARTS = ("forecast_reference_time", "reference_time", "init_time", "run")
 _DAY_NS = 86_400 * 10**9
 
 
-def date_text(time: np.datetime64) -> str:
-    """Return a time as text to the minute, such as ``2020-01-03T12:00Z``."""
-    return f"{_minute(time)}Z"
+def date_text(time_ns: int) -> str:
+    """Return a time [ns, UTC] as text to the minute, such as ``2020-01-03T12:00Z``."""
+    return f"{np.datetime_as_string(np.datetime64(int(time_ns), 'ns'), unit='m')}Z"
 
 
 def wanted_time(config: ForecastConfig, near_ns: int | None) -> int | None:
@@ -30,11 +30,62 @@ def wanted_time(config: ForecastConfig, near_ns: int | None) -> int | None:
     return parse_time(config.time) if config.time else near_ns
 
 
-def nearest_time(times: NDArray[np.datetime64], wanted: int | None) -> np.datetime64:
-    """Return the time nearest to a wanted one [ns, UTC]; the last if None."""
-    at = np.argmax(times) if wanted is None else np.argmin(np.abs(times.astype(np.int64) - wanted))
-    found: np.datetime64 = times[at]
-    return found
+@dataclass(frozen=True, slots=True, eq=False)
+class Steps:
+    """Steps of a field, of which one is used.
+
+    Attributes:
+        at: Positions along other dimensions of time: the start of several runs.
+        dim: Dimension of the steps; None for a single one.
+        valid: Times [ns, UTC], shape (T,); empty without dates.
+        values: What ``--lead`` takes, shape (T,): leads, or undated times since the first; None for dated times.
+        unit: Unit of these as text.
+        usual: Position without a choice.
+    """
+
+    at: dict[str, int]
+    dim: str | None
+    valid: Times
+    values: Array | None = None
+    unit: str = ""
+    usual: int = 0
+
+
+def steps_of(field: Field, config: ForecastConfig, wanted: int | None = None) -> Steps:
+    """Return the steps of a field: its leads, or else its times.
+
+    Args:
+        field: Field with any leads and times.
+        config: Settings, of which ``reference_time`` is the start of leads, before that of the file.
+        wanted: Time [ns, UTC] to which the start of several runs is the nearest; None for the first.
+    """
+    times, time = field.times, field.time
+    if field.lead is None:
+        if time is None or times.size:
+            single = scalar_time(field.ds, "time") if time is None else None
+            return Steps({}, time, times if single is None else np.array([single]))
+        values, unit = _since_first(field.ds, time)
+        return Steps({}, time, times, values, unit)
+    at, start = dict[str, int](), None
+    if time is not None:
+        at = {time: 0 if wanted is None or not times.size else nearest(times, wanted)}
+    if time is not None and times.size:
+        start = int(times[at[time]])
+    elif config.reference_time:
+        start = parse_time(config.reference_time)
+    else:
+        start = scalar_time(field.ds, "forecast_reference_time")
+    lead = field.ds[field.lead]
+    periods = _periods_ns(lead)
+    valid = np.zeros(0, np.int64) if start is None or periods is None else start + periods
+    unit = str(lead.attrs.get("units", ""))
+    values = np.asarray(lead.values, np.float64)
+    return Steps(at, field.lead, valid, values, unit, -1)
+
+
+def nearest(values: Times | Array, wanted: float) -> int:
+    """Return the position of the value nearest to a wanted one."""
+    return int(np.argmin(np.abs(values - wanted)))
 
 
 def choose_time(
@@ -50,83 +101,65 @@ def choose_time(
     Raises:
         ForecastError: A setting does not apply to the file.
     """
-    ds, where = field.ds, field.where
-    dims = [dim for dim in ds[U].dims if dim != field.member]
-    lead, time = find_lead(ds, dims), find_time(ds, dims)
-    has_dates = time is not None and time in ds.coords and ds[time].dtype.kind == "M"
-    since_first = time is not None and not has_dates
-    asked = config.reference_time, None if since_first else config.lead
-    if lead is None and asked != (None, None):
+    wanted = wanted_time(config, near_ns)
+    steps, where = steps_of(field, config, wanted), field.where
+    if (config.lead is not None and steps.values is None) or (
+        config.reference_time is not None and field.lead is None
+    ):
         raise ForecastError(
             f"{where}: a lead or reference time was given, but the file has no lead dimension; remove the option"
         )
-    if time is None and config.time is not None:
-        raise ForecastError(
-            f"{where}: a time was chosen, but the file has no time dimension; remove the option"
+    undated_times = ways = ""
+    if steps.dim is not None and field.lead is None and steps.values is not None:
+        undated_times = f"{steps.dim} has no dates ({undated(field.ds[steps.dim])})"
+        ways = (
+            f"--lead takes another by its {steps.unit} since the first, 0 to {steps.values[-1]:g}"
         )
-    at, notes = dict[str, int](), list[str]()
-    time_ns: int | None = None
-    if time is not None and since_first:
-        at[time], note = _undated(ds, time, config, where, alone=lead is None)
-        notes.append(note)
-        ds, config = ds.isel(at), config.model_copy(update={"time": None})
-    elif time is not None:
-        times = ds[time].values.astype("datetime64[ns]").astype(np.int64)
-        wanted = wanted_time(config, near_ns)
-        at[time] = 0 if wanted is None else int(np.argmin(np.abs(times - wanted)))
-        time_ns = int(times[at[time]])
-    if lead is None:
-        among = f"of {times.size} times" if has_dates and times.size > 1 else ""
-        time_ns = time_ns if has_dates else scalar_time(ds, "time")
-        return at, time_ns, (*notes, *_notes(time_ns, near_ns, among))
-    reference = time_ns if has_dates else _reference(ds, config)
-    at[lead], valid_ns = _choose_lead(ds[lead], config, reference, near_ns)
-    chosen = f"{float(ds[lead].values[at[lead]]):g} {ds[lead].attrs.get('units', '')}".strip()
-    notes.append(f"lead {chosen} of {ds.sizes[lead]} leads")
-    return at, valid_ns, (*notes, *_notes(valid_ns, near_ns, ""))
+    if config.time is not None and not steps.valid.size:
+        lacks = f"{undated_times}; {ways}" if ways else "the file has no dates"
+        raise ForecastError(f"{where}: a time was chosen, but {lacks}; remove the option")
+    position = steps.usual
+    if config.lead is not None and steps.values is not None:
+        position = nearest(steps.values, config.lead)
+    elif steps.valid.size and wanted is not None:
+        position = nearest(steps.valid, wanted)
+    notes = list[str]()
+    if steps.values is not None:
+        value = f"{steps.values[position]:g} {steps.unit}".strip()
+        taken = "the first" if config.lead is None else f"that of {value} since the first"
+        several = f": {taken} of {steps.values.size} was taken; {ways}"
+        if not ways:
+            notes.append(f"lead {value} of {steps.values.size} leads")
+        else:
+            notes.append(undated_times + (several if steps.values.size > 1 else ""))
+    at = steps.at | ({} if steps.dim is None else {steps.dim: position})
+    if not steps.valid.size:
+        return at, None, tuple(notes)
+    time_ns = int(steps.valid[position])
+    among = f"of {steps.valid.size} times" if steps.values is None and steps.valid.size > 1 else ""
+    notes += _notes(time_ns, near_ns, among)
+    return at, time_ns, tuple(notes)
 
 
-def _undated(
-    ds: xr.Dataset, time: str, config: ForecastConfig, where: str, alone: bool
-) -> tuple[int, str]:
-    """Return the position of one of the undated times, ``alone`` without leads, and a note on it."""
-    since, unit = _since_first(ds, time)
-    ways = f"--lead takes another by its {unit} since the first, 0 to {since[-1]:g}"
-    if config.time is not None:
-        raise ForecastError(
-            f"{where}: a time was chosen, but {time} has no dates ({undated(ds[time])}); {ways}"
-        )
-    position, taken = 0, "the first"
-    if alone and config.lead is not None:
-        position = int(np.argmin(np.abs(since - config.lead)))
-        taken = f"that of {since[position]:g} {unit} since the first"
-    note = f"{time} has no dates ({undated(ds[time])})"
-    if since.size > 1:
-        note += f": {taken} of {since.size} was taken; {ways}"
-    return position, note
+def _notes(time_ns: int, near_ns: int | None, among: str) -> list[str]:
+    """Return a note on the time used, if there was a choice or it lies more than a day from the log."""
+    note = f"the forecast is of {date_text(time_ns)}"
+    days = 0.0 if near_ns is None else (near_ns - time_ns) / _DAY_NS
+    if abs(days) > 1.0:
+        side = "before" if days > 0 else "after"
+        return [
+            f"{note}, {abs(days):.1f} days {side} the log begins: the log lies outside its time"
+        ]
+    return [f"{note}, {among}"] if among else []
 
 
-def _since_first(ds: xr.Dataset, time: str) -> tuple[NDArray[np.float64], str]:
+def _since_first(ds: xr.Dataset, time: str) -> tuple[Array, str]:
     """Return the undated times since the first, and their unit: the file's, or the number of times."""
-    count = np.arange(ds.sizes[time], dtype=np.float64)
-    if time not in ds.coords or ds[time].dtype.kind not in "iuf":
-        return count, "number of times"
-    values = ds[time].values.astype(np.float64)
-    if not np.isfinite(values).all() or np.ptp(values) == 0.0:
-        return count, "number of times"
-    return values - values[0], str(ds[time].attrs.get("units", "")).strip() or "value"
-
-
-def dated_leads(ds: xr.Dataset, lead: str, config: ForecastConfig) -> list[tuple[float, int]]:
-    """Return each lead with its valid time [ns, UTC]; empty without a reference time."""
-    reference = _reference(ds, config)
-    valid = None if reference is None else _periods_ns(ds[lead])
-    if valid is None or reference is None:
-        return []
-    return [
-        (float(value), int(reference + period))
-        for value, period in zip(ds[lead].values, valid, strict=True)
-    ]
+    if time in ds.coords and ds[time].dtype.kind in "iuf":
+        values = ds[time].values.astype(np.float64)
+        if np.isfinite(values).all() and np.ptp(values) > 0.0:
+            return values - values[0], str(ds[time].attrs.get("units", "")).strip() or "value"
+    return np.arange(ds.sizes[time], dtype=np.float64), "number of times"
 
 
 def runs_of(ds: xr.Dataset, dims: Sequence[Hashable]) -> list[xr.Dataset]:
@@ -154,9 +187,7 @@ def runs_of(ds: xr.Dataset, dims: Sequence[Hashable]) -> list[xr.Dataset]:
     ]
 
 
-def valid_times(
-    ds: xr.Dataset, dims: Sequence[Hashable]
-) -> tuple[NDArray[np.int64], tuple[str, str]] | None:
+def valid_times(ds: xr.Dataset, dims: Sequence[Hashable]) -> tuple[Times, tuple[str, str]] | None:
     """Return the valid times of leads of several starts [ns, UTC], shape (starts, leads), and the dimensions; None without starts."""
     start = find_dimension(ds, dims, ("forecast_reference_time",), _STARTS) or find_time(ds, dims)
     lead = find_lead(ds, dims)
@@ -165,42 +196,6 @@ def valid_times(
     periods = _periods_ns(ds[lead])
     starts = ds[start].values.astype("M8[ns]").astype(np.int64)
     return None if periods is None else (starts[:, None] + periods, (start, lead))
-
-
-def _reference(ds: xr.Dataset, config: ForecastConfig) -> int | None:
-    """Return the time of lead 0 [ns, UTC]: configured, else stated; None without either."""
-    if config.reference_time:
-        return parse_time(config.reference_time)
-    return scalar_time(ds, "forecast_reference_time")
-
-
-def _choose_lead(
-    lead: xr.DataArray, config: ForecastConfig, reference: int | None, near_ns: int | None
-) -> tuple[int, int | None]:
-    """Return the position of the lead and its valid time [ns, UTC]."""
-    valid = None if reference is None else _periods_ns(lead)
-    if valid is not None and reference is not None:
-        valid = reference + valid
-    if config.lead is not None:
-        position = int(np.argmin(np.abs(lead.values.astype(np.float64) - config.lead)))
-    elif valid is not None and near_ns is not None:
-        position = int(np.argmin(np.abs(valid - near_ns)))
-    else:
-        position = lead.size - 1
-    return position, None if valid is None else int(valid[position])
-
-
-def _notes(time_ns: int | None, near_ns: int | None, among: str) -> tuple[str, ...]:
-    """Return a note on the time used, if there was a choice or it lies more than a day from the log."""
-    if time_ns is None:
-        return ()
-    note = f"the forecast is of {date_text(np.datetime64(time_ns, 'ns'))}"
-    days = 0.0 if near_ns is None else (near_ns - time_ns) / _DAY_NS
-    if abs(days) > 1.0:
-        return (
-            f"{note}, {abs(days):.1f} days {'before' if days > 0 else 'after'} the log begins: the log lies outside its time",
-        )
-    return (f"{note}, {among}",) if among else ()
 
 
 def scalar_time(ds: xr.Dataset, standard_name: str) -> int | None:
@@ -212,13 +207,11 @@ def scalar_time(ds: xr.Dataset, standard_name: str) -> int | None:
     return None
 
 
-def _periods_ns(lead: xr.DataArray) -> NDArray[np.int64] | None:
+def _periods_ns(lead: xr.DataArray) -> Times | None:
     unit = seconds(str(lead.attrs.get("units", "")).strip())
-    return (
-        None
-        if unit is None
-        else np.round(lead.values.astype(np.float64) * unit * 1e9).astype(np.int64)
-    )
+    if unit is None:
+        return None
+    return np.round(lead.values.astype(np.float64) * unit * 1e9).astype(np.int64)
 
 
 # Of one run, files that follow one another share one time at most.
@@ -231,12 +224,33 @@ def start_of(file: Field) -> str:
     Raises:
         ForecastError: The forecast has no date.
     """
-    times = file.times
-    if (stated := _stated_start(file)) is None and not times.size:
+    if stated := _stated_start(file):
+        return stated
+    if not file.times.size:
         raise ForecastError(
             f"{file.where}: --members lags needs dated forecasts; expected a dimension of times with an epoch"
         )
-    return stated or _minute(times.min())
+    return date_text(file.times.min())[:-1]
+
+
+def _stated_start(file: Field) -> str:
+    """Return the start stated by a file: reference time, bulletin date, or hours since the analysis (HYCOM's tau); empty if none is."""
+    stated = scalar_time(file.like, "forecast_reference_time") is not None
+    # most files are not opened, as those of their form state none
+    if not stated and "bulletin_date" not in file.like.attrs and "tau" not in file.like.variables:
+        return ""
+    ds = file.ds
+    if (reference := scalar_time(ds, "forecast_reference_time")) is not None:
+        return date_text(reference)[:-1]
+    if "bulletin_date" in ds.attrs or not file.times.size or "tau" not in ds.variables:
+        return str(ds.attrs.get("bulletin_date", ""))
+    hours = ds["tau"].values.ravel()[:1].astype(np.float64)
+    if (
+        not str(ds["tau"].attrs.get("units", "")).startswith("hours")
+        or not np.isfinite(hours).all()
+    ):
+        return ""
+    return date_text(file.times[0] - round(float(hours[0])) * _DAY_NS // 24)[:-1]
 
 
 def rule_of(holders: Sequence[Field]) -> tuple[MemberRule | None, tuple[str, ...]]:
@@ -244,7 +258,7 @@ def rule_of(holders: Sequence[Field]) -> tuple[MemberRule | None, tuple[str, ...
 
     Files of one grid with the same times are members. So are forecasts of several starts with a common time.
     """
-    files = [file for file in holders if file.current and file.current.u]
+    files = [file for file in holders if file.holds[0]]
     if len(files) < 2 or len({_form(file) for file in files}) > 1:
         return None, ()
     times = [file.stated_times for file in files]
@@ -253,13 +267,12 @@ def rule_of(holders: Sequence[Field]) -> tuple[MemberRule | None, tuple[str, ...
         return MemberRule("files"), (note,)
     if not all(file.times.size for file in files):
         return None, ()
-    stated = all(_stated_start(file) is not None for file in files)
-    runs: dict[str, NDArray[np.datetime64]] = {}
+    runs: dict[str, Times] = {}
     for file in files:
         start = start_of(file)
         runs[start] = np.union1d(runs.get(start, file.times), file.times)
-    common = reduce(np.intersect1d, runs.values())
-    if len(runs) < 2 or common.size < (1 if stated else _LEAST_COMMON):
+    least = 1 if all(map(_stated_start, files)) else _LEAST_COMMON
+    if len(runs) < 2 or reduce(np.intersect1d, runs.values()).size < least:
         return None, ()
     note = (
         f"members: forecasts of {len(runs)} starts, as all hold a time in common (--members lags)"
@@ -273,26 +286,3 @@ def _form(file: Field) -> tuple[object, ...]:
     sizes = file.like[file.current.u or file.current.v].sizes
     product = tuple(str(file.like.attrs.get(name, "")) for name in PRODUCT)
     return *product, file.current.u, tuple(item for item in sizes.items() if item[0] != file.time)
-
-
-def _minute(time: np.datetime64) -> str:
-    return str(np.datetime_as_string(time, unit="m"))
-
-
-def _stated_start(file: Field) -> str | None:
-    """Return the start stated by a file: reference time, bulletin date, or hours since the analysis (HYCOM's tau)."""
-    stated = scalar_time(file.like, "forecast_reference_time") is not None
-    if not stated and "bulletin_date" not in file.like.attrs and "tau" not in file.like.variables:
-        return None
-    if (reference := scalar_time(file.ds, "forecast_reference_time")) is not None:
-        return _minute(np.datetime64(reference, "ns"))
-    if "bulletin_date" in file.ds.attrs:
-        return str(file.ds.attrs["bulletin_date"])
-    times = file.times
-    if not times.size or "tau" not in file.ds.variables:
-        return None
-    since = file.ds["tau"]
-    hours = since.values.ravel()[:1]
-    if not str(since.attrs.get("units", "")).startswith("hours") or not np.isfinite(hours).all():
-        return None
-    return _minute(times[0] - np.timedelta64(round(float(hours[0])), "h"))

@@ -67,7 +67,7 @@ def apart(function: Callable[..., _Value], *arguments: Any, what: str) -> _Value
         assert process.stdin is not None
         assert process.stdout is not None
         with process.stdin as file:
-            file.write(pickle.dumps((sys.path, function, arguments)))
+            file.write(pickle.dumps((sys.path, what, function, arguments)))
         with Connection(os.dup(process.stdout.fileno()), writable=False) as said:
             while True:
                 if not said.poll(_SILENCE):
@@ -81,10 +81,6 @@ def apart(function: Callable[..., _Value], *arguments: Any, what: str) -> _Value
                     _LOG.warning(value)
                 elif kind == "error":
                     raise value
-                elif kind == "memory":
-                    raise ForecastError(
-                        f"{what}: the server sends more than the memory limit; reading was stopped"
-                    )
                 else:
                     return value  # type: ignore[no-any-return]
     except EOFError as error:
@@ -115,7 +111,7 @@ class _Forward(logging.Handler):
 
 def main() -> None:
     """Execute the call read from standard input, and write its result to standard output."""
-    sys.path[:], function, arguments = pickle.load(sys.stdin.buffer)
+    sys.path[:], what, function, arguments = pickle.load(sys.stdin.buffer)
     said = Connection(os.dup(1), readable=False)
     # what a library prints is no word of ours
     os.dup2(2, 1)
@@ -123,11 +119,11 @@ def main() -> None:
     logging.getLogger().addHandler(_Forward(said))
     last = 0.0
 
-    def progress(done: float, total: float, what: str) -> None:
+    def progress(done: float, total: float, subject: str) -> None:
         nonlocal last
         if (now := time.monotonic()) - last > _OFTEN:
             last = now
-            said.send(("progress", (what, done, total)))
+            said.send(("progress", (subject, done, total)))
 
     with asking(), shown_by(progress):
         try:
@@ -135,7 +131,8 @@ def main() -> None:
         except ReplayKitError as error:
             said.send(("error", error))
         except MemoryError:
-            said.send(("memory", None))
+            words = f"{what}: the server sends more than the memory limit; reading was stopped"
+            said.send(("error", ForecastError(words)))
 
 
 def _limit_memory() -> None:

@@ -8,9 +8,9 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 from scipy.io import netcdf_file
@@ -18,6 +18,9 @@ from scipy.io import netcdf_file
 from replay_kit.core.atomic import sync
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.paths import Address
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Attribute of a file that was cut from a forecast on a server: where it came from, as JSON.
 RECORD = "replay_kit_fetched"
@@ -41,19 +44,14 @@ class Kept:
 
     def find(self, addresses: Sequence[Address], request: str) -> tuple[Copy, ...] | None:
         """Return the newest files of addresses that answered a request; None if one is missing or damaged."""
-        found = [
-            next(
-                (
-                    copy
-                    for copy in self.copies(address)
-                    if copy[1].get("request") == request
-                    and copy[0].stem.endswith(_hash(copy[0])[:_DIGITS])
-                ),
-                None,
-            )
-            for address in addresses
-        ]
-        return None if None in found else tuple(copy for copy in found if copy is not None)
+        found = []
+        for address in addresses:
+            held = [copy for copy in self.copies(address) if copy[1].get("request") == request]
+            sound = [copy for copy in held if copy[0].stem.endswith(_hash(copy[0])[:_DIGITS])]
+            if not sound:
+                return None
+            found.append(sound[0])
+        return tuple(found)
 
     def copies(self, address: Address) -> list[Copy]:
         """Return the files of an address with their records, newest first."""
@@ -65,12 +63,12 @@ class Kept:
         ]
         return sorted(found, key=lambda copy: (str(copy[1].get("fetched")), copy[0]), reverse=True)
 
-    def add(self, name: str, write: Callable[[Path], None]) -> Path:
-        """Return the path of a file written by a function, named by the hash of its contents; a failure leaves no file.
+    def add(self, name: str, ds: "xr.Dataset") -> Path:
+        """Return the path of a dataset's file, named by the hash of its contents; a failure leaves no file.
 
         Args:
             name: Readable part of the file's name.
-            write: Function that writes the file.
+            ds: Dataset in memory.
         """
         readable = "".join(c if c.isalnum() or c in "._-" else "-" for c in name)[:60].strip(".-")
         try:
@@ -83,7 +81,7 @@ class Kept:
         os.close(handle)
         part = Path(text)
         try:
-            write(part)
+            ds.to_netcdf(part, engine="h5netcdf")
             target = self.folder / f"{readable or 'forecast'}-{_hash(part)[:_DIGITS]}.nc"
             os.replace(part, target)
             sync(self.folder)

@@ -70,16 +70,16 @@ class Served:
         found = encoding.get("chunks") or encoding.get("chunksizes")
         return None if not found or self.form != "Zarr" else tuple(found)
 
-    def state(self, name: str, position: tuple[int, ...]) -> tuple[int | None, str]:
-        """Return the size of a chunk's object [bytes] and its version tag; None and empty if not stated."""
+    def state(self, name: str, position: tuple[int, ...]) -> str:
+        """Return the size and version of the object that holds a chunk; empty if not stated."""
         if self.url_of is None:
-            return None, ""
+            return ""
         try:
             found = self.files.info(self.url_of(name, position))
         # a library may raise anything
         except Exception:
-            return None, ""
-        return found.get("size"), str(found.get("ETag") or found.get("Last-Modified") or "")
+            return ""
+        return f"{found.get('size')} {found.get('ETag') or found.get('Last-Modified')}"
 
 
 def open_address(address: Address) -> xr.Dataset:
@@ -211,24 +211,16 @@ def _file(address: Address) -> Served | None:
         return None
     file = files.open(url, block_size=_PIECE, cache_type="readahead")
     head = file.read(8)
-    if head[:1] == b"{" or head[:4] == b"PK\x03\x04":
+    if head.lstrip().startswith(b"<"):
         raise ForecastError(
-            f"{address}: expected Zarr as a folder of objects, got a zip archive or references to files; give the address of the store"
+            f"{address}: expected a forecast, got a web page, such as a login or a catalogue; open the address in a browser"
         )
-    if head[:3] == b"CDF":
+    if head[:3] == b"CDF" or not file.seekable():
         raise ForecastError(
-            f"{address}: a NetCDF-3 file, of which no part can be received; download it, and give the file"
+            f"{address}: no part of this file can be received, as it is NetCDF-3 or the server gives none; download it, and give the file"
         )
     if head[1:4] != b"HDF":
-        if head.lstrip().startswith(b"<"):
-            raise ForecastError(
-                f"{address}: expected a forecast, got a web page, such as a login or a catalogue; open the address in a browser"
-            )
         return None
-    if not file.seekable():
-        raise ForecastError(
-            f"{address}: the server gives no parts of a file; download it, and give the file"
-        )
     ds = xr.open_dataset(file, engine="h5netcdf", decode_cf=False, phony_dims="access")
     return Served(address, ds, "NetCDF-4", files, lambda name, position: url)
 

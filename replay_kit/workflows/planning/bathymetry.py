@@ -202,7 +202,7 @@ def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array
 
 def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
     """Return the rows and columns in and around a region, ordered across the file's seam; all if none lies in it."""
-    from replay_kit.forecast.grids.horizontal import region_block
+    from replay_kit.forecast.grids.horizontal import region_block, runs
 
     ends = []
     for values, of_region in ((longitude, region.longitude), (latitude, region.latitude)):
@@ -218,8 +218,8 @@ def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
     block = region_block(longitude, latitude, (west, south, east, north)) if rows.size else None
     if block is None:
         return slice(None), slice(None)
-    columns = np.r_[block[1]] if len(block[1]) > 1 else block[1][0]
-    return slice(rows[0], rows[-1] + 1) if latitude.ndim == 1 else block[0], columns
+    columns = parts[0] if len(parts := runs(block[1])) == 1 else block[1]
+    return runs(rows if latitude.ndim == 1 else block[0])[0], columns
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:

@@ -25,16 +25,12 @@ class Files:
     Attributes:
         objects: Bytes by path; or a function that makes them, None for none.
         fault: Called with path and number of the request; answers with the fault's name, or nothing.
-        tags: Whether answers state what state the data are in.
-        ranges: Whether parts are served.
         sent: Bytes of bodies.
         asked: Paths, in order.
     """
 
     objects: Mapping[str, bytes] | Callable[[str], bytes | None]
     fault: Callable[[str, int], str] = lambda path, number: ""
-    tags: bool = True
-    ranges: bool = True
     redirect: str = ""
     sent: int = 0
     asked: list[str] = field(default_factory=list)
@@ -64,19 +60,14 @@ class _Handler(BaseHTTPRequestHandler):
         files.asked.append(path)
         files.headers.append(self.headers)
         fault = files.fault(path, len(files.asked)) if whole else ""
-        if fault == "hang":
-            time.sleep(1.0)
-        if fault in ("close", "hang"):
+        if fault == "close":
             self.close_connection = True
             return
         if fault == "redirect":
             self._head(302, 0, {"Location": files.redirect})
             return
-        if fault in ("500", "503", "429", "403"):
+        if fault in ("500", "403"):
             self._send(int(fault), b'Error {\n code=500;\n message="out of order";\n};', whole)
-            return
-        if fault == "absent":
-            self._send(404, b"", whole)
             return
         if fault == "html":
             self._send(200, b"<!DOCTYPE html><html><body>Please log in</body></html>", whole)
@@ -89,8 +80,6 @@ class _Handler(BaseHTTPRequestHandler):
         if data is None:
             self._send(404, b"<html>not found</html>", whole)
             return
-        if fault == "more":
-            data = data * 50 + b"x" * 8_000_000
         if fault == "short":
             data = data[: len(data) // 2]
         self._part(data, whole, cut=fault == "cut")
@@ -105,14 +94,10 @@ class _Handler(BaseHTTPRequestHandler):
             self.files.sent += len(block)
 
     def _part(self, data: bytes, whole: bool, cut: bool) -> None:
-        more = (
-            {"ETag": f'"{hashlib.md5(data).hexdigest()}"', "Accept-Ranges": "bytes"}
-            if self.files.tags
-            else {}
-        )
+        more = {"ETag": f'"{hashlib.md5(data).hexdigest()}"', "Accept-Ranges": "bytes"}
         asked = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
-        fresh = self.headers.get("If-Range", more.get("ETag", "")) == more.get("ETag", "")
-        if asked and self.files.ranges and fresh:
+        fresh = self.headers.get("If-Range", more["ETag"]) == more["ETag"]
+        if asked and fresh:
             if asked[1]:
                 first, last = int(asked[1]), min(int(asked[2] or len(data)), len(data) - 1)
             else:

@@ -111,31 +111,12 @@ def test_a_store_that_cannot_be_listed_is_named(asker):
         assert "without consolidated metadata" in refused(asker, files.url)
 
 
-@pytest.mark.parametrize("served", ["zarr", "griddap"], indirect=True)
-def test_another_ocean_and_another_year_are_said_before_values_are_received(asker, served):
-    answers, path, values = served
-    with serving(Files(answers)) as files:
-        address = files.url + path
-        assert "the forecast covers 152.000..155.900 E" in refused(asker, address, "-30,40,-29,41")
-        words = refused(asker, address, logs={"start": "2024-01-01", "end": "2024-01-02"})
-        assert "the forecast is of 2018-11-15 00:00:00Z to 2018-11-18" in words
-        assert not [each for each in files.asked if values.search(each)]
-
-
-def test_chunks_that_make_a_box_cost_ten_times_its_bytes_must_be_asked_for(asker, monkeypatch):
-    monkeypatch.setattr("replay_kit.forecast.remote.fetch._LARGE", 1e4)
+def test_more_than_is_allowed_is_refused_by_the_size_of_the_chunks_that_are_touched(asker):
     with serving(Files(zarr_objects(sea(), zarr_format=2))) as files:
-        words = refused(
-            asker,
-            files.url,
-            "153,-39.2,153.2,-39",
-            logs={"start": "2018-11-16", "end": "2018-11-16"},
-        )
-        assert "MB of values cost 0.4" in words
-        assert "ask for it: --max-download 1" in words
-        words = refused(asker, files.url, None, max_download=0.02)
-        assert "more than --max-download 0.02 MB; choose less" in words
-        asker(files.url, "153,-39.2,153.2,-39", max_download=1.0)
+        words = refused(asker, files.url, "153,-39.2,153.2,-39", max_download=0.4)
+        assert ": 0.4614 MB to download, more than --max-download 0.4 MB; choose less" in words
+        assert not [path for path in files.asked if re.match(r"[uv]o/\d", path)]
+        asker(files.url, "153,-39.2,153.2,-39", max_download=0.5)
 
 
 def test_a_chunk_larger_than_memory_is_refused(asker, monkeypatch):

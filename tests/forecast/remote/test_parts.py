@@ -3,16 +3,19 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.forecast.members.collection import open_collection
-from replay_kit.forecast.remote import cut as module
-from replay_kit.forecast.remote.cut import Cut
-from replay_kit.forecast.remote.parts import Wanted, parts_of
+from replay_kit.forecast import read_truth
+from replay_kit.forecast.remote import fetch as module
+from replay_kit.forecast.remote.fetch import Cut
 from tests.forecast import forms
+from tests.forecast.remote.servers import Files, serving, zarr_objects
+
+pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is currently not part")
 
 
 @settings(max_examples=40, deadline=None)
@@ -25,12 +28,12 @@ def test_pieces_hold_each_value_once_and_divide_no_chunk(axes, size):
     parts, shape = {}, [length for length, _, _ in axes]
     for dim, (length, _, data) in zip(dims, axes, strict=True):
         start = data.draw(st.integers(0, length - 1))
-        parts[dim] = (slice(start, data.draw(st.integers(start + 1, length))),)
+        parts[dim] = np.arange(start, data.draw(st.integers(start + 1, length)))
     values = np.arange(float(np.prod(shape))).reshape(shape)
     chunks = tuple(chunk for _, chunk, _ in axes)
     served = SimpleNamespace(ds=xr.Dataset({"u": (dims, values)}), chunks=lambda name: chunks)
     cut, most = Cut(served, parts, ("u",), ("u",)), module._PIECE
-    found, chunks_seen = np.full(cut.shape("u"), np.nan), []
+    found, chunks_seen = np.full([part.size for part in parts.values()], np.nan), []
     try:
         module._PIECE = size
         for source, target in cut.pieces("u"):
@@ -46,25 +49,19 @@ def test_pieces_hold_each_value_once_and_divide_no_chunk(axes, size):
     finally:
         module._PIECE = most
     # the slow twin: the whole at once
-    np.testing.assert_array_equal(found, values[tuple(parts[dim][0] for dim in dims)])
+    np.testing.assert_array_equal(found, values[np.ix_(*parts.values())])
     assert len(chunks_seen) == len(set(chunks_seen))
 
 
-def test_a_box_of_a_staggered_grid_has_two_cells_around_it(tmp_path):
+@pytest.mark.parametrize("cell", [(7, 8), (4, 5), (1, 8), (11, 13)])
+def test_a_box_of_a_staggered_grid_is_read_from_its_part_as_from_the_whole(asker, tmp_path, cell):
     ds, _ = forms.roms(forms.rotated(), (14, 16), 0)
-    x, y = ds["lon_rho"].values, ds["lat_rho"].values
-    with open_collection(forms.save(ds, tmp_path / "e.nc"), None) as found:
-        ((field,),) = found.members
-        for j, i in ((7, 8), (4, 5), (2, 3), (11, 13)):
-            box = x[j, i] - 0.06, y[j, i] - 0.05, x[j, i] + 0.06, y[j, i] + 0.05
-            taken = parts_of(field, Wanted(box), ForecastConfig(), "", True)
-            # the centres of the first row and column have faces on one side alone
-            rows, columns = np.nonzero(
-                ((box[0] <= x) & (x <= box[2]) & (box[1] <= y) & (y <= box[3]))[1:, 1:]
-            )
-            for inside, dim, of_faces in ((rows + 1, "eta", "eta_v"), (columns + 1, "xi", "xi_u")):
-                first, stop = max(0, inside.min() - 2), inside.max() + 3
-                stop = min(stop, ds.sizes[f"{dim}_rho"])
-                assert taken[f"{dim}_rho"] == (slice(first, stop),)
-                # a face fewer than centres
-                assert taken[of_faces] == (slice(first, stop - 1),)
+    x, y = ds["lon_rho"].values[cell], ds["lat_rho"].values[cell]
+    box = (x - 0.12, y - 0.1, x + 0.12, y + 0.1)
+    with serving(Files(zarr_objects(ds, zarr_format=2))) as files:
+        part = asker(files.url, box)
+    assert part.sizes["xi_rho"] < 16
+    paths = forms.save(ds, tmp_path / "e.nc"), asker.state.fetched.files[0]
+    whole, read = (read_truth(str(path), ForecastConfig(region=box)) for path in paths)
+    np.testing.assert_array_equal(read.velocity, whole.velocity)
+    np.testing.assert_array_equal(read.grid.longitude, whole.grid.longitude)
