@@ -1,3 +1,3 @@
 """Version of replay-kit, as recorded in files."""
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
