@@ -188,7 +188,9 @@ def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
     if task.is_glide:
         return _glide(task)
     before = [] if warm is None else _rest(task, warm)
-    bounded = not (task.settings.weighs_distance or task.shape is not None or before)
+    # an earliest arrival is known for one depth and one speed
+    free = task.settings.weighs_distance or any((task.settings.depths, task.settings.speeds))
+    bounded = not (free or task.shape is not None or before)
     mean, bound = bound_of(task) if bounded else (mean_current(task), None)
     one = Search(task, bound, before)
     if before and is_feasible(task, before[0]):

@@ -110,7 +110,7 @@ def test_goals_are_met_in_order_at_the_surface_on_the_way_down_or_up_and_at_the_
     now = result.surfacing_times[begun - 1]
     left = replace(asked, start=here, goals=asked.goals[1:], start_time_ns=int(now * 1e9))
     later = plan_mission(flow, left, warm=result)
-    assert (later.status, later.statistics["attempts"]) == ("reached", 1)
+    assert later.status == "reached"
     np.testing.assert_allclose(later.goal_times + now, result.goal_times[1:], rtol=1e-3)
 
 
