@@ -217,6 +217,16 @@ class MissionSettings:
         """Whether the miss distance is traded against time or energy."""
         return self.weights.closest is not None
 
+    @property
+    def has_ranges(self) -> bool:
+        """Whether the depth of dives or the speed is chosen within a range."""
+        return self.depths is not None or self.speeds is not None
+
+    @property
+    def deepest(self) -> float:
+        """Greatest depth that dives may have [m]."""
+        return self.depth if self.depths is None else self.depths[1]
+
 
 @dataclass(frozen=True, slots=True)
 class MissionRequest:

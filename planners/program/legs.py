@@ -72,8 +72,7 @@ def cut_by_depth(task: Task, name: str, way: Passage, pace: float) -> Start | No
     length = float(np.sum(np.linalg.norm(np.diff(route.points, axis=0), axis=1)))
     times = np.linspace(0.0, route.times[-1], int(length / _SPACING) + 2)
     limits = task.bottom.limit_beside(route.at(times), LEAST_DIVE)
-    deepest = settings.depth if settings.depths is None else settings.depths[1]
-    tried = np.append(np.arange(deepest, LEAST_DIVE, -_STEP), LEAST_DIVE)
+    tried = np.append(np.arange(settings.deepest, LEAST_DIVE, -_STEP), LEAST_DIVE)
     drift, most = settings.surface_time, int(min(settings.most_legs, MOST_LEGS))
     # the route's speed allows for drifts after full dives
     spans = np.array([task.leg_time(depth=depth) - drift for depth in tried])

@@ -189,9 +189,8 @@ def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
         return _glide(task)
     before = [] if warm is None else _rest(task, warm)
     # an earliest arrival is known for one depth and one speed
-    free = task.settings.weighs_distance or any((task.settings.depths, task.settings.speeds))
-    bounded = not (free or task.shape is not None or before)
-    mean, bound = bound_of(task) if bounded else (mean_current(task), None)
+    free = task.settings.weighs_distance or task.settings.has_ranges or task.shape
+    mean, bound = (mean_current(task), None) if free or before else bound_of(task)
     one = Search(task, bound, before)
     if before and is_feasible(task, before[0]):
         route = passage(task, mean)

@@ -27,12 +27,8 @@ class Water:
 
     def __init__(self, task: Task) -> None:
         """Fit the splines over the whole region, as routes in strong currents deviate far from the straight line."""
-        flow, settings = task.flow, task.settings
-        deepest = max(
-            settings.depth if settings.depths is None else settings.depths[1],
-            float(np.max(task.goals[:, 2])),
-            float(task.start[2]),
-        )
+        flow = task.flow
+        deepest = max(task.settings.deepest, float(np.max(task.goals[:, 2])), float(task.start[2]))
         self._functions, self._levels = flow.depth_functions, flow.levels
         met = int(np.searchsorted(flow.levels, deepest)) + 1
         self.count = min(max(met, 2), flow.levels.size)

@@ -21,8 +21,8 @@ PRINT = {
     **dict(zip(("one", "two", "three", "four"), LINES, strict=False)),
     **{"ink": "#111820", "soft": "#7f8890", "land": "#c9c5bd", "paper": "#ffffff"},
 }
-#: Of marks on coloured fields in print; of areas to keep out of.
-ON_FIELD, NO_GO = "#0f1923", "#aa2819"
+#: Of areas to keep out of.
+NO_GO = "#aa2819"
 #: What stands for what, on maps, sections, in print, exports and layouts alike: colour by role or as it is, and symbol by plotly's name.
 SYMBOLS = {
     **{"track": ("ink", "circle"), "vehicle": ("ink", "circle"), "fix": ("ink", "circle-open")},

@@ -289,9 +289,8 @@ def _planned(
     job: PlanRequest, request: MissionRequest, flow: Flow, drawn: Sequence[Sample]
 ) -> tuple[MissionPlan, tuple[MissionPlan, ...]]:
     """Return the mission, and the plans of all departures if several are compared."""
-    ranges = request.settings.depths, request.settings.speeds
     by_odds = job.risk is not None or job.objective == "odds"
-    if any(ranges) and (job.departures_ns or by_odds):
+    if request.settings.has_ranges and (job.departures_ns or by_odds):
         # depth and speed of the mission that neither compares departures nor keeps a margin nor a reserve
         best = plan_mission(flow, request)
         settings = replace(best.settings, depths=None, speeds=None)
