@@ -5,8 +5,9 @@ import math
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -308,9 +309,17 @@ def _whole(values: np.ndarray, units: str) -> np.ndarray | None:
     if epoch is None or length < 1.0 or most > 1e12 or not np.all(values == np.round(values)):
         return None
     whole = values.astype(np.int64) * np.timedelta64(int(length), "s")
-    return np.asarray(epoch.values.astype("M8[us]") + whole)
+    return np.asarray(epoch + whole)
 
 
 @cache
-def _epoch(units: str) -> xr.Variable | None:
-    return dated(xr.Variable((), 0, {"units": units}))
+def _epoch(units: str) -> np.ndarray | None:
+    """Return the epoch of a civil unit to the microsecond."""
+    with suppress(ValueError):
+        # files of a year may each have their own; most are plain dates, which xarray takes long to read
+        moment = datetime.fromisoformat(units.partition(" since ")[2].strip())
+        # earlier ones may be Julian
+        if moment.tzinfo is None and moment.year > 1582:
+            return np.array(moment, "M8[us]")
+    found = dated(xr.Variable((), 0, {"units": units}))
+    return None if found is None else found.values.astype("M8[us]")

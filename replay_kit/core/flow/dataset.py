@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.cf import CONVENTIONS, described, write_dataset
-from replay_kit.core.flow.estimate import FlowEstimate, checked_depth, warn_outside
-from replay_kit.core.flow.points import own_or, velocities, wet_at
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evaluation import checked_depth
+from replay_kit.core.flow.points import own_or, velocities, warn_outside, wet_at
 
 _KEYS = ("long_name", "units", "standard_name", "positive")
 #: Attributes of the variables, after CF.

@@ -21,23 +21,24 @@ Estimates, truths and ensemble members have this one type.
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import EstimatorError
+from replay_kit.core.flow.evaluation import checked_depth, over_places, with_potential
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.flow.lattice import HorizontalFunctions
 from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
 from replay_kit.core.flow.process import Process
+from replay_kit.core.flow.unknowns import Unknowns
 from replay_kit.core.geodesy import inside_grid, nearest, rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid
 from replay_kit.core.paths import as_path
@@ -49,81 +50,8 @@ if TYPE_CHECKING:
 
     from replay_kit.core.flow.points import Velocities
 
-# Points, and places that they lie over, evaluated at once: both bound the matrices to some tens of MB.
-_POINTS, _PLACES = 4096, 128
 _NS = 1e9
-# Depths so far above the surface are rounded, as those of a planned track [m].
-_ROUNDED = 1e-3
 _LINEAR = DepthFunctions("hat", 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Unknowns:
-    """Estimate of the unknowns at one time.
-
-    Attributes:
-        process: Model of the modes' weights and their change in time.
-        offset: shape (M, Z), latent values of the flow whose weights are zero.
-        x: shape (k,), mean.
-        p: shape (k, k), covariance.
-        time_ns: Time of the last observation [ns, UTC]; None before any.
-        error: shape (Z, N) [m/s], representation error at the nodes.
-        scaled: Factor on all variances, or a function that returns it.
-        oscillation: Known oscillations; None without any.
-        measured: shape (Z,), whether a level lies among measured depths; None where that is ignored.
-    """
-
-    process: Process
-    offset: Array
-    x: Array
-    p: Array
-    time_ns: int | None
-    error: Array
-    scaled: float | Callable[[], float] = 1.0
-    oscillation: Oscillation | None = None
-    measured: Mask | None = None
-
-    @cached_property
-    def scale(self) -> float:
-        """Factor on all variances s."""
-        return self.scaled() if callable(self.scaled) else self.scaled
-
-    @cached_property
-    def root(self) -> Array:
-        """Factor F of the covariance, F F' = s P, shape (k, k).
-
-        Raises:
-            EstimatorError: The covariance is not a number.
-        """
-        if not np.isfinite(self.p).all():
-            raise EstimatorError(
-                "the estimate's covariance is not a number everywhere, so that it has no standard error"
-            )
-        try:
-            return np.asarray(np.sqrt(self.scale) * np.linalg.cholesky(self.p))
-        except np.linalg.LinAlgError:
-            # rounding left a variance of nearly zero below it
-            values, vectors = np.linalg.eigh(self.p)
-            return np.asarray(vectors * np.sqrt(self.scale * np.maximum(values, 0.0)))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the fields for a pickle, with the factor instead of its function."""
-        return vars(replace(self, scaled=self.scale))
-
-    def latent(self, modes: Array, time_ns: int) -> Array:
-        """Return the latent values of the flow at a time [ns, UTC] for the present unknowns, shape (M, Z)."""
-        return np.asarray(self.offset + modes @ self.process.weights(self.x, time_ns).T)
-
-    def at(self, time_ns: int) -> Unknowns:
-        """Return the unknowns at a later time [ns, UTC]: means decay, variances return to 1; an earlier time has no effect."""
-        constant = not np.isfinite(self.process.tau).any()
-        if self.time_ns is None or time_ns <= self.time_ns or constant:
-            return self
-        kept = self.process.kept((time_ns - self.time_ns) / _NS)
-        # symmetric to the last bit, as files keep one half
-        p = self.p * np.outer(kept, kept)
-        p[np.diag_indices_from(p)] += 1.0 - kept**2
-        return replace(self, x=kept * self.x, p=p, time_ns=time_ns)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -172,11 +100,9 @@ class FlowEstimate:
             else "at(time) gives it for another time"
         )
         if self.unknowns is not None and self.span_ns is not None:
-            holds += f", data {_span_text(self.span_ns)}"
+            holds += f", data {' to '.join(map(time_text, self.span_ns))}"
         uncertainty = f"{self.n_modes} modes a level" if self.n_modes else "no uncertainty"
         return f"FlowEstimate for {time_text(self.time_ns)} ({holds}), {uncertainty}\n  {self.grid}"
-
-    # ---- in time
 
     def at(self, time_ns: int) -> FlowEstimate:
         """Return the estimate for a time [ns, UTC]; the uncertainty of a changing current grows with time.
@@ -187,6 +113,8 @@ class FlowEstimate:
         Raises:
             EstimatorError: The flow has no model of time, as a truth or a member.
         """
+        from replay_kit.core.flow.points import warn_outside
+
         self.require_model_of_time()
         warn_outside([self], np.array(time_ns), 3)
         if self.process is None:
@@ -226,8 +154,6 @@ class FlowEstimate:
     def last_observation_ns(self) -> int | None:
         """Time before which the estimate does not change [ns, UTC]; None without one."""
         return None if self.process is None or self.unknowns is None else self.unknowns.time_ns
-
-    # ---- in the local frame
 
     @property
     def nodes(self) -> Array:
@@ -269,7 +195,7 @@ class FlowEstimate:
                 found += self._true(places[at], shown.T[..., None], true_axes)[..., 0].T
             return np.asarray(found)
 
-        return _over_places(here, east, north, depth)
+        return over_places(here, east, north, depth)
 
     def standard_error(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
@@ -302,7 +228,7 @@ class FlowEstimate:
             shown = self.surface
             return np.asarray(found if shown is None else shown.variance(found, places[at], depths))
 
-        return _over_places(here, east, north, depth)
+        return over_places(here, east, north, depth)
 
     def velocity_covariance(
         self, east: ArrayLike, north: ArrayLike, depth: ArrayLike, true_axes: bool = False
@@ -354,18 +280,11 @@ class FlowEstimate:
         """
         known = self._uncertain("sample")
         times = [max(time, known.time_ns or time) for time in times_ns]
-        rng, first = np.random.default_rng(seed), known.at(times[0])
-        about = rng.standard_normal((n, len(first.x))) @ first.root.T
-        mean, mean_flow, drawn = first.x, self.mean_flow(), list[list[FlowEstimate]]()
-        for before, time_ns in zip([times[0], *times[:-1]], times, strict=True):
-            if time_ns > before:
-                kept = known.process.kept((time_ns - before) / _NS)
-                noise = rng.standard_normal(about.shape) * np.sqrt(known.scale * (1.0 - kept**2))
-                mean, about = kept * mean, kept * about + noise
-            weights = known.process.weights(mean + about, time_ns)
-            latent = known.offset + self.modes @ weights.swapaxes(1, 2)
-            held = time_ns if self.time_ns is not None else None
-            drawn.append([replace(mean_flow, latent=one, time_ns=held) for one in latent])
+        mean_flow, dated = self.mean_flow(), self.time_ns is not None
+        drawn = [
+            [replace(mean_flow, latent=one, time_ns=time_ns if dated else None) for one in latent]
+            for time_ns, latent in zip(times, known.draws(self.modes, times, n, seed), strict=True)
+        ]
         return tuple(zip(*drawn, strict=True))
 
     def mean_flow(self) -> FlowEstimate:
@@ -444,8 +363,6 @@ class FlowEstimate:
             )
         return self.unknowns
 
-    # ---- for people
-
     def velocity_at(
         self, longitude: ArrayLike, latitude: ArrayLike, depth: ArrayLike, time: Any = None
     ) -> Velocities:
@@ -480,7 +397,7 @@ class FlowEstimate:
             EstimatorError: A column is missing, a latitude is outside [-90, 90], or a depth is above the surface or not finite.
             ConfigError: A time cannot be parsed.
         """
-        from replay_kit.core.flow.points import velocity_along
+        from replay_kit.core.flow.points import velocity_along, warn_outside
 
         found = velocity_along(self, track)
         warn_outside([self], found.time, 3)
@@ -526,103 +443,3 @@ class FlowEstimate:
         from replay_kit.core.flow.file import save_bytes
 
         write_whole(as_path(path, "estimate"), save_bytes(self))
-
-
-def with_potential(
-    horizontal: HorizontalFunctions, places: Array, latent: Array, potential: Array | None
-) -> Array:
-    """Return the velocity of latent values and of the divergent part, shape (2, P, n) [m/s], local axes.
-
-    Args:
-        horizontal: The horizontal functions; M of them.
-        places: shape (P, 2) [m].
-        latent: shape (M, n).
-        potential: shape (M, n), or (M, 1) for all; None without one.
-    """
-    if potential is None:
-        return horizontal.velocity(places, latent)
-    both = horizontal.velocity(places, np.hstack([latent, potential]))
-    flow, turned = np.split(both, [latent.shape[1]], axis=2)
-    return flow + gradient(turned)
-
-
-def gradient(turned: Array) -> Array:
-    """Return the gradient of a potential, shape (2, P, n), from its stream-function flow, turned by 90 degrees."""
-    return np.stack([-turned[1], turned[0]])
-
-
-def warn_outside(flows: Sequence[FlowEstimate], times: NDArray[Any], stacklevel: int) -> None:
-    """Warn of times outside the data of constant estimates, the windows of one run.
-
-    Args:
-        flows: Estimates; changing ones and those of unknown span do not warn.
-        times: Any shape [ns, UTC]; NaT is ignored.
-        stacklevel: Stack level of the user's call, as in ``warnings.warn``.
-    """
-    constant = [one for one in flows if one.unknowns is not None and one.process is None]
-    ends = [end for one in constant if one.span_ns is not None for end in one.span_ns]
-    if not ends:
-        return
-    asked, span = np.ravel(times).astype(np.int64), (min(ends), max(ends))
-    # NaT is none
-    outside = asked[((asked < span[0]) | (asked > span[1])) & (asked >= 0)]
-    if outside.size:
-        warnings.warn(
-            f"time: {time_text(int(outside[0]))} is outside the estimate's data, {_span_text(span)}; its model is constant in time: the "
-            "current is that of estimate_time, and its standard error does not grow",
-            stacklevel=stacklevel,
-        )
-
-
-def _span_text(span_ns: tuple[int, int]) -> str:
-    return " to ".join(map(time_text, span_ns))
-
-
-def checked_depth(depth: ArrayLike, above: float = _ROUNDED) -> Array:
-    """Return depths [m] after a check.
-
-    Args:
-        depth: [m], positive down, any shape.
-        above: Largest height above the surface [m].
-
-    Raises:
-        EstimatorError: A depth is not finite or too far above the surface.
-    """
-    values = np.asarray(depth, dtype=np.float64)
-    wrong = values[~(np.isfinite(values) & (values >= -above))]
-    if wrong.size:
-        raise EstimatorError(
-            f"depth: depths are positive down, expected finite numbers from 0 m on, got {wrong[0]:g} ({wrong.size} of {values.size}); "
-            "change the sign of heights, leave out points of unknown depth"
-        )
-    return values
-
-
-def _over_places(
-    value: Callable[[Array, Indices, Array], Array],
-    east: ArrayLike,
-    north: ArrayLike,
-    depth: ArrayLike,
-) -> Array:
-    """Return two values at each point of the local frame, shape (..., 2); the last three arguments broadcast together.
-
-    Horizontal terms are computed once for points at one position, as on grids and profiles.
-
-    Args:
-        value: Function of horizontal positions, shape (P, 2) [m], the index of each point's position, shape (n,), and its depth, shape (n,)
-            [m]; returns values, shape (n, 2).
-        east: [m].
-        north: [m].
-        depth: [m], positive down.
-    """
-    given = np.asarray(east) + 1j * np.asarray(north)
-    at = np.broadcast_arrays(given, checked_depth(depth))
-    points, depths = (axis.ravel() for axis in at)
-    order, out = np.argsort(points, kind="stable"), np.empty((points.size, 2))
-    # of a grid several depths over each place
-    step = min(_POINTS, _PLACES * max(1, points.size // max(1, given.size)))
-    for start in range(0, points.size, step):
-        part = order[start : start + step]
-        places, over = np.unique(points[part], return_inverse=True)
-        out[part] = value(np.column_stack([places.real, places.imag]), over, depths[part])
-    return out.reshape(*at[1].shape, 2)

@@ -20,7 +20,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.atomic import sealed, unsealed
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, described, netcdf_bytes
-from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import (
     DepthFunctions,
     HorizontalKernel,
@@ -29,6 +29,7 @@ from replay_kit.core.flow.functions import (
 from replay_kit.core.flow.lattice import HorizontalFunctions, StreamFunctionLattice
 from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
 from replay_kit.core.flow.process import Process
+from replay_kit.core.flow.unknowns import Unknowns
 from replay_kit.core.grid import Grid, Projection
 from replay_kit.core.inputs import (
     claim_text,

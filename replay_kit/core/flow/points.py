@@ -1,5 +1,6 @@
 """Velocities of a flow, or of several windows' estimates, at geographic points and along tracks."""
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from replay_kit.core.arrays import Array, Mask, Times
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.estimate import FlowEstimate, checked_depth, warn_outside
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evaluation import checked_depth
 from replay_kit.core.geodesy import inside_grid, nearest, to_local
 from replay_kit.core.grid import Grid
 from replay_kit.core.quantities import to_time_ns
@@ -257,3 +259,27 @@ def velocities(
     dates = (each.astype("datetime64[ns]") for each in (asked, held))
     at = (axis[()] for axis in np.broadcast_arrays(*places, depth, asked)[:3])
     return Velocities(*at, *dates, *values, about=flows[-1].about)
+
+
+def warn_outside(flows: Sequence[FlowEstimate], times: NDArray[Any], stacklevel: int) -> None:
+    """Warn of times outside the data of constant estimates, the windows of one run.
+
+    Args:
+        flows: Estimates; changing ones and those of unknown span do not warn.
+        times: Any shape [ns, UTC]; NaT is ignored.
+        stacklevel: Stack level of the user's call, as in ``warnings.warn``.
+    """
+    constant = [one for one in flows if one.unknowns is not None and one.process is None]
+    ends = [end for one in constant if one.span_ns is not None for end in one.span_ns]
+    if not ends:
+        return
+    asked, span = np.ravel(times).astype(np.int64), (min(ends), max(ends))
+    # NaT is none
+    outside = asked[((asked < span[0]) | (asked > span[1])) & (asked >= 0)]
+    if outside.size:
+        data = " to ".join(map(time_text, span))
+        warnings.warn(
+            f"time: {time_text(int(outside[0]))} is outside the estimate's data, {data}; its model is constant in time: the "
+            "current is that of estimate_time, and its standard error does not grow",
+            stacklevel=stacklevel,
+        )

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import EstimatorError
-from replay_kit.core.flow.estimate import FlowEstimate, gradient
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evaluation import gradient
 from replay_kit.core.flow.functions import (
     DepthFunctions,
     HorizontalKernel,

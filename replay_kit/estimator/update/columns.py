@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replay_kit.core.arrays import Array, Indices
-from replay_kit.core.flow.estimate import gradient
+from replay_kit.core.flow.evaluation import gradient
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import nearest, to_local

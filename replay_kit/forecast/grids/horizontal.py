@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.geodesy import (
@@ -165,6 +164,9 @@ def find_cells(
         at_east: East of the points [m], any shape.
         at_north: North of the points [m], same shape.
     """
+    # loads slowly, and forecasts on one regular grid need none
+    from scipy.spatial import cKDTree
+
     ny, nx = east.shape
     _, nearest = cKDTree(np.column_stack([east.ravel(), north.ravel()])).query(
         np.column_stack([at_east.ravel(), at_north.ravel()])

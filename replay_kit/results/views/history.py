@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.flow.estimate import FlowEstimate, with_potential
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.flow.evaluation import with_potential
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection

@@ -22,9 +22,10 @@ from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.plan import departures_of
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import ConfigError, PlanError
-from replay_kit.core.flow.estimate import FlowEstimate, Unknowns
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.file import load
 from replay_kit.core.flow.process import Process
+from replay_kit.core.flow.unknowns import Unknowns
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.quantities import parse_duration
