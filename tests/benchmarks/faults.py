@@ -35,8 +35,8 @@ from replay_kit.core.observation import PathMean
 from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import merge, open_log
+from replay_kit.measurements.checks.causes import COMPASS, DRIFT, OFFSET, SCALE, UNDECIDED
 from replay_kit.measurements.checks.check import Checked, check
-from replay_kit.measurements.checks.pairs import COMPASS, DRIFT, OFFSET, SCALE, UNDECIDED
 from replay_kit.measurements.checks.profile import EnsembleSpeeds, ensemble_speeds
 from replay_kit.measurements.checks.sensors import CLOCK, DEPTHS
 from replay_kit.measurements.observed import blocks

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.measurements.checks.causes import COMPASS, CONTRADICTION, DRIFT, OFFSET, SCALE
 from replay_kit.measurements.checks.likelihood import CAUSES, KINDS, RELATIVE, family
-from replay_kit.measurements.checks.pairs import COMPASS, CONTRADICTION, DRIFT, OFFSET, SCALE
 
 # m/s, and m/s an hour: a bias that pairs share, an offset, a drift; and the probabilities of these two
 _BIAS, _ADDED = 0.03, {"offset": (0.3, 0.15), "drift": (0.03, 0.05)}

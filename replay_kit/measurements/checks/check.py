@@ -15,6 +15,7 @@ from replay_kit.core.errors import Finding
 from replay_kit.core.extensions import additions
 from replay_kit.core.observation import Flag, Reason, usable
 from replay_kit.measurements.checks import instrument, pairs, place, profile, sensors
+from replay_kit.measurements.checks.causes import COMPASS, CURRENT, OF_SOURCES, UNUSED
 from replay_kit.measurements.checks.fold import Context, Fold, Found, Memory, Rows, rows_of
 from replay_kit.measurements.checks.likelihood import KINDS, causes
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
@@ -50,7 +51,7 @@ class Checked:
     Attributes:
         memory: Memory of each check, by name of the check and instrument, empty for the vehicle.
         instruments: Empty rows of each instrument by name: a topic, and another one for other beams.
-        named: Names of findings by instrument, with ``pairs.UNUSED`` if its profiles are excluded; an empty name for the vehicle.
+        named: Names of findings by instrument, with ``UNUSED`` if its profiles are excluded; an empty name for the vehicle.
         pings: Number of pings checked, and of absolute ones.
         findings: Findings in order.
     """
@@ -64,7 +65,7 @@ class Checked:
     @property
     def of_directions(self) -> bool:
         """Whether findings state that an instrument's profiles are rotated or contradict another source."""
-        told = pairs.OF_SOURCES | {pairs.COMPASS}
+        told = OF_SOURCES | {COMPASS}
         return any(told & names for of, names in self.named.items() if of)
 
     @property
@@ -166,17 +167,17 @@ def _new_findings(
         found: Findings of the block with their instruments.
     """
     after, new = dict(named), list[tuple[int, Finding, bool]]()
-    since = {of: -1 for of, names in named.items() if pairs.UNUSED in names}
+    since = {of: -1 for of, names in named.items() if UNUSED in names}
     for of, (event, finding, unless) in sorted(found, key=lambda one: one[1].event):
         known = after.get(of, frozenset())
         if finding.name in known or not (known | after.get("", frozenset())).isdisjoint(unless):
             continue
         after[of] = known | {finding.name}
         if finding.distrusts:
-            after[of] |= {pairs.UNUSED}
+            after[of] |= {UNUSED}
             since.setdefault(of, event)
-        believed = (names for one, names in after.items() if one and pairs.UNUSED not in names)
-        new.append((event, finding, any(pairs.OF_SOURCES & names for names in believed)))
+        believed = (names for one, names in after.items() if one and UNUSED not in names)
+        new.append((event, finding, any(OF_SOURCES & names for names in believed)))
     return after, new, since
 
 
@@ -192,14 +193,14 @@ def unknowable(state: Checked) -> tuple[str, ...]:
     said, of_means = list[str](), list[dict[str, float]]()
     for name in state.instruments:
         current = state.memory["means", name].get("current", np.empty((0, 6)))
-        if len(current) >= pairs.CURRENT.least:
-            odds = causes(current, pairs.CURRENT, KINDS, by_fit=True)
+        if len(current) >= CURRENT.least:
+            odds = causes(current, CURRENT, KINDS, by_fit=True)
             # what is neither established nor excluded
             of_means.append({one: gain for one, gain in odds.items() if gain > _EXCLUDED})
     if not of_means:
         why = "an offset cancels in profiles relative to the platform"
         if state.pings[1]:
-            why = f"{pairs.CURRENT.least} mean currents of dives would show them"
+            why = f"{CURRENT.least} mean currents of dives would show them"
         said.append(f"an offset, a drift or a scale of the profiles ({why})")
     elif (left := min(of_means, key=len)) and not state.of_directions:
         listed = ", ".join(f"{name} e^{gain:z.0f}" for name, gain in left.items())

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from replay_kit.core.errors import Finding
 from replay_kit.core.text import place_text, time_text
-from replay_kit.measurements.checks.pairs import SCALE
+from replay_kit.measurements.checks.causes import SCALE
 from replay_kit.measurements.checks.place import Passages
 
 ENSEMBLE_UNIT = "unit of the ensemble"

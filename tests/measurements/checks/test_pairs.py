@@ -5,9 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from replay_kit.measurements.checks.check import unknowable
-from replay_kit.measurements.checks.likelihood import UNITS
-from replay_kit.measurements.checks.pairs import (
+from replay_kit.measurements.checks.causes import (
     COMPASS,
     CONTRADICTION,
     MEANS,
@@ -16,6 +14,8 @@ from replay_kit.measurements.checks.pairs import (
     SCALE,
     UNDECIDED,
 )
+from replay_kit.measurements.checks.check import unknowable
+from replay_kit.measurements.checks.likelihood import UNITS
 from replay_kit.measurements.checks.profile import UNIT
 from tests.measurements.checks.made import EAST, NORTH, judged, mean, ping
 

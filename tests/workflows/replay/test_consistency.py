@@ -22,8 +22,8 @@ from replay_kit.estimator import build
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks import concluded as findings
+from replay_kit.measurements.checks.causes import COMPASS, SCALE
 from replay_kit.measurements.checks.check import Checked
-from replay_kit.measurements.checks.pairs import COMPASS, SCALE
 from replay_kit.measurements.checks.place import FROZEN, REPEATED
 from replay_kit.measurements.checks.profile import ENSEMBLE
 from replay_kit.measurements.means import TOO_FAST

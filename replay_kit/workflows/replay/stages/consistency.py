@@ -12,8 +12,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import PathMean, kind_of
 from replay_kit.core.table import Integers
 from replay_kit.measurements.checks import concluded as findings
+from replay_kit.measurements.checks.causes import SCALE
 from replay_kit.measurements.checks.check import Checked, check, unknowable
-from replay_kit.measurements.checks.pairs import SCALE
 from replay_kit.measurements.checks.place import FROZEN, REPEATED, LogTracks
 from replay_kit.measurements.checks.profile import (
     ENSEMBLE,
