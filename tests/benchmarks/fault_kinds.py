@@ -9,7 +9,7 @@ import numpy as np
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.message import Message
-from replay_kit.measurements.checks import instrument, pairs, place, profile, sensors
+from replay_kit.measurements.checks import causes, instrument, place, profile, sensors
 from replay_kit.measurements.profiles.frames import teledyne_rotation
 from replay_kit.measurements.track.reach import DISPLACED
 
@@ -260,7 +260,7 @@ _SWAP, _EAST, _NORTH, _BOTH = (
 )
 _GLIDER, _IN_BEAMS = ("glider",), ("beams",)
 _TWINS, _RELATIVE = ("vessel", "glider"), ("glider", "seaglider")
-_DIRECTION = (pairs.CONTRADICTION, pairs.COMPASS)
+_DIRECTION = (causes.CONTRADICTION, causes.COMPASS)
 _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]]] = {
     ((instrument.DEAD,), 16): {
         _TWINS: {
@@ -293,8 +293,8 @@ _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]
     ((profile.UNIT,), 30): {
         _TWINS: {"cm/s": _velocity(100.0 * np.eye(2)), "mm/s": _velocity(1000.0 * np.eye(2))}
     },
-    ((pairs.SCALE,), 101): {_GLIDER: {"knots": _velocity(1.943844 * np.eye(2))}},
-    ((pairs.SCALE,), 85): {
+    ((causes.SCALE,), 101): {_GLIDER: {"knots": _velocity(1.943844 * np.eye(2))}},
+    ((causes.SCALE,), 85): {
         _GLIDER: {"km/h": _velocity(3.6 * np.eye(2)), "ft/s": _velocity(np.eye(2) / 0.3048)}
     },
     ((profile.SURFACE,), 5): {
@@ -303,8 +303,8 @@ _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]
             "up for down": _fields(orientation=lambda _: "up"),
         }
     },
-    ((pairs.OFFSET,), 85): {_GLIDER: {"profiles: 0.3 m/s east": _added(lambda hours: 0.3)}},
-    ((pairs.DRIFT,), 85): {
+    ((causes.OFFSET,), 85): {_GLIDER: {"profiles: 0.3 m/s east": _added(lambda hours: 0.3)}},
+    ((causes.DRIFT,), 85): {
         _GLIDER: {"profiles: drift 0.02 m/s an hour": _added(lambda hours: 0.02 * hours)}
     },
     ((sensors.DEPTHS,), 20): {
@@ -324,7 +324,7 @@ _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]
         for own in _TWINS
     },
     ((instrument.DUPLICATES,), 20): {_TWINS: {"every message twice": _twice}},
-    ((pairs.SCALE,), 120): {
+    ((causes.SCALE,), 120): {
         _GLIDER: {
             **{f"profiles x {factor}": _velocity(factor * np.eye(2)) for factor in (0.5, 0.7, 1.3)},
             **{
@@ -336,7 +336,7 @@ _FAULTS: dict[tuple[tuple[str, ...], int], dict[tuple[str, ...], dict[str, Edit]
     ((instrument.STUCK,), 30): {
         _TWINS: {"cells of the lower half stuck": _edited(_is_ping, _stuck_cells)},
     },
-    ((pairs.SCALE, pairs.MEANS), 85): {
+    ((causes.SCALE, causes.MEANS), 85): {
         _GLIDER: {
             f"mean currents x {factor}": _mean_current(factor * np.eye(2))
             for factor in (0.0, 0.5, 1.94, 100.0)
