@@ -404,6 +404,10 @@ _COLORS = {color: f"var(--{role})" for role, color in LIGHT.items()}
 _COLORS |= {GRID: "var(--grid)", BEHIND: "var(--panel)"}
 
 
+# A group without an attribute around what has none within, and one of nothing.
+_PLAIN = re.compile(r"<g>\s*((?:(?!<g[ >]|</g>).)*)</g>\s*|<g/>\s*|<defs>\s*</defs>\s*", re.S)
+
+
 def _slim(svg: str, key: str) -> str:
     """Return a compact SVG for a page, with the colours of its style and unique ids."""
     box = re.search(r'viewBox="[^"]*"', svg)
@@ -417,12 +421,23 @@ def _slim(svg: str, key: str) -> str:
     # all points of a mark have the look of the first
     body = re.sub(r'(<g[^>]*)>(\s*<use [^>]*?) style="([^"]*)"', r'\1 style="\3">\2', body)
     body = re.sub(r'(<use [^>]*?) style="[^"]*"', r"\1", body)
-    body = re.sub(r" font-family: [^;\"]*;| transform=\"rotate\(-0 [^\"]*\"", "", body)
+    # what a browser takes anyway, or nobody sees at lines of less than a pixel
+    usual = r" font-family: [^;\"]*;| transform=\"rotate\(-0 [^\"]*\"|; stroke-linejoin: miter"
+    body = re.sub(usual + r"|(?<=stroke-width: 0\.\d); stroke-linecap: square", "", body)
+    # places of points to a tenth of a pixel, lines and what a point looks like to a hundredth
+    body = re.sub(r"<use [^>]*>", lambda tag: re.sub(r"(\d\.\d)\d+", r"\1", tag[0]), body)
     body = re.sub(
         r"<[^>!]*>",
         lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]) if "base64" not in tag[0] else tag[0],
         body,
     )
+    while (plain := re.sub(_PLAIN, r"\1", body)) != body:
+        body = plain
     for color, name in _COLORS.items():
         body = body.replace(color, name)
-    return f'<svg {box[0]} aria-hidden="true">' + re.sub(r"\s*\n\s*", "\n", body)
+    body = body.replace("; fill: var(--ink)", "")
+    # lines of a grid end with it
+    body = re.sub(r' clip-path="[^"]*"(?= style="fill: none; stroke: var\(--grid)', "", body)
+    return f'<svg {box[0]} style="fill: var(--ink)" aria-hidden="true">' + re.sub(
+        r"\s*\n\s*", "\n", body
+    )

@@ -188,8 +188,8 @@ def frame_of(projection: Projection, extent: Extent) -> dict[str, Any]:
     return {
         "ends": [float(east[0]), float(east[-1]), float(north[0]), float(north[-1])],
         "nodes": _NODES,
-        "longitude": column(longitude, 9),
-        "latitude": column(latitude, 9),
+        "longitude": column(longitude, 7),
+        "latitude": column(latitude, 7),
         "land": [np.round(ring / 1e3, 2).tolist() for ring in rings],
     }
 
