@@ -90,10 +90,10 @@ def _statistics(task: Task, answer: Answer) -> Statistics:
     feasible = [one.seconds / 3600.0 for one in tried if is_feasible(task, one)]
     statistics: Statistics = {
         "attempts": len(tried),
-        "iterations": sum(one.iterations for one in tried),
+        "iterations": sum(one.solved.iterations for one in tried),
         "tried": "; ".join(map(tried_text, tried)),
         "longest_met_h": max(feasible, default=float("nan")),
-        "steps": answer.best.steps,
+        "steps": answer.best.solved.steps,
     }
     if bound is not None and bound.is_tight and np.isfinite(bound.time):
         statistics |= {"bound_h": bound.time / 3600.0}

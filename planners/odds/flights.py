@@ -61,7 +61,7 @@ def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> Mi
     )
     clock, parts = currents.clock(plan.start_time_ns), int(plan.statistics.get("steps", COARSE))
     deep = np.array([goal.depth for goal in plan.goals])
-    flight = fly(currents, vehicle, start, legs, clock, parts=parts, stops=deep)
+    flight = fly(currents, vehicle, (start, clock), legs, parts, deep)
     ends = flight.place[:, flight.ends]
     met = flight.place[:, np.searchsorted(flight.time[0], plan.goal_times - 1e-3)]
     goals = np.column_stack(

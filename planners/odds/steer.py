@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from planners.odds.aim import aim, home, mean_current
 from planners.simulation.currents import Currents
-from planners.simulation.fly import DRIFT_STEPS, Flights, Path, fly_leg
+from planners.simulation.fly import DRIFT_STEPS, Flights, Legs, Path, fly_leg
 from planners.task import Task
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import true_north_halfway
@@ -270,9 +270,7 @@ class _Gliders:
             self._current(live, number),
             vehicle,
             (at, self.clock + self.now[live]),
-            (heading, angle),
-            turns,
-            drifts,
+            Legs(heading, angle, turns, drifts),
             _PARTS,
             route.goals[:, 2],
         )

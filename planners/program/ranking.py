@@ -73,7 +73,7 @@ def ranking(task: Task, found: Solution) -> tuple[bool, float, float]:
     if not feasible or aim.distance_first:
         missing += float(np.max(found.miss)) + _UNSAFE * (found.violation is not None)
     # the margin is kept first
-    missing += float(found.clearance < task.settings.margin - _KEPT)
+    missing += float(found.solved.clearance < task.settings.margin - _KEPT)
     depths, miss = yo_depths(found.legs.turns), float(np.sum(found.miss))
     one = Found(task.vehicle, found.legs.angles, depths, found.seconds, found.energy, miss)
     cost = aim.cost(one)

@@ -36,6 +36,23 @@ class Start:
     defect: Array | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """How a mission was solved.
+
+    Attributes:
+        clearance: Clearance from nearby constraints [m].
+        iterations: Number of IPOPT iterations.
+        status: Last status of IPOPT.
+        steps: Number of integration steps per dive or climb.
+    """
+
+    clearance: float = inf
+    iterations: int = 0
+    status: str = ""
+    steps: int = COARSE
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
     """Solution of a mission: legs and their simulated flight.
@@ -49,10 +66,7 @@ class Solution:
         points: Point of the flight at which each goal is met, shape (G,).
         miss: Miss distance of each goal, shape (G,) [m].
         violation: First constraint violation, or None.
-        clearance: Clearance from nearby constraints [m].
-        iterations: Number of IPOPT iterations.
-        status: Last status of IPOPT.
-        steps: Number of integration steps per dive or climb.
+        solved: How it was solved.
     """
 
     task: Task
@@ -63,10 +77,7 @@ class Solution:
     points: NDArray[np.intp]
     miss: Array
     violation: Violation | None
-    clearance: float = inf
-    iterations: int = 0
-    status: str = ""
-    steps: int = COARSE
+    solved: Solved = Solved()
 
     @property
     def seconds(self) -> float:
@@ -95,19 +106,15 @@ def again(found: Solution) -> Solution:
     down = np.broadcast_to(task.vehicle.speeds(np, legs.angles)[1], ends.shape[:1])
     lasts = np.sum(np.abs(np.diff(legs.turns, axis=0)), axis=0) / down + legs.drifts
     times = task.start_time + np.append(0.0, np.cumsum(lasts)[:-1])
-    command, deep = (legs.headings, legs.angles), task.goals[:, 2]
     for _ in range(_PASSES):
         begins = np.vstack([task.start[None, :2], ends[:-1]])
-        begin = begins, times
-        path = fly_leg(
-            task.currents, task.vehicle, begin, command, legs.turns, legs.drifts, found.steps, deep
-        )
+        parts, stops = found.solved.steps, task.goals[:, 2]
+        path = fly_leg(task.currents, task.vehicle, (begins, times), legs, parts, stops)
         before, ends = ends, task.start[:2] + np.cumsum(path.places[-1] - begins, axis=0)
         if np.max(np.abs(ends - before)) < _STILL:
             break
     flight = joined(path, task.start_time)
-    told = found.clearance, found.iterations, found.status
-    return judged(task, found.start, legs, flight, found.goal_legs, *told, steps=found.steps)
+    return judged(task, found.start, legs, flight, found.goal_legs, found.solved)
 
 
 def judged(
@@ -116,10 +123,7 @@ def judged(
     legs: Legs,
     flight: Flight,
     goal_legs: tuple[int, ...],
-    clearance: float = inf,
-    iterations: int = 0,
-    status: str = "",
-    steps: int = COARSE,
+    solved: Solved,
 ) -> Solution:
     """Return the solution of a simulated flight: miss distances, at a leg's end or at the goal's depth, and violations."""
     ends = np.concatenate([[0], flight.ends])
@@ -131,8 +135,7 @@ def judged(
             away = np.linalg.norm(flight.place[0, close] - task.goals[j, :2], axis=1)
             points[j] = close[np.argmin(away)]
     miss = np.linalg.norm(flight.place[0, points] - task.goals[:, :2], axis=1)
-    found, known = check(task, flight), (clearance, iterations, status, steps)
-    return Solution(task, start, legs, flight, goal_legs, points, miss, found, *known)
+    return Solution(task, start, legs, flight, goal_legs, points, miss, check(task, flight), solved)
 
 
 def joined(path: Path, start_time: float) -> Flight:

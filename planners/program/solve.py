@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from planners.program.graph import PLANES, Program, Shape, program
-from planners.program.solution import Solution, Start, again, joined, judged
+from planners.program.solution import Solution, Solved, Start, again, joined, judged
 from planners.program.walls import Segments, Walls
 from planners.program.water import HOUR, KM, Water
 from planners.request import Line, Mooring
@@ -325,9 +325,7 @@ class _Rounds:
             task.currents,
             self.vehicle,
             (begins, task.start_time + depart),
-            (self.headings, self.glide_angles),
-            task.turns(self.depths),
-            self.drift,
+            self.commands,
             self.steps,
             task.goals[:, 2],
         )
@@ -348,6 +346,12 @@ class _Rounds:
         self.flown = Segments(lines, up, self._chords())
         moved = self._blend(path, since, cuts)
         return lines[:, -1] - lines[:, 0] - np.diff(points, axis=0), moved
+
+    @property
+    def commands(self) -> Legs:
+        """Commands of the legs."""
+        turns = self.task.turns(self.depths)
+        return Legs(self.headings, self.glide_angles, turns, self.drift)
 
     @property
     def glide_angles(self) -> Array:
@@ -404,7 +408,6 @@ class _Rounds:
         """Return the solution with its legs simulated in sequence."""
         request = replace(self.task.request, vehicle=self.vehicle)
         task = replace(self.task, request=request)
-        legs = Legs(self.headings, self.glide_angles, task.turns(self.depths), self.drift)
         start = replace(
             self.start,
             lines=self.flown.lines.reshape(self.legs, -1, 2),
@@ -413,8 +416,8 @@ class _Rounds:
             defect=self.defect,
         )
         flight = joined(self.path, self.task.start_time)
-        told = self.walls.clearance(self.flown), iterations, status
-        return judged(task, start, legs, flight, self.start.goal_legs, *told, steps=self.steps)
+        how = Solved(self.walls.clearance(self.flown), iterations, status, self.steps)
+        return judged(task, start, self.commands, flight, self.start.goal_legs, how)
 
 
 def _along(path: Path, since: Array, k: int, at: Array) -> Array:

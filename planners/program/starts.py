@@ -102,7 +102,9 @@ class Search:
             if fewer is None:
                 break
             best = fewer
-        if best.clearance < _BESIDE and best.seconds > _DETOUR * float(ways[0][1].passed[-1]):
+        if best.solved.clearance < _BESIDE and best.seconds > _DETOUR * float(
+            ways[0][1].passed[-1]
+        ):
             # legs that bend more often may be quicker beside walls
             self.recut(best, best.count + 1, least)
 

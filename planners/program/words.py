@@ -20,7 +20,7 @@ def tried_text(found: Solution) -> str:
     """Return the outcome of a solution as text for the statistics."""
     safe = "" if found.violation is None else f", crosses {found.violation.what}"
     name = "" if found.start is None else f"{found.start.name}, "
-    return f"{name}{found.count} legs: {found.seconds / 3600.0:.2f} h, {found.miss.max():.0f} m off{safe}, {found.status}"
+    return f"{name}{found.count} legs: {found.seconds / 3600.0:.2f} h, {found.miss.max():.0f} m off{safe}, {found.solved.status}"
 
 
 def outcome_text(task: Task, answer: Answer, above: float | None) -> str:

@@ -112,9 +112,8 @@ class Flights:
 def fly(
     currents: Currents,
     vehicle: Glider,
-    start: Array,
+    begin: tuple[Array, float],
     legs: Legs,
-    start_time: float = 0.0,
     parts: int = COARSE,
     stops: Array | None = None,
 ) -> Flight:
@@ -123,22 +122,19 @@ def fly(
     Args:
         currents: K flows.
         vehicle: Glider.
-        start: Start position, shape (2,) [m].
+        begin: Position, shape (2,) [m], and time on the clock of the currents [s].
         legs: Commands.
-        start_time: Start time on the clock of the currents [s].
         parts: Minimum number of steps per dive or climb.
         stops: Additional depths at which steps end [m].
     """
-    count = len(currents.latent)
+    count, (start, start_time) = len(currents.latent), begin
     at, now = np.tile(start, (count, 1)), np.zeros(count)
     places, times, ends = [at[None]], [now[None]], [0]
     depths, number = [legs.turns[:1, 0]], [np.zeros(1, dtype=int)]
     for k in range(len(legs.headings)):
         heading, angle = np.full(count, legs.headings[k]), np.full(count, legs.angles[k])
-        turns, drift = legs.turns[:, [k]], np.full(count, legs.drifts[k])
-        path = fly_leg(
-            currents, vehicle, (at, start_time + now), (heading, angle), turns, drift, parts, stops
-        )
+        one = Legs(heading, angle, legs.turns[:, [k]], np.full(count, legs.drifts[k]))
+        path = fly_leg(currents, vehicle, (at, start_time + now), one, parts, stops)
         moving = np.append(True, np.any(np.diff(path.times, axis=0) > 0.0, axis=1))[1:]
         if not moving.any():
             moving[-1] = True
@@ -161,9 +157,7 @@ def fly_leg(
     currents: Currents,
     vehicle: Glider,
     begin: tuple[Array, Array],
-    command: tuple[Array, Array],
-    turns: Array,
-    drift: Array,
+    legs: Legs,
     parts: int = COARSE,
     stops: Array | None = None,
 ) -> Path:
@@ -173,17 +167,15 @@ def fly_leg(
         currents: K flows, or one for any number of gliders.
         vehicle: Glider.
         begin: Positions, shape (K, 2) [m], and times on the clock of the currents, shape (K,) [s].
-        command: Headings from true north and glide angles, shape (K,) each [rad].
-        turns: Depths at which the leg begins, turns and ends, shape (P + 1, K) or (P + 1, 1) [m].
-        drift: Drift time, shape (K,) [s].
+        legs: Commands, K of them; ``turns`` may be common to all, shape (P + 1, 1).
         parts: Minimum number of steps per dive or climb.
         stops: Additional depths at which steps end [m].
     """
-    (at, now), (heading, angle), count = begin, command, len(begin[0])
-    along, down = (np.broadcast_to(speed, count) for speed in vehicle.speeds(np, angle))
-    through = along[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=-1)
+    (at, now), count, drift = begin, len(begin[0]), legs.drifts
+    along, down = (np.broadcast_to(speed, count) for speed in vehicle.speeds(np, legs.angles))
+    through = along[:, None] * np.stack([np.sin(legs.headings), np.cos(legs.headings)], axis=-1)
     levels = currents.flow.levels
-    depths = steps_of(turns, levels if stops is None else np.union1d(levels, stops), parts)
+    depths = steps_of(legs.turns, levels if stops is None else np.union1d(levels, stops), parts)
     depths = np.broadcast_to(depths, (len(depths), count))
     heights = np.abs(np.diff(depths, axis=0))
     lasts = np.sum(heights, axis=0) / down

@@ -50,7 +50,7 @@ def _case(flow: FlowEstimate, rng: np.random.Generator) -> tuple[MissionRequest,
         headings = rng.uniform(0.0, 2.0 * np.pi) + rng.normal(0.0, 0.3, _DIVES)
         angles = np.deg2rad(rng.uniform(16.0, 25.0, _DIVES))
         legs = Legs(headings, angles, turns, np.zeros(_DIVES))
-        flight = fly(currents_of(flow), _VEHICLE, start, legs)
+        flight = fly(currents_of(flow), _VEHICLE, (start, 0.0), legs)
         end = flight.place[0, -1]
         if np.all(np.abs(end) < 2.0 * half):
             break

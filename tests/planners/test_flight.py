@@ -24,8 +24,8 @@ def drawn(seed, count):
 @pytest.mark.parametrize("turns", [(0.0, 390.0, 0.0), (80.0, 300.0, 120.0), (0.0, 250.0)])
 def test_legs_end_where_an_adaptive_method_ends_them_in_the_flow_itself(turns):
     flow, (places, headings, angles) = eddying_flow(3, speed=0.25), drawn(1, 4)
-    begin, depths = (places, np.zeros(4)), np.array(turns)[:, None]
-    path = fly_leg(currents_of(flow), VEHICLE, begin, (headings, angles), depths, np.zeros(4), 16)
+    legs = Legs(headings, angles, np.array(turns)[:, None], np.zeros(4))
+    path = fly_leg(currents_of(flow), VEHICLE, (places, np.zeros(4)), legs, 16)
     slow = [
         fly_leg_slowly(flow, *one, VEHICLE.speed, turns)
         for one in zip(places, headings, angles, strict=True)
@@ -38,13 +38,12 @@ def test_gliders_with_depths_of_their_own_fly_as_each_alone_and_drift_with_the_s
     flow, (places, headings, angles) = eddying_flow(4, speed=0.2), drawn(2, 3)
     currents, drift = currents_of(flow), np.array([0.0, 600.0, 1200.0])
     turns = np.array([[0.0, 0.0, 40.0], [390.0, 150.0, 220.0], [0.0, 0.0, 0.0]])
-    together = fly_leg(
-        currents, VEHICLE, (places, np.zeros(3)), (headings, angles), turns, drift, 12
-    )
+    legs = Legs(headings, angles, turns, drift)
+    together = fly_leg(currents, VEHICLE, (places, np.zeros(3)), legs, 12)
     for k in range(3):
         one = np.s_[k : k + 1]
-        alone = (places[one], np.zeros(1)), (headings[one], angles[one]), turns[:, one]
-        path = fly_leg(currents, VEHICLE, *alone, drift[one], 12)
+        alone = Legs(headings[one], angles[one], turns[:, one], drift[one])
+        path = fly_leg(currents, VEHICLE, (places[one], np.zeros(1)), alone, 12)
         np.testing.assert_allclose(together.places[-1, k], path.places[-1, 0], atol=0.3)
         adrift = path.places[-1, 0] - path.places[-1 - DRIFT_STEPS, 0]
         surface = flow.velocity(*path.places[-1 - DRIFT_STEPS, 0], 0.0)
@@ -68,9 +67,9 @@ def test_a_mission_of_legs_in_several_currents_is_that_in_each():
     _, headings, angles = drawn(7, 3)
     turns = np.tile([[0.0], [300.0], [0.0]], 3)
     legs = Legs(headings, angles, turns, np.array([600.0, 600.0, 0.0]))
-    both = fly(currents_of_samples(flows), VEHICLE, np.zeros(2), legs)
+    both = fly(currents_of_samples(flows), VEHICLE, (np.zeros(2), 0.0), legs)
     for k, flow in enumerate(flows):
-        alone = fly(currents_of(flow), VEHICLE, np.zeros(2), legs)
+        alone = fly(currents_of(flow), VEHICLE, (np.zeros(2), 0.0), legs)
         np.testing.assert_allclose(both.place[k], alone.place[0], atol=1e-6)
     assert both.ends.size == 3
     np.testing.assert_array_equal(both.depth[both.ends], 0.0)

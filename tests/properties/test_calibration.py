@@ -58,16 +58,16 @@ def profile(truth, rng, noise=0.05, stated=0.05, number=0):
 
 
 def test_the_gate_stops_as_many_as_it_says(made):
-    p, it, rng = 0.02, made(gate_probability=0.02), np.random.default_rng(5)
-    drawn = [profile(truth, rng) for truth in truths(it, 150, 5) for _ in range(4)]
+    p, it, rng = 0.06, made(gate_probability=0.06), np.random.default_rng(5)
+    drawn = [profile(truth, rng) for truth in truths(it, 100, 5) for _ in range(3)]
     steps = [it.assimilate(it.initial(), [each])[1][0] for each in drawn]
     stopped = np.mean([step.innovation.decision == "rejected" for step in steps])
-    assert abs(stopped - p) < 3 * np.sqrt(p / 600)
+    assert abs(stopped - p) < 3 * np.sqrt(p / 300)
 
 
 def test_scatter_beyond_the_stated_error_counts_as_if_it_had_been_stated(made):
     it, ratios = made(gate_probability=1e-5), []
-    for number, truth in enumerate(truths(it, 40, 6)):
+    for number, truth in enumerate(truths(it, 28, 6)):
         information = []
         for stated in (0.15, 0.05):
             seen = profile(truth, np.random.default_rng(number), 0.15, stated)

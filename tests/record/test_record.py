@@ -12,7 +12,7 @@ from tests.record import measured, missions, opened, record
 from tests.record.__main__ import MAKERS, table
 
 #: Missions that are planned and flown in a second or two.
-_QUICK = {"free": 13, "hazards": 40, "edges": 1, "bottom": 2}
+_QUICK = {"free": 13, "hazards": 30, "edges": 1, "bottom": 2}
 
 
 def test_the_record_is_whole():
