@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from replay_kit.core.extensions import on_demand
 
 if TYPE_CHECKING:
-    from planners.departures import best_departure, cut_at_horizon, plan_departures
     from planners.hazards.areas import NoGo
     from planners.hazards.bottom import Bathymetry
+    from planners.odds.departures import best_departure, cut_at_horizon, plan_departures
     from planners.odds.flights import closest_approach, fly_mission
     from planners.odds.mission import MissionOdds, mission_odds, next_surfacing, with_odds
     from planners.odds.rank import plan_by_odds

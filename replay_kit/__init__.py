@@ -12,8 +12,8 @@ Each name is imported when it is first asked for.
 
 from typing import TYPE_CHECKING
 
+from replay_kit.core import __version__
 from replay_kit.core.extensions import on_demand
-from replay_kit.core.version import __version__
 
 if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig

@@ -10,7 +10,7 @@ from planners.request import MissionPlan
 from replay_kit.core.geodesy import grid_bearing_of_true_north
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Odds, Plan
-from replay_kit.core.text import csv_text
+from replay_kit.core.words.text import csv_text
 
 
 def legs_table(plan: MissionPlan, odds: MissionOdds | None) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ import numpy as np
 from planners.waypoints import Waypoints
 from replay_kit.core.errors import PlanError
 from replay_kit.core.region import collection_file, feature, positions
-from replay_kit.core.text import csv_text
+from replay_kit.core.words.text import csv_text
 
 
 def waypoint_text(waypoints: Waypoints, path: Path) -> str:

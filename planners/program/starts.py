@@ -29,7 +29,7 @@ from planners.route.passage import (
 from planners.task import LEAST_DIVE, Task
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
-from replay_kit.core.progress import announce
+from replay_kit.core.words.progress import announce
 
 # Numbers of legs that are tried until one holds; share of them that is added at once at most; legs at most.
 _TRIES, _AT_ONCE, _CRAWLING, _MOORED = 5, 0.3, 24, 60

@@ -10,7 +10,7 @@ from planners.program.starts import Answer
 from planners.request import Line, MissionPlan, Mooring
 from planners.task import Task
 from replay_kit.core.plan import share_interval
-from replay_kit.core.text import place_text, time_text
+from replay_kit.core.words.text import place_text, time_text
 
 # A mission this close to the longest one considered is limited by it.
 _NEARLY = 0.95

@@ -17,9 +17,9 @@ from cyclopts.exceptions import MissingArgumentError, UnknownOptionError
 from replay_kit.cli import console
 from replay_kit.cli.options import CHOICES, before_conversion
 from replay_kit.cli.words import command_first, repeat_ensembles, spread_vehicles
+from replay_kit.core import __version__
 from replay_kit.core.errors import ReplayKitError
-from replay_kit.core.text import printable
-from replay_kit.core.version import __version__
+from replay_kit.core.words.text import printable
 
 # Loading modules makes many small objects that stay; looking for garbage among them takes a sixth of the help's time.
 gc.set_threshold(50_000, 20, 20)

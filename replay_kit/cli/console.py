@@ -13,15 +13,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from replay_kit.core.atomic import stored, write_whole
 from replay_kit.core.errors import ConfigError, ReplayKitError
-from replay_kit.core.paths import is_stream
-from replay_kit.core.text import printable
+from replay_kit.core.files.atomic import stored, write_whole
+from replay_kit.core.files.paths import is_stream
+from replay_kit.core.words.text import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from replay_kit.core.progress import Progress
+    from replay_kit.core.words.progress import Progress
 
 # Columns of a pipe, which has no width of its own; COLUMNS in the environment is honoured before it.
 PIPE_WIDTH = 160
@@ -158,7 +158,7 @@ def progress(threads: int | None = None) -> "Iterator[Progress]":
     """
     from threadpoolctl import threadpool_limits
 
-    from replay_kit.core.progress import shown_by, silent
+    from replay_kit.core.words.progress import shown_by, silent
 
     with threadpool_limits(limits=threads):
         if current().quiet or not sys.stderr.isatty():

@@ -12,8 +12,8 @@ from cyclopts.validators import Number
 from replay_kit.cli import console
 from replay_kit.config.option import PLACE, Numbers, numbers
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import is_stream, path_of
-from replay_kit.core.quantities import parse_duration
+from replay_kit.core.files.paths import is_stream, path_of
+from replay_kit.core.words.quantities import parse_duration
 
 if TYPE_CHECKING:
     from replay_kit.core.plan import Place

@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from replay_kit.config.removed import SETTINGS
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.inputs import open_input
-from replay_kit.core.quantities import parse_duration
+from replay_kit.core.files.inputs import open_input
+from replay_kit.core.words.quantities import parse_duration
 
 # A configuration has some kB; tomllib takes a hundred times the memory of its file.
 _LARGEST = 1 << 18

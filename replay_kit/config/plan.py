@@ -12,8 +12,8 @@ from replay_kit.config.file import NotNegative, Section
 from replay_kit.config.option import PLACE, PLACES, Numbers, Option, numbers
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.extensions import ObjectiveName
-from replay_kit.core.quantities import parse_duration, parse_time
-from replay_kit.core.text import time_text
+from replay_kit.core.words.quantities import parse_duration, parse_time
+from replay_kit.core.words.text import time_text
 
 # loads numpy
 if TYPE_CHECKING:

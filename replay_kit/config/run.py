@@ -33,7 +33,7 @@ from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.quality import QualityConfig, checked_rules
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.quantities import parse_time
+from replay_kit.core.words.quantities import parse_time
 
 
 def _checked_time(text: str) -> str:

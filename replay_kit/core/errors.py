@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 
 #: ``warning``: reported and nothing else. ``misfit``: the forecast, not the log, is in doubt; the run is complete and ends with 6.
 #: ``inconsistent``: the run goes on without what is named and ends with 6. ``unusable``: the input cannot be used.

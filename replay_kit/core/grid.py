@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replay_kit.core.arrays import Array, Mask, Values, one_by_one, release
-from replay_kit.core.text import span_text, time_text
+from replay_kit.core.words.text import span_text, time_text
 
 
 @dataclass(frozen=True, slots=True)

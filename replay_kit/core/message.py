@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 
 
 class Message(NamedTuple):

@@ -7,7 +7,7 @@ from statistics import NormalDist
 from typing import Any, Literal
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.text import place_text, time_text
+from replay_kit.core.words.text import place_text, time_text
 
 #: Among the statistics of a plan: which numbers of its dives are as flown or assumed, in words; absent where all were stated.
 ORIGIN = "dives"

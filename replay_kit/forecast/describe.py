@@ -9,8 +9,8 @@ import numpy as np
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.paths import Paths
 from replay_kit.core.region import DEGREE, Region, around
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import find_sources

@@ -13,8 +13,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Times
-from replay_kit.core.inputs import plain_attribute, why_no_input
-from replay_kit.core.paths import Address
+from replay_kit.core.files.inputs import plain_attribute, why_no_input
+from replay_kit.core.files.paths import Address
 from replay_kit.forecast.files import dated, opened_file
 from replay_kit.forecast.names import Current, find_lead, find_time
 

@@ -17,10 +17,10 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.inputs import exceeds_claim, open_input, packed_fill
-from replay_kit.core.paths import Address, Paths, as_groups
-from replay_kit.core.quantities import seconds
-from replay_kit.core.text import count_text
+from replay_kit.core.files.inputs import exceeds_claim, open_input, packed_fill
+from replay_kit.core.files.paths import Address, Paths, as_groups
+from replay_kit.core.words.quantities import seconds
+from replay_kit.core.words.text import count_text
 from replay_kit.forecast.names import find_mesh
 
 _ENDINGS = (".nc", ".nc4", ".nc3", ".cdf", ".netcdf", ".zarr")

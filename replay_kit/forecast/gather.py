@@ -10,7 +10,7 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import IN_MEMORY, Array, Values, large_array, release
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.text import count_text
+from replay_kit.core.words.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.depths import at_depths, depths_text
 from replay_kit.forecast.grids.horizontal import (

@@ -7,7 +7,7 @@ from typing import Literal
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.text import some_text
+from replay_kit.core.words.text import some_text
 
 Axes = Literal["true", "grid"]
 

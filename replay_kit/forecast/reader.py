@@ -9,9 +9,9 @@ import numpy as np
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Times
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.paths import Paths
-from replay_kit.core.text import place_text
+from replay_kit.core.words.text import place_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.gather import in_groups, layout_of, together
 from replay_kit.forecast.grids.axes import AxesCheck, check_axes

@@ -8,9 +8,9 @@ import numpy as np
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Times
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.files.inputs import exceeds_claim
+from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.inputs import exceeds_claim
-from replay_kit.core.paths import Paths
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.layout import U
 from replay_kit.forecast.members.collection import Collection, open_collection

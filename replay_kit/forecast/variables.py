@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.inputs import unpacking
+from replay_kit.core.files.inputs import unpacking
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.horizontal import Index, runs
 from replay_kit.forecast.grids.layout import CENTRE, DIRECTION, Layout, U, V

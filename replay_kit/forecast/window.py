@@ -11,9 +11,9 @@ import numpy as np
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.inputs import exceeds_claim
-from replay_kit.core.quantities import metres, metres_per_second
-from replay_kit.core.text import count_text
+from replay_kit.core.files.inputs import exceeds_claim
+from replay_kit.core.words.quantities import metres, metres_per_second
+from replay_kit.core.words.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.depths import choose_levels
 from replay_kit.forecast.grids.layout import Layout, U, V

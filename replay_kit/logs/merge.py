@@ -11,7 +11,7 @@ from itertools import islice
 from typing import Generic, NamedTuple, Protocol, TypeVar, cast
 
 from replay_kit.core.message import Message, RawMessage
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 from replay_kit.logs.shared.clock import doubtful_times
 
 #: Nearer stamps are no matter of a wrong clock: messages are late by hours where data are buffered [ns].

@@ -13,8 +13,8 @@ from typing import Any
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.extensions import additions
-from replay_kit.core.inputs import open_input
-from replay_kit.core.paths import as_path
+from replay_kit.core.files.inputs import open_input
+from replay_kit.core.files.paths import as_path
 from replay_kit.logs.formats import FORMATS, LogFormat
 from replay_kit.logs.reader import LogFile, unreadable
 

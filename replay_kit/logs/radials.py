@@ -13,11 +13,11 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
+from replay_kit.core.files.inputs import open_input
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.inputs import open_input
 from replay_kit.core.message import Message
-from replay_kit.core.text import count_text
+from replay_kit.core.words.text import count_text
 from replay_kit.logs.netcdf.quality import is_failed, worst_flag
 from replay_kit.logs.netcdf.surface import LIGHT, RADAR, depth_of
 from replay_kit.logs.reader import LogFile, unreadable

@@ -14,9 +14,9 @@ from mcap.records import Attachment, Metadata
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import open_input
+from replay_kit.core.files.inputs import open_input
 from replay_kit.core.message import LogReader, LogReport, Message, RawMessage
-from replay_kit.core.progress import Progress
+from replay_kit.core.words.progress import Progress
 from replay_kit.logs.decode.to_json import JsonChannels
 from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics, blocks_of
 

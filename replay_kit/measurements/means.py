@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
-from replay_kit.core.table import Columns, Integers, Rows, Table, chosen
+from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
 from replay_kit.measurements.profiles.pings import COMPUTED, OWN, padded
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.dives import dive_begins

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.block import LINEAR, MEAN, PING, Block
 from replay_kit.core.message import Message
 from replay_kit.core.observation import (
     Fix,
@@ -20,7 +19,8 @@ from replay_kit.core.observation import (
     Source,
     VehicleState,
 )
-from replay_kit.core.table import Columns
+from replay_kit.core.observation.block import LINEAR, MEAN, PING, Block
+from replay_kit.core.observation.table import Columns
 from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.frames import Open, lost
 from replay_kit.logs.tables.schemas import tables_of

@@ -8,7 +8,7 @@ import numpy as np
 from replay_kit.config.quality import rules_for
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import LinearMeasurement, Source
-from replay_kit.core.table import Columns, Integers, Rows, Table, chosen
+from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
 from replay_kit.measurements.track.dives import no_depths
 from replay_kit.measurements.track.positions import as_of, no_rows
 from replay_kit.measurements.track.reach import Reach

@@ -6,9 +6,9 @@ from replay_kit.core.extensions import on_demand
 
 if TYPE_CHECKING:
     from replay_kit.results.differences import Difference, Recorded, difference, read_recorded
-    from replay_kit.results.mcap_writer import ResultWriter
+    from replay_kit.results.mcap.schemas import CONTRACT_VERSION
+    from replay_kit.results.mcap.writer import ResultWriter
     from replay_kit.results.reader import ResultReader
-    from replay_kit.results.schemas import CONTRACT_VERSION
 
 __all__ = [
     "CONTRACT_VERSION",

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.errors import LogError
+from replay_kit.results.mcap.topics import CONFIG_NAME
 from replay_kit.results.outcome.outcome import leaves
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.result import ResultFile
-from replay_kit.results.topics import CONFIG_NAME
 
 #: Values are the same to this, of themselves where they are above 1.
 TOLERANCE = 1e-9

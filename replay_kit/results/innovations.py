@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.observation import Innovation
-from replay_kit.results import earlier
+from replay_kit.results.mcap.schemas import ARRAYS, MESSAGES, decode, encode, numbers
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.schemas import ARRAYS, MESSAGES, decode, encode, numbers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,9 +78,33 @@ def columns_of(block: bytes) -> Columns:
 
 def blocks_in(reader: ResultReader, newest: bool = False) -> Iterator[Columns]:
     """Yield the columns of the blocks of a result, also of earlier versions, forward or backward in time."""
-    if (old := earlier.innovations(reader, TOPIC, newest)) is not None:
-        return (columns_of(encode(_NAME, one)) for one in old)
+    held = reader.schema(TOPIC)
+    if held is not None and held.name == "replay_kit.Innovation":
+        earlier = reader.decoded(TOPIC, newest)
+        return (columns_of(encode(_NAME, _of_one(message))) for _, message in earlier)
     return (columns_of(data) for _, data in reader.messages(TOPIC, newest))
+
+
+def _of_one(message: Any) -> dict[str, Any]:
+    """Return the fields of a block with the single innovation of a message of contract version 5."""
+    mean, held = message.mean_current, dict[str, Any]()
+    for field in MESSAGES[_NAME]:
+        value = getattr(message, field.name, 0 if field.name == "profiles" else ())
+        if isinstance(value, str | int | float):
+            held[field.name] = [value]
+        elif isinstance(value, Sequence) and len(value) == len(message.depth):
+            held[field.name] = value
+    held["timestamp"] = [message.timestamp.ToNanoseconds()]
+    held["source_time"] = [message.source_time.ToNanoseconds()]
+    held["bins"], held["mean_current_kind"] = [len(message.depth)], [mean.kind]
+    if message.HasField("mean_current"):
+        for name in ("measured", "corrected", "estimated"):
+            error = getattr(mean, f"{name}_standard_error", 0.0)
+            held[f"mean_current_{name}_standard_error"] = [error or np.nan]
+            if name == "measured" or (name == "corrected" and error > 0.0):
+                for end in ("east", "north"):
+                    held[f"mean_current_{name}_{end}"] = [getattr(mean, f"{name}_{end}")]
+    return held
 
 
 def joined(blocks: Iterable[Columns]) -> Columns:

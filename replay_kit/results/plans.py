@@ -17,8 +17,8 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Area, Odds, Place, Plan, plan_legs
 from replay_kit.core.region import Feature, feature, positions
 from replay_kit.core.surfacing import planned_ellipses
+from replay_kit.results.mcap.schemas import MESSAGES, attributes, decode, numbers
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.schemas import MESSAGES, attributes, decode, numbers
 
 # Positions of a plan; more are thinned. Its figures, and whence they are.
 _PLANNED = 1000

@@ -15,8 +15,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit.core.errors import ForecastError, LogError
 from replay_kit.core.grid import Projection
-from replay_kit.results.outcome.outcome import Outcome, outcome_from
-from replay_kit.results.topics import (
+from replay_kit.results.mcap.topics import (
     CONFIG_NAME,
     DIGEST_NAME,
     EARLIER_ESTIMATE,
@@ -28,6 +27,7 @@ from replay_kit.results.topics import (
     complete,
     message_counts,
 )
+from replay_kit.results.outcome.outcome import Outcome, outcome_from
 from replay_kit.results.vehicles import (
     VEHICLES_RECORD,
     VehicleRecord,

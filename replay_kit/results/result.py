@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import Velocities, best_velocity_at
 from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 from replay_kit.results.innovations import (
     Columns,
     Measured,
@@ -25,11 +25,11 @@ from replay_kit.results.innovations import (
     table_of,
     tables_of,
 )
+from replay_kit.results.mcap.schemas import MESSAGES, TIME, decode, numbers
+from replay_kit.results.mcap.topics import ESTIMATE_NAME, OpenResult
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.schemas import MESSAGES, TIME, decode, numbers
 from replay_kit.results.slices import surface_table
-from replay_kit.results.topics import ESTIMATE_NAME, OpenResult
 
 if TYPE_CHECKING:
     import pandas as pd

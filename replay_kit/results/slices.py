@@ -15,7 +15,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import known_at
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid, Projection, Seabed
-from replay_kit.results.messages import FRAME, orientation, pose, stamp
+from replay_kit.results.mcap.messages import FRAME, orientation, pose, stamp
 
 if TYPE_CHECKING:
     import pandas as pd

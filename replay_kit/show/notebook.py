@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replay_kit.results.innovations import Columns
+from replay_kit.results.mcap.topics import OpenResult
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import check_result
 from replay_kit.results.result import ResultFile
-from replay_kit.results.topics import OpenResult
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,7 +8,7 @@ from math import floor, isfinite, log10
 from string import Formatter
 from typing import Any, NamedTuple
 
-from replay_kit.core.quantities import parse_time
+from replay_kit.core.words.quantities import parse_time
 
 
 class Shown(NamedTuple):

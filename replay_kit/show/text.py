@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from replay_kit.core.text import printable
+from replay_kit.core.words.text import printable
 from replay_kit.results.losses import iso_time
 
 # Columns that a cell which is never folded has at most.

@@ -12,10 +12,10 @@ from rich.console import Console
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.inputs import check_unchanged, stamps_of
+from replay_kit.core.files.inputs import check_unchanged, stamps_of
+from replay_kit.core.files.paths import check_paths
 from replay_kit.core.message import LogReport, Loss, RawMessage
-from replay_kit.core.paths import check_paths
-from replay_kit.core.progress import Progress, silent
+from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.mcap.writer import McapLogWriter, open_mcap_log
 from replay_kit.logs.opening import logs_in
@@ -28,7 +28,7 @@ from replay_kit.results.losses import (
     undecodable_json,
     undecodable_lines,
 )
-from replay_kit.results.topics import check_written
+from replay_kit.results.mcap.topics import check_written
 from replay_kit.show.text import folded, print_lines, print_table
 
 

@@ -9,11 +9,11 @@ from rich.console import Console
 from rich.table import Table
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.atomic import write_whole
+from replay_kit.core import __version__
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.files.atomic import write_whole
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.progress import announce
-from replay_kit.core.version import __version__
+from replay_kit.core.words.progress import announce
 from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.estimator.prior.factor import PriorSettings

@@ -10,13 +10,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from replay_kit.config.run import EVERYWHERE, RunConfig
-from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Address, Paths, addresses_in
+from replay_kit.core.files.atomic import atomic_file
+from replay_kit.core.files.paths import Address, Paths, addresses_in
 from replay_kit.core.plan import Place
 from replay_kit.core.region import Region, around, degree_of_longitude, width
 from replay_kit.core.region import text as region_text
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 from replay_kit.forecast.describe import open_extent
 from replay_kit.forecast.remote.apart import apart
 from replay_kit.forecast.remote.fetch import (

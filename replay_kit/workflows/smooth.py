@@ -17,13 +17,13 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation
-from replay_kit.core.progress import Progress, Stopwatch, silent
+from replay_kit.core.words.progress import Progress, Stopwatch, silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import smooth as smoothed
 from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.place import LogTracks
-from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.outcome.parts import correction_part
 from replay_kit.workflows.replay.events import Aside, Track

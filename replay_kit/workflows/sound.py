@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replay_kit.core.errors import LogError, ReplayKitError
+from replay_kit.core.files.paths import as_path
 from replay_kit.core.message import Loss
-from replay_kit.core.paths import as_path
 from replay_kit.results.losses import loss_words
-from replay_kit.results.topics import DAMAGED, OpenResult, checksums_fit
+from replay_kit.results.mcap.topics import DAMAGED, OpenResult, checksums_fit
 
 if TYPE_CHECKING:
     from replay_kit.show.notebook import Result

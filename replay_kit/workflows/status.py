@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from replay_kit.core.atomic import write_whole
+from replay_kit.core.files.atomic import write_whole
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.vehicles import part_path

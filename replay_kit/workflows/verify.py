@@ -10,13 +10,13 @@ from pathlib import Path
 
 from replay_kit.config.option import PLACE, numbers
 from replay_kit.config.run import RunConfig, load_config
+from replay_kit.core import __version__
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
-from replay_kit.core.progress import Progress, silent
-from replay_kit.core.version import __version__
+from replay_kit.core.words.progress import Progress, silent
 from replay_kit.forecast.remote.kept import CACHE
 from replay_kit.results.differences import Difference, Recorded, difference, read_recorded
-from replay_kit.results.schemas import CONTRACT_VERSION
+from replay_kit.results.mcap.schemas import CONTRACT_VERSION
 from replay_kit.results.vehicles import vehicle_records
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import (

@@ -14,8 +14,8 @@ import pytest
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.files.paths import check_paths
 from replay_kit.core.message import Message
-from replay_kit.core.paths import check_paths
 from replay_kit.forecast import read_truth
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins import ensemble

@@ -12,7 +12,7 @@ from rich.table import Table
 from replay_kit.cli import console
 from replay_kit.cli.console import console_beside
 from replay_kit.core.message import Message
-from replay_kit.core.text import printable
+from replay_kit.core.words.text import printable
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests.command import Outcome, invoke
 from tests.places import ROOT

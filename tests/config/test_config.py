@@ -8,7 +8,7 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.quantities import parse_time
+from replay_kit.core.words.quantities import parse_time
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from replay_kit.core.atomic import atomic_file, open_part, sync
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import check_paths
-from replay_kit.results.mcap_file import ResultFile
+from replay_kit.core.files.atomic import atomic_file, open_part, sync
+from replay_kit.core.files.paths import check_paths
+from replay_kit.results.mcap.file import ResultFile
 from tests.command import invoke
 
 
@@ -118,7 +118,7 @@ def test_of_two_writers_of_one_output_the_later_says_so_and_changes_nothing(tmp_
 def test_a_part_whose_writer_was_killed_is_replaced(tmp_path):
     out = tmp_path / "out"
     code = (
-        "import os, pathlib; from replay_kit.core.atomic import open_part; "
+        "import os, pathlib; from replay_kit.core.files.atomic import open_part; "
         f"open_part(pathlib.Path({str(out)!r})); os.kill(os.getpid(), 9)"
     )
     assert subprocess.run([sys.executable, "-c", code]).returncode == -signal.SIGKILL

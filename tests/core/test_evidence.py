@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from replay_kit.core.evidence import BlockEvidence, Evidence, block_of, bootstrap_interval, compare
+from replay_kit.core.observation.evidence import (
+    BlockEvidence,
+    Evidence,
+    block_of,
+    bootstrap_interval,
+    compare,
+)
 
 
 def evidence(densities, values=4):

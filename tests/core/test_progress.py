@@ -1,6 +1,6 @@
 """Stages announced, and calls made by whoever is given them."""
 
-from replay_kit.core.progress import announce, called_by, counted, each_call, shown_by
+from replay_kit.core.words.progress import announce, called_by, counted, each_call, shown_by
 
 
 def test_what_is_announced_goes_to_whoever_shows_it_and_to_nobody_else():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from replay_kit.core.quantities import decibars, metres, metres_per_second, seconds
+from replay_kit.core.words.quantities import decibars, metres, metres_per_second, seconds
 
 KNOWN = [
     (metres, 1.0, "m|meter|meters|metre|Metres"),

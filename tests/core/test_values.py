@@ -11,8 +11,15 @@ import pytest
 from replay_kit.core import arrays
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Innovation, PathMean, Source
-from replay_kit.core.quantities import to_time_ns
-from replay_kit.core.text import count_text, csv_cell, place_text, some_text, span_text, time_text
+from replay_kit.core.words.quantities import to_time_ns
+from replay_kit.core.words.text import (
+    count_text,
+    csv_cell,
+    place_text,
+    some_text,
+    span_text,
+    time_text,
+)
 from tests.synthetic_flow import TIME_NS
 
 SOURCE = Source(0, "/adcp", 1, TIME_NS)

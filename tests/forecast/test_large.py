@@ -10,8 +10,9 @@ import xarray as xr
 from numpy.testing import assert_array_equal
 
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
-from replay_kit.core import arrays, inputs
+from replay_kit.core import arrays
 from replay_kit.core.errors import ForecastError, ReplayKitError
+from replay_kit.core.files import inputs
 from replay_kit.estimator import build
 from replay_kit.forecast import gather, read_series, reader, variables
 from replay_kit.forecast.describe import describe_ensemble

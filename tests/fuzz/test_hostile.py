@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.core import inputs
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.files import inputs
 from replay_kit.forecast import read_ensemble
 from tests.command import invoke
 from tests.fuzz.attacks import ATTACKS

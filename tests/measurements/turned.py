@@ -8,7 +8,7 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import Message
-from replay_kit.core.table import Table
+from replay_kit.core.observation.table import Table
 from replay_kit.logs.tables.columns import raws_of
 from replay_kit.logs.tables.schemas import tables_of
 from replay_kit.measurements.profiles.earth import no_triples, to_earth

@@ -16,7 +16,7 @@ from pydantic import BaseModel
 from sphinx.application import Sphinx
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.version import __version__
+from replay_kit.core import __version__
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = (
@@ -91,7 +91,7 @@ CHAPTERS: tuple[tuple[str, tuple[str, ...]], ...] = (
             "tests/README.md",
             "tests/record/README.md",
             "replay_kit/DECISIONS.md",
-            "replay_kit/SECURITY.md",
+            ".github/SECURITY.md",
             "replay_kit/CHANGELOG.md",
         ),
     ),

@@ -13,8 +13,9 @@ from mcap.reader import make_reader
 from replay_kit import open_result
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, ReplayKitError
 from replay_kit.core.grid import Projection
-from replay_kit.results import CONTRACT_VERSION, ResultReader, ResultWriter, mcap_file
-from replay_kit.results.topics import check_written, message_counts
+from replay_kit.results import CONTRACT_VERSION, ResultReader, ResultWriter
+from replay_kit.results.mcap import file as mcap_file
+from replay_kit.results.mcap.topics import check_written, message_counts
 from replay_kit.show.notebook import read_result
 from tests.results.result_samples import CONFIG, METADATA, decoded
 
@@ -133,7 +134,7 @@ def test_a_written_file_is_known_by_any_byte_and_by_what_it_states(run, tmp_path
 
 def of_the_first_version(path, run):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("replay_kit.results.mcap_writer.CONTRACT_VERSION", 3)
+        patch.setattr("replay_kit.results.mcap.writer.CONTRACT_VERSION", 3)
         with ResultWriter(path) as writer:
             writer.start(Projection(5.0, 62.0), 10**18, {}, "")
 

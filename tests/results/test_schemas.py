@@ -5,7 +5,7 @@ import pytest
 
 import replay_kit.results
 from replay_kit.core.observation import Reason
-from replay_kit.results.schemas import CONTRACT_VERSION, MESSAGES
+from replay_kit.results.mcap.schemas import CONTRACT_VERSION, MESSAGES
 
 FOLDER = Path(replay_kit.results.__file__).parent
 CHANNELS = (FOLDER / "CHANNELS.md").read_text(encoding="utf-8")

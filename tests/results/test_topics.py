@@ -5,7 +5,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import IndexType, Writer
 
-from replay_kit.results.topics import OpenResult
+from replay_kit.results.mcap.topics import OpenResult
 
 TOPICS = ("/a", "/b", "/c")
 

@@ -15,7 +15,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation
 from replay_kit.core.plan import Plan
 from replay_kit.results import ResultWriter
-from replay_kit.results.schemas import CONTRACT_VERSION
+from replay_kit.results.mcap.schemas import CONTRACT_VERSION
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.export import ENDINGS, export
 from replay_kit.show.figures.kinds import KINDS, drawn
@@ -40,7 +40,7 @@ Case = Callable[[Path, FlowEstimate, Innovation, Plan], object]
 
 def of_another_version(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("replay_kit.results.mcap_writer.CONTRACT_VERSION", 7)
+        patch.setattr("replay_kit.results.mcap.writer.CONTRACT_VERSION", 7)
         write(path, flow, [innovation] * 3, plan)
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from replay_kit.config.run import LogConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
+from replay_kit.core.files.inputs import check_unchanged, stamps_of
 from replay_kit.core.flow.dataset import write_grid
-from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.logs import reader
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs

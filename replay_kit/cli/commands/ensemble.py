@@ -29,7 +29,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, annotated_toml, takes_settings
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import addresses_in, as_groups, check_paths, truth_path
+from replay_kit.core.files.paths import addresses_in, as_groups, check_paths, truth_path
 
 if TYPE_CHECKING:
     from rich.console import Console

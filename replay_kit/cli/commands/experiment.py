@@ -20,7 +20,7 @@ from replay_kit.cli.options import (
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import check_folder, check_paths, truth_path
+from replay_kit.core.files.paths import check_folder, check_paths, truth_path
 
 if TYPE_CHECKING:
     from replay_kit.core.grid import Ensemble as Members
@@ -98,7 +98,7 @@ def paper(
 
     check_folder(outputs.out)
 
-    from replay_kit.core.atomic import write_whole
+    from replay_kit.core.files.atomic import write_whole
     from replay_kit.studies.paper.page import FILES, PAGE, files_of, text_tables, to_json
     from replay_kit.studies.paper.run import PaperJob, run_paper
     from replay_kit.studies.paper.text import print_tables

@@ -24,7 +24,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.config.run import laid_over
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import Address, check_folder, check_paths
+from replay_kit.core.files.paths import Address, check_folder, check_paths
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -165,8 +165,8 @@ def _run(
     each: "tuple[Mission, ...]", workers: "Workers", outputs: Outputs
 ) -> "tuple[Outcome, ...]":
     """Return the outcomes; the table is rewritten after each mission, so that an interrupt leaves it."""
-    from replay_kit.core.atomic import claimed
-    from replay_kit.core.progress import announce
+    from replay_kit.core.files.atomic import claimed
+    from replay_kit.core.words.progress import announce
     from replay_kit.workflows.fleet.page import TABLE, fleet_json, write_table
     from replay_kit.workflows.fleet.run import run_fleet
 

@@ -24,7 +24,7 @@ from replay_kit.cli.options import (
 )
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import addresses_in, check_paths
+from replay_kit.core.files.paths import addresses_in, check_paths
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

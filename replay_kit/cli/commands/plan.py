@@ -18,7 +18,7 @@ from replay_kit.cli.options import (
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.config.option import Numbers, numbers
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import check_inputs, check_paths
+from replay_kit.core.files.paths import check_inputs, check_paths
 
 if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig

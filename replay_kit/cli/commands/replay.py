@@ -26,7 +26,7 @@ from replay_kit.cli.options import (
 from replay_kit.cli.settings import Settings, takes_settings
 from replay_kit.config.option import PLACES
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
-from replay_kit.core.paths import check_paths, truth_path
+from replay_kit.core.files.paths import check_paths, truth_path
 
 if TYPE_CHECKING:
     from rich.console import Console

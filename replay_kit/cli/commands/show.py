@@ -20,8 +20,8 @@ from replay_kit.cli.options import (
 )
 from replay_kit.config.option import PLACE, numbers
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import check_paths
-from replay_kit.core.quantities import parse_time
+from replay_kit.core.files.paths import check_paths
+from replay_kit.core.words.quantities import parse_time
 
 if TYPE_CHECKING:
     from replay_kit.results.views.contents import Contents
@@ -180,7 +180,7 @@ def plot(
     at = None if look.at is None else (longitude, latitude, depth)
     time_ns = None if look.time is None else _time_of(look.time, "--time")
 
-    from replay_kit.core.atomic import write_whole
+    from replay_kit.core.files.atomic import write_whole
     from replay_kit.show.figures.draw import saved
     from replay_kit.show.figures.kinds import drawn
     from replay_kit.show.figures.map import Chosen

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from replay_kit.core.atomic import write_whole
-from replay_kit.core.version import __version__
+from replay_kit.core import __version__
+from replay_kit.core.files.atomic import write_whole
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -17,8 +17,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.atomic import sealed, unsealed
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.files.atomic import sealed, unsealed
+from replay_kit.core.files.inputs import (
+    claim_text,
+    exceeds_claim,
+    is_dimension,
+    open_input,
+    plain_attribute,
+)
+from replay_kit.core.files.paths import as_path
 from replay_kit.core.flow.cf import CF_TIME, LEAP_SECONDS, described, netcdf_bytes
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import (
@@ -31,14 +39,6 @@ from replay_kit.core.flow.local import LocalCurrent, Oscillation, SurfaceCurrent
 from replay_kit.core.flow.process import Process
 from replay_kit.core.flow.unknowns import Unknowns
 from replay_kit.core.grid import Grid, Projection
-from replay_kit.core.inputs import (
-    claim_text,
-    exceeds_claim,
-    is_dimension,
-    open_input,
-    plain_attribute,
-)
-from replay_kit.core.paths import as_path
 
 if TYPE_CHECKING:
     import h5py

@@ -14,8 +14,8 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.evaluation import checked_depth
 from replay_kit.core.geodesy import inside_grid, nearest, to_local
 from replay_kit.core.grid import Grid
-from replay_kit.core.quantities import to_time_ns
-from replay_kit.core.text import place_text, span_text, time_text
+from replay_kit.core.words.quantities import to_time_ns
+from replay_kit.core.words.text import place_text, span_text, time_text
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Indices, Times
 from replay_kit.core.observation.quality import Flag, Source
-from replay_kit.core.text import span_text, time_text
+from replay_kit.core.words.text import span_text, time_text
 
 
 @dataclass(frozen=True, slots=True)

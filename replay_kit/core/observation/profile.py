@@ -12,8 +12,8 @@ from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation.linear import Fix, Label, LinearMeasurement, PathMean
 from replay_kit.core.observation.quality import Flag, Reason, Source
-from replay_kit.core.quantities import measured_at
-from replay_kit.core.text import place_text, span_text, time_text
+from replay_kit.core.words.quantities import measured_at
+from replay_kit.core.words.text import place_text, span_text, time_text
 
 Reference = Literal["earth", "platform"]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Mask
-from replay_kit.core.text import span_text, time_text
+from replay_kit.core.words.text import span_text, time_text
 
 
 @dataclass(frozen=True, slots=True)

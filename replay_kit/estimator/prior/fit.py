@@ -21,8 +21,8 @@ from scipy.linalg.blas import dtrsm
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.evidence import coverage, crps_gaussian
-from replay_kit.core.progress import counted, each_call
+from replay_kit.core.observation.evidence import coverage, crps_gaussian
+from replay_kit.core.words.progress import counted, each_call
 from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.prior.factor import PriorSettings, local_directions
 from replay_kit.estimator.prior.localised import tiles, vertical_functions

@@ -8,7 +8,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.table import Columns
+from replay_kit.core.observation.table import Columns
 from replay_kit.estimator.basis.slices import mean_squares
 
 #: Share of the error of a bin's mean that the current's difference within a group may have.

@@ -22,7 +22,7 @@ from replay_kit.core.observation import (
     Reason,
     usable,
 )
-from replay_kit.core.table import Columns
+from replay_kit.core.observation.table import Columns
 
 
 def screen(

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.quantities import decibars, metres
-from replay_kit.core.text import some_text, span_text
+from replay_kit.core.words.quantities import decibars, metres
+from replay_kit.core.words.text import some_text, span_text
 
 # Units and standard names (CF conventions, appendix D) of axes that number or scale the levels and hold no depth.
 _DIMENSIONLESS = (

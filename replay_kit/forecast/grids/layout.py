@@ -11,7 +11,7 @@ import xarray as xr
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.region import Region
-from replay_kit.core.text import count_text
+from replay_kit.core.words.text import count_text
 from replay_kit.forecast.grids.horizontal import Index, columns_round, region_block
 from replay_kit.forecast.names import (
     ANGLES,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.text import count_text, span_text
+from replay_kit.core.words.text import count_text, span_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.depths import Levels, at_depths, depths_text, reach, reach_of
 from replay_kit.forecast.grids.layout import Layout

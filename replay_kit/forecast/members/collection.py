@@ -8,8 +8,8 @@ from pathlib import Path
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Paths
-from replay_kit.core.text import some_text
+from replay_kit.core.files.paths import Paths
+from replay_kit.core.words.text import some_text
 from replay_kit.forecast.field import Field, Files, field_of
 from replay_kit.forecast.files import find_sources, natural
 from replay_kit.forecast.grids.layout import U, V

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.text import count_text, some_text
+from replay_kit.core.words.text import count_text, some_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import natural
 from replay_kit.forecast.grids.layout import DIRECTION, STAGGERED, U, V

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Values, one_by_one
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble, component_rms
-from replay_kit.core.text import count_text
+from replay_kit.core.words.text import count_text
 
 Kind = Literal["dim", "files", "suffix", "lags", "times", "models"]
 #: Of these the spread of the members is not their error.

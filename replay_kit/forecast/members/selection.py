@@ -9,7 +9,7 @@ import numpy as np
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Times, Values
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.text import count_text
+from replay_kit.core.words.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.members.collection import Collection
 from replay_kit.forecast.members.rules import WARNING, kind_of

@@ -10,7 +10,7 @@ import xarray as xr
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.quantities import parse_time, seconds
+from replay_kit.core.words.quantities import parse_time, seconds
 from replay_kit.forecast.field import PRODUCT, Field
 from replay_kit.forecast.files import undated
 from replay_kit.forecast.members.rules import MemberRule

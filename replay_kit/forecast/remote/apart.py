@@ -15,7 +15,7 @@ from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from replay_kit.core.errors import ForecastError, ReplayKitError
-from replay_kit.core.progress import announce, shown_by
+from replay_kit.core.words.progress import announce, shown_by
 
 _LOG = logging.getLogger(__name__)
 _Value = TypeVar("_Value")

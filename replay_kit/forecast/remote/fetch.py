@@ -16,9 +16,9 @@ import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError, ReplayKitError
-from replay_kit.core.paths import Address, Paths, addresses_in, as_groups
-from replay_kit.core.progress import announce
+from replay_kit.core.files.paths import Address, Paths, addresses_in, as_groups
 from replay_kit.core.region import inside
+from replay_kit.core.words.progress import announce
 from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.grids.horizontal import Index
 from replay_kit.forecast.members.collection import Collection, open_collection

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import h5py
 from scipy.io import netcdf_file
 
-from replay_kit.core.atomic import sync
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.paths import Address
+from replay_kit.core.files.atomic import sync
+from replay_kit.core.files.paths import Address
 
 if TYPE_CHECKING:
     import xarray as xr

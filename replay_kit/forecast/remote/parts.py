@@ -8,10 +8,10 @@ import xarray as xr
 
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Address
-from replay_kit.core.quantities import parse_time
+from replay_kit.core.files.paths import Address
 from replay_kit.core.region import Region
-from replay_kit.core.text import time_text
+from replay_kit.core.words.quantities import parse_time
+from replay_kit.core.words.text import time_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.grids.depths import choose_levels

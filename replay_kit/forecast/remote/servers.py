@@ -19,7 +19,7 @@ from zarr.core.buffer import Buffer
 from zarr.storage import FsspecStore
 
 from replay_kit.core.errors import ForecastError, ReplayKitError
-from replay_kit.core.paths import Address
+from replay_kit.core.files.paths import Address
 from replay_kit.forecast.remote.apart import may_ask
 
 # s without a byte; the longest connection

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.table import Columns
+from replay_kit.core.observation.table import Columns
 
 _SECOND_NS, _MS_NS = 1_000_000_000, 1_000_000
 _DAY_MS = 86_400_000.0

@@ -9,7 +9,7 @@ from typing import BinaryIO
 from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
-from replay_kit.core.atomic import atomic_file
+from replay_kit.core.files.atomic import atomic_file
 from replay_kit.core.message import Message, OutChannels, RawMessage
 from replay_kit.logs.decode.to_json import JsonChannels
 

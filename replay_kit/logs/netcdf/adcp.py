@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.quantities import metres
+from replay_kit.core.words.quantities import metres
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import Columns, Table, entries
 from replay_kit.logs.netcdf.currents import DiveMean

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
-from replay_kit.core.quantities import metres_per_second
+from replay_kit.core.words.quantities import metres_per_second
 from replay_kit.logs.netcdf.units import Quantity, quantity_of
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.reader import Entry

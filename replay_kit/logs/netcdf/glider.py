@@ -10,7 +10,7 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
-from replay_kit.core.text import count_text
+from replay_kit.core.words.text import count_text
 from replay_kit.logs.netcdf.adcp import INVERTED, PROFILES, absolute_profiles
 from replay_kit.logs.netcdf.columns import Table, are_known, entries, joined, read_columns
 from replay_kit.logs.netcdf.currents import (

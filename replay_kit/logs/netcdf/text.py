@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import exceeds_claim, open_input
+from replay_kit.core.files.inputs import exceeds_claim, open_input
 from replay_kit.logs.formats import GZIP_MAGIC, is_seaexplorer
 from replay_kit.logs.netcdf.variables import Choose, NetcdfFile, Stored, as_number
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.quantities import decibars, metres, metres_per_second, seconds
+from replay_kit.core.words.quantities import decibars, metres, metres_per_second, seconds
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, as_number
 
 _SINCE = re.compile(

@@ -15,8 +15,8 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.observation import Observation, usable
-from replay_kit.core.quantities import measured_at
-from replay_kit.core.text import some_text
+from replay_kit.core.words.quantities import measured_at
+from replay_kit.core.words.text import some_text
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import Table, are_known, entries, read_values, rows_of
 from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told

@@ -16,7 +16,7 @@ from scipy.io import netcdf_file
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import (
+from replay_kit.core.files.inputs import (
     exceeds_claim,
     is_dimension,
     open_input,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.quantities import CLOCKS, EARLIEST_NS
-from replay_kit.core.text import time_text
+from replay_kit.core.words.quantities import CLOCKS, EARLIEST_NS
+from replay_kit.core.words.text import time_text
 
 Times = NDArray[np.int64]
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import lz4.block  # type: ignore[import-untyped]
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import open_input
+from replay_kit.core.files.inputs import open_input
 from replay_kit.logs.reader import unreadable
 
 #: Endings of the files of the flight and the science computer, in lower case: all sensors before subsets, raw before compressed.

@@ -8,7 +8,7 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import open_input
+from replay_kit.core.files.inputs import open_input
 from replay_kit.core.message import Loss
 from replay_kit.logs.netcdf.glider_dialects import SLOCUM_BINARY
 from replay_kit.logs.netcdf.reader import ColumnsReader

@@ -16,7 +16,7 @@ import numpy as np
 from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.core.table import Columns, Kind, Raw, Table
+from replay_kit.core.observation.table import Columns, Kind, Raw, Table
 
 #: What reading a payload raises that is not what its schema promises.
 MALFORMED = (ValueError, TypeError, LookupError, AttributeError, OverflowError)

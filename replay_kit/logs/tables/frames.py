@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.table import Raw
+from replay_kit.core.observation.table import Raw
 from replay_kit.logs.tables.columns import (
     Payload,
     Tables,

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.quantities import metres_per_second
-from replay_kit.core.table import Raw, Table
+from replay_kit.core.observation.table import Raw, Table
+from replay_kit.core.words.quantities import metres_per_second
 from replay_kit.logs.tables.columns import (
     Held,
     Payload,

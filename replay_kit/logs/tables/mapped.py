@@ -10,7 +10,7 @@ import numpy as np
 from replay_kit.config.mapping import TopicMap
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.table import Raw, Table
+from replay_kit.core.observation.table import Raw, Table
 from replay_kit.logs.tables.columns import (
     Payload,
     Rows,

@@ -15,7 +15,7 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.extensions import additions
-from replay_kit.core.table import Raw
+from replay_kit.core.observation.table import Raw
 from replay_kit.logs.tables import vehicle, water
 from replay_kit.logs.tables.columns import (
     Payload,

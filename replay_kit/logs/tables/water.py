@@ -13,7 +13,7 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.observation import Flag
-from replay_kit.core.table import Raw, Table
+from replay_kit.core.observation.table import Raw, Table
 from replay_kit.logs.tables.columns import (
     Payload,
     Rows,

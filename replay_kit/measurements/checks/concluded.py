@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from replay_kit.core.errors import Finding
-from replay_kit.core.text import place_text, time_text
+from replay_kit.core.words.text import place_text, time_text
 from replay_kit.measurements.checks.causes import SCALE
 from replay_kit.measurements.checks.place import Passages
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from replay_kit.core.arrays import Mask
-from replay_kit.core.table import Columns
-from replay_kit.core.text import place_text, time_text
+from replay_kit.core.observation.table import Columns
+from replay_kit.core.words.text import place_text, time_text
 from replay_kit.measurements.checks.fold import Found, Judged, Memory, Rows
 from replay_kit.measurements.track.reach import COLUMNS, Place, places, short_steps
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import unwrap_longitude
-from replay_kit.core.table import Columns
+from replay_kit.core.observation.table import Columns
 from replay_kit.measurements.ctd.sections import Profile, at_levels
 from replay_kit.measurements.means import Spot
 from replay_kit.measurements.track.dives import legs_of

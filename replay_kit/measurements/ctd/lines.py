@@ -13,7 +13,7 @@ import numpy as np
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Flag, Label, LinearMeasurement, Source
-from replay_kit.core.table import Columns, Integers, Table, chosen
+from replay_kit.core.observation.table import Columns, Integers, Table, chosen
 from replay_kit.measurements.ctd.casts import (
     LAG,
     fault_of_units,

@@ -7,7 +7,7 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.table import Columns, Raw, Rows, Table
+from replay_kit.core.observation.table import Columns, Raw, Rows, Table
 from replay_kit.logs.tables.instruments import pings
 from replay_kit.measurements.profiles.earth import ATTITUDE_AGE, BOTTOM_AGE, Words, last_triple
 from replay_kit.measurements.profiles.frames import attitude_of, nortek_rotation, turned

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, every
-from replay_kit.core.table import Columns, Rows, Table
+from replay_kit.core.observation.table import Columns, Rows, Table
 from replay_kit.measurements.profiles import frames
 from replay_kit.measurements.track.positions import as_of
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.block import BinTest
 from replay_kit.core.observation import Flag
-from replay_kit.core.table import Integers, Rows, Table, chosen
+from replay_kit.core.observation.block import BinTest
+from replay_kit.core.observation.table import Integers, Rows, Table, chosen
 from replay_kit.measurements.profiles.qartod import tested
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.dives import depth_of

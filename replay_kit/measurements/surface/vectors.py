@@ -25,7 +25,7 @@ from replay_kit.core.observation import (
     Reason,
     usable,
 )
-from replay_kit.core.table import Table, chosen
+from replay_kit.core.observation.table import Table, chosen
 from replay_kit.measurements.means import Spot, begun, drift, extended, path_mean
 from replay_kit.measurements.step import Found, Step
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Mask
-from replay_kit.core.table import Columns, Integers, Rows, chosen
+from replay_kit.core.observation.table import Columns, Integers, Rows, chosen
 from replay_kit.measurements.track.positions import in_order
 
 # degrees; gravity there is the mean of the equator's and the pole's, so that a depth is off by 0.27 % at most

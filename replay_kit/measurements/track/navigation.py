@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array, Mask
 from replay_kit.core.geodesy import moved
-from replay_kit.core.table import Columns, Integers, Rows, Table, chosen
+from replay_kit.core.observation.table import Columns, Integers, Rows, Table, chosen
 from replay_kit.measurements.step import Step
 from replay_kit.measurements.track.dives import depth_of
 from replay_kit.measurements.track.positions import LONG_AGO, NEVER, ROW, as_of, in_order, no_rows

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.geodesy import moved, offset
-from replay_kit.core.table import Columns, Integers, Rows, chosen
+from replay_kit.core.observation.table import Columns, Integers, Rows, chosen
 
 #: Columns of positions: submerged and dive are the vehicle's, by its depths; own says whether
 #: the use of its message is told with it.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Mask
 from replay_kit.core.errors import Finding
 from replay_kit.core.geodesy import metres_per_degree
-from replay_kit.core.table import Columns, chosen
+from replay_kit.core.observation.table import Columns, chosen
 from replay_kit.measurements.track.positions import NEVER, joined, no_rows
 
 DISPLACED = "displaced positions"

@@ -11,9 +11,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from replay_kit.core.atomic import write_whole
-from replay_kit.core.colors import scale
 from replay_kit.core.errors import LogError
+from replay_kit.core.files.atomic import write_whole
+from replay_kit.core.words.colors import scale
 from replay_kit.results.reader import ResultReader
 
 # Largest standard error of the colour scale [m/s].

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.as_flown import FlightCorrection
-from replay_kit.core.evidence import BlockEvidence, Evidence, compare
+from replay_kit.core.observation.evidence import BlockEvidence, Evidence, compare
 from replay_kit.core.plan import Plan, leg_statistics
 from replay_kit.core.surfacing import (
     DiveForecast,
@@ -18,7 +18,7 @@ from replay_kit.core.surfacing import (
     held_shares,
     records,
 )
-from replay_kit.results.schemas import attributes
+from replay_kit.results.mcap.schemas import attributes
 
 _KINDS = ("first", "second", "later")
 # names of figures, and whence they are

@@ -14,9 +14,9 @@ from replay_kit.core.flow.evaluation import with_potential
 from replay_kit.core.flow.functions import depth_weights
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.results.messages import basis_of
+from replay_kit.results.mcap.messages import basis_of
+from replay_kit.results.mcap.schemas import decode, numbers
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.schemas import decode, numbers
 from replay_kit.results.views.slices import CurrentSlices
 
 # Share of a depth within which a published one is the same.

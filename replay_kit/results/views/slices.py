@@ -12,10 +12,10 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid
 from replay_kit.core.grid import Grid
 from replay_kit.results.innovations import of_dives
+from replay_kit.results.mcap.topics import WINDOW_NAME
 from replay_kit.results.plans import thinned
 from replay_kit.results.reader import ResultReader
 from replay_kit.results.slices import depth_slices, grid_cells, slice_axes
-from replay_kit.results.topics import WINDOW_NAME
 
 #: Of the fields of a slice, those kept: u, v and their standard errors.
 KEPT = ("u", "v", "u_standard_error", "v_standard_error")

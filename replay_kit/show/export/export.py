@@ -7,11 +7,11 @@ from types import MappingProxyType
 import numpy as np
 import pandas as pd
 
-from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.files.atomic import write_whole
 from replay_kit.core.flow.points import WASHED, velocity_along
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
-from replay_kit.core.text import csv_cell
+from replay_kit.core.words.text import csv_cell
 from replay_kit.results.geojson import ROLES, features_of, place_features
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.kml import geojson_text, kml_text

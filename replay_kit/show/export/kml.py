@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.sax.saxutils import escape
 
-from replay_kit.core.colors import LIGHT
 from replay_kit.core.region import Feature, collection_text
+from replay_kit.core.words.colors import LIGHT
 from replay_kit.show.figures.style import ON_MAP
 
 # What KML has in elements of its own, or only a drawing needs.

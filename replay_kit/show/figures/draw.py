@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import ScaledTranslation
 
-from replay_kit.core.colors import LIGHT, PRINT, scale
+from replay_kit.core.words.colors import LIGHT, PRINT, scale
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.figures.style import (
     BEHIND,

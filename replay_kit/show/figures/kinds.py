@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.quantities import parse_time
+from replay_kit.core.words.quantities import parse_time
 from replay_kit.results.result import ResultFile
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.draw import compose, drawn_into

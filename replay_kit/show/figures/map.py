@@ -13,7 +13,7 @@ from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_local, unwrap_longitude
 from replay_kit.core.plan import ORIGIN, Plan
 from replay_kit.core.region import Feature
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 from replay_kit.results.geojson import ROLES, features_of, until
 from replay_kit.results.plans import line_of, placed
 from replay_kit.results.views.contents import Contents

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.text import place_text
+from replay_kit.core.words.text import place_text
 from replay_kit.results.views.along_track import BinsAlongTrack, MeanCurrents
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import Series, typical_depth

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from replay_kit.core.colors import LIGHT, SYMBOLS
+from replay_kit.core.words.colors import LIGHT, SYMBOLS
 
 #: Width of a figure over one and over two columns of a page of a paper [inches].
 WIDTHS = {1: 3.35, 2: 6.9}

@@ -9,11 +9,11 @@ import numpy as np
 import shapely
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.colors import scale
 from replay_kit.core.geodesy import to_geographic, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.region import Feature
-from replay_kit.core.text import time_text
+from replay_kit.core.words.colors import scale
+from replay_kit.core.words.text import time_text
 from replay_kit.results.geojson import POSITIONS, features_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.slices import CurrentSlices

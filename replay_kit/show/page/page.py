@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replay_kit.core.colors import palette_css, scale
-from replay_kit.core.version import __version__
+from replay_kit.core import __version__
+from replay_kit.core.words.colors import palette_css, scale
 from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Figure, Panel
 from replay_kit.show.page.parts import items_html, table_html

@@ -8,7 +8,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
-from replay_kit.core.quantities import parse_time
+from replay_kit.core.words.quantities import parse_time
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import cell_of
 from replay_kit.results.views.slices import CurrentSlices

@@ -7,10 +7,10 @@ from typing import Any
 
 from replay_kit.core.errors import finding_line
 from replay_kit.core.extensions import additions
-from replay_kit.core.text import count_text, time_text
+from replay_kit.core.words.text import count_text, time_text
+from replay_kit.results.mcap.topics import CONFIG_NAME
 from replay_kit.results.outcome.outcome import leaves
 from replay_kit.results.result import ResultFile
-from replay_kit.results.topics import CONFIG_NAME
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.section import dives_figure, section_figure
 from replay_kit.show.numbers import Sentence, clock_text, number

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 
 from replay_kit.core.geodesy import distance
 from replay_kit.core.plan import Plan
-from replay_kit.core.quantities import parse_time
-from replay_kit.core.text import time_text
+from replay_kit.core.words.quantities import parse_time
+from replay_kit.core.words.text import time_text
 from replay_kit.results.outcome.verdict import Alarm, finding_alarms, plan_alarm
 from replay_kit.show.numbers import clock, hours_text
 from replay_kit.show.status.held import Held, Values, course

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from replay_kit.core.text import printable
+from replay_kit.core.words.text import printable
 from replay_kit.show.numbers import (
     Sentence,
     clock,

@@ -6,8 +6,8 @@ from hashlib import sha256
 from html import escape
 from importlib.resources import files
 
-from replay_kit.core.colors import palette_css
-from replay_kit.core.text import time_text
+from replay_kit.core.words.colors import palette_css
+from replay_kit.core.words.text import time_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.status.lines import Detail, details, lines, title
 from replay_kit.show.status.status import Status

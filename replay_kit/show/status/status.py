@@ -11,10 +11,10 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, rotate_to_geographic
 from replay_kit.core.plan import ORIGIN, share_interval
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 from replay_kit.results.innovations import Columns
+from replay_kit.results.mcap.schemas import attributes
 from replay_kit.results.outcome.verdict import Alarm
-from replay_kit.results.schemas import attributes
 from replay_kit.show.sentences import by_habit, profile_bins
 from replay_kit.show.status.alarms import alarms_of, change_of
 from replay_kit.show.status.held import Held, Values

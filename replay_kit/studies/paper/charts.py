@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from replay_kit.core.colors import LINES
+from replay_kit.core.words.colors import LINES
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.studies.paper.text import grouped, to_text
 

@@ -10,11 +10,11 @@ import numpy as np
 from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.evidence import bootstrap_interval
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.functions import DepthFunctions, depth_weights
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.progress import Progress, each_call, silent
+from replay_kit.core.observation.evidence import bootstrap_interval
+from replay_kit.core.words.progress import Progress, each_call, silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator, build
 from replay_kit.estimator.baselines import NearestMember, build_named
 from replay_kit.estimator.basis.modes import LENGTH_IN_CELLS, fit_residual

@@ -8,7 +8,7 @@ from math import inf
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.progress import Progress, silent
+from replay_kit.core.words.progress import Progress, silent
 from replay_kit.estimator import embed_member
 from replay_kit.studies.paper.methods import Advance, average_over_depth, each_counted
 from replay_kit.studies.paper.rows import (

@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 from rich.console import Console
 from rich.table import Table as ConsoleTable
 
-from replay_kit.core.text import csv_text
-from replay_kit.core.version import __version__
+from replay_kit.core import __version__
+from replay_kit.core.words.text import csv_text
 
 NAN = math.nan
 

@@ -11,12 +11,12 @@ import numpy as np
 import xarray as xr
 
 from replay_kit.core.arrays import Array
-from replay_kit.core.atomic import write_whole
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.files.atomic import write_whole
+from replay_kit.core.files.paths import check_paths
 from replay_kit.core.flow.cf import described
 from replay_kit.core.geodesy import rotate_to_geographic, to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.paths import check_paths
 
 LONGITUDES = 152.5 + 0.106 * np.arange(-10.0, 11.0)  # about 9 km at 40 S
 LATITUDES = -40.0 + 0.081 * np.arange(-6.0, 7.0)  # about 9 km

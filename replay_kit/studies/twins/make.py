@@ -8,8 +8,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.files.paths import check_paths
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.paths import check_paths
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.field import Field, build_field
 from replay_kit.studies.twins.glider import PING_STEPS, STEP_S, Schedule

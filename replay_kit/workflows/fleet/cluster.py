@@ -28,7 +28,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from replay_kit.core.errors import ConfigError, EstimatorError, ReplayKitError
-from replay_kit.core.progress import called_by
+from replay_kit.core.words.progress import called_by
 from replay_kit.workflows.replay.inputs.provenance import package_versions
 
 #: How long a scheduler, and its first worker, are waited for [s].

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from replay_kit.config.file import Section, explain, read_toml
 from replay_kit.config.run import RunConfig, laid_over, load_config
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
-from replay_kit.core.paths import Address, check_paths, path_of, truth_path
+from replay_kit.core.files.paths import Address, check_paths, path_of, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.opening import logs_in

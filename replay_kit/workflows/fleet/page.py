@@ -9,8 +9,8 @@ from typing import Any
 
 from rich.console import Console
 
-from replay_kit.core.atomic import write_whole
-from replay_kit.core.text import csv_text
+from replay_kit.core.files.atomic import write_whole
+from replay_kit.core.words.text import csv_text
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.show.page.page import Section, items_html, page_html, table_html
 from replay_kit.show.text import print_lines, print_table

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from replay_kit.core.atomic import part_of, write_whole
+from replay_kit.core import __version__
 from replay_kit.core.errors import ReplayKitError
-from replay_kit.core.progress import Progress, silent
-from replay_kit.core.version import __version__
+from replay_kit.core.files.atomic import part_of, write_whole
+from replay_kit.core.words.progress import Progress, silent
 from replay_kit.workflows.fleet.cluster import Workers
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.planning.adapters import planner_of

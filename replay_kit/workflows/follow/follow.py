@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.atomic import claimed, part_of
 from replay_kit.core.errors import (
     ConfigError,
     LogError,
@@ -17,9 +16,10 @@ from replay_kit.core.errors import (
     PlanError,
     ReplayKitError,
 )
-from replay_kit.core.inputs import Stamp, stamps_of
+from replay_kit.core.files.atomic import claimed, part_of
+from replay_kit.core.files.inputs import Stamp, stamps_of
 from replay_kit.core.plan import Place
-from replay_kit.core.text import count_text, place_text
+from replay_kit.core.words.text import count_text, place_text
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.opening import may_grow

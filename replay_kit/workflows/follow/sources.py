@@ -8,9 +8,9 @@ from pathlib import Path
 from replay_kit.config.option import PLACE, numbers
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import ConfigError, LogError
-from replay_kit.core.inputs import Stamp, open_input, stamps_of
+from replay_kit.core.files.inputs import Stamp, open_input, stamps_of
 from replay_kit.core.plan import Place
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 from replay_kit.logs import open_log
 from replay_kit.logs.opening import in_folder, may_grow, pattern
 

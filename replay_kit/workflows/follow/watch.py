@@ -11,11 +11,11 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from replay_kit.config.run import LogConfig
-from replay_kit.core.atomic import sealed, unsealed, write_whole
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import open_input
+from replay_kit.core.files.atomic import sealed, unsealed, write_whole
+from replay_kit.core.files.inputs import open_input
 from replay_kit.core.plan import Place
-from replay_kit.core.text import some_text
+from replay_kit.core.words.text import some_text
 from replay_kit.results.outcome.verdict import Alarm
 from replay_kit.show.status.status import Status
 from replay_kit.workflows.follow.sources import (

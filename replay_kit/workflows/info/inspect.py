@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.block import Block
+from replay_kit.core.files.inputs import check_unchanged, stamps_of
 from replay_kit.core.geodesy import unwrap_longitude
-from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import usable
-from replay_kit.core.progress import Progress, silent
-from replay_kit.core.table import Columns
+from replay_kit.core.observation.block import Block
+from replay_kit.core.observation.table import Columns
+from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.shared.clock import doubtful_times

@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from replay_kit.core.text import count_text
+from replay_kit.core.words.text import count_text
 from replay_kit.logs.opening import pattern
 from replay_kit.logs.shared.payloads import gather
 from replay_kit.logs.tables.schemas import NOT_A_KIND

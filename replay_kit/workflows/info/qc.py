@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from rich.console import Console
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
-from replay_kit.core.block import BinTest, Block
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import Flag, Reason, usable
+from replay_kit.core.observation.block import BinTest, Block
 from replay_kit.logs import merge
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.observed import begun, blocks

@@ -20,14 +20,21 @@ from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.errors import ConfigError, ReplayKitError, finding_text
+from replay_kit.core.files.paths import (
+    Paths,
+    addresses_in,
+    as_groups,
+    as_path,
+    as_paths,
+    check_paths,
+)
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.observation import Observation, PathMean
-from replay_kit.core.paths import Paths, addresses_in, as_groups, as_path, as_paths, check_paths
 from replay_kit.core.plan import Place, Plan
-from replay_kit.core.progress import Progress, silent
-from replay_kit.core.quantities import to_time_ns
+from replay_kit.core.words.progress import Progress, silent
+from replay_kit.core.words.quantities import to_time_ns
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.names import MEMBER_NAMES

@@ -17,12 +17,12 @@ from threadpoolctl import ThreadpoolController
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, Finding
+from replay_kit.core.files.paths import Paths, as_groups
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
 from replay_kit.core.observation import VehicleState
-from replay_kit.core.paths import Paths, as_groups
 from replay_kit.core.plan import Place, Plan
-from replay_kit.core.progress import Stopwatch
+from replay_kit.core.words.progress import Stopwatch
 from replay_kit.measurements.region import for_region
 from replay_kit.workflows.library.calls import At, Settings, place_of, planned, settings_of
 from replay_kit.workflows.replay.follow_up import follow_up

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 import planners
-from planners.departures import first_legs
 from planners.hazards.domain import Region, locate
+from planners.odds.departures import first_legs
 from planners.odds.flights import fly_mission
 from planners.output.mission import as_plan
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING

@@ -15,10 +15,10 @@ import shapely
 from planners.hazards.areas import NoGo
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, PlanError
+from replay_kit.core.files.inputs import open_input
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Grid
-from replay_kit.core.inputs import open_input
-from replay_kit.core.quantities import parse_time
+from replay_kit.core.words.quantities import parse_time
 
 # Whether one is drawn as a line, and the area.
 _Drawn = tuple[bool, NoGo]

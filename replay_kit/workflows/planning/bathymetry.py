@@ -15,12 +15,12 @@ import numpy as np
 from planners.hazards.bottom import Bathymetry
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.files.inputs import exceeds_claim, open_input, unpacking
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Grid, Projection, Seabed
-from replay_kit.core.inputs import exceeds_claim, open_input, unpacking
-from replay_kit.core.quantities import metres
 from replay_kit.core.region import bounds_of
 from replay_kit.core.region import inside as within
+from replay_kit.core.words.quantities import metres
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -16,7 +16,7 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.local import LocalCurrent, Oscillation
 from replay_kit.core.flow.process import Process
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 
 _NS = 1_000_000_000
 # Days from the one time of a current within which a mission may begin: a month later its eddies are others.

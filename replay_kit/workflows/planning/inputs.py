@@ -11,13 +11,13 @@ from planners.hazards.domain import Region, locate_all
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown
+from replay_kit.core.files.inputs import open_input
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.file import load
 from replay_kit.core.grid import Grid
-from replay_kit.core.inputs import open_input
 from replay_kit.core.plan import Place
-from replay_kit.core.progress import announce
 from replay_kit.core.region import bounds_of, inside
+from replay_kit.core.words.progress import announce
 
 # the planners and what reads results load slowly: a place outside of an estimate is refused without them
 if TYPE_CHECKING:

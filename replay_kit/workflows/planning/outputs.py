@@ -10,7 +10,7 @@ from planners.output.mission import as_plan, legs_table, places_table, to_csv, t
 from planners.output.waypoints import waypoint_json, waypoint_text
 from replay_kit.config.plan import PlanRequest
 from replay_kit.core.region import collection_file, feature, positions
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 from replay_kit.show.sentences import energy_sentence
 from replay_kit.show.text import print_table
 from replay_kit.workflows.planning.run import PlannedMission, Together

@@ -15,7 +15,7 @@ from replay_kit.config.removed import SETTINGS, refuse_value
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError, PlanError
 from replay_kit.results.differences import Recorded
-from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.outcome.outcome import made
 from replay_kit.results.outcome.parts import plan_part
 from replay_kit.workflows.planning.adapters import over_bottom

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from planners.departures import best_departure, cut_at_horizon, plan_departures, to_its_end
+from planners.odds.departures import best_departure, cut_at_horizon, plan_departures, to_its_end
 from planners.odds.flights import fly_mission
 from planners.odds.mission import MissionOdds, mission_odds, with_odds
 from planners.odds.rank import plan_by_odds
@@ -24,8 +24,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.plan import share_interval
-from replay_kit.core.progress import announce
-from replay_kit.core.text import time_text
+from replay_kit.core.words.progress import announce
+from replay_kit.core.words.text import time_text
 from replay_kit.workflows.planning.adapters import (
     MissionPlanner,
     sample_count,

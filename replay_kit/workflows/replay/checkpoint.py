@@ -18,7 +18,7 @@ import orjson
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
-from replay_kit.results.mcap_file import Written
+from replay_kit.results.mcap.file import Written
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.state import RunState
 from replay_kit.workflows.replay.state_file import StateError, read_state, unusable, write_state

@@ -12,13 +12,14 @@ from replay_kit.config.run import OutputConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN
 from replay_kit.core.errors import MeasurementError, PlanError, finding_json
-from replay_kit.core.evidence import Evidence
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import Profiles
+from replay_kit.core.observation.evidence import Evidence
 from replay_kit.forecast import ensemble_files
 from replay_kit.logs.opening import logs_in
+from replay_kit.results.mcap.topics import WINDOWS_RECORD
 from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.outcome.parts import (
     comparison_part,
@@ -28,7 +29,6 @@ from replay_kit.results.outcome.parts import (
     surfacings_part,
 )
 from replay_kit.results.slices import depth_slices
-from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.replay.account import together
 from replay_kit.workflows.replay.follow_up import end, left_windows, publish
 from replay_kit.workflows.replay.inputs.estimator import flow_at

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Indices, Times
-from replay_kit.core.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.observation import (
     OF_BINS,
     PROFILE,
@@ -26,7 +25,8 @@ from replay_kit.core.observation import (
     Source,
     VehicleState,
 )
-from replay_kit.core.table import Columns, chosen
+from replay_kit.core.observation.block import LINEAR, PING, POSITION, Block
+from replay_kit.core.observation.table import Columns, chosen
 from replay_kit.estimator.update.grouping import Grouping
 from replay_kit.measurements.profiles.pings import MISSING, padded
 

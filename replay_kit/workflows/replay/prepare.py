@@ -16,8 +16,8 @@ from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader, Message
 from replay_kit.core.plan import Place
-from replay_kit.core.progress import Progress, Stopwatch
 from replay_kit.core.region import Region, centre, inside
+from replay_kit.core.words.progress import Progress, Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import find_sources
 from replay_kit.logs.reader import LogFile

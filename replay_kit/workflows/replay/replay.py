@@ -13,7 +13,6 @@ from functools import partial
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.atomic import part_of
 from replay_kit.core.errors import (
     ConfigError,
     LogError,
@@ -21,11 +20,12 @@ from replay_kit.core.errors import (
     PlanError,
     ReplayKitError,
 )
+from replay_kit.core.files.atomic import part_of
+from replay_kit.core.files.inputs import check_unchanged
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.inputs import check_unchanged
-from replay_kit.core.progress import Progress, silent
+from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs.reader import reading
-from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, failed
 from replay_kit.workflows.replay.checkpoint import States, run_identity
 from replay_kit.workflows.replay.conclude import conclude, so_far

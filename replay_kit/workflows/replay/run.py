@@ -15,16 +15,16 @@ import numpy as np
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.arrays import replace
 from replay_kit.core.as_flown import FlownDive
-from replay_kit.core.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.errors import Finding, finding_json
-from replay_kit.core.evidence import Evidence
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
 from replay_kit.core.observation import LinearMeasurement, Profiles, VehicleState
-from replay_kit.core.progress import Stopwatch
+from replay_kit.core.observation.block import LINEAR, PING, POSITION, Block
+from replay_kit.core.observation.evidence import Evidence
+from replay_kit.core.words.progress import Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.measurements.observed import begun, taken
-from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.workflows.replay.events import Aside, Event, Item, Track, items
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.stages import consistency

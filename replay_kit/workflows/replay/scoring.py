@@ -11,11 +11,11 @@ from scipy.spatial import cKDTree
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
-from replay_kit.core.evidence import Evidence
+from replay_kit.core.files.paths import Paths
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.paths import Paths
+from replay_kit.core.observation.evidence import Evidence
 from replay_kit.estimator import embed_member
 from replay_kit.forecast import ensemble_files
 from replay_kit.workflows.replay.inputs.job import Against, ReplayJob

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.core.atomic import atomic_file
 from replay_kit.core.errors import LogError
-from replay_kit.core.inputs import open_input
+from replay_kit.core.files.atomic import atomic_file
+from replay_kit.core.files.inputs import open_input
 
 # The first member: the version of the form is in its name, which lies after the fixed part of its entry.
 _TREE, _ENTRY = "replay-kit state 15", 30

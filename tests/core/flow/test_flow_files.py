@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replay_kit
-from replay_kit.core.atomic import sealed
 from replay_kit.core.errors import ConfigError, EstimatorError, ForecastError
+from replay_kit.core.files.atomic import sealed
 from replay_kit.core.flow.compact import pack, unpack
 from replay_kit.core.flow.dataset import to_dataset, wet_at, write_grid
 from replay_kit.core.flow.file import load, load_bytes, save_bytes

@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.progress import announce
+from replay_kit.core.words.progress import announce
 
 
 def announces(word):

@@ -10,7 +10,7 @@ import xarray as xr
 
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import path_of
+from replay_kit.core.files.paths import path_of
 from replay_kit.core.region import Region
 from replay_kit.forecast.remote import apart, servers
 from replay_kit.workflows import fetch

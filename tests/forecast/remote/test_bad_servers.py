@@ -10,8 +10,8 @@ import pytest
 
 from replay_kit.config.run import load_config
 from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.core.paths import Address, path_of
-from replay_kit.core.progress import shown_by
+from replay_kit.core.files.paths import Address, path_of
+from replay_kit.core.words.progress import shown_by
 from replay_kit.forecast.remote import servers
 from replay_kit.forecast.remote.apart import apart
 from replay_kit.workflows import fetch

@@ -14,7 +14,7 @@ from planners import (
     plan_mission,
     waypoints_of,
 )
-from planners.departures import cut_at_horizon
+from planners.odds.departures import cut_at_horizon
 from planners.output.mission import as_plan
 from tests.planners.flow_samples import eddying_flow, place, still_flow
 from tests.planners.mission.test_bottom import bathymetry, least_height, request, turns

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 from replay_kit.results.views.along_track import BinsAlongTrack
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.history import series_at, typical_depth

@@ -8,8 +8,8 @@ import numpy as np
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Odds, Place, Plan
 from replay_kit.results.innovations import Columns, block_of, columns_of
+from replay_kit.results.mcap.schemas import decode, encode
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.schemas import decode, encode
 from replay_kit.show.status.held import Fix, Held
 from tests.results.conftest import INNOVATION, PLAN
 

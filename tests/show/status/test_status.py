@@ -12,7 +12,7 @@ from replay_kit.core.as_flown import AS_FLOWN, AsFlown
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import ORIGIN, Place
-from replay_kit.core.text import time_text
+from replay_kit.core.words.text import time_text
 from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader

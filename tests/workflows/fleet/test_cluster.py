@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.progress import called_by, each_call
+from replay_kit.core.words.progress import called_by, each_call
 from replay_kit.workflows.fleet.cluster import LostCallError, open_workers
 
 

@@ -1,7 +1,7 @@
 """Studies and fits whose calls workers make: the figures of one process, and progress that reaches its end."""
 
 from replay_kit.config.run import EstimatorConfig
-from replay_kit.core.progress import called_by
+from replay_kit.core.words.progress import called_by
 from replay_kit.workflows.ensemble import fit_prior
 from tests import synthetic
 from tests.command import invoke

@@ -16,7 +16,7 @@ from planners import (
     plan_departures,
     plan_mission,
 )
-from planners.departures import first_legs
+from planners.odds.departures import first_legs
 from planners.odds.flights import fly_mission
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.plan import departures_of
@@ -28,8 +28,8 @@ from replay_kit.core.flow.process import Process
 from replay_kit.core.flow.unknowns import Unknowns
 from replay_kit.core.geodesy import distance
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.core.quantities import parse_duration
-from replay_kit.core.text import time_text
+from replay_kit.core.words.quantities import parse_duration
+from replay_kit.core.words.text import time_text
 from replay_kit.estimator import build
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current

@@ -3,9 +3,9 @@
 import numpy as np
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.observation import Observation, Profiles, VehicleState
-from replay_kit.core.progress import Stopwatch
+from replay_kit.core.observation.block import LINEAR, PING, POSITION, Block
+from replay_kit.core.words.progress import Stopwatch
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.follow_up import follow_up

@@ -20,9 +20,9 @@ from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
 from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast.describe import open_extent
-from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.results.mcap.topics import WINDOWS_RECORD
+from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.result import ResultFile
-from replay_kit.results.topics import WINDOWS_RECORD
 from replay_kit.workflows.info.import_check import check_logs
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of

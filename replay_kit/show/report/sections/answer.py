@@ -7,7 +7,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import severity_word
-from replay_kit.core.text import count_text, time_text
+from replay_kit.core.words.text import count_text, time_text
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.outcome.verdict import doubtful_errors
 from replay_kit.results.views.contents import Contents

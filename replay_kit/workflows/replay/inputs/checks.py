@@ -18,8 +18,8 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.observation import Measurement, Profiles, usable
-from replay_kit.core.progress import silent
 from replay_kit.core.region import inside
+from replay_kit.core.words.progress import silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator.interface import Stepped
 from replay_kit.estimator.update.screening import Screened, columns_of, screened

@@ -9,8 +9,8 @@ import numpy as np
 
 from replay_kit.config.run import ForecastConfig, RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
+from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble, Grid, Projection
-from replay_kit.core.paths import Paths
 from replay_kit.core.region import Region, bounds_of
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.forecast import read_ensemble, read_series

@@ -7,9 +7,9 @@ from typing import Any
 
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ForecastError
+from replay_kit.core.files.inputs import Stamp, stamps_of
+from replay_kit.core.files.paths import check_paths, truth_path
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.inputs import Stamp, stamps_of
-from replay_kit.core.paths import check_paths, truth_path
 from replay_kit.core.plan import Place
 from replay_kit.core.region import Region
 from replay_kit.estimator import Estimator
@@ -18,7 +18,7 @@ from replay_kit.forecast.members.collection import open_collection
 from replay_kit.forecast.members.rules import parse_rule
 from replay_kit.logs import open_logs
 from replay_kit.logs.opening import logs_in
-from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region
 from replay_kit.workflows.replay.inputs.scan import Logs

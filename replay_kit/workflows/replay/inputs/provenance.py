@@ -8,12 +8,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 from replay_kit.config.run import RunConfig
+from replay_kit.core import __version__
 from replay_kit.core.errors import ConfigError
+from replay_kit.core.files.inputs import open_input
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.inputs import open_input
 from replay_kit.core.plan import Place
-from replay_kit.core.version import __version__
 from replay_kit.forecast.remote.kept import attributes_of, record_of
 from replay_kit.results.losses import iso_time
 from replay_kit.results.vehicles import VEHICLES_RECORD, VehicleRecord, vehicle_records

@@ -10,7 +10,7 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.paths import Paths
+from replay_kit.core.files.paths import Paths
 from replay_kit.core.plan import Place
 from replay_kit.core.region import (
     DEGREE,

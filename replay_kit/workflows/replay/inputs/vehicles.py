@@ -10,9 +10,9 @@ import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
+from replay_kit.core.observation.table import Columns, chosen
 from replay_kit.core.region import Region, bounds_of, inside
-from replay_kit.core.table import Columns, chosen
-from replay_kit.core.text import some_text, time_text
+from replay_kit.core.words.text import some_text, time_text
 from replay_kit.logs.opening import in_folder, logs_in
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.checks import concluded as findings

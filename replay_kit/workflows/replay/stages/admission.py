@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.arrays import replace
-from replay_kit.core.block import LINEAR, MEAN, PING, POSITION, Block
 from replay_kit.core.observation import PathMean, kind_of
-from replay_kit.core.table import Integers
+from replay_kit.core.observation.block import LINEAR, MEAN, PING, POSITION, Block
+from replay_kit.core.observation.table import Integers
 from replay_kit.measurements.observed import path_mean
 from replay_kit.workflows.replay.events import Aside, Events
 from replay_kit.workflows.replay.stages.consistency import tracked

@@ -6,11 +6,11 @@ from typing import Any
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import replace
-from replay_kit.core.block import POSITION, Block
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation import PathMean, kind_of
-from replay_kit.core.table import Integers
+from replay_kit.core.observation.block import POSITION, Block
+from replay_kit.core.observation.table import Integers
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.causes import SCALE
 from replay_kit.measurements.checks.check import Checked, check, unknowable

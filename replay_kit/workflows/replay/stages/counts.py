@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from replay_kit.core.arrays import Array, replace
-from replay_kit.core.evidence import BlockEvidence, Evidence, block_of
 from replay_kit.core.observation import (
     Innovation,
     LinearMeasurement,
@@ -19,6 +18,7 @@ from replay_kit.core.observation import (
     VehicleState,
     reasons_of,
 )
+from replay_kit.core.observation.evidence import BlockEvidence, Evidence, block_of
 from replay_kit.workflows.replay.events import Event, Track
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 

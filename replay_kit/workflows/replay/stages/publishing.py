@@ -21,7 +21,7 @@ from replay_kit.core.geodesy import rotate_to_local, to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import LinearMeasurement, VehicleState
 from replay_kit.measurements.surface.residual_field import ResidualField
-from replay_kit.results.mcap_writer import ResultWriter
+from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.slices import Slice
 from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from replay_kit.core.arrays import Indices
 from replay_kit.core.as_flown import FlightCorrection
-from replay_kit.core.block import Block
 from replay_kit.core.observation import PathMean, Profiles
+from replay_kit.core.observation.block import Block
 from replay_kit.estimator.next_dive.flight import FlightBias
 from replay_kit.estimator.next_dive.process import DiveMean
 from replay_kit.workflows.replay.surfacings.forecasts import Gathered, dive_mean

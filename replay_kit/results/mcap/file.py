@@ -17,10 +17,10 @@ from typing import BinaryIO, NamedTuple, Self
 from mcap.records import Attachment, Message, Metadata
 from mcap.writer import CompressionType, Writer
 
-from replay_kit.core.atomic import open_part, part_of, sync
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
+from replay_kit.core.files.atomic import open_part, part_of, sync
 from replay_kit.core.message import OutChannels, RawChannel, RawMessage
-from replay_kit.results.topics import DAMAGED, DIGEST_NAME, Digest, check_written, records
+from replay_kit.results.mcap.topics import DAMAGED, DIGEST_NAME, Digest, check_written, records
 
 #: Name, encoding and definition of a schema.
 Definition = tuple[str, str, bytes]

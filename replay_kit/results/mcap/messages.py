@@ -21,8 +21,8 @@ from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place, Plan, leg_statistics
 from replay_kit.core.region import collection_text
 from replay_kit.core.surfacing import DiveOutcome, Ellipse, SurfacingOutcome
+from replay_kit.results.mcap.schemas import MESSAGES, TIME, attributes, encode
 from replay_kit.results.plans import plan_features
-from replay_kit.results.schemas import MESSAGES, TIME, attributes, encode
 
 Level = Literal["debug", "info", "warning", "error"]
 

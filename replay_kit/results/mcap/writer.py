@@ -12,19 +12,26 @@ from typing import Any, Protocol
 
 import foxglove
 
+from replay_kit.core import __version__
 from replay_kit.core.flow.compact import pack
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Projection, Seabed
 from replay_kit.core.observation import Innovation, VehicleState
 from replay_kit.core.plan import Plan
 from replay_kit.core.surfacing import DiveOutcome, SurfacingOutcome
-from replay_kit.core.version import __version__
-from replay_kit.results import messages
 from replay_kit.results.innovations import TOPIC, block_of
 from replay_kit.results.layout.layout import layout_of, layout_text
-from replay_kit.results.mcap_file import Definition, ResultFile, Written
+from replay_kit.results.mcap import messages
+from replay_kit.results.mcap.file import Definition, ResultFile, Written
+from replay_kit.results.mcap.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
+from replay_kit.results.mcap.topics import (
+    CONFIG_NAME,
+    ESTIMATE_NAME,
+    LAYOUT_NAME,
+    SUMMARY_NAME,
+    WINDOW_NAME,
+)
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.schemas import CONTRACT_VERSION, DESCRIPTOR_SET
 from replay_kit.results.slices import (
     Slice,
     arrow_scale,
@@ -32,13 +39,6 @@ from replay_kit.results.slices import (
     depth_slices,
     grid_message,
     seabed_message,
-)
-from replay_kit.results.topics import (
-    CONFIG_NAME,
-    ESTIMATE_NAME,
-    LAYOUT_NAME,
-    SUMMARY_NAME,
-    WINDOW_NAME,
 )
 from replay_kit.results.vehicles import name_of, topic_of
 

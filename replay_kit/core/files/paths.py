@@ -7,9 +7,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path, PosixPath
 from typing import Any
 
-from replay_kit.core.atomic import part_of
 from replay_kit.core.errors import ConfigError, PlanError
-from replay_kit.core.inputs import why_no_input
+from replay_kit.core.files.atomic import part_of
+from replay_kit.core.files.inputs import why_no_input
 
 #: One path, or several, of which those in a sequence of their own belong together.
 Paths = str | Path | Sequence[str | Path | Sequence[str | Path]]

@@ -25,7 +25,7 @@ from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from replay_kit.core.errors import LogError, ReplayKitError
-from replay_kit.core.inputs import open_input
+from replay_kit.core.files.inputs import open_input
 
 if TYPE_CHECKING:
     from mcap.summary import Summary

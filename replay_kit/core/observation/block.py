@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.errors import Finding
 from replay_kit.core.observation import LinearMeasurement, Reason
-from replay_kit.core.table import Columns, Integers
+from replay_kit.core.observation.table import Columns, Integers
 
 #: Kinds of events, as in ``Block.events``.
 POSITION, PING, MEAN, LINEAR = range(4)

@@ -1,0 +1,1 @@
+"""Words and looks of values: units, times, counts, colours, progress."""

@@ -1,0 +1,1 @@
+"""The result as an MCAP file: its messages, topics, writer and reader of records."""
