@@ -189,7 +189,7 @@ class ForecastConfig(Section):
         place: Move the ensemble's centre to the mean fix of the log.
         offline: Use fetched forecasts only.
         max_download: Largest download of a forecast given by address [MB], before packing. Default: 1000.
-        cache: Folder of fetched forecasts. Default: .cache/replay-kit in the home folder.
+        cache: Folder of fetched forecasts. Default: replay-kit in XDG_CACHE_HOME, else in .cache of the home folder.
     """
 
     members: Annotated[str | None, Option("RULE")] = None

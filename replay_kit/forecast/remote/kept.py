@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 #: Attribute of a file that was cut from a forecast on a server: where it came from, as JSON.
 RECORD = "replay_kit_fetched"
 #: Folder of fetched forecasts, where the settings state none.
-CACHE = Path.home() / ".cache" / "replay-kit"
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "replay-kit"
 _DIGITS = 12
 
 #: A file, and its record.
