@@ -2,7 +2,9 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.slices import depth_slices
+from replay_kit.workflows.planning import inputs
 from replay_kit.workflows.planning.request import completed
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of
@@ -209,7 +212,7 @@ def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
     done = succeed(f"plan {result.path} --samples 0 --json -")
     vehicles = json.loads(done.stdout)["vehicles"]
     assert list(vehicles) == ["sg2", "sg3"]
-    asked = completed(PlanRequest(flows=(result.path,)))
+    asked, _ = completed(PlanRequest(flows=(result.path,)))
     for name, made in vehicles.items():
         fix = result.vehicles[name].fixes.iloc[-1]
         start = asked.glider_places[name]
@@ -217,6 +220,16 @@ def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
         assert "; as flown: " in made["message"]
     refused = invoke(f"plan {result.path} --goal=152.4,-40.1,100")
     assert "result of several vehicles (sg1, sg2, sg3)" in str(refused.exception)
+
+
+def test_a_result_of_several_with_one_goal_is_read_once_and_planned_as_flown(result, monkeypatch):
+    file = inputs.read_flow(result.path)
+    without = {name: replace(file.held[name], plans=(), metadata={}) for name in ("sg1", "sg3")}
+    read = Mock(return_value=replace(file, held={**file.held, **without}))
+    monkeypatch.setattr(inputs, "read_flow", read)
+    made = json.loads(succeed(f"plan {result.path} --samples 0 --json -").stdout)
+    assert "; as flown: " in made["message"]
+    assert read.call_count == 1
 
 
 @pytest.mark.full

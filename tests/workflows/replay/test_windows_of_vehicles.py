@@ -154,9 +154,9 @@ def test_a_plan_is_made_in_the_window_that_holds_it(pooled):
     path = pooled[0].path
     for name, part in pooled[0].vehicles.items():
         start = Place(float(columns_of(name)[-1]), 40.5, 0.0)
-        assert np.array_equal(read_flow(path, (start,)).flow.latent, part.estimate.latent)
+        assert np.array_equal(read_flow(path).at([start]).latent, part.estimate.latent)
     beyond = Place(10.0, 40.5, 0.0)
-    assert np.array_equal(read_flow(path, (beyond,)).flow.latent, pooled[2].latent)
+    assert np.array_equal(read_flow(path).at([beyond]).latent, pooled[2].latent)
 
 
 @pytest.mark.full
