@@ -127,6 +127,7 @@ def _replay(
         assert states is not None, "a run without a state reads none"
         job.tell(f"{error}; the replay restarts")
         states.forget()
+        inputs.logs.close()
         return _replay(job, config, planner_of, progress, inputs.forecasts)
     except BaseException as error:
         # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk

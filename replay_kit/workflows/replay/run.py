@@ -37,7 +37,6 @@ from replay_kit.workflows.replay.stages.estimation import (
     Step,
     assimilate,
     kept,
-    state_after,
 )
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
@@ -375,13 +374,6 @@ class Run:
         self.current = self.estimator(0).without_left(self.current)
         for number, of in enumerate(self.of):
             self.put(number, dive=kept(self.estimator(number), of.dive))
-
-    def without(self, number: int) -> Any:
-        """Return the estimator's state from all observations except a vehicle's, in the same windows."""
-        prior = self.setups[0].estimator.initial()
-        windowed = self.setups[0].estimator.window(prior) is not None
-        given = [one for one in self.kept if windowed or one[0] != number]
-        return state_after(self._estimators, given, self.setups[0].estimator.block_size, number)
 
     def finish(self) -> None:
         """Pass on all waiting events."""

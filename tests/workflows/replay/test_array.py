@@ -17,7 +17,6 @@ from replay_kit.core.observation import PathMean
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.results.slices import depth_slices
 from replay_kit.workflows.planning import inputs
 from replay_kit.workflows.planning.request import completed
 from replay_kit.workflows.replay.inputs.estimator import build
@@ -124,23 +123,6 @@ def test_a_result_opened_again_has_the_outcome_of_the_run_and_of_each_vehicle(re
     assert set(opened.fixes["vehicle"]) == set(logs)
     used = [one.outcome.observations["used"] for one in opened.vehicles.values()]
     assert opened.outcome.observations["used"] == sum(used)
-
-
-def test_the_value_of_a_vehicle_is_the_difference_to_a_replay_without_it(result, logs, tmp_path):
-    rest = {name: path for name, path in logs.items() if name != "sg3"}
-    without = rk.replay(rest, ENSEMBLE, out=tmp_path / "without.mcap", settings=SETTINGS)
-    differences, errors = [], []
-    for depth in (5.0, 150.0, 500.0):
-        whole, less = (depth_slices(one.estimate, [depth])[0].fields for one in (result, without))
-        differences.append(np.hypot(*(less - whole)[:2]))
-        errors.append(np.hypot(*less[2:]))
-    value = result.outcome.value["sg3"]
-    difference = np.concatenate(differences)
-    assert value["rms_change"] == pytest.approx(np.sqrt(np.nanmean(difference**2)), abs=1e-9)
-    assert value["standard_error_without"] == pytest.approx(
-        np.sqrt(np.nanmean(np.concatenate(errors) ** 2)), abs=1e-9
-    )
-    assert value["standard_error"] < value["standard_error_without"]
 
 
 def test_a_vehicle_whose_sources_contradict_each_other_is_left_out(tmp_path, truth):
@@ -263,7 +245,6 @@ def test_the_command_line_names_vehicles_and_their_goals(logs, tmp_path):
     done = succeed(f"{line} --goal sg3=152.4,-40.1,100 --json {tmp_path / 'o.json'}")
     answer = json.loads((tmp_path / "o.json").read_text())
     assert [one["plan"] is not None for one in answer["vehicles"].values()] == [False, False, True]
-    assert set(answer["value"]) == set(logs)
     assert "Vehicles" in done.stdout
     refused = invoke(f"{line} --overwrite --goal sg9=152.4,-40.1,100")
     assert "expected the name of a vehicle" in refused.output

@@ -17,6 +17,8 @@ from replay_kit.config.run import ConsistencyConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ConfigError, LogError
 from replay_kit.core.plan import Place
 from replay_kit.studies.twins.make import Twin, make_twin
+from replay_kit.workflows.planning.adapters import planner_of
+from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.state_file import read_state, write_state
 from tests.workflows.replay.interrupted import (
     Killed,
@@ -36,7 +38,7 @@ GOAL = Place(152.3, -39.8, 150.0)
 
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
-    folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 90)
+    folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 40)
     make_twin(truth_in(folder, CONFIG), Twin("vessel", 40, 0.05, 2), folder / "survey.mcap")
     return folder
 
@@ -58,7 +60,7 @@ def stopped_run(ocean, tmp_path_factory):
     """What a run that was killed leaves, by name."""
     folder = tmp_path_factory.mktemp("stopped")
     with pytest.raises(Killed):
-        run(ocean, folder / "out.mcap", folder / "run.ck", 130)
+        run(ocean, folder / "out.mcap", folder / "run.ck", 75)
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -92,7 +94,7 @@ def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(
 ):
     if "truth" in more:
         more = more | {"truth": str(ocean / "truth.nc")}
-    goes_on(job_in(ocean, tmp_path / "out.mcap", **({"goal": None} | more)), config, 130, 40, 20)
+    goes_on(job_in(ocean, tmp_path / "out.mcap", **({"goal": None} | more)), config, 50, 15, 10)
 
 
 def command_line(ocean, folder):
@@ -143,7 +145,15 @@ def test_a_state_of_another_run_or_damaged_is_told_and_the_run_begins_anew(
     else:
         file.write_bytes(data if what.endswith("flip") else data[: len(data) // 2])
     job = job_in(ocean, out, GOAL, checkpoint, tell=said.append)
-    run_until(job, config, None)
+
+    def open_at_restart(done, total, of):
+        """The log is open in no pass of the run that was given up."""
+        if said and of == "reading the forecast":
+            held.append([each for each in Path("/proc/self/fd").iterdir() if each.resolve() == log])
+
+    log, held = job.logs[0].resolve(), []
+    replay(job, config, planner_of, open_at_restart)
+    assert held == [[]]
     (text,) = said
     assert "run.ck: the run cannot resume from it: " in text
     assert text.endswith("; the replay restarts")

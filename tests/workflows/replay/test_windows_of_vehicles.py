@@ -84,10 +84,6 @@ def test_every_vehicle_has_the_estimate_of_its_window_and_every_place_visited_is
         ):
             np.testing.assert_allclose(published, own)
         assert np.isfinite(slices.fields[:, -1]).any()
-    assert set(summary.value) == set(TRACKS)
-    # stated errors may grow by what a vehicle measured: it may show that they were too small
-    assert all(one["rms_change"] > 0.01 for one in summary.value.values())
-    assert all(one["standard_error_without"] > 0.0 for one in summary.value.values())
     assert any("windows followed the vehicles" in note for note in summary.notes)
     assert any("are of the window of a; the result holds all" in note for note in summary.notes)
 

@@ -1,6 +1,7 @@
 """Logs opened once, and scanned before a replay for their place and start."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice, tee
@@ -12,10 +13,11 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.block import PING, POSITION, Block
 from replay_kit.core.errors import ConfigError, MeasurementError
-from replay_kit.core.message import LogReader, Message
+from replay_kit.core.message import Message
 from replay_kit.core.table import Columns, chosen
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.merge import Merge
+from replay_kit.logs.reader import LogFile
 from replay_kit.logs.tables.frames import SCHEMA
 from replay_kit.logs.tables.schemas import SENDERS
 from replay_kit.measurements.observed import begun, taken
@@ -30,7 +32,7 @@ _PER_DEGREE = 100
 _BLOCK, _LARGE = 2048, "replay_kit.RadarCurrents"
 
 
-def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
+def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogFile]:
     """Return the opened logs; from MAVLink and DataFlash only mapped topics and messages used by the estimator are decoded.
 
     Raises:
@@ -41,7 +43,7 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
     wanted = MAVLINK_NAMES | {
         ".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped
     }
-    return list(open_logs(logs, config.logs, wanted))
+    return open_logs(logs, config.logs, wanted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,9 +92,15 @@ class Logs:
         ]
 
     @property
-    def all(self) -> list[LogReader]:
+    def all(self) -> list[LogFile]:
         """Logs of all vehicles."""
         return [log for logs in self.by_vehicle for log in logs]
+
+    def close(self) -> None:
+        """Close the files of passes that did not end."""
+        with ExitStack() as stack:
+            for log in self.all:
+                stack.enter_context(log)
 
     def ahead(self) -> tuple[tuple[float, float] | None, int | None]:
         """Return the mean position, if the ensemble is to be moved there, and the first used time [ns, UTC] in the time span.
@@ -197,7 +205,7 @@ class Logs:
 class _Begun:
     """Log whose messages read in a first look are kept for the next pass."""
 
-    def __init__(self, log: LogReader) -> None:
+    def __init__(self, log: LogFile) -> None:
         self._log, self.looked_at = log, False
         self.rest: Iterator[Message] | None = None
 

@@ -14,7 +14,6 @@ from replay_kit.core.region import Region, bounds_of, inside
 from replay_kit.core.table import Columns, chosen
 from replay_kit.core.text import some_text, time_text
 from replay_kit.logs.opening import in_folder, logs_in
-from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.place import LogTracks
 from replay_kit.measurements.track.positions import joined
@@ -113,7 +112,7 @@ def _by_missions(logs: Sequence[Path], config: RunConfig) -> tuple[Vehicle, ...]
 
 def _stated(path: Path, config: RunConfig) -> str:
     """Return the vehicle name stated by a log or a folder of logs; empty for none or several."""
-    missions = [log.mission for log in open_readers([path], config) if isinstance(log, LogFile)]
+    missions = [log.mission for log in open_readers([path], config)]
     names = {_OF_MISSION.sub("", mission) for mission in missions if mission}
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", names.pop()) if len(names) == 1 else ""
 
