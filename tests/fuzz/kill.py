@@ -86,7 +86,7 @@ def kill(
     # what it imports every child has
     invoke(KINDS["replay" if "fleet" in kind else kind][0].format(folder))
     if "fleet" in kind:
-        import_module("replay_kit.workflows.fleet.page")
+        import_module("replay_kit.workflows.fleet.table")
     _clear(folder)
     begin = time.perf_counter()
     _run(command)

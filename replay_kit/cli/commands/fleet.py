@@ -60,7 +60,7 @@ class Outputs(Answer):
     """Outputs of ``fleet``.
 
     Attributes:
-        out: Folder for a result of each mission, a table and a page; made if absent.
+        out: Folder for a result of each mission and a table; made if absent.
     """
 
     out: Annotated[Path, option("DIR", alias="-o"), Ending()]
@@ -72,14 +72,12 @@ def fleet(
     outputs: Annotated[Outputs, TO_OUTPUTS],
     processes: Annotated[Processes, TO_OPTIONS] = Processes(),
     resume: Annotated[bool, FLAG] = False,
-    dry_run: Annotated[bool, FLAG] = False,
 ) -> int:
     """Return the most severe exit code of the missions.
 
     Args:
         missions: A table (TOML), or patterns of logs, each of which is a mission of its own.
         resume: Keep existing results of the same inputs; replay the others.
-        dry_run: Only check the inputs, and report the expected memory and time.
     """
     out = outputs.out
     check_folder(out)
@@ -92,7 +90,7 @@ def fleet(
         check_missions,
         missions_of,
     )
-    from replay_kit.workflows.fleet.page import PAGE, TABLE
+    from replay_kit.workflows.fleet.table import TABLE
 
     table, folder = _table(missions, inputs)
     if inputs.place:
@@ -108,7 +106,7 @@ def fleet(
         local = local_forecasts([(mission.job, mission.config) for mission in each])
         each = tuple(replace(mission, job=job) for mission, job in zip(each, local, strict=True))
         check_missions(each, outputs.overwrite, resume)
-        check_paths(missions, (out / TABLE, out / PAGE), outputs.overwrite or resume)
+        check_paths(missions, (out / TABLE,), outputs.overwrite or resume)
         with progress() as advance:
             advance(0, 0, "waiting for the workers")
             files = sorted({path.absolute() for mission in each for path in mission.files})
@@ -116,8 +114,6 @@ def fleet(
                 processes.scheduler, processes.workers, files, out.absolute()
             ) as workers:
                 console.print(f"{workers.size} workers of {workers.name}")
-                if dry_run:
-                    return _dry_run(each, workers, outputs, console)
                 outcomes = _run(each, workers, outputs)
     finally:
         if made and not any(out.iterdir()):
@@ -146,29 +142,14 @@ def _texts(paths: tuple[Path, ...]) -> tuple[str, ...]:
     return tuple(path.url if isinstance(path, Address) else str(path) for path in paths)
 
 
-def _dry_run(
-    each: "tuple[Mission, ...]", workers: "Workers", outputs: Outputs, console: "Console"
-) -> int:
-    """Print the expected memory and time of the missions; return the exit code of the first that cannot be replayed."""
-    from replay_kit.workflows.fleet.page import expected_json, print_expected
-    from replay_kit.workflows.fleet.run import expected_of
-
-    made = workers.starmap(expected_of, zip(each))
-    found = {mission.name: one for mission, one in zip(each, made, strict=True)}
-    answer = expected_json(found, workers.size)
-    print_expected(answer, console)
-    write_json(outputs.json_file, answer)
-    return int(answer["exit_code"])
-
-
 def _run(
     each: "tuple[Mission, ...]", workers: "Workers", outputs: Outputs
 ) -> "tuple[Outcome, ...]":
     """Return the outcomes; the table is rewritten after each mission, so that an interrupt leaves it."""
     from replay_kit.core.atomic import claimed
     from replay_kit.core.progress import announce
-    from replay_kit.workflows.fleet.page import TABLE, fleet_json, write_table
     from replay_kit.workflows.fleet.run import run_fleet
+    from replay_kit.workflows.fleet.table import TABLE, fleet_json, write_table
 
     outcomes: tuple[Outcome, ...] = ()
     with claimed(outputs.out / ".lock", outputs.out):
@@ -181,19 +162,10 @@ def _run(
 
 
 def _answer(outcomes: "tuple[Outcome, ...]", outputs: Outputs, console: "Console") -> int:
-    """Print the table, write the page and the JSON, and return the exit code."""
-    from replay_kit.workflows.fleet.page import (
-        PAGE,
-        TABLE,
-        exit_code,
-        fleet_json,
-        print_fleet,
-        write_page,
-    )
+    """Print the table, write the JSON, and return the exit code."""
+    from replay_kit.workflows.fleet.table import TABLE, exit_code, fleet_json, print_fleet
 
-    write_page(outcomes, outputs.out / PAGE)
     print_fleet(outcomes, console)
     console.print(f"{outputs.out}: {TABLE}, a result of each mission")
-    console.print(f"Page: {outputs.out / PAGE}; open it in a browser.")
     write_json(outputs.json_file, fleet_json(outcomes))
     return exit_code(outcomes)

@@ -14,7 +14,6 @@ from replay_kit.core.version import __version__
 from replay_kit.workflows.fleet.cluster import Workers
 from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.inputs.checks import DryRun, dry_run
 from replay_kit.workflows.replay.inputs.provenance import (
     file_hash,
     package_versions,
@@ -137,11 +136,3 @@ def failure(name: str, error: Exception) -> Outcome:
     if isinstance(error, ReplayKitError):
         return Outcome(name, failed=str(error), exit_code=error.exit_code)
     return Outcome(name, failed=f"{type(error).__name__}: {error}", exit_code=1)
-
-
-def expected_of(mission: Mission) -> DryRun | Outcome:
-    """Return the expected memory and time of a mission, or why it cannot be replayed. Reads the forecast and all logs."""
-    try:
-        return dry_run(mission.job, mission.config, planner_of)
-    except Exception as error:
-        return failure(mission.name, error)

@@ -11,8 +11,6 @@ from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
-from replay_kit.workflows.fleet.page import fleet_page
-from replay_kit.workflows.fleet.run import Outcome
 from tests import synthetic
 from tests.command import succeed
 from tests.results.cases import write
@@ -39,18 +37,10 @@ def _paper(folder: Path, request: pytest.FixtureRequest) -> str:
     return (folder / "paper" / "index.html").read_text(encoding="utf-8")
 
 
-def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:
-    counts = {"observations": {"used": 40, "rejected": 1}, "by_dive": [{}, {}]}
-    answer = {"status": "done", **counts, "rms_innovation": {"prior": 0.1, "before": 0.09}}
-    done = Outcome("glider", {**answer, "nis_per_dof": 1.1, "seconds_in_all": 3.0})
-    return fleet_page([done, Outcome("lost", failed="no log", exit_code=3)])
-
-
 #: By the folder of the module that makes it.
 QUICK: dict[str, Make] = {
     "show/report": _report,
     "show/status": lambda folder, request: status_page(status_of(held())),
-    "workflows/fleet": _fleet,
 }
 #: Those that take long to make.
 SLOW: dict[str, Make] = {"studies/paper": _paper}

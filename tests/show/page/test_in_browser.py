@@ -14,9 +14,9 @@ pytestmark = MARKS
 @pytest.mark.parametrize("kind", [*QUICK, *SLOW])
 def test_a_page_draws_itself(kind, tmp_path, request):
     page = {**QUICK, **SLOW}[kind](tmp_path, request)
-    # the status has pictures that need no script, and a fleet a table
+    # the status has pictures that need no script
     expected = len(figures(page)) if 'id="figures"' in page else 0
-    assert (expected == 0) == (kind in ("show/status", "workflows/fleet"))
+    assert (expected == 0) == (kind == "show/status")
     with chromium() as browser:
         for width, scheme in ((1280, "light"), (390, "dark")):
             with opened(browser, page, width, scheme) as tab:

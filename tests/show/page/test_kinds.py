@@ -19,7 +19,7 @@ SHARED = {"show/page"}
 def test_ids_are_unique_and_figures_are_whole(kind, tmp_path, request):
     page = {**QUICK, **SLOW}[kind](tmp_path, request)
     check_ids(page)
-    if kind not in ("show/status", "workflows/fleet"):
+    if kind != "show/status":
         assert check_figures(page)
 
 

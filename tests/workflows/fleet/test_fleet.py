@@ -10,8 +10,9 @@ import pytest
 
 from replay_kit.core.errors import ForecastError
 from replay_kit.show.text import SafeConsole
-from replay_kit.workflows.fleet.page import exit_code, fleet_page, print_fleet, row_of
+from replay_kit.workflows.fleet.cluster import open_workers
 from replay_kit.workflows.fleet.run import Outcome, failure, run_fleet, run_mission
+from replay_kit.workflows.fleet.table import exit_code, print_fleet, row_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import Vehicle
 from replay_kit.workflows.replay.replay import replay
@@ -117,31 +118,26 @@ def test_a_mission_that_fails_is_listed_with_its_reason_and_the_others_go_on(
     answer = json.loads((tmp_path / "fleet.json").read_text())
     assert answer["failed"] == ["twin02"]
     assert [row["sha256"] for row in answer["missions"]] == [row["sha256"] for row in rows]
-    assert "<li>twin02: " in (tmp_path / "out" / "index.html").read_text()
     assert invoke(line).exit_code == 2
     assert "2 were there already" in invoke(f"{line} --resume").stdout
 
 
-def test_a_dry_run_reads_everything_and_writes_nothing_without_the_extra(
-    table, tmp_path, monkeypatch
-):
+def test_logs_without_a_table_are_missions_of_their_own(table, tmp_path, scheduler):
+    files = f"{table.parent}/twin*.mcap --ensemble {table.parent}/ensemble.nc -o {tmp_path}/out"
+    done = invoke(f"fleet {files} --scheduler {scheduler}")
+    assert done.stdout.startswith("2 workers of "), done.output
+    assert "2 missions: 2 replayed" in done.stdout
+
+
+def test_a_cluster_needs_the_extra_and_processes_do_not(table, tmp_path, monkeypatch):
     # as where it is not installed
     for name in ("dask", "distributed"):
         monkeypatch.setitem(sys.modules, name, None)
-    done = invoke(f"fleet {table} -o {tmp_path}/out --workers 2 --dry-run --json -")
-    answer = json.loads(done.stdout)
-    assert (answer["status"], answer["exit_code"], answer["workers"]) == ("dry run", 0, 2)
-    assert [mission["profiles"] for mission in answer["missions"]] == [6, 6]
-    assert 0.0 < answer["seconds"] < 60.0
-    assert not (tmp_path / "out").exists()
     refused = invoke(f"fleet {table} -o {tmp_path}/out --scheduler tcp://127.0.0.1:1")
     assert (refused.exit_code, "pip install 'replay-kit[fleet]'" in refused.output) == (2, True)
-
-
-def test_logs_without_a_table_are_missions_of_their_own(table, tmp_path, scheduler):
-    files = f"{table.parent}/twin*.mcap --ensemble {table.parent}/ensemble.nc -o {tmp_path}/out"
-    done = invoke(f"fleet {files} --scheduler {scheduler} --dry-run")
-    assert "2 missions on 2 workers" in done.stdout, done.output
+    assert not (tmp_path / "out").exists()
+    with open_workers(None, 2) as workers:
+        assert (workers.name, workers.size) == ("this machine", 2)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="file size limits are POSIX")
@@ -168,7 +164,7 @@ def test_the_gravest_exit_code_counts():
         assert exit_code([Outcome(str(code), exit_code=code) for code in given]) == expected
 
 
-def test_a_plan_that_does_not_arrive_comes_first_in_the_table_and_on_the_page(capsys):
+def test_a_plan_that_does_not_arrive_comes_first_in_the_table(capsys):
     message = "misses the goal by 3200.0 m after 10.7 h"
     alarm = f"the plan is unreachable: {message}: choose a goal within reach"
     answer = {"status": "done", "by_dive": [], "observations": {"used": 3, "rejected": 0}}
@@ -193,14 +189,6 @@ def test_a_plan_that_does_not_arrive_comes_first_in_the_table_and_on_the_page(ca
         ["trust", "reached", "3", "0"],
         ["with", "care", "unreachable", "3", "0"],
     ]
-    page = fleet_page(outcomes)
-    assert page.index(f"b: {alarm}") < page.index("<table>")
-
-
-def test_names_in_the_page_are_text():
-    page = fleet_page([Outcome("<b>", failed="<script>alert(1)</script>")])
-    assert "<script>alert(1)" not in page
-    assert "&lt;script&gt;alert(1)" in page
 
 
 @pytest.mark.full

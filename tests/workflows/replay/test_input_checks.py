@@ -1,18 +1,16 @@
-"""Inputs that a replay refuses are refused as well by ``info``, by both dry runs, and by whatever else replays."""
+"""Inputs that a replay refuses are refused as well by ``info``, by the dry run, and by whatever else replays."""
 
 import json
 
 import pytest
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ForecastError, MeasurementError
+from replay_kit.core.errors import ForecastError, MeasurementError, PlanError
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks.concluded import TRACKS
-from replay_kit.workflows.fleet.missions import Mission
-from replay_kit.workflows.fleet.run import expected_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.checks import check_inputs, dry_run
 from replay_kit.workflows.replay.inputs.job import ReplayJob
@@ -41,7 +39,7 @@ def ocean(tmp_path_factory):
 
 
 def refused(ocean, job, config=CONFIG):
-    """The words of a replay's refusal, which those of the dry runs must be."""
+    """The words of a replay's refusal, which those of the dry run must be."""
     with pytest.raises((MeasurementError, ForecastError)) as error:
         replay(job, config, planner_of)
     words = str(error.value)
@@ -50,8 +48,6 @@ def refused(ocean, job, config=CONFIG):
         with pytest.raises(type(error.value)) as again:
             other(job, config, planner_of)
         assert str(again.value) == words
-    found = expected_of(Mission("one", job, config))
-    assert (found.failed, found.exit_code) == (words, 3)
     return words
 
 
@@ -90,7 +86,7 @@ def test_a_file_without_members_is_no_ensemble_for_info_either(ocean):
 
 
 @pytest.mark.full
-def test_dry_runs_check_the_goal_and_count_as_the_replay_does(ocean):
+def test_a_dry_run_checks_the_goal_and_counts_as_the_replay_does(ocean):
     job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc")
     summary, _ = replay(job, CONFIG)
     found = dry_run(job, CONFIG)
@@ -99,8 +95,8 @@ def test_dry_runs_check_the_goal_and_count_as_the_replay_does(ocean):
     )
     assert found.profiles == 30
     away = ReplayJob(job.logs, job.ensemble, goal=Place(10.0, 0.0, 100.0))
-    assert "goal" in expected_of(Mission("one", away, CONFIG)).failed
-    assert expected_of(Mission("one", job, CONFIG)).profiles == 30
+    with pytest.raises(PlanError, match="goal"):
+        dry_run(away, CONFIG, planner_of)
     fitting = invoke(f"info {ocean}/glider.mcap --ensemble {ocean}/ensemble.nc")
     assert (fitting.exit_code, "Next: replay-kit replay" in fitting.stdout) == (0, True)
 

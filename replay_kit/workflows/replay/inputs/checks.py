@@ -1,6 +1,6 @@
 """Checks of a replay's inputs without an estimate; they raise the errors of the replay.
 
-They are the replay itself with an estimator that only screens observations; used by ``info``, ``replay --dry-run`` and ``fleet --dry-run``.
+They are the replay itself with an estimator that only screens observations; used by ``info`` and ``replay --dry-run``.
 A dry run also estimates memory and time of a replay.
 """
 

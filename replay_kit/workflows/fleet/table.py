@@ -1,9 +1,6 @@
-"""Outcomes of a fleet as a table for CSV, JSON, console and page; and expected memory and time of its missions."""
+"""Outcomes of a fleet as a table for CSV, JSON and console."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from html import escape
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +9,11 @@ from rich.console import Console
 from replay_kit.core.atomic import write_whole
 from replay_kit.core.text import csv_text
 from replay_kit.results.outcome.outcome import outcome_from
-from replay_kit.show.page.page import Section, items_html, page_html, table_html
 from replay_kit.show.text import print_lines, print_table
 from replay_kit.workflows.fleet.run import Outcome
-from replay_kit.workflows.replay.inputs.checks import DryRun
 
-TABLE, PAGE = "fleet.csv", "index.html"
+#: Name of the table in the folder of a fleet.
+TABLE = "fleet.csv"
 _COLUMNS = (
     "mission",
     "status",
@@ -132,63 +128,3 @@ def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _number(value: float | None, factor: float = 1.0, digits: int = 1) -> str:
     return "" if value is None else f"{factor * value:.{digits}f}"
-
-
-def write_page(outcomes: Sequence[Outcome], path: Path) -> None:
-    """Write the page, completely or not at all."""
-    write_whole(path, fleet_page(outcomes))
-
-
-def fleet_page(outcomes: Sequence[Outcome]) -> str:
-    """Return the page with alarms, the table, and the reasons of failed missions."""
-    rows = [row_of(outcome) for outcome in outcomes]
-    cells = [list(map(escape, _cells(row))) for row in rows]
-    for row, each in zip(rows, cells, strict=True):
-        each[0] = each[0] if row["failed"] else f'<a href="{each[0]}.mcap">{each[0]}</a>'
-    alarms, failed = (
-        items_html([escape(f"{row['mission']}: {row[name]}") for row in rows if row[name]])
-        for name in ("plan_alarm", "failed")
-    )
-    html = f"{alarms}{table_html(_COLUMNS, cells, 'Missions')}{failed}"
-    return page_html(f"A fleet of {len(rows)} missions", [Section("table", "Every mission", html)])
-
-
-def expected_json(found: Mapping[str, DryRun | Outcome], workers: int) -> dict[str, Any]:
-    """Return the expected memory and time of missions by name for JSON, or why they cannot be replayed."""
-    each = {name: one for name, one in found.items() if isinstance(one, DryRun)}
-    failed = [one for one in found.values() if isinstance(one, Outcome)]
-    seconds = [one.seconds for one in each.values()]
-    return {
-        "status": "dry run",
-        "exit_code": failed[0].exit_code if failed else 0,
-        "workers": workers,
-        "seconds": max(sum(seconds) / workers, *seconds, 0.0),
-        "memory_mb": workers * max((one.memory_mb for one in each.values()), default=0.0),
-        "missions": [{"mission": name, **asdict(one)} for name, one in each.items()],
-        "failed": {one.name: one.failed for one in failed},
-    }
-
-
-def print_expected(answer: Mapping[str, Any], console: Console) -> None:
-    """Print the expected memory and time of missions from ``expected_json``, or why they cannot be replayed."""
-    columns = ("mission", "profiles", "points", "levels", "updates [s]", "memory [MB]")
-    rows = [
-        (
-            one["mission"],
-            str(one["profiles"]),
-            str(prod(one["grid"])),
-            str(len(one["levels"])),
-            f"{one['seconds']:.1f}",
-            f"{one['memory_mb']:.0f}",
-        )
-        for one in answer["missions"]
-    ]
-    print_table(console, "Expected", columns, rows)
-    print_lines(console, [f"FAILED: {name}: {why}" for name, why in answer["failed"].items()])
-    print_lines(
-        console,
-        [
-            f"{len(rows)} missions on {answer['workers']} workers: about {answer['seconds']:.0f} s of updates; up to "
-            f"{answer['memory_mb']:.0f} MB in all. Nothing was written."
-        ],
-    )
