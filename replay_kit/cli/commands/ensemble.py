@@ -1,7 +1,6 @@
 """``fetch``, ``fit``, ``config``, ``synthesize`` and ``twin``: fetched forecasts, the fitted prior, settings, synthetic data."""
 
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -116,15 +115,15 @@ def print_price(ensemble: tuple[Path, ...], config: "RunConfig", console: "Conso
     return _price(request_of(ReplayJob((), ensemble), config), console)
 
 
-def local_forecasts(jobs: Sequence[tuple["ReplayJob", "RunConfig"]]) -> list["ReplayJob"]:
-    """Return jobs whose forecasts are files: addresses are fetched, shared boxes once."""
-    if not any(addresses_in(each) for job, _ in jobs for each in (job.ensemble, *job.against)):
-        return [job for job, _ in jobs]
+def local_forecast(job: "ReplayJob", config: "RunConfig") -> "ReplayJob":
+    """Return a job whose forecasts are files; addresses are fetched."""
+    if not any(map(addresses_in, (job.ensemble, *job.against))):
+        return job
     # loads a client of servers
-    from replay_kit.workflows.fetch import with_local_forecasts
+    from replay_kit.workflows.fetch import with_local_forecast
 
     with progress():
-        return with_local_forecasts(jobs)
+        return with_local_forecast(job, config)
 
 
 def local_ensemble(
@@ -135,7 +134,7 @@ def local_ensemble(
         return ensemble
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
-    (job,) = local_forecasts([(ReplayJob(logs, ensemble), config)])
+    job = local_forecast(ReplayJob(logs, ensemble), config)
     return tuple(path for group in as_groups(job.ensemble, "ensemble") for path in group)
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from replay_kit.cli.commands.ensemble import local_ensemble, local_forecasts, print_price
+from replay_kit.cli.commands.ensemble import local_ensemble, local_forecast, print_price
 from replay_kit.cli.console import console_beside, part_named, progress, write_json, write_text
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
@@ -270,7 +270,7 @@ def smooth(
     from replay_kit.workflows.status import read_status
 
     job = ReplayJob(logs, ensemble, outputs.out, overwrite=outputs.overwrite)
-    (job,) = local_forecasts([(job, config)])
+    job = local_forecast(job, config)
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     with part_named(outputs.out), progress() as advance:
         outcome = smooth_logs(job, config, advance)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.commands.ensemble import local_forecasts
+from replay_kit.cli.commands.ensemble import local_forecast
 from replay_kit.cli.commands.following import Following
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import (
@@ -141,7 +141,7 @@ def replay(
     if not following.follow:
         also_read = [settings.file, config.planner.bathymetry_path]
         check_outputs(job, also_read, also_written=[outputs.json_file])
-    (job,) = local_forecasts([(job, config)])
+    job = local_forecast(job, config)
     if following.follow:
         return following.run(job, config, console, outputs.page, outputs.json_file)
     if dry_run:

@@ -149,9 +149,9 @@ def replay(
         )
         if addresses_in(job.ensemble):
             # loads a client of servers
-            from replay_kit.workflows.fetch import with_local_forecasts
+            from replay_kit.workflows.fetch import with_local_forecast
 
-            job = with_local_forecasts([(job, config)])[0]
+            job = with_local_forecast(job, config)
         with _notebook_progress() as progress:
             outcome, flow = replay_job(
                 job, config, planner_factory(options.get("planner")), progress
