@@ -142,13 +142,13 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
     check_paths([*logs, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
-    from replay_kit.workflows.info.qc import check_quality, print_quality, quality_json
+    from replay_kit.workflows.info.qc import check_quality, print_quality
 
     with progress() as advance:
         report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))
     print_quality(report, console_beside(answer.json_file))
-    write_json(answer.json_file, quality_json(report))
-    return report.exit_code
+    write_json(answer.json_file, report)
+    return int(report["exit_code"])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

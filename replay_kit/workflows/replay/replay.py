@@ -7,7 +7,6 @@ only.
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 
 from threadpoolctl import threadpool_limits
@@ -38,7 +37,7 @@ from replay_kit.workflows.replay.inputs.job import (
     input_stamps,
 )
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
-from replay_kit.workflows.replay.inputs.vehicles import by_tracks, identified
+from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.scoring import check_against, rivals
@@ -76,16 +75,7 @@ def replay(
     check_outputs(job)
     threads = threadpool_limits(limits=config.output.threads)
     with threads, _collecting_seldom():
-        job = identified(job, config)
-        try:
-            return _replay(job, config, planner_of, progress, forecasts)[:2]
-        except MeasurementError as error:
-            vehicles = by_tracks(job, config, error)
-            if not vehicles:
-                raise
-        # taken for one vehicle's, the logs are of several
-        job = identified(replace(job, vehicles=vehicles), config)
-        return _replay(job, config, planner_of, progress, None)[:2]
+        return _replay(identified(job, config), config, planner_of, progress, forecasts)[:2]
 
 
 @contextmanager

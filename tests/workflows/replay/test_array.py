@@ -64,14 +64,10 @@ def job_of(logs, out: Path, **more) -> ReplayJob:
 
 
 @pytest.mark.full
-def test_the_order_of_logs_and_whether_vehicles_are_named_makes_no_difference(
-    logs, tmp_path, result
-):
-    named = rk.replay(
-        dict(reversed(logs.items())), ENSEMBLE, out=tmp_path / "named.mcap", settings=SETTINGS
-    )
-    found = rk.replay(
-        list(logs.values())[::-1], ENSEMBLE, out=tmp_path / "found.mcap", settings=SETTINGS
+def test_the_order_of_logs_makes_no_difference(logs, tmp_path, result):
+    named, found = (
+        rk.replay(each, ENSEMBLE, out=tmp_path / f"{name}.mcap", settings=SETTINGS)
+        for name, each in (("named", logs), ("found", dict(reversed(logs.items()))))
     )
     assert named.path.read_bytes() == found.path.read_bytes()
     assert list(found.vehicles) == ["sg1", "sg2", "sg3"]

@@ -14,14 +14,12 @@ from replay_kit.core.arrays import Array, Times
 from replay_kit.core.block import PING, POSITION, Block
 from replay_kit.core.errors import ConfigError, MeasurementError
 from replay_kit.core.message import Message
-from replay_kit.core.table import Columns, chosen
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.tables.frames import SCHEMA
 from replay_kit.logs.tables.schemas import SENDERS
 from replay_kit.measurements.observed import begun, taken
-from replay_kit.measurements.track.positions import joined, no_rows
 from replay_kit.results.losses import iso_time
 
 #: What a MAVLink reader needs to decode for measurements.
@@ -153,18 +151,6 @@ class Logs:
         # messages that come once may be older than the span
         first_ns = max(min(spans), first_ns or min(spans))
         return Reach(each, middle, max(deepest), first_ns, max(spans))
-
-    @property
-    def positions(self) -> Columns:
-        """Positions that a replay would use, in order, as input of ``LogTracks``."""
-        return joined(
-            no_rows(),
-            *(
-                chosen(block.position, block.events[block.events[:, 1] == POSITION, 2])
-                for _, block in self.measured()
-                if len(block.position)
-            ),
-        )
 
     def measured(self) -> Iterator[tuple[Times, Block]]:
         """Yield the message times of each block [ns, UTC], and its measured events within the time span."""
