@@ -7,17 +7,17 @@ import pytest
 
 import replay_kit as rk
 from replay_kit.core.errors import ConfigError
-from tests.workflows.replay.interrupted import make_ocean
+from tests.workflows.replay.interrupted import QUICK, make_ocean
 
 SETTINGS = {
-    "estimator": {"modes": 12, "sample_share": 0.5, "shift_distance": 0.0},
+    "estimator": QUICK,
     "measurements": {"flight_bias": False},
 }
 
 
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
-    return make_ocean(tmp_path_factory.mktemp("ocean"), rk.RunConfig(**SETTINGS), 45)
+    return make_ocean(tmp_path_factory.mktemp("ocean"), rk.RunConfig(**SETTINGS), 36)
 
 
 def test_fed_message_by_message_and_asked_after_each_it_ends_with_the_estimate_of_a_replay(ocean):

@@ -15,6 +15,9 @@ from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 
+#: Settings of an estimator that is made at once: few modes, and a prior that is not fitted.
+QUICK = {"modes": 6, "sample_share": 0.5, "shift_distance": 0.0}
+
 
 class Killed(BaseException):
     """What stops a run in these tests and no code of the project knows."""

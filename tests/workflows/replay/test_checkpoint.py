@@ -21,6 +21,7 @@ from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.state_file import read_state, write_state
 from tests.workflows.replay.interrupted import (
+    QUICK,
     Killed,
     goes_on,
     job_in,
@@ -31,7 +32,8 @@ from tests.workflows.replay.interrupted import (
 
 CONFIG = RunConfig(
     planner=PlannerConfig(kind="glide"),
-    output=OutputConfig(checkpoint_interval=600.0, interval=7200.0),
+    estimator=QUICK,
+    output=OutputConfig(checkpoint_interval=1800.0, interval=7200.0),
 )
 GOAL = Place(152.3, -39.8, 150.0)
 
@@ -94,13 +96,14 @@ def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(
 ):
     if "truth" in more:
         more = more | {"truth": str(ocean / "truth.nc")}
-    goes_on(job_in(ocean, tmp_path / "out.mcap", **({"goal": None} | more)), config, 50, 15, 10)
+    goes_on(job_in(ocean, tmp_path / "out.mcap", **({"goal": None} | more)), config, 50, 15)
 
 
 def command_line(ocean, folder):
     """The run of ``whole`` as a command, its result in a folder."""
     (folder / "run.toml").write_text(
-        '[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[planner]\nkind = "glide"\n'
+        '[output]\ncheckpoint_interval = 1800.0\ninterval = 7200.0\n[planner]\nkind = "glide"\n'
+        "[estimator]\nmodes = 6\nsample_share = 0.5\nshift_distance = 0.0\n"
     )
     inputs = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --config {folder}/run.toml"
     line = f"replay {inputs} --goal=152.3,-39.8,150 --overwrite -o {folder}/out.mcap"

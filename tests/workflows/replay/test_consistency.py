@@ -46,7 +46,7 @@ from tests.workflows.replay.interrupted import goes_on, make_ocean, truth_in
 
 CONFIG = RunConfig(
     estimator={"modes": 20, "sample_share": 0.5, "shift_distance": 0.0},
-    output={"interval": 7200.0, "checkpoint_interval": 600.0},
+    output={"interval": 7200.0},
 )
 EDITS = {fault.name: fault.edit for fault in FAULTS}
 PINGS = 60
@@ -417,4 +417,5 @@ def test_frozen_positions_explain_that_no_profile_may_be_used_where_there_is_one
 def test_a_run_stopped_around_a_finding_gives_the_same_bytes(ocean, tmp_path):
     log = faulty(ocean, "profiles: both signs")
     job = ReplayJob((log,), ocean / "ensemble.nc", tmp_path / "out.mcap")
-    assert goes_on(job, CONFIG, 60, 40).exit_code == 6
+    often = with_settings(output={"interval": 7200.0, "checkpoint_interval": 600.0})
+    assert goes_on(job, often, 60, 40).exit_code == 6

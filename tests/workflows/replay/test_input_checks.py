@@ -21,9 +21,9 @@ from tests.command import invoke
 from tests.workflows.follow.delivery import CONFIG as FOLLOWED
 from tests.workflows.follow.delivery import Sea
 from tests.workflows.replay.given import moved
-from tests.workflows.replay.interrupted import make_ocean
+from tests.workflows.replay.interrupted import QUICK, make_ocean
 
-CONFIG = RunConfig(estimator={"modes": 6, "sample_share": 0.5, "shift_distance": 0.0})
+CONFIG = RunConfig(estimator=QUICK)
 
 
 @pytest.fixture(scope="module")

@@ -38,15 +38,15 @@ from tests import synthetic
 from tests.command import invoke, succeed
 from tests.results import result_samples
 from tests.synthetic_flow import constant, growing
-from tests.workflows.replay.interrupted import goes_on, job_in, make_ocean, run_until
+from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, make_ocean, run_until
 
 PLANNER = PlannerConfig(
     kind="mission", when="surfacing", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0
 )
 CONFIG = RunConfig(
-    estimator=EstimatorConfig(modes=12, sample_share=0.5),
+    estimator=QUICK,
     planner=PLANNER,
-    output=OutputConfig(checkpoint_interval=600.0, interval=7200.0),
+    output=OutputConfig(interval=7200.0),
 )
 GOAL = Place(152.42, -39.66, 0.0)
 
@@ -341,4 +341,5 @@ def test_the_current_is_known_for_twice_the_way_through_still_water_and_no_longe
 
 @pytest.mark.full
 def test_a_run_stopped_between_surfacings_is_that_of_a_run_that_was_not(ocean, tmp_path):
-    goes_on(job_in(ocean, tmp_path / "out.mcap", GOAL), CONFIG, 80)
+    often = CONFIG.model_copy(update={"output": OutputConfig(checkpoint_interval=600.0)})
+    goes_on(job_in(ocean, tmp_path / "out.mcap", GOAL), often, 80)

@@ -43,11 +43,10 @@ from tests.workflows.replay.interrupted import goes_on
 from tests.workflows.replay.test_inputs import NS, START, fix, written
 
 STRIP = Strip(14, 90, 20, 1.8, 420, 0)
-ESTIMATOR = EstimatorConfig(modes=60, sample_share=0.3)
+ESTIMATOR = EstimatorConfig(modes=30, sample_share=0.3)
 CONFIG = RunConfig(
     estimator=ESTIMATOR,
     gating=GatingConfig(gate="off"),
-    output=OutputConfig(checkpoint_interval=600.0),
 )
 SMALL_WINDOWS = CONFIG.model_copy(update={"forecast": ForecastConfig(window_points=STRIP.window)})
 
@@ -229,6 +228,7 @@ def test_windows_are_not_smoothed(strip, tmp_path):
 def test_a_stopped_run_in_a_region_or_windows_goes_on_to_the_same_bytes(
     strip, tmp_path, log, config, stop_after
 ):
+    often = config.model_copy(update={"output": OutputConfig(checkpoint_interval=600.0)})
     goes_on(
-        job(strip, log, tmp_path / "out.mcap", truth=str(strip / "truth.nc")), config, stop_after
+        job(strip, log, tmp_path / "out.mcap", truth=str(strip / "truth.nc")), often, stop_after
     )

@@ -33,7 +33,9 @@ from tests.command import invoke, succeed
 from tests.logs.mavlink.telemetry_samples import write_tlog
 from tests.results.result_samples import decoded
 
-SETTINGS = RunConfig(planner=PlannerConfig(kind="glide"))
+SETTINGS = RunConfig(
+    planner=PlannerConfig(kind="glide"), estimator=EstimatorConfig(modes=20, sample_share=0.5)
+)
 GOAL = Place(152.3, -39.8, 150.0)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.run import EstimatorConfig, ForecastConfig
+from replay_kit.config.run import EstimatorConfig, ForecastConfig, OutputConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.plan import Place
 from replay_kit.core.region import bounds_of, inside
@@ -31,6 +31,7 @@ SETTINGS = CONFIG.model_copy(
     update={
         "estimator": EstimatorConfig(modes=20, sample_share=0.3, shift_distance=0.0),
         "forecast": ForecastConfig(window_points=BASIN.window),
+        "output": OutputConfig(checkpoint_interval=600.0),
     }
 )
 # Columns of the grid along which each goes: one in the west, one that comes into its window, one in the east.
