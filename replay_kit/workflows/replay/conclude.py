@@ -13,7 +13,6 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast import ensemble_files
 from replay_kit.forecast.members.rules import Elsewhere
-from replay_kit.logs.opening import logs_in
 from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.outcome.parts import (
     comparison_part,
@@ -32,7 +31,6 @@ from replay_kit.workflows.replay.prepare import Prepared
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.scoring import (
     name_of,
-    rival_inputs,
     score_against_truth,
 )
 from replay_kit.workflows.replay.stages.consistency import conclusions, require_one_vehicle
@@ -52,14 +50,13 @@ def conclude(
         others: Names of competing forecasts, and the log evidence under each.
     """
     job, useless = inputs.job, useless_of(run, inputs)
-    logs = [file for path in job.logs for file in logs_in(path)]
-    about = cited((*logs, *ensemble_files(job.ensemble)), run.config)
+    about = cited((*job.log_files, *ensemble_files(job.ensemble)), run.config)
     flows, windows = _last_flows(run, about)
     found = [_found(run, number, inputs, own) for number, own in enumerate(flows)]
     for each, of in zip(found, run.of, strict=True):
         if others and (evidence := of.counts.log_evidence) is not None:
             each["comparison"] = comparison_part(name_of(job.ensemble), evidence, others)
-    files = (*job.logs, *ensemble_files(job.ensemble), *rival_inputs(job.against).values())
+    files = (*job.logs, *job.forecasts)
     if job.vehicles:
         outcome = made(_of_several(run, inputs, flows, found, useless, bool(windows)), files)
     else:

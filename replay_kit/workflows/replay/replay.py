@@ -21,7 +21,7 @@ from replay_kit.core.errors import (
     ReplayKitError,
 )
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.inputs import check_unchanged
+from replay_kit.core.inputs import check_unchanged, stamps_of
 from replay_kit.core.progress import Progress, silent
 from replay_kit.logs.reader import reading
 from replay_kit.results.mcap_writer import ResultWriter
@@ -34,7 +34,6 @@ from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
     check_outputs,
     copy_inputs,
-    input_stamps,
 )
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
 from replay_kit.workflows.replay.inputs.vehicles import identified
@@ -95,7 +94,7 @@ def _replay(
     progress: Progress,
     forecasts: Forecasts | None,
 ) -> tuple[Outcome, FlowEstimate, Run]:
-    read = input_stamps(job)
+    read = stamps_of([*job.log_files, *job.forecasts])
     # before the run itself: a forecast that cannot be used should cost no result
     others = tuple(
         rivals(
