@@ -150,9 +150,11 @@ def test_a_value_that_differs_is_named_with_its_table_and_size(run, tmp_path, to
             else:
                 setattr(message, name, getattr(message, name) * (1.0 + share))
 
-        return verdict_on(run, tmp_path, (index_of(run / "out.mcap", topic), edited(edit)))
+        result, other = run / "out.mcap", tmp_path / "other.mcap"
+        # a replay gives the same values, as the test above says
+        return difference(result, changed(result, other, (index_of(result, topic), edited(edit))))
 
-    (found,) = by(1e-6).difference.tables
+    (found,) = by(1e-6).tables
     assert (found.name, {*found.columns}) == (table, {name})
     # the last bits of a number are no difference
     assert topic == "/flow/innovation" or by(1e-12).same

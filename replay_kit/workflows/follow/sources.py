@@ -157,14 +157,7 @@ def change_words(before: Source | None, now: Source, known: Mapping[Path, Source
         and _sha256_or_none(now.path, before.stamp[2]) == before.sha256
     ):
         return f"grew from {before.stamp[2]} to {now.stamp[2]} bytes"
-    how = (
-        "shrank"
-        if now.stamp[2] < before.stamp[2]
-        else "was replaced"
-        if now.stamp[:2] != before.stamp[:2]
-        else "was written anew"
-    )
-    return f"{how}: the replay goes back before the change"
+    return "was changed: the replay goes back before the change"
 
 
 def _sha256(path: Path, size: int) -> str:

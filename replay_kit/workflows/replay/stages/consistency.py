@@ -29,7 +29,10 @@ from replay_kit.workflows.replay.stages.counts import Counts
 from replay_kit.workflows.replay.stages.estimation import Dive, Step, assimilate
 from replay_kit.workflows.replay.stages.forecast_file import FileCheck
 
-_UNDETERMINED = "nothing here can tell whether directions are right"
+_UNDETERMINED = (
+    "nothing here can tell whether directions are right; profiles beside mean currents that they were not computed from, a GPS drift or a "
+    "bottom track would"
+)
 # Observations before which nothing is said of the forecast.
 _LEAST_OBSERVATIONS = 3
 # Rejected measurements of one source before which nothing is said.
@@ -253,7 +256,7 @@ def conclusions(
     if all(finding.name in (ENSEMBLE, findings.FORECAST) for finding in found):
         found += tuple(finding for finding in of_forecast if not found or finding.name != ENSEMBLE)
     if not state.checks.can_tell_directions:
-        blind.append(_undetermined(state))
+        blind.append(_UNDETERMINED)
     if state.checks.pings[0] and not state.checks.pings[1]:
         blind.append(_SHEAR_ALONE)
     return found, (*blind, *unknowable(state.checks))
@@ -268,17 +271,6 @@ def _preferred(state: MonitoringState) -> Finding | None:
             evidence = f"{rejected} of {asked} rejected"
             return findings.preferred(kind, min(others, key=lambda other: shares[other]), evidence)
     return None
-
-
-def _undetermined(state: MonitoringState) -> str:
-    """Return why nothing in a log confirms directions, and what would; empty otherwise."""
-    if not state.checks.pings[0]:
-        return f"{_UNDETERMINED}; profiles of the current beside the mean currents would"
-    if not state.means:
-        return f"{_UNDETERMINED}; a mean current, GPS drift or bottom track would"
-    if all(mean.beside_profiles for mean in state.means):
-        return f"{_UNDETERMINED}, for the profiles were computed from the mean currents; a GPS drift or bottom track would"
-    return f"{_UNDETERMINED}, for the mean currents are too few or too weak; more of them, or a bottom track, would"
 
 
 def _of_forecast(counts: Counts, moved: bool) -> tuple[Finding, ...]:
