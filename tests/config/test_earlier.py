@@ -51,6 +51,7 @@ def test_a_removed_key_is_refused_with_what_to_write_instead(tmp_path, toml, ins
     [
         ("plan flow.nc --policy a.csv", "It was removed: it assumed"),
         ("plan flow.nc --profile-error 1", "It was removed: without"),
+        ("fleet fleet.toml -o out --dry-run", "It was removed: replay --dry-run"),
         (
             "plan flow.nc --start=1,2,0 --goal=1,2,0 --objective map",
             "--objective has no map any more: without adaptive",

@@ -90,7 +90,7 @@ def info(
         # the libraries that read a forecast take longer to load than a log's index to read
         if ensemble:
             from replay_kit.forecast import describe_ensemble
-            from replay_kit.workflows.ensemble import ensemble_json, print_ensemble
+            from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
             from replay_kit.workflows.info.import_check import (
                 check_logs,
                 import_check_json,
