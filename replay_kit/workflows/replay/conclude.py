@@ -250,12 +250,9 @@ def _score(
     if forecasts.read is not None:
         forecasts, box = forecasts.in_last_window(flow.grid)
         truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
-    positions = [place for of in run.of for place in of.counts.positions]
     ensemble = forecasts.nearest(flow.time_ns)
     try:
-        score, truth_flow = score_against_truth(
-            flow, ensemble, truth, positions, job.truth_radius_km, config.estimator
-        )
+        score, truth_flow = score_against_truth(flow, ensemble, truth, config.estimator)
     except MeasurementError as error:
         return None, [f"no score: {error}"]
     if job.vehicles:

@@ -88,7 +88,7 @@ WINDOW = CONFIG.model_copy(update={"time": TimeConfig(scale=432_000.0, window=18
             {"logs": ("glider.mcap", "survey.mcap"), "include_inputs": True},
             marks=pytest.mark.full,
         ),
-        pytest.param(CONFIG, {"truth": True, "truth_radius_km": 8.0}, marks=pytest.mark.full),
+        pytest.param(CONFIG, {"truth": True}, marks=pytest.mark.full),
     ],
 )
 def test_a_run_stopped_again_and_again_gives_the_bytes_of_one_that_was_not(

@@ -281,7 +281,7 @@ def test_goals_outside_the_region_or_on_land(ocean, tmp_path, goal):
 
 def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
     inputs = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --goal 152.3,-39.8,150"
-    scored = f"--planner glide --truth {ocean}/truth.nc --truth-radius 25"
+    scored = f"--planner glide --truth {ocean}/truth.nc"
     done = succeed(f"replay {inputs} {scored} -o {tmp_path}/o.mcap --json {tmp_path}/o.json")
     assert "Against the truth over" in done.output
     # the score against the truth takes two lines
@@ -334,7 +334,7 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
     flow = embed_member(ensemble, 0, EstimatorConfig(nugget=1e-9))
     part = synthetic.dataset(shape=(9, 16), south=70.0, step=1.0).isel(lon=slice(0, 5), member=[0])
     truth = synthetic.as_read(part)
-    score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
+    score, _ = score_against_truth(flow, ensemble, truth, EstimatorConfig())
     # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
     assert score["rmse"] < 6e-3
 

@@ -78,7 +78,6 @@ class ReplayJob:
         netcdf: Gridded estimate, CF NetCDF.
         save_estimate: Lossless estimate, NetCDF.
         truth: ``PATH`` or ``PATH#MEMBER`` to score against.
-        truth_radius_km: Score only grid points this near to a profile used; None scores all.
         checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
         overwrite: Whether existing outputs are replaced.
         include_inputs: Whether the logs' messages are copied into the result.
@@ -98,7 +97,6 @@ class ReplayJob:
     netcdf: Path | None = None
     save_estimate: Path | None = None
     truth: str | None = None
-    truth_radius_km: float | None = None
     checkpoint: Path | None = None
     overwrite: bool = False
     include_inputs: bool = False
