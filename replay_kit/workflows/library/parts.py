@@ -178,9 +178,7 @@ def planner_factory(planner: PlannerFactory | Planner | None) -> PlannerFactory:
     if callable(planner):
         return planner
     lacking = [
-        name
-        for name in ("plan", "check", "with_odds", "closest_approach", "seabed")
-        if not hasattr(planner, name)
+        name for name in ("plan", "check", "with_odds", "seabed") if not hasattr(planner, name)
     ]
     if lacking:
         raise ConfigError(

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from replay_kit.core.as_flown import AS_FLOWN
-from replay_kit.core.errors import MeasurementError, PlanError, finding_json
+from replay_kit.core.errors import MeasurementError, finding_json
 from replay_kit.core.evidence import Evidence
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
@@ -35,7 +35,6 @@ from replay_kit.workflows.replay.scoring import (
 )
 from replay_kit.workflows.replay.stages.consistency import conclusions, require_one_vehicle
 from replay_kit.workflows.replay.stages.forecast_file import check_file
-from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
 
 
@@ -235,40 +234,17 @@ def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str
 
 def _score(
     run: Run, inputs: Prepared, truth: Ensemble, flow: FlowEstimate
-) -> tuple[dict[str, float | None] | None, list[str]]:
-    """Return the score as far as available, and the reasons for missing parts."""
-    job, forecasts, prior_flow, config = (
-        inputs.job,
-        inputs.forecasts,
-        inputs.prior_flow,
-        run.config,
-    )
+) -> tuple[dict[str, float] | None, list[str]]:
+    """Return the score, None with the reason where none of the truth can be scored."""
+    job, forecasts, config = inputs.job, inputs.forecasts, run.config
     if forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
         truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
-        prior_flow = prior_flow.moved(run.last_ns)
     if forecasts.read is not None:
         forecasts, box = forecasts.in_last_window(flow.grid)
         truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
     ensemble = forecasts.nearest(flow.time_ns)
     try:
-        score, truth_flow = score_against_truth(flow, ensemble, truth, config.estimator)
+        return score_against_truth(flow, ensemble, truth, config.estimator), []
     except MeasurementError as error:
         return None, [f"no score: {error}"]
-    if job.vehicles:
-        # each vehicle has a plan of its own
-        return score, []
-    problem, result = run.problem(0), run.of[0].planning.result
-    if problem is None or result is None or result.plan.status == "failed":
-        return score, []
-    plan = result.plan
-    query = PlanQuery(plan.start, plan.goal, plan.start_time_ns)
-    mean_plan = problem.planner.plan(prior_flow, query)
-    try:
-        closest = [
-            problem.planner.closest_approach(truth_flow, planned) for planned in (result, mean_plan)
-        ]
-    except PlanError as error:
-        return score, [f"the plans cannot be flown in the truth: {error}"]
-    names = ("closest_approach_m", "ensemble_mean_closest_approach_m")
-    return score | dict(zip(names, closest, strict=True)), []

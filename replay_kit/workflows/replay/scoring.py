@@ -47,8 +47,8 @@ def score_against_truth(
     ensemble: Ensemble,
     truth: Ensemble,
     config: EstimatorConfig,
-) -> tuple[dict[str, float | None], FlowEstimate]:
-    """Return the scores of an outcome, without closest approaches, and the truth as a flow.
+) -> dict[str, float]:
+    """Return the scores of an outcome.
 
     The truth is compared at its own grid points that lie inside the ensemble's region and levels: RMSE is the root mean square
     length of the error vector, unweighted, and the relative error is over the truth's RMS speed there.
@@ -57,7 +57,7 @@ def score_against_truth(
         flow: Estimate.
         ensemble: Ensemble, whose mean is scored too.
         truth: An ensemble of one.
-        config: Settings of the truth's embedding.
+        config: Settings of the embedding of the ensemble's mean.
 
     Raises:
         MeasurementError: No grid point of the truth can be scored.
@@ -65,15 +65,12 @@ def score_against_truth(
     at = scored_points(flow.grid, truth)
     mean = _ensemble_mean_at(ensemble, truth, config, at)
     rmse, speed = rms_length(flow.velocity(*at.place) - at.velocity), rms_length(at.velocity)
-    score: dict[str, float | None] = {
+    return {
         "rmse": rmse,
         "rel_error": rmse / speed,
         "ensemble_mean_rmse": rms_length(mean - at.velocity),
         "points": int(at.depth.size),
-        "closest_approach_m": None,
-        "ensemble_mean_closest_approach_m": None,
     }
-    return score, embed_member(truth, 0, config)
 
 
 def scored_points(grid: Grid, truth: Ensemble) -> ScoredPoints:

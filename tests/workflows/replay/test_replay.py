@@ -14,7 +14,7 @@ from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig,
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
 from replay_kit.core.flow.file import load
 from replay_kit.core.message import Message
-from replay_kit.core.plan import Place, Plan
+from replay_kit.core.plan import Place
 from replay_kit.estimator import ReducedBasisEstimator, embed_member
 from replay_kit.forecast import read_truth
 from replay_kit.logs import open_log
@@ -27,7 +27,6 @@ from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.prepare import with_planner_kind
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
-from replay_kit.workflows.replay.stages.planner import PlanResult
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.logs.mavlink.telemetry_samples import write_tlog
@@ -334,7 +333,7 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
     flow = embed_member(ensemble, 0, EstimatorConfig(nugget=1e-9))
     part = synthetic.dataset(shape=(9, 16), south=70.0, step=1.0).isel(lon=slice(0, 5), member=[0])
     truth = synthetic.as_read(part)
-    score, _ = score_against_truth(flow, ensemble, truth, EstimatorConfig())
+    score = score_against_truth(flow, ensemble, truth, EstimatorConfig())
     # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
     assert score["rmse"] < 6e-3
 
@@ -372,29 +371,3 @@ def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
     )
     done = invoke(f"{arguments} -o {tmp_path}/o.mcap")
     assert isinstance(done.exception, ConfigError)
-
-
-class Failing:
-    """A planner that finds nothing, and flies nothing."""
-
-    seabed = None
-
-    def check(self, flow, goal):
-        pass
-
-    def with_odds(self):
-        return self
-
-    def plan(self, flow, query):
-        none, at = np.empty(0), (query.start, query.goal, query.start_time_ns)
-        return PlanResult(
-            Plan("failed", *at, *[np.nan] * 3, none, *[np.nan] * 2, none, none, "no path")
-        )
-
-
-def test_with_a_failed_plan_the_estimate_alone_is_scored(ocean):
-    truth = str(ocean / "truth.nc")
-    job = ReplayJob((ocean / "survey.mcap",), ocean / "ensemble.nc", goal=GOAL, truth=truth)
-    score = replay(job, SETTINGS, lambda *_: Failing())[0].truth
-    assert score["rmse"] > 0.0
-    assert score["closest_approach_m"] is None
