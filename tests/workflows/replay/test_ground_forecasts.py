@@ -14,7 +14,6 @@ from replay_kit.core.observation import (
     PathMean,
     Profiles,
     Source,
-    VehicleState,
 )
 from replay_kit.results.outcome.parts import expected_part
 from replay_kit.workflows.replay.surfacings.forecasts import (
@@ -25,6 +24,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
 )
 from tests import synthetic
 from tests.reference import mean_currents as slow
+from tests.workflows.replay.given import position
 
 GRID = synthetic.ensemble(n_members=2).grid
 LEVELS = np.array([0.0, 100.0, 400.0])
@@ -39,9 +39,9 @@ def currents(n, seed=0, std=0.08):
     return drawn * np.array([1.5, 1.0, 0.5])[:, None]
 
 
-def position(seconds, place, depth, dead_reckoned):
+def at(seconds, place, depth, reckoned):
     longitude, latitude = (float(value) for value in to_geographic(GRID.projection, *place))
-    return VehicleState(int(seconds * 1e9), longitude, latitude, depth, dead_reckoned, SOURCE)
+    return position(seconds, longitude, latitude, depth, reckoned)
 
 
 def dive(k, place, current, way=WAY):
@@ -50,13 +50,13 @@ def dive(k, place, current, way=WAY):
     times, depths = np.array([0.0, 0.4 * SECONDS, SECONDS]), np.array([0.0, 300.0, 0.0])
     end = place + SECONDS * (way + slow.mean_along(times, depths, LEVELS, current))
     under = [
-        position(begin + t, place, np.interp(t, times, depths), True)
+        at(begin + t, place, np.interp(t, times, depths), True)
         for t in np.arange(600.0, SECONDS, 600.0)
     ]
     return [
-        position(begin, place, 0.0, False),
+        at(begin, place, 0.0, False),
         *under,
-        position(begin + SECONDS, end, 0.0, False),
+        at(begin + SECONDS, end, 0.0, False),
     ], end
 
 
@@ -248,7 +248,7 @@ def test_where_positions_have_no_depths_the_number_of_the_dive_tells():
 
 
 def test_a_vessel_at_the_surface_has_no_surfacings():
-    fixes = [position(60.0 * k, (100.0 * k, 0.0), 0.0, False) for k in range(20)]
+    fixes = [at(60.0 * k, (100.0 * k, 0.0), 0.0, False) for k in range(20)]
     assert expected(fixes, estimate(currents(1))) == ()
     assert next_surfacing(ForecastState(), estimate(currents(1))(0)) is None
 

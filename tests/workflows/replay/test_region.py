@@ -15,7 +15,6 @@ from replay_kit.config.run import (
     load_config,
 )
 from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
 from replay_kit.estimator.windows.filter import WindowedEstimator
@@ -39,6 +38,7 @@ from replay_kit.workflows.replay.stages.publishing import (
 from replay_kit.workflows.smooth import smooth
 from tests import synthetic
 from tests.benchmarks.windows import LEVELS, Sea, Strip, sea
+from tests.measurements.samples import ping
 from tests.workflows.replay.interrupted import goes_on
 from tests.workflows.replay.test_inputs import NS, START, fix, written
 
@@ -63,13 +63,10 @@ def log_along(path: Path, of: Sea, longitude: np.ndarray) -> Path:
     for k, x in enumerate(longitude):
         column = int(np.argmin(np.abs(of.longitude - x)))
         u, v = of.velocity[-1, :, 0, row, column]
-        ping = {
-            "coordinate_system": "earth", "reference": "earth", "orientation": "down", "bin_mapped": True, "n_cells": 2, "cell_size": 10.0,
-            "bin0_distance": 10.0, "transducer_depth": 0.0, "velocity": [[float(u), float(v), 0.0, None]] * 2, "velocity_std": 0.05,
-            "heading": 0.0, "pitch": 0.0, "roll": 0.0, "declination_applied": True,
-        }  # fmt: skip
+        cells = {"n_cells": 2, "cell_size": 10.0, "bin0_distance": 10.0, "velocity_std": 0.05}
+        found = ping(600 * k, velocity=[[float(u), float(v), 0.0]] * 2, **cells)
         messages.append(fix(600 * k, float(of.longitude[column]), float(of.latitude[row])))
-        messages.append(Message(START + 600 * k * NS, "/adcp", "replay_kit.AdcpPing", ping, 0, 0))
+        messages.append(found._replace(time_ns=START + 600 * k * NS))
     return written(path, messages)
 
 

@@ -30,6 +30,7 @@ from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.logs.mavlink.telemetry_samples import write_tlog
+from tests.measurements.samples import fix, ping
 from tests.results.result_samples import decoded
 
 SETTINGS = RunConfig(
@@ -192,26 +193,8 @@ def test_a_truncated_log_is_used_as_far_as_it_is_whole_and_the_loss_said(ocean, 
 
 
 def nan_pings(folder):
-    ping = {
-        "coordinate_system": "earth",
-        "reference": "earth",
-        "orientation": "down",
-        "n_cells": 2,
-        "cell_size": 32.0,
-        "bin0_distance": 16.0,
-        "velocity": [[None, None, None]] * 2,
-        "velocity_std": 0.09,
-        "pressure": 0.0,
-    }
-    fix = {"longitude": 152.3, "latitude": -39.8}
-    messages = [
-        message
-        for k in range(3)
-        for message in (
-            Message(k * 10**9, "/vehicle/fix", "foxglove.LocationFix", fix, 0, 2 * k),
-            Message(k * 10**9, "/adcp", "replay_kit.AdcpPing", ping, 0, 2 * k + 1),
-        )
-    ]
+    cells = {"n_cells": 2, "velocity": [[None] * 3] * 2}
+    messages = [one for k in range(3) for one in (fix(k, 152.3, -39.8), ping(k, **cells))]
     write_mcap_log(folder / "bad.mcap", messages)
 
 
