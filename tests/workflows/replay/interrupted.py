@@ -55,6 +55,12 @@ def run_until(job, config, stop_after):
         return replay(job, config, planner_of)
 
 
+def often(config):
+    """The settings of a run that keeps a state every ten minutes of its log."""
+    output = config.output.model_copy(update={"checkpoint_interval": 600.0})
+    return config.model_copy(update={"output": output})
+
+
 def goes_on(job: ReplayJob, config, *stops: int):
     """The summary of a run that was stopped after so many messages each time: its bytes are a whole run's, and are verified."""
     whole, _ = run_until(job, config, None)

@@ -28,7 +28,7 @@ from tests.faulty import Faults
 from tests.measurements.samples import events_of
 from tests.places import SAMPLES
 from tests.workflows.replay.given import moved
-from tests.workflows.replay.interrupted import QUICK, goes_on
+from tests.workflows.replay.interrupted import QUICK, goes_on, often
 
 ENSEMBLE = SAMPLES / "ensemble.nc"
 SETTINGS = {
@@ -247,5 +247,4 @@ def test_the_command_line_names_vehicles_and_their_goals(logs, tmp_path):
 
 @pytest.mark.full
 def test_an_interrupted_replay_goes_on_to_the_same_bytes(logs, tmp_path):
-    often = RunConfig(**SETTINGS, output={"checkpoint_interval": 3600.0})
-    goes_on(job_of(logs, tmp_path / "out.mcap"), often, 120)
+    goes_on(job_of(logs, tmp_path / "out.mcap"), often(CONFIG), 120)

@@ -37,7 +37,7 @@ from tests.command import invoke
 from tests.faulty import Faults, write_glider
 from tests.planted import in_centimetres
 from tests.workflows.replay.given import moved
-from tests.workflows.replay.interrupted import goes_on, make_ocean, truth_in
+from tests.workflows.replay.interrupted import goes_on, make_ocean, often, truth_in
 
 CONFIG = RunConfig(
     estimator={"modes": 20, "sample_share": 0.5, "shift_distance": 0.0},
@@ -386,5 +386,4 @@ def test_frozen_positions_explain_that_no_profile_may_be_used_where_there_is_one
 def test_a_run_stopped_around_a_finding_gives_the_same_bytes(ocean, tmp_path):
     log = faulty(ocean, "profiles: both signs")
     job = ReplayJob((log,), ocean / "ensemble.nc", tmp_path / "out.mcap")
-    often = with_settings(output={"interval": 7200.0, "checkpoint_interval": 600.0})
-    assert goes_on(job, often, 60, 40).exit_code == 6
+    assert goes_on(job, often(CONFIG), 60, 40).exit_code == 6

@@ -39,7 +39,7 @@ from tests.command import invoke, succeed
 from tests.results import result_samples
 from tests.synthetic_flow import constant, growing
 from tests.workflows.replay.given import position
-from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, make_ocean, run_until
+from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, make_ocean, often, run_until
 
 PLANNER = PlannerConfig(
     kind="mission", when="surfacing", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0
@@ -335,5 +335,4 @@ def test_the_current_is_known_for_twice_the_way_through_still_water_and_no_longe
 
 @pytest.mark.full
 def test_a_run_stopped_between_surfacings_is_that_of_a_run_that_was_not(ocean, tmp_path):
-    often = CONFIG.model_copy(update={"output": OutputConfig(checkpoint_interval=600.0)})
-    goes_on(job_in(ocean, tmp_path / "out.mcap", GOAL), often, 80)
+    goes_on(job_in(ocean, tmp_path / "out.mcap", GOAL), often(CONFIG), 80)

@@ -10,7 +10,6 @@ from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import (
     EstimatorConfig,
     ForecastConfig,
-    OutputConfig,
     RunConfig,
     load_config,
 )
@@ -39,7 +38,7 @@ from replay_kit.workflows.smooth import smooth
 from tests import synthetic
 from tests.benchmarks.windows import LEVELS, Sea, Strip, sea
 from tests.measurements.samples import ping
-from tests.workflows.replay.interrupted import goes_on
+from tests.workflows.replay.interrupted import goes_on, often
 from tests.workflows.replay.test_inputs import NS, START, fix, written
 
 STRIP = Strip(14, 90, 20, 1.8, 420, 0)
@@ -225,7 +224,5 @@ def test_windows_are_not_smoothed(strip, tmp_path):
 def test_a_stopped_run_in_a_region_or_windows_goes_on_to_the_same_bytes(
     strip, tmp_path, log, config, stop_after
 ):
-    often = config.model_copy(update={"output": OutputConfig(checkpoint_interval=600.0)})
-    goes_on(
-        job(strip, log, tmp_path / "out.mcap", truth=str(strip / "truth.nc")), often, stop_after
-    )
+    again = job(strip, log, tmp_path / "out.mcap", truth=str(strip / "truth.nc"))
+    goes_on(again, often(config), stop_after)

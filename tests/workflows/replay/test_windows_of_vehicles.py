@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.run import EstimatorConfig, ForecastConfig, OutputConfig
+from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.plan import Place
 from replay_kit.core.region import bounds_of, inside
@@ -23,15 +23,14 @@ from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle
 from replay_kit.workflows.replay.replay import replay
 from tests.benchmarks.windows import Strip, sea
 from tests.workflows.follow.delivery import contents
-from tests.workflows.replay.interrupted import goes_on
+from tests.workflows.replay.interrupted import goes_on, often
 from tests.workflows.replay.test_region import CONFIG, STRIP, as_dataset, log_along
 
 BASIN = Strip(12, 104, 10, 1.2, 300, 0)
-SETTINGS = CONFIG.model_copy(
+SETTINGS = often(CONFIG).model_copy(
     update={
         "estimator": EstimatorConfig(modes=20, sample_share=0.3, shift_distance=0.0),
         "forecast": ForecastConfig(window_points=BASIN.window),
-        "output": OutputConfig(checkpoint_interval=600.0),
     }
 )
 # Columns of the grid along which each goes: one in the west, one that comes into its window, one in the east.
