@@ -250,7 +250,7 @@ def _begin(job: PlanRequest, known: KnownCurrent) -> tuple[int, tuple[str, ...]]
     if horizon is not None and last is not None and begin_ns + horizon * 1e9 > last:
         raise PlanError(
             f"--horizon: expected at most {(last - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last)}, got "
-            f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out to plan the rest in the last current known"
+            f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out"
         )
     return begin_ns, notes
 

@@ -230,5 +230,5 @@ def _nowhere(logs: Sequence[str], config: RunConfig) -> MeasurementError:
         more = "widen --start and --end, or "
     return MeasurementError(
         f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; {more}leave the option out; "
-        f"replay-kit info {logs[0]} lists the contents of a log, and --suggest map.toml maps topics of unknown types"
+        f"replay-kit info {logs[0]} lists what is there"
     )
