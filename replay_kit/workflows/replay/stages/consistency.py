@@ -24,7 +24,7 @@ from replay_kit.measurements.checks.profile import (
     odd_ensemble_speeds,
 )
 from replay_kit.measurements.means import TOO_FAST
-from replay_kit.measurements.track.reach import COLUMNS
+from replay_kit.measurements.track.reach import COLUMNS, THROWN
 from replay_kit.workflows.replay.stages.counts import Counts
 from replay_kit.workflows.replay.stages.estimation import Dive, Step, assimilate
 from replay_kit.workflows.replay.stages.forecast_file import FileCheck
@@ -32,7 +32,7 @@ from replay_kit.workflows.replay.stages.forecast_file import FileCheck
 _UNDETERMINED = "nothing here can tell whether directions are right"
 # Observations before which nothing is said of the forecast.
 _LEAST_OBSERVATIONS = 3
-# Rejected measurements of one source before which nothing is said.
+# Rejected measurements of one source, and positions out of reach, before which nothing is said.
 _LEAST_REJECTED = 5
 # Values of another source, and their normalised innovation squared, before they are said not to fit.
 _LEAST_VALUES, _MOST_NIS = 20, 3.0
@@ -237,6 +237,10 @@ def conclusions(
     used = sum(mean.kind == "dac" for mean in state.means)
     if fast > 2 * used and not any(finding.name == SCALE for finding in found):
         found += (findings.too_fast(TOO_FAST, fast, fast + used),)
+    thrown = {topic: n for (topic, reason), n in counts.skipped.items() if reason == THROWN}
+    out, total = sum(thrown.values()), sum(counts.used.get(topic, 0) for topic in thrown)
+    if out >= _LEAST_REJECTED and 3 * out > total:
+        found += (findings.mixed_tracks(out, out + total),)
     if not found and (of_gate := _preferred(state)) is not None:
         found += (of_gate,)
     if not found:
@@ -287,4 +291,5 @@ def _of_forecast(counts: Counts, moved: bool) -> tuple[Finding, ...]:
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
         return (findings.forecast_misfit(evidence, moved),)
-    return (ensemble_contradicts(evidence),) if 2 * beyond > total else ()
+    least = 0.2 if beyond >= _LEAST_REJECTED else 0.5
+    return (ensemble_contradicts(evidence),) if beyond > least * total else ()
