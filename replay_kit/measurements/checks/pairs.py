@@ -417,9 +417,9 @@ def _rotation_finding(
         explained,
         COMPASS,
         f"{what}; relative to the vehicle the profiles look {explained.names}",
-        "the compass, the sign of the heading or of the declination, the order of the beams, or how the instrument is mounted; "
-        "of a DVL its axes, where forward, left and up are taken for forward, starboard and down (measurements.dvl_axes)",
-        "its profiles are not used, the estimate is rebuilt without them; correct the instrument's settings and replay again",
+        "the compass, the sign of heading or declination, the order of the beams, or the mounting; "
+        "of a DVL forward, left, up taken for forward, starboard, down (measurements.dvl_axes)",
+        "its profiles are not used; correct the instrument's settings and replay again",
         unless,
     )
 
@@ -444,10 +444,7 @@ def _source_finding(mean: Rows, best: Explanation, rivals: str) -> list[Found]:
     else:
         name, unit = (OFFSET, "m/s") if best.kind == "offset" else (DRIFT, "m/s an hour")
         evidence = f"profiles less mean currents of dives: {best.value.real:+.3f} east, {best.value.imag:+.3f} north {unit}"
-        cause = (
-            "the velocity of the platform that is in the profiles, an instrument's offset, "
-            "or the flight model behind the mean currents of dives"
-        )
+        cause = "the platform's velocity in the profiles, an instrument's offset, or the flight model behind the mean currents"
         advice = _CHECK_BOTH.format("both")
     return finding_of(mean, best, name, evidence, cause + rivals, advice, _KNOWN)
 
@@ -470,7 +467,7 @@ def of_means(memory: Memory, means: Rows) -> Judged:
         lambda k: (
             f"{_EQUAL} dives in a row have the mean current {latest[k, 0, 0]:g} east, {latest[k, 0, 1]:g} north m/s"
         ),
-        "a mean current that was never computed, and is logged as zero or as the last one",
+        "a mean current that was never computed, logged as zero or the last one",
         "withhold them (--without dac), or compute them from dead reckoning",
         since=lambda k: times[k, 0],
     )
