@@ -166,8 +166,7 @@ def _calibration(found: Calibration, measured: Measured) -> Figure:
         "Innovations against their stated errors",
         [Panel(title, axis, Axis("density", from_zero=True), marks, note=note)],
         f"{found.standardized.size:,} components of the bins used{of}: mean {mean} (expected 0), standard deviation "
-        f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias. "
-        "The outermost bars include all values beyond.",
+        f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias.",
         "Histogram of the standardised innovations with the standard normal curve.",
     )
 
