@@ -30,7 +30,7 @@ _FOREIGN = (
     ),
     (
         b"s: ",
-        "a list of sensors of a Slocum's files; give the files, which find it in their folder or in cac beside them",
+        "a list of sensors of a Slocum's files; give these files",
     ),
     (
         b"SQLite format 3",
@@ -193,9 +193,7 @@ def _format_of(path: Path) -> LogFormat:
         if (form := next(found, None)) is not None:
             return form
     if not head:
-        raise LogError(
-            f"{path}: expected a log, the file is empty (0 bytes); was the recording stopped before anything was written?"
-        )
+        raise LogError(f"{path}: expected a log, the file is empty (0 bytes); give another")
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
         f"{path}: expected {_titles()}; "

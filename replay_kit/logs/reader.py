@@ -226,7 +226,7 @@ class RawLog:
 
 def unreadable(path: str | Path, error: OSError) -> LogError:
     """Return the error for an unreadable log."""
-    return LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions")
+    return LogError(f"{path}: cannot be read: {error.strerror}; check its permissions")
 
 
 def reading(

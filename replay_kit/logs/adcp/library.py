@@ -157,7 +157,7 @@ def _readers(path: Path) -> tuple[Any, Any]:
             from mhkit.dolfyn.io.rdi import read_rdi
     except ImportError as error:
         raise LogError(
-            f"{path}: raw ADCP files are read through MHKiT, which is not installed; pip install 'replay-kit[adcp]'"
+            f"{path}: raw ADCP files need MHKiT; pip install 'replay-kit[adcp]'"
         ) from error
     return read_rdi, read_signature
 

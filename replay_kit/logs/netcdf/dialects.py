@@ -173,7 +173,7 @@ class Dialect:
             return found | {f"dac_{to}": name for name, to in directed.items()}
         if free:
             notes.append(
-                f"{NO_MEANS}{', '.join(free)} may be them, by their unit, but no standard name says which is east and which north; "
+                f"{NO_MEANS}{', '.join(free)} may be them, by their unit; for standard names "
                 "state eastward_sea_water_velocity and northward_sea_water_velocity"
             )
         return found

@@ -51,7 +51,7 @@ def _chosen(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]
         raise ConfigError(
             f"{file.path}: {_EXPECTED}; it lacks {', '.join(lacking)}"
             f"{'; state the standard error of each component, it is not guessed' if 'error' in lacking else ''}"
-            f"; name it with --columns {lacking[0]}=COLUMN (logs.columns), or give one number for all rows"
+            f"; name it with --columns {lacking[0]}=COLUMN, or give a number for all rows"
         )
     return replace(file, variables=held), chosen
 
@@ -124,6 +124,12 @@ def _over_rows(file: NetcdfFile, chosen: Mapping[str, str], values: Table) -> Ta
     # of a grid, or of columns that have no rows in common
     if len(shape) > 2 or np.prod(shape) > max(own.size for own in values.values()):
         raise ConfigError(f"{file.path}: {_EXPECTED}, got columns over {some_text(order)}")
+    placed = {dim for key in (*_PLACE, "depth") for dim in file.variables[chosen[key]].dims}
+    if bare := sizes.keys() - placed:
+        raise ConfigError(
+            f"{file.path}: {chosen['u']} varies along {some_text([*bare])}, {chosen['depth']} does not; "
+            "name the depths with --columns depth=COLUMN"
+        )
     rows = {}
     for key, own in values.items():
         dims = file.variables[chosen[key]].dims[: own.ndim]
@@ -213,7 +219,8 @@ _VELOCITY = (
 # names of currents in forecasts
 _USUAL = ("u", "uo", "water_u", "vozocrtx", "uvel", "u_eastward", "ucur", "vxo")
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
-_OTHER = "expected a Seaglider basestation file or a glider file of another known dialect"
+_NO_ERROR = "; --columns error=0.05, the standard error of u and v [m/s], makes them profiles"
+_OTHER = "expected a glider file of a known dialect"
 
 
 def require_no_grid(path: Path, held: Mapping[str, Stored]) -> None:
@@ -259,6 +266,7 @@ def _read_rows(
     told.notes.append(
         f"of no known glider dialect: each row over {name} is a message on {_ROWS_TOPIC}{name}, with {', '.join(rows)}"
         + (f", and at each row {', '.join(fixed)}" if fixed else "")
+        + _NO_ERROR * (PINGS.names.keys() - PINGS.chosen(file.variables) == {"error"})
     )
     told.notes += said
     unknown = int((time_ns == 0).sum())
@@ -281,7 +289,7 @@ def _time_name(file: NetcdfFile) -> str:
     found = stated or named
     if not found:
         raise LogError(
-            f"{file.path}: {_OTHER}, or any NetCDF with a variable of time (units 'seconds since 1970-01-01'); got variables "
+            f"{file.path}: {_OTHER}, or any NetCDF with times (units 'seconds since 1970-01-01'); got "
             f"{', '.join(file.variables) or 'none'}{_NOT_A_LOG}"
         )
     return max(
