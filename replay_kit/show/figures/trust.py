@@ -94,9 +94,9 @@ def _innovations(measured: Measured) -> Figure:
             Panel("RMS innovation", _TIME, _RMS, rms),
             Panel("normalised innovation squared", _TIME, axis, nis, level=1.0, band=_band(dof)),
         ],
-        "First: RMS innovation of each measurement; the line is the RMS that the estimate expects. Second: "
+        "First: RMS innovation of each measurement; line: the RMS that the estimate expects. Second: "
         "normalised innovation squared per degree of freedom (NIS/dof); the band holds 95 % of measurements with the "
-        f"typical number of bins. Points that stay above the band mean that errors are understated.{thin}",
+        f"typical number of bins. Above the band errors are understated.{thin}",
         "RMS innovation of each measurement and its normalised innovation squared against time, with their expected values.",
     )
 

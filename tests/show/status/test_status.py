@@ -243,13 +243,16 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
     unsafe = plan(END_NS, status="unsafe", message="crosses a shipping lane " * 9)
     many = {"name": "headings", "evidence": "off", "set": "check", "severity": "inconsistent"}
     rms = dict.fromkeys(("before", "after", "prior"), 0.1)
-    found = replace(expected(), rms_innovation=rms)
-    for outcome_ in (found, replace(found, consistency=[many] * 3)):
+    found = replace(expected(), rms_innovation=rms, plan={"status": "unsafe", "message": ""})
+    for outcome_, first in (
+        (found, "DO NOT USE no observation was used; the plan is unsafe; "),
+        (replace(found, consistency=[many] * 3), "DO NOT USE headings: off; headings: off;"),
+    ):
         said = [title(status_of(held(plans=[unsafe])))]
         said += map(str, lines(status_of(held(plans=[unsafe], outcome=outcome_))))
         assert len(said) <= 10
         assert max(map(len, said)) <= WIDTH
-    assert said[1].startswith("DO NOT USE headings: off; headings: off;")
+        assert said[1].startswith(first)
     steer = "Steer      080° true to 62°00.0′N 5°06.0′E, 500 m, 20°, 0.30 m/s (as set)"
     assert said[2] == steer
     made = plan(END_NS, statistics={"arrive": "0.85"})
