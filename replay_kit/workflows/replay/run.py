@@ -7,6 +7,7 @@ estimate: each has its own messages, checks, counts and plans, and its observati
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
+from copy import copy
 from operator import itemgetter
 from typing import Any
 
@@ -388,6 +389,13 @@ class Run:
         self._release(close=True)
         self._assimilate()
 
+    def finished(self) -> "Run":
+        """Return a copy for a single vehicle to which all waiting events were passed on; they keep waiting here."""
+        found = copy(self)
+        found.of, found._waiting = [*self.of], [*self._waiting]
+        found.finish()
+        return found
+
     def flow(self, number: int, state: Any, time_ns: int) -> FlowEstimate:
         """Return the estimate of a state for a time [ns, UTC], with the local correction from the dives so far."""
         flow, local = (
@@ -397,14 +405,10 @@ class Run:
         return flow if local is None else replace(flow, local=local)
 
     def flow_now(self) -> FlowEstimate:
-        """Return the estimate at the time of the last message including waiting events, which keep waiting."""
-        of, estimator = self.of[0], self.estimator(0)
+        """Return the estimate at the time of the last message; without one the prior."""
         if not self.messages:
-            return estimator.flow(self.current)
-        open_group, _ = items(of.waiting, estimator.grouping, 0, last=True)
-        given = [*self._waiting, *((0, item.event) for item in open_group)]
-        current, _, _ = assimilate([estimator], self.current, [of.dive], given)
-        return self.dated(self.flow(0, current, self.last_ns))
+            return self.estimator(0).flow(self.current)
+        return self.dated(self.flow(0, self.current, self.last_ns))
 
     @property
     def position(self) -> VehicleState | None:

@@ -224,20 +224,10 @@ def empty_mcap(folder):
     write_mcap_log(folder / "bad.mcap", [])
 
 
-def no_log(folder):
-    (folder / "bad.mcap").write_text("dear diary")
-
-
-def empty_file(folder):
-    (folder / "bad.mcap").write_bytes(b"")
-
-
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
         (lambda folder: None, LogError, "file not found"),
-        (no_log, LogError, "expected an MCAP file"),
-        (empty_file, LogError, "empty"),
         (empty_mcap, MeasurementError, "no messages at all"),
         (no_adcp, MeasurementError, r"Found: /camera \(1"),
         (nan_pings, MeasurementError, "3 ADCP pings, none usable: 6 bins missing"),
@@ -260,7 +250,6 @@ def test_a_log_of_another_place(ocean, tmp_path):
     )
     assert summary.observations["used"] > 0
     assert any("not a forecast" in note for note in summary.notes)
-    assert any(note.startswith("prior: sample share 0.") for note in summary.notes)
     assert abs(flow.grid.longitude.mean() - 152.3) < 0.3
 
 
@@ -302,7 +291,6 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
     }
     assert keys <= set(answer)
     assert answer["truth"]["points"] > 0
-    assert answer["plan"]["status"] in ("reached", "unreachable")
     assert set(answer["messages"][0]) == {"topic", "read", "used", "skipped", "reasons"}
 
 

@@ -105,7 +105,7 @@ class Logs:
         settings = self.config.logs
         if self.config.forecast.place:
             if self.reach.middle is None:
-                raise _nowhere([log.path for log in self.all], self.config)
+                raise _nowhere(self.config)
             return self.reach.middle, self.reach.first_ns
         for one in self._begun:
             one.looked_at = True
@@ -221,14 +221,10 @@ def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[M
     return found
 
 
-def _nowhere(logs: Sequence[str], config: RunConfig) -> MeasurementError:
+def _nowhere(config: RunConfig) -> MeasurementError:
     """Return the error of logs without a position for the ensemble."""
     start, end = config.logs.start, config.logs.end
-    between, more = "", ""
-    if start or end:
-        between = f" between {start or 'their start'} and {end or 'their end'}"
-        more = "widen --start and --end, or "
+    span = f" between {start or 'their start'} and {end or 'their end'}" if start or end else ""
     return MeasurementError(
-        f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; {more}leave the option out; "
-        f"replay-kit info {logs[0]} lists what is there"
+        f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{span}; leave it or --start and --end out"
     )
