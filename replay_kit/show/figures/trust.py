@@ -96,7 +96,7 @@ def _innovations(measured: Measured) -> Figure:
         ],
         "First: RMS innovation of each measurement; line: the RMS that the estimate expects. Second: "
         "normalised innovation squared per degree of freedom (NIS/dof); the band holds 95 % of measurements with the "
-        f"typical number of bins. Above the band errors are understated.{thin}",
+        f"typical number of bins. Above it errors are understated.{thin}",
         "RMS innovation of each measurement and its normalised innovation squared against time, with their expected values.",
     )
 
