@@ -226,5 +226,5 @@ def _nowhere(config: RunConfig) -> MeasurementError:
     start, end = config.logs.start, config.logs.end
     span = f" between {start or 'their start'} and {end or 'their end'}" if start or end else ""
     return MeasurementError(
-        f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{span}; widen --start and --end, or leave it out"
+        f"--place-ensemble moves the ensemble to the mean fix, the logs hold no position{span}; widen --start and --end, or leave it out"
     )
