@@ -244,7 +244,7 @@ def _begin(job: PlanRequest, known: KnownCurrent) -> tuple[int, tuple[str, ...]]
     if job.departures_ns and not known.changes:
         raise PlanError(
             f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}, "
-            "in which all departures are equal; give the result of a replay through a forecast's times, or several files"
+            "give the result of a replay through a forecast's times, or several files"
         )
     last, horizon = known.ends_ns, job.horizon_s
     if horizon is not None and last is not None and begin_ns + horizon * 1e9 > last:

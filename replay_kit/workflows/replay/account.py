@@ -92,8 +92,7 @@ class Account:
                     else "no dive with measurements"
                 )
                 raise MeasurementError(
-                    f"--without {rule}: expected something of the log to leave out, but it holds nothing of that; "
-                    f"besides what was left out it has {held}; leave the rule out, or name dives of the log"
+                    f"--without {rule}: the log holds nothing of that; it has {held}; leave the rule out, or name dives of the log"
                 )
 
     def require_usable(self, grid: Grid) -> None:

@@ -221,7 +221,9 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
             account.require_left_out(setup.config.measurements.without)
         except MeasurementError as error:
             if not inputs.job.vehicles or error.findings:
-                raise
+                found = error.findings or of.monitoring.findings
+                said = dict.fromkeys((str(error), *map(str, of.monitoring.findings)))
+                raise MeasurementError(". ".join(said), found) from error
             useless[setup.name], last = str(error), error
     if last is not None and len(useless) == len(run.setups):
         raise last

@@ -281,7 +281,7 @@ def test_a_run_without_a_usable_profile_says_what_is_dead(ocean, tmp_path):
         ocean, faulty(ocean, "all zero"), tmp_path, "[measurements]\nwithout = ['dac']\n"
     )
     assert (done.exit_code, answer["exit_codes"]) == (3, [3, 6])
-    assert re.search(rf"{PINGS} ADCP pings, none usable: .* bins dead", answer["error"])
+    assert re.search(rf"{PINGS} ADCP pings, none usable: .* bins dead.*power", answer["error"])
     assert [finding["name"] for finding in answer["consistency"]] == ["dead or stale instrument"]
 
 

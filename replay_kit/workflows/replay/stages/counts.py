@@ -217,12 +217,12 @@ class Counts:
             )
         if self.interpolated:
             notes.append(
-                f"{self.interpolated} profiles in dives were placed between positions far apart in time, with a standard error of up to "
+                f"{self.interpolated} profiles in dives were placed between positions far apart in time, to within "
                 f"{self.position_std:.0f} m (measurements.position_max_gap)"
             )
         if self.repeated:
             notes.append(
-                f"{self.repeated} profiles not used: duplicates, or older than their predecessors, as in overlapping recordings"
+                f"{self.repeated} profiles not used: duplicates, or older than their predecessors, as where logs overlap"
             )
         if self.gated:
             notes.append(
