@@ -75,8 +75,8 @@ def ensemble_unit(evidence: str, source: str) -> Finding:
         ENSEMBLE_UNIT,
         0,
         f"{source}: {evidence}",
-        "velocities in cm/s or knots that the file calls m/s",
-        'convert the ensemble and correct its units; consistency.on_failure = "ignore" takes it as it is',
+        "velocities in cm/s or knots called m/s, or undeclared fill values",
+        'correct the file; consistency.on_failure = "ignore" takes it as it is',
         "unusable",
     )
 
