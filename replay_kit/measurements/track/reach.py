@@ -220,7 +220,7 @@ def within_reach(
 
 def _displaced(first: Place, far: float, thrown: int) -> Finding:
     """Return the finding of excluded outliers or, with none, of a permanent displacement [m]."""
-    cause = "a receiver that errs, a wrong datum, or positions of another vehicle"
+    cause = "a receiver or clock that errs, a wrong datum, or positions of another vehicle"
     evidence = f"the track goes on {far / 1e3:.3g} km away, farther than the vehicle reaches, and does not come back"
     advice = "check the receiver, and give a log with the right positions"
     if not thrown:
