@@ -1,4 +1,4 @@
-"""What a script holds in memory: measurements, tables, datasets, and an estimator, a prior and a planner of its own."""
+"""What a script holds in memory: measurements, tables, datasets, and an estimator and a planner of its own."""
 
 from dataclasses import replace
 
@@ -230,19 +230,6 @@ def test_an_estimator_of_ones_own_is_an_object_or_what_makes_it():
         match="estimator: expected an Estimator, got int without initial, predict, assimilate, flow",
     ):
         rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=3)
-
-
-def test_a_prior_of_ones_own_changes_the_estimate():
-    def tight(basis, usual):
-        del basis
-        return replace(usual, moving=0.1 * usual.moving)
-
-    result = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, prior=tight)
-    assert result.outcome.observations["used"] == 4
-    with pytest.raises(
-        ConfigError, match=r"prior: expected a Process of means of shape .*, got int"
-    ):
-        rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, prior=lambda basis, usual: 3)
 
 
 def test_a_planner_of_ones_own_plans_and_its_result_cannot_be_verified(tmp_path):

@@ -161,7 +161,7 @@ def test_settings_are_tables_a_file_or_a_configuration(tmp_path):
         ),
         (
             lambda: rk.replay(LOG, ENSEMBLE, overwite=True),
-            "replay: expected options among overwrite, estimator, prior, planner, got overwite",
+            "replay: expected options among overwrite, estimator, planner, got overwite",
         ),
         (lambda: rk.replay([], ENSEMBLE), "logs: expected one log or several, got none"),
         (

@@ -108,11 +108,6 @@ _COMMANDS = {
             "[LOG...] --ensemble ADDRESS...",
             "Fetch the part of a forecast on a server that a replay of the logs needs, for later replays without a link.",
         ),
-        "fit": (
-            "ensemble",
-            "ENSEMBLE -o TOML",
-            "Fit the prior to an ensemble by cross-validation over members, and report the fitted settings.",
-        ),
         "config": (
             "ensemble",
             "[SECTION...]",

@@ -42,6 +42,7 @@ SETTINGS: dict[str, dict[str, str]] = {
             _CONSTANT,
         ),
     },
+    "replay": {"truth_radius": "all points of the truth are scored"},
     "planner": {"flight_model": "a script plans with Glider(flight=fit_flight(...))"},
     "plan": {
         **dict.fromkeys(

@@ -140,10 +140,6 @@ class Estimator(Protocol[State]):
         """Return the key of the vehicle's window; None for a single window."""
         return None
 
-    def moved(self, state: State, measurement: Measurement) -> State:
-        """Return the state with the vehicle at an unused measurement."""
-        return state
-
     def of_own(self, state: State) -> State:
         """Return a state without the windows of other vehicles."""
         return state

@@ -192,7 +192,9 @@ def _text(item: Any, name: bytes) -> str:
 
 def _times(item: h5py.Dataset, name: str) -> xr.Variable:
     """Return the times of a file, as dates if possible."""
-    about = {key: _text(item.id, key.encode()) for key in ("units", "calendar")}
+    said = {key: _text(item.id, key.encode()) for key in ("units", "calendar")}
+    # an absent calendar is the usual one, an empty one is none
+    about = {key: text for key, text in said.items() if text}
     variable = xr.Variable((name,), item[...], about)
     found = dated(variable)
     return variable if found is None else found

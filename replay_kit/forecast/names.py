@@ -188,7 +188,7 @@ def find_current(ds: xr.Dataset, where: str) -> Current | None:
                 if len(usual) != 1:
                     raise ForecastError(
                         f"{where}: several variables have the standard name {east} or {north}: {names}; leave one of each, or give "
-                        "--members suffix where their suffixes are members"
+                        "--members suffix"
                     )
                 names = usual
             found.append(names[0] if names else None)

@@ -20,6 +20,7 @@ from replay_kit.forecast.grids.layout import Layout, U
 from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import (
     MADE,
+    Elsewhere,
     MemberRule,
     common_water,
     parse_rule,
@@ -218,7 +219,7 @@ def read_selections(
     placed = []
     if place_at is not None:
         centre = f"its centre is at {place_text(*place_at)}"
-        placed = [f"the ensemble was moved: not a forecast for this region; {centre}"]
+        placed = [Elsewhere(f"the ensemble was moved: not a forecast for this region; {centre}")]
     series, filled = list[Ensemble](), 0
     for one, each, count in zip(selections, by_time, counts, strict=True):
         members = velocity[filled : filled + count]

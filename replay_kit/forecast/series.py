@@ -14,7 +14,13 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.layout import U
 from replay_kit.forecast.members.collection import Collection, open_collection
-from replay_kit.forecast.members.rules import MADE, kind_of, parse_rule, without_copies
+from replay_kit.forecast.members.rules import (
+    MADE,
+    Elsewhere,
+    kind_of,
+    parse_rule,
+    without_copies,
+)
 from replay_kit.forecast.members.times import date_text, steps_of
 from replay_kit.forecast.reader import (
     read_ensemble,
@@ -66,7 +72,9 @@ def read_series(
         days = f"{outside / _DAY_NS:.1f} days"
         notes.insert(
             0,
-            f"the log begins {days} outside the forecast's times: the nearest of them holds there",
+            Elsewhere(
+                f"the log begins {days} outside the forecast's times: the nearest of them holds there"
+            ),
         )
     return replace(series[0], notes=tuple(notes)), *(replace(part, notes=()) for part in series[1:])
 

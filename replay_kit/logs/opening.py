@@ -193,9 +193,7 @@ def _format_of(path: Path) -> LogFormat:
         if (form := next(found, None)) is not None:
             return form
     if not head:
-        raise LogError(
-            f"{path}: expected a log, the file is empty (0 bytes); was the recording stopped before anything was written?"
-        )
+        raise LogError(f"{path}: expected a log, the file is empty (0 bytes); give another")
     foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
     raise LogError(
         f"{path}: expected {_titles()}; "

@@ -230,7 +230,7 @@ def _check_station(head: Header, of: Mapping[str, Array]) -> None:
     if away.size and float(np.median(away)) > 1e3 * _NEAR:
         raise LogError(
             f"{head.path}: radials of another station: they lie {np.median(away) / 1e3:.0f} km from their range and bearing about "
-            f"{head.station} at {latitude:.4f} N, {longitude:.4f} E; give the original file"
+            f"{head.station}; give the original file"
         )
 
 

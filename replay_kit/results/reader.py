@@ -178,11 +178,18 @@ class ResultReader:
         return next((self.summary.schemas[kind] for kind in kinds), None)
 
     def decoded(self, topic: str, newest: bool = False, until_ns: int | None = None) -> Any:
-        """Yield time [ns, UTC] and message, decoded by the descriptors of the file; see ``messages``."""
+        """Yield time [ns, UTC] and message, decoded by the descriptors of the file; see ``messages``.
+
+        Raises:
+            LogError: A log was merged into the result.
+        """
         if (schema := self.schema(topic)) is None:
             return iter(())
         decode = DecoderFactory().decoder_for("protobuf", schema)
-        assert decode is not None
+        if decode is None:
+            raise LogError(
+                f"{self.path}: expected protobuf on {topic}, got {schema.encoding}: a log was merged into the result; give the result alone"
+            )
         return ((at, decode(data)) for at, data in self.messages(topic, newest, until_ns))
 
     def estimate(self) -> "FlowEstimate":

@@ -108,13 +108,6 @@ def truth_sentences(truth: Mapping[str, Any]) -> Iterator[Sentence]:
         truth,
         "truth.",
     )
-    if truth["closest_approach_m"] is not None:
-        yield sentence(
-            "Flown in the truth, the plan passes {closest_approach_m:.0f} m from the goal; the ensemble mean's plan "
-            "{ensemble_mean_closest_approach_m:.0f} m",
-            truth,
-            "truth.",
-        )
 
 
 def surfacings_sentence(found: Mapping[str, Any]) -> Sentence:

@@ -18,7 +18,7 @@ from replay_kit.show.sentences import (
 from replay_kit.show.status.lines import detail_lines, lines, title
 from replay_kit.show.status.status import Status
 from replay_kit.show.text import not_used_lines, print_lines, print_table
-from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_rows, vehicle_sentences
+from replay_kit.show.vehicles import COLUMNS, vehicle_rows, vehicle_sentences
 
 _DIVE_COLUMNS = (
     "dive",
@@ -82,7 +82,7 @@ def _print_tables(outcome: Outcome, console: Console) -> None:
     """Print the tables and sentences behind a summary."""
     print_lines(console, map(finding_line, outcome.consistency))
     if outcome.vehicles:
-        print_lines(console, [ABOUT_VALUE, *vehicle_sentences(outcome)])
+        print_lines(console, vehicle_sentences(outcome))
     topics = outcome.messages or ()
     rows = [
         (row["topic"], *(str(row[name]) for name in ("read", "used", "skipped"))) for row in topics

@@ -1,7 +1,6 @@
 """Table of several vehicles with a common estimate, for summary, report and status."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.show.numbers import Sentence, Shown
@@ -12,15 +11,8 @@ COLUMNS = (
     "used",
     "misfit before [cm/s]",
     "errors",
-    "change without it [cm/s]",
-    "errors without it",
     "plan",
     "verdict",
-)
-#: What the columns on data denial mean.
-ABOUT_VALUE = (
-    "change without it: RMS difference of the estimate at the published depths if the vehicle's observations are withheld; "
-    "errors without it: ratio of those standard errors to the ones with all vehicles"
 )
 
 
@@ -31,14 +23,13 @@ def vehicle_rows(outcome: Outcome) -> list[tuple[str, ...]]:
 
 def vehicle_cells(outcome: Outcome) -> list[tuple[str | Shown, ...]]:
     """Return a row for each vehicle, including those without observations."""
-    rows = [_row(name, own, outcome.value.get(name, {})) for name, own in outcome.vehicles.items()]
+    rows = [_row(name, own) for name, own in outcome.vehicles.items()]
     aside = [name for name in outcome.unused if name not in outcome.vehicles]
     return rows + [(name, "0", *[""] * (len(COLUMNS) - 3), "not used") for name in aside]
 
 
-def _row(name: str, own: Outcome, value: Mapping[str, Any]) -> tuple[str | Shown, ...]:
+def _row(name: str, own: Outcome) -> tuple[str | Shown, ...]:
     counts, plan, word = own.observations, own.plan, own.verdict.word
-    error, without = (value.get(f"standard_error{end}") for end in ("", "_without"))
     found = [one["name"] for one in own.consistency]
     of, used = f"vehicles.{name}", counts["used"]
     return (
@@ -46,8 +37,6 @@ def _row(name: str, own: Outcome, value: Mapping[str, Any]) -> tuple[str | Shown
         Shown(f"{of}.observations.used", used, f"{used:,}"),
         _cm(f"{of}.rms_innovation.before", own.rms_innovation["before"]),
         own.errors_text.removeprefix("errors "),
-        _cm(f"value.{name}.rms_change", value.get("rms_change")),
-        f"{without / error:.2f}" if error and without else "",
         "" if plan is None else plan["status"],
         f"{word}: {found[0]}" if found else word,
     )

@@ -7,19 +7,17 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from replay_kit.config.run import EVERYWHERE, RunConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.files.atomic import atomic_file
-from replay_kit.core.files.paths import Address, Paths, addresses_in
-from replay_kit.core.plan import Place
+from replay_kit.core.files.paths import Address, addresses_in
 from replay_kit.core.region import Region, around, degree_of_longitude, width
 from replay_kit.core.region import text as region_text
 from replay_kit.core.words.text import time_text
 from replay_kit.forecast.describe import open_extent
 from replay_kit.forecast.remote.apart import apart
 from replay_kit.forecast.remote.fetch import (
+    Cut,
     cache_of,
     covers,
     cuts_of,
@@ -42,66 +40,49 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
-    """Part of one forecast that several missions need.
+    """Part of a forecast that a mission needs.
 
     Attributes:
-        jobs: The missions; for one without logs the settings state the part.
-        config: Their settings.
-        reaches: Area and period of each.
+        job: The mission; without logs the settings state the part.
+        config: Its settings.
+        reach: Its area and period.
     """
 
-    jobs: tuple[ReplayJob, ...]
+    job: ReplayJob
     config: RunConfig
-    reaches: tuple[Reach, ...]
-
-    @property
-    def ensemble(self) -> Paths:
-        """Files and addresses of the forecast."""
-        return self.jobs[0].ensemble
+    reach: Reach
 
     @property
     def addresses(self) -> tuple[Address, ...]:
         """Addresses of the forecast."""
-        return addresses_in(self.ensemble)
+        return addresses_in(self.job.ensemble)
 
     @property
-    def goals(self) -> list[Place]:
-        """Goals of the missions."""
-        return [job.goal for job in self.jobs if job.goal is not None]
+    def span(self) -> tuple[int | None, int | None]:
+        """First and last time [ns, UTC]; None if unknown."""
+        return self.reach.first_ns, self.reach.last_ns
 
     @property
     def key(self) -> str:
         """Hash of the inputs that determine the part fetched."""
-        config = self.config
+        config, reach = self.config, self.reach
         decisive = [
             *(key_of(address) for address in self.addresses),
             *(part.model_dump_json() for part in (config.forecast, config.time)),
-            *(config.estimator.name, config.estimator.preset),
-            *(job.goal for job in self.jobs),
-            *(
-                (reach.places.tolist(), reach.deepest, reach.first_ns, reach.last_ns)
-                for reach in self.reaches
-            ),
+            *(config.estimator.name, config.estimator.preset, self.job.goal),
+            (reach.places.tolist(), reach.deepest, reach.first_ns, reach.last_ns),
         ]
         return hashlib.sha256(repr(decisive).encode()).hexdigest()[:32]
 
     @property
     def deepest(self) -> float | None:
         """Greatest depth needed [m]; None if unknown."""
-        depths = [reach.deepest for reach in self.reaches if reach.deepest is not None]
-        if len(depths) < len(self.reaches):
-            return None
+        if self.reach.deepest is None or (goal := self.job.goal) is None:
+            return self.reach.deepest
         planner = self.config.planner
         stated = None if planner.depth is None else planner.diving().depth
-        planned = [depth for depth in (stated, planner.max_depth) if self.goals and depth]
-        return max(depths + [goal.depth for goal in self.goals] + planned)
-
-    @property
-    def span(self) -> tuple[int | None, int | None]:
-        """First and last time [ns, UTC]; None if unknown."""
-        firsts = [reach.first_ns for reach in self.reaches if reach.first_ns is not None]
-        lasts = [reach.last_ns for reach in self.reaches if reach.last_ns is not None]
-        return min(firsts, default=None), max(lasts, default=None)
+        planned = [depth for depth in (stated, planner.max_depth) if depth]
+        return max(self.reach.deepest, goal.depth, *planned)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,46 +91,30 @@ class Fetched:
 
     Attributes:
         ensemble: Files of the forecast.
-        regions: Part that each mission needs; None where it is determined again.
+        region: Part that the mission needs; None if it is determined again.
         files: Local copies of addresses.
         asked: Whether values were downloaded for it.
     """
 
     ensemble: tuple[tuple[Path, ...], ...]
-    regions: tuple[FoundRegion | None, ...]
+    region: FoundRegion | None
     files: tuple[Path, ...]
-    asked: bool
+    asked: bool = False
 
 
-def with_local_forecasts(jobs: Sequence[tuple[ReplayJob, RunConfig]]) -> list[ReplayJob]:
-    """Return jobs whose forecasts are files; addresses are fetched, shared boxes once.
-
-    Args:
-        jobs: Jobs with their settings.
+def with_local_forecast(job: ReplayJob, config: RunConfig) -> ReplayJob:
+    """Return a job whose forecasts are files; addresses are fetched.
 
     Raises:
         LogError: A log cannot be opened.
         ForecastError: A forecast cannot be fetched or used, or is not available offline.
     """
-    done = [job for job, _ in jobs]
-    groups: dict[str, list[int]] = {}
-    for number, (job, config) in enumerate(jobs):
-        if addresses_in(job.ensemble):
-            shared = job.ensemble, config.forecast, config.time, config.estimator, config.logs
-            groups.setdefault(repr(shared), []).append(number)
-    for members in groups.values():
-        requests = [request_of(*jobs[k]) for k in members]
-        for together in _sharing(requests):
-            found = fetch(_joined([requests[k] for k in together]))
-            for k, region in zip(together, found.regions, strict=True):
-                job = done[members[k]]
-                done[members[k]] = replace(
-                    job, ensemble=found.ensemble, region=job.region or region
-                )
-    return [
-        replace(job, against=tuple(_rival(job, each, config) for each in job.against))
-        for job, (_, config) in zip(done, jobs, strict=True)
-    ]
+    against = tuple(_rival(job, each, config) for each in job.against)
+    if not addresses_in(job.ensemble):
+        return replace(job, against=against)
+    found = fetch(request_of(job, config))
+    region = job.region or found.region
+    return replace(job, ensemble=found.ensemble, region=region, against=against)
 
 
 def _rival(job: ReplayJob, each: Against, config: RunConfig) -> Against:
@@ -166,42 +131,7 @@ def request_of(job: ReplayJob, config: RunConfig) -> Request:
         LogError: A log cannot be opened.
     """
     needed = ReplayJob(job.logs, job.ensemble, goal=job.goal, vehicles=job.vehicles)
-    return Request((needed,), config, (Logs([job.logs], config).reach,))
-
-
-def _joined(requests: Sequence[Request]) -> Request:
-    """Return the joint request of missions with the same settings."""
-    jobs = tuple(job for request in requests for job in request.jobs)
-    reaches = tuple(reach for request in requests for reach in request.reaches)
-    return Request(jobs, requests[0].config, reaches)
-
-
-def _sharing(requests: Sequence[Request]) -> list[list[int]]:
-    """Return the groups of requests whose common box is hardly larger than their own boxes."""
-    groups: list[list[int]] = []
-    for number, request in enumerate(requests):
-        for group in groups:
-            own = [requests[k] for k in group] + [request]
-            if _area(own) <= 1.5 * sum(_area([one]) for one in own):
-                group.append(number)
-                break
-        else:
-            groups.append([number])
-    return groups
-
-
-def _area(requests: Sequence[Request]) -> float:
-    """Return the area of the places of requests, extended by half a degree [square degrees]."""
-    places = np.concatenate([reach.places for one in requests for reach in one.reaches])
-    if not len(places):
-        return 0.0
-    box = around(places, 55_000.0)
-    return width(box) * (box[3] - box[1])
-
-
-def _corners(box: Region) -> list[tuple[float, float]]:
-    west, south, east, north = box
-    return [(west, south), (west + 0.5 * width(box), south), (east, north)]
+    return Request(needed, config, Logs([job.logs], config).reach)
 
 
 def fetch(request: Request) -> Fetched:
@@ -214,12 +144,13 @@ def fetch(request: Request) -> Fetched:
     held = kept.find(request.addresses, request.key)
     if request.config.forecast.offline:
         if held is None:
-            return _fetched(request, _covering(request, kept), (None,) * len(request.jobs))
+            return _fetched(request, _covering(request, kept), None)
     elif (received := _asked(_received, request, held)) is not None:
         return received
     assert held is not None
-    found = [None if one is None else from_record(one) for one in held[0][1]["regions"]]
-    return _fetched(request, [path for path, _ in held], found)
+    (record,) = held[0][1]["regions"]
+    region = None if record is None else from_record(record)
+    return _fetched(request, [path for path, _ in held], region)
 
 
 def _received(request: Request, held: Sequence[Copy] | None) -> Fetched | None:
@@ -227,11 +158,15 @@ def _received(request: Request, held: Sequence[Copy] | None) -> Fetched | None:
     config = request.config.forecast
     if held is not None and _is_current(request, held):
         return None
-    wanted, regions = wanted_of(request)
-    why = {"request": request.key, "regions": [one and one.to_record() for one in regions]}
-    cuts = cuts_of(request.ensemble, wanted, config)
-    files = receive(cuts, wanted, config, why)
-    return replace(_fetched(request, files, regions), asked=True)
+    wanted, region = wanted_of(request)
+    why = {"request": request.key, "regions": [region and region.to_record()]}
+    files = receive(_cuts(request, wanted), wanted, config, why)
+    return replace(_fetched(request, files, region), asked=True)
+
+
+def _cuts(request: Request, wanted: Wanted) -> tuple[Cut, ...]:
+    """Return the parts of each address that a query asks for."""
+    return cuts_of(request.job.ensemble, wanted, request.config.forecast)
 
 
 def price(request: Request) -> list[dict[str, Any]]:
@@ -244,8 +179,7 @@ def price(request: Request) -> list[dict[str, Any]]:
 
 
 def _price(request: Request) -> list[dict[str, Any]]:
-    wanted = wanted_of(request)[0]
-    return [cut.cost() for cut in cuts_of(request.ensemble, wanted, request.config.forecast)]
+    return [cut.cost() for cut in _cuts(request, wanted_of(request)[0])]
 
 
 def _asked(call: Callable[..., _Value], request: Request, *more: object) -> _Value:
@@ -262,47 +196,36 @@ def copy_whole(source: Path, out: Path) -> None:
 def _is_current(request: Request, held: Sequence[Copy]) -> bool:
     """Return whether the data sets of files are unchanged on the server."""
     wanted = Wanted(**{each.name: held[0][1]["wanted"][each.name] for each in fields(Wanted)})
-    prints = [
-        cut.fingerprint() for cut in cuts_of(request.ensemble, wanted, request.config.forecast)
-    ]
+    prints = [cut.fingerprint() for cut in _cuts(request, wanted)]
     return prints == [record["print"] for _, record in held]
 
 
-def _fetched(
-    request: Request, files: Sequence[Path], regions: Sequence[FoundRegion | None]
-) -> Fetched:
-    local = with_files(request.ensemble, dict(zip(request.addresses, files, strict=True)))
-    return Fetched(local, tuple(regions), tuple(files), asked=False)
+def _fetched(request: Request, files: Sequence[Path], region: FoundRegion | None) -> Fetched:
+    copies = dict(zip(request.addresses, files, strict=True))
+    return Fetched(with_files(request.job.ensemble, copies), region, tuple(files))
 
 
-def wanted_of(request: Request) -> tuple[Wanted, tuple[FoundRegion | None, ...]]:
-    """Return the query to the servers, and the part that each mission needs; None for all of it.
+def wanted_of(request: Request) -> tuple[Wanted, FoundRegion | None]:
+    """Return the query to the servers, and the part that the mission needs; None for all of it.
 
     Raises:
         ForecastError: The forecast is of another place.
     """
-    config = request.config
+    job, config, reach = request.job, request.config, request.reach
     stated, span = config.forecast.region, request.span
     if stated is not None or config.forecast.place:
         region = None if stated in (None, EVERYWHERE) else stated
-        return Wanted(region, request.deepest, *span), (None,) * len(request.jobs)
+        return Wanted(region, request.deepest, *span), None
     # refuses a forecast of other times before values are received for the margin
-    cuts_of(request.ensemble, Wanted(None, None, *span), config.forecast)
-    found, boxes = list[FoundRegion | None](), list[Region | None]()
-    for job, reach in zip(request.jobs, request.reaches, strict=True):
-        one = None
-        if len(reach.places):
-            with open_extent(request.ensemble, config.forecast, reach.first_ns) as extent:
-                if extent is not None:
-                    inside_extent(extent, reach.places)
-            one = find_region(reach, request.ensemble, config, reach.first_ns, job.goals)
-        found.append(one)
-        boxes.append(None if one is None else _reached(one, reach))
-    whole = None
-    if None not in boxes:
-        corners = [corner for box in boxes if box is not None for corner in _corners(box)]
-        whole = around(corners, 0.0)
-    return Wanted(whole, request.deepest, *span), tuple(found)
+    _cuts(request, Wanted(None, None, *span))
+    if not len(reach.places):
+        return Wanted(None, request.deepest, *span), None
+    with open_extent(job.ensemble, config.forecast, reach.first_ns) as extent:
+        if extent is not None:
+            inside_extent(extent, reach.places)
+    found = find_region(reach, job.ensemble, config, reach.first_ns, job.goals)
+    box = None if found is None else _reached(found, reach)
+    return Wanted(box, request.deepest, *span), found
 
 
 def _reached(region: FoundRegion, reach: Reach) -> Region:
@@ -320,8 +243,7 @@ def _covering(request: Request, kept: Kept) -> list[Path]:
     Raises:
         ForecastError: No such files exist.
     """
-    places = np.concatenate([reach.places for reach in request.reaches])
-    files, span = [], request.span
+    places, files, span = request.reach.places, list[Path](), request.span
     for address in request.addresses:
         copies = kept.copies(address)
         chosen = next(

@@ -20,7 +20,7 @@ from replay_kit.core.observation import Innovation
 from replay_kit.core.words.progress import Progress, Stopwatch, silent
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import smooth as smoothed
-from replay_kit.forecast import ensemble_files, find_sources
+from replay_kit.forecast import find_sources
 from replay_kit.logs.reader import reading
 from replay_kit.measurements.checks.place import LogTracks
 from replay_kit.results.mcap.writer import ResultWriter
@@ -100,7 +100,7 @@ def smooth(
             "notes": [*forecasts.notes, *notes],
             "flight_correction": correction_part(correction),
         }
-        outcome = made(account.part() | more, [*job.logs, *ensemble_files(job.ensemble)])
+        outcome = made(account.part() | more, (*job.logs, *job.forecasts))
         with clock.stage("smooth"):
             _write(job, config, forecasts, estimator, run, done, outcome)
     return replace(outcome, seconds=dict(clock.seconds))

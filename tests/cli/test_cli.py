@@ -81,10 +81,6 @@ REFUSALS = {
     ],
     "there is no folder absent": ["X -o absent/o.mcap"],
     "is a folder": ["X -o folder.mcap --overwrite"],
-    "--truth-radius": [
-        "X -o o.mcap --truth-radius 0",
-        "X -o o.mcap --truth-radius nan",
-    ],
     "--goal": ["X -o o.mcap --goal nan,0,0"],
     "'logs.start': 'yesterday' is no time": ["X -o o.mcap --start yesterday"],
     "estimator.modes": ["X -o o.mcap --modes some"],

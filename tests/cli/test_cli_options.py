@@ -67,7 +67,7 @@ def test_the_outputs_of_every_command_are_known():
         {words for words, option in OUTPUTS if option == name} for name in ("--out", "--json")
     )
     assert " ".join(sorted(made)) == (
-        "convert experiment paper export fetch fit fleet layout plan plot replay report smooth twin"
+        "convert experiment paper export fetch fleet layout plan plot replay report smooth twin"
     )
     without = " ".join(sorted(set(COMMANDS) - answered))
     assert without == "config export layout plot report synthesize twin"
@@ -101,7 +101,6 @@ def test_a_folder_does_not_get_the_name_of_a_file(words, option):
         ("replay --netcdf x.mcap", "in .nc,"),
         ("plan --geojson w.kml", ".geojson, .json,"),
         ("plan --waypoints w", ".csv, .geojson, .json, .kml, .plan, .ma, .targets,"),
-        ("fit -o fitted.json", "in .toml,"),
         ("qc --json quality.csv", "in .json,"),
     ],
 )

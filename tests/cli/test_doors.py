@@ -41,7 +41,7 @@ DOORS = (
     *("export X -o out.nc", "verify X", "verify log.mcap --inputs X"),
     *("plan X --start 1,2,0", *(f"{_PLAN} --{name} X" for name in ("no-go", "bathymetry"))),
     f"{_PLAN} --config X",
-    *("twin --truth X -o out.mcap", "fit X -o out.toml"),
+    "twin --truth X -o out.mcap",
     *("fleet X -o out", "fleet log.mcap --ensemble X -o out", "fleet log.mcap --config X -o out"),
     *(f"fetch {words} --ensemble https://a.b/c" for words in ("X", "--config X")),
     *("experiment paper --ensemble X --truth t.nc -o out", "experiment paper --ensemble e.nc --truth X -o out"),

@@ -69,7 +69,6 @@ def folder(tmp_path_factory) -> Path:
         ("replay X.mcap --ensemble X.nc --config X.toml -o out.mcap", 2),
         ("replay X.mcap --ensemble X.nc --remap X -o out.mcap", 2),
         ("smooth X.mcap --ensemble X.nc -o outX.mcap", 3),
-        ("fit badX.nc -o fit.toml", 3),
         ("verify X.mcap", 3),
         ("report X.mcap", 3),
         ("plot X.mcap map -o map.png", 3),

@@ -175,5 +175,5 @@ def test_too_few_members_to_state_errors_are_said_before_the_replay(
     files = f"{LOG} --ensemble {tmp_path}/few.nc --config {tmp_path}/run.toml"
     succeed(f"replay {files} -o {tmp_path}/x.mcap --dry-run")
     words = f"{members} members are too few to state errors, expected 4 or more"
-    advice = "set estimator.representation_error_std to a number from your own measurements"
+    advice = "set estimator.representation_error_std [m/s], such as to the RMS innovation"
     assert [text in caplog.text for text in (words, advice)] == [said, said]

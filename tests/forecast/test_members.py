@@ -196,7 +196,8 @@ def test_daily_files_are_opened_when_they_are_used(tmp_path, monkeypatch, member
 
     monkeypatch.setattr(field, "opened_file", noting)
     for k in range(4):
-        ds = forms.in_turn([one * (1.0 + k)], days(k))
+        # as of most producers, without a calendar
+        ds = forms.in_turn([one * (1.0 + k)], [k], units="days since 2020-01-01")
         ds.to_netcdf(tmp_path / f"day{k}.nc", engine="h5netcdf")
     last = ForecastConfig(time="2020-01-03T06:00Z")
     found = describe_ensemble(tmp_path, last).ensemble

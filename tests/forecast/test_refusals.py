@@ -195,7 +195,7 @@ NOTED = [
     (
         {"e.nc": SUFFIXES.assign(uo_mean=SUFFIXES.uo_m0).drop_vars("uo_m1")},
         {},
-        "WARNING: members with only one component were excluded: e.nc: vo_m1 without uo_m1; add the other",
+        "WARNING: members with only one component were excluded: e.nc: vo_m1 without uo_m1",
     ),
     (
         {f"m{k}.nc": dated(KNOWN.isel(member=k), [f"2020-01-0{1 + 2 * k % 3}"]) for k in range(3)},

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.forecast import read_series
+from replay_kit.forecast.members.rules import Elsewhere
 from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from tests import synthetic
 from tests.forecast import forms
@@ -109,6 +110,7 @@ def test_a_log_far_from_the_forecast_is_said(of_reference):
     for days, words in ((1, None), (6, None), (8, "3.0 days outside"), (-2, "2.0 days outside")):
         first = read_series(path, ForecastConfig(), near_ns=start + days * DAY)[0]
         assert noted(first, words or "outside") == bool(words)
+        assert any(isinstance(note, Elsewhere) for note in first.notes) == bool(words)
 
 
 def test_the_same_time_twice_and_land_that_changes_are_refused(tmp_path):

@@ -59,12 +59,6 @@ def test_a_folder_that_lacks_logs_is_refused(tmp_path, name, text, words):
         open_logs([tmp_path])
 
 
-def test_one_part_alone_is_a_log_with_the_input_asked_for(tmp_path):
-    (tmp_path / "b.mcap").write_bytes(json_mcap(range(5)))
-    log = open_log(tmp_path, 3)
-    assert (log.input, {message.input for message in log.messages()}) == (3, {3})
-
-
 def test_profiles_of_two_missions_are_two_logs(tmp_path):
     raw = tmp_path / "raw"
     first, second = glider_samples.seaexplorer(raw)

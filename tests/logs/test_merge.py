@@ -58,25 +58,12 @@ def obvious(times, window):
 
 
 @quick
-@given(times=logs, window=st.sampled_from([0.0, 1.0, 5.0]))
+@given(times=logs, window=st.sampled_from([0.0, 1.0, 5.0, 50.0]))
 def test_as_the_obvious_sort(times, window):
     merged = merge(recorded(times), window)
     expected, late = obvious(times, window)
     assert [key(m) for m in merged] == expected
     assert merged.late == late
-
-
-@quick
-@given(times=logs)
-def test_a_wide_window_sorts_everything(times):
-    merged = merge(recorded(times), 50.0)
-    everything = sorted(
-        (time * SECOND, k, position)
-        for k, row in enumerate(times)
-        for position, time in enumerate(row)
-    )
-    assert [key(m) for m in merged] == everything
-    assert merged.late == {}
 
 
 @quick
@@ -167,7 +154,6 @@ def test_after_a_clock_jumps_back_no_message_is_late_and_times_continue():
     )
     # a second pass finds the same
     assert [m.time_ns for m in merged] == steady(50) + steady(70, last)
-    assert len(merged.jumps) == 1
 
 
 steps = st.lists(

@@ -15,7 +15,6 @@ def test_notes_that_differ_in_numbers_alone_are_one_with_their_ranges():
         "x: VelocityBeam1 of 3": [notes[1]],
         "x: VelocityBeam2 of 3": ["x: VelocityBeam2 of 3"],
     }
-    assert gather(["3 of 4", "3 of 5"]) == {"3 of 4 to 5": ["3 of 4", "3 of 5"]}
 
 
 def test_variables_read_are_never_merged():
@@ -38,4 +37,3 @@ def test_the_variables_read_are_counted_in_a_summary():
         short("read as time: t, depth: z")
         == "2 variables were read by their names, which replay-kit info lists"
     )
-    assert short("depth: computed") == "depth: computed"

@@ -59,7 +59,6 @@ def test_depths_of_cells_are_those_of_the_pressure_or_of_the_vehicle(vehicle, ch
         ({"velocity": None}, "list of velocities"),
         ({"cell_size": 0.0}, "cell_size > 0"),
         ({"velocity_std": [0.1, 0.1]}, "3 numbers"),
-        ({"orientation": "left"}, "expected orientation"),
     ],
 )
 def test_bad_pings_are_skipped_with_a_reason(changes, reason):

@@ -12,7 +12,6 @@ from replay_kit.measurements.step import left_out_reason, left_out_rules
     [
         (("dac",), "radar", 3, ()),
         (("dives:3-5",), "profiles", 3, ("dives:3-5",)),
-        (("dives:3-5",), "profiles", 6, ()),
         (("dives:4", "dac"), "dac", 4, ("dives:4", "dac")),
         (("dives:1-9",), "dac", 0, ()),
     ],

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from replay_kit.config.run import LogConfig
+from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.results import ResultWriter
+from replay_kit.results import ResultReader, ResultWriter
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.replay.inputs.job import ReplayJob, copy_inputs
 from tests.fuzz.damage import sound_messages
@@ -47,6 +48,14 @@ def test_the_inputs_messages_are_copied_untouched(state, tmp_path, name):
 def test_without_being_asked_nothing_is_copied(state, tmp_path):
     data = copied(tmp_path / "out.mcap", SAMPLES / "glider.mcap", asked=False, fix=state)
     assert len(sound_messages(data)) == 1
+
+
+def test_a_result_that_a_log_was_merged_into_is_refused_in_words(state, tmp_path):
+    copied(tmp_path / "out.mcap", fix=state)
+    logs = [SAMPLES / "survey.mcap", tmp_path / "out.mcap"]
+    convert(logs, tmp_path / "both.mcap", False, LogConfig())
+    with pytest.raises(LogError, match="expected protobuf on /vehicle/fix, got jsonschema"):
+        ResultReader(tmp_path / "both.mcap").decoded("/vehicle/fix")
 
 
 def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path):

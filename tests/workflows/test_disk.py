@@ -19,16 +19,16 @@ from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow
-from tests.workflows.replay.interrupted import make_ocean
+from tests.workflows.replay.interrupted import QUICK, make_ocean
 
 if sys.platform == "win32":
     pytest.skip("file size limits are POSIX", allow_module_level=True)
 
 from tests.workflows.disk import full_disk
 
-CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
+CONFIG = RunConfig(estimator=QUICK, output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
 PRECIOUS = b"an earlier result"
-SETTINGS = "[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[estimator]\nmodes = 4\n"
+SETTINGS = "[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[estimator]\nmodes = 6\nsample_share = 0.5\nshift_distance = 0.0\n"
 
 
 @pytest.fixture(scope="module")
@@ -212,16 +212,13 @@ def test_a_replay_tells_of_an_input_that_changes_and_keeps_the_earlier_output(
         shutil.copy2(ocean / name, tmp_path / name)
     out = tmp_path / "out.mcap"
     out.write_bytes(PRECIOUS)
-    config = CONFIG.model_copy(
-        update={"estimator": CONFIG.estimator.model_copy(update={"modes": 4})}
-    )
     changing = Changing("replaying", change, tmp_path / which)
     job = ReplayJob((tmp_path / "glider.mcap",), tmp_path / "ensemble.nc", out, overwrite=True)
     with pytest.raises(LogError, match=CHANGES[change]):
-        replay(job, config, progress=changing)
+        replay(job, CONFIG, progress=changing)
     assert changing.done
     assert {path.name for path in tmp_path.glob("out*")} == {"out.mcap"}
     assert out.read_bytes() == PRECIOUS
     if (change, which) == (grow, "glider.mcap"):
-        replay(replace(job, logs=(ocean / "glider.mcap",), ensemble=ocean / "ensemble.nc"), config)
+        replay(replace(job, logs=(ocean / "glider.mcap",), ensemble=ocean / "ensemble.nc"), CONFIG)
         assert out.read_bytes() != PRECIOUS

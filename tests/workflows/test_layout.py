@@ -11,18 +11,18 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.run import EstimatorConfig, RunConfig
+from replay_kit.config.run import RunConfig
 from replay_kit.core.plan import Place
 from replay_kit.results.layout.layout import layout_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke, succeed
-from tests.workflows.replay.interrupted import make_ocean
+from tests.workflows.replay.interrupted import QUICK, make_ocean
 
 CONFIG = RunConfig(
     planner=PlannerConfig(kind="glide"),
-    estimator=EstimatorConfig(modes=6, sample_share=0.5, shift_distance=0.0),
+    estimator=QUICK,
 )
 #: Panels and the schemas that they show in Foxglove 2 and Lichtblick 1.
 SHOWN = {

@@ -7,17 +7,18 @@ import pytest
 
 import replay_kit as rk
 from replay_kit.core.errors import ConfigError
-from tests.workflows.replay.interrupted import make_ocean
+from replay_kit.logs.mcap.writer import write_mcap_log
+from tests.workflows.replay.interrupted import QUICK, make_ocean
 
 SETTINGS = {
-    "estimator": {"modes": 12, "sample_share": 0.5, "shift_distance": 0.0},
+    "estimator": QUICK,
     "measurements": {"flight_bias": False},
 }
 
 
 @pytest.fixture(scope="module")
 def ocean(tmp_path_factory) -> Path:
-    return make_ocean(tmp_path_factory.mktemp("ocean"), rk.RunConfig(**SETTINGS), 45)
+    return make_ocean(tmp_path_factory.mktemp("ocean"), rk.RunConfig(**SETTINGS), 36)
 
 
 def test_fed_message_by_message_and_asked_after_each_it_ends_with_the_estimate_of_a_replay(ocean):
@@ -43,16 +44,21 @@ def test_before_a_message_it_knows_the_forecast_alone(ocean):
     assert now.estimate.velocity_at(*at).u == pytest.approx(mean[0, 0, 2, 2], abs=0.05)
     with pytest.raises(ConfigError, match="no message had a position"):
         now.plan((152.6, -40.0, 0.0))
+    with pytest.raises(ConfigError, match="expected a list of Message, it holds dict"):
+        now.feed([{}])
 
 
 def test_it_plans_what_a_replay_of_the_same_messages_ends_with(ocean):
     goal = (152.3, -39.8, 150.0)
     now = rk.live(ocean / "ensemble.nc", settings=SETTINGS)
     with rk.open_log(ocean / "glider.mcap") as log:
-        now.feed(log.messages())
-    now.feed([], last=True)
+        messages = list(log.messages())
+    # the mean current of the first dive, which waits for others
+    end = [one.topic for one in messages].index("/dac") + 1
+    now.feed(messages[:end])
     found = now.plan(goal)
-    whole = rk.replay(ocean / "glider.mcap", ocean / "ensemble.nc", settings=SETTINGS, goal=goal)
+    write_mcap_log(ocean / "begin.mcap", messages[:end])
+    whole = rk.replay(ocean / "begin.mcap", ocean / "ensemble.nc", settings=SETTINGS, goal=goal)
     last = whole.plans.iloc[-1]
     assert "as flown" in found.message
     assert (found.status, found.speed) == (last["status"], last["speed"])

@@ -7,7 +7,7 @@ import pytest
 from replay_kit.config.estimation import TimeConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError, MeasurementError
-from replay_kit.core.observation import Flag, Reason
+from replay_kit.core.observation import Reason
 from replay_kit.workflows.info.qc import check_quality
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
@@ -108,7 +108,7 @@ def test_a_log_without_pings_is_unusable_and_says_what_it_has(tmp_path):
 
 def test_a_damaged_log_says_so(log):
     log.write_bytes(log.read_bytes()[:-200])
-    assert check_quality([log], RunConfig()).exit_code == 4
+    assert check_quality([log], RunConfig())["exit_code"] == 4
 
 
 SEAGLIDER = sorted((ROOT.parent / "shared" / "data" / "seaglider").glob("p17101*.nc"))
@@ -128,13 +128,13 @@ REAL = pytest.param(
 def test_sound_logs_lose_nothing(logs):
     """Bins that a test fails: none; suspect of anything but being at the surface: one in a thousand."""
     report = check_quality(logs, RunConfig())
-    for topic in report.topics.values():
-        assert topic.pings > 0
-        assert topic.flags[Flag.FAIL] == 0
-        tests = {name: test.flags for name, test in topic.tests.items()}
-        suspect = sum(flags[Flag.SUSPECT] for name, flags in tests.items() if name != "at_surface")
-        assert suspect <= 1e-3 * tests["max_speed"].total()
-        assert topic.lost == []
+    for topic in report["topics"]:
+        assert topic["pings"] > 0
+        assert topic["bins"]["fail"] == 0
+        tests = {one["test"]: one for one in topic["tests"]}
+        suspect = sum(one["suspect"] for name, one in tests.items() if name != "at_surface")
+        assert suspect <= 1e-3 * tests["max_speed"]["evaluated"]
+        assert topic["pings_lost"] == []
 
 
 def test_settings_are_checked_and_come_back_from_a_result(tmp_path):

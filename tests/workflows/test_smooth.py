@@ -21,11 +21,12 @@ from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from replay_kit.workflows.verify import verify
 from tests.places import SAMPLES
 from tests.workflows.replay.given import block_of
+from tests.workflows.replay.interrupted import QUICK
 
 STATIC_SETTINGS = {
     "logs": {"end": "2018-11-16T05:00:00Z"},
     "forecast": {"levels": [5, 150, 500]},
-    "estimator": {"modes": 6, "sample_share": 0.5, "shift_distance": 0.0},
+    "estimator": QUICK,
     "output": {"depths": [5.0, 150.0], "interval": 7200.0},
 }
 EVOLVING = {**STATIC_SETTINGS, "time": {"scale": 86_400.0}}

@@ -1,7 +1,6 @@
-"""``fetch``, ``fit``, ``config``, ``synthesize`` and ``twin``: fetched forecasts, the fitted prior, settings, synthetic data."""
+"""``fetch``, ``config``, ``synthesize`` and ``twin``: fetched forecasts, settings, synthetic data."""
 
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -22,9 +21,7 @@ from replay_kit.cli.options import (
     Ensemble,
     LogIfAny,
     Noise,
-    Processes,
     Replacing,
-    argument,
     option,
 )
 from replay_kit.cli.settings import Settings, annotated_toml, takes_settings
@@ -116,15 +113,15 @@ def print_price(ensemble: tuple[Path, ...], config: "RunConfig", console: "Conso
     return _price(request_of(ReplayJob((), ensemble), config), console)
 
 
-def local_forecasts(jobs: Sequence[tuple["ReplayJob", "RunConfig"]]) -> list["ReplayJob"]:
-    """Return jobs whose forecasts are files: addresses are fetched, shared boxes once."""
-    if not any(addresses_in(each) for job, _ in jobs for each in (job.ensemble, *job.against)):
-        return [job for job, _ in jobs]
+def local_forecast(job: "ReplayJob", config: "RunConfig") -> "ReplayJob":
+    """Return a job whose forecasts are files; addresses are fetched."""
+    if not any(map(addresses_in, (job.ensemble, *job.against))):
+        return job
     # loads a client of servers
-    from replay_kit.workflows.fetch import with_local_forecasts
+    from replay_kit.workflows.fetch import with_local_forecast
 
     with progress():
-        return with_local_forecasts(jobs)
+        return with_local_forecast(job, config)
 
 
 def local_ensemble(
@@ -135,49 +132,8 @@ def local_ensemble(
         return ensemble
     from replay_kit.workflows.replay.inputs.job import ReplayJob
 
-    (job,) = local_forecasts([(ReplayJob(logs, ensemble), config)])
+    job = local_forecast(ReplayJob(logs, ensemble), config)
     return tuple(path for group in as_groups(job.ensemble, "ensemble") for path in group)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outputs(Answer):
-    """Outputs of ``fit``.
-
-    Attributes:
-        out: Fitted settings, for --config.
-    """
-
-    out: Annotated[Path, option("TOML", alias="-o"), Ending((".toml",))]
-
-
-@takes_settings(*PART_OF_FORECAST, "estimator.modes", file=False)
-def fit(
-    *ensemble: Annotated[Path, argument("ENSEMBLE")],
-    outputs: Annotated[Outputs, TO_OUTPUTS],
-    settings: Settings,
-    processes: Annotated[Processes, TO_OPTIONS] = Processes(),
-    left_out: Annotated[int, option(least=1)] = 12,
-) -> int:
-    """Return exit code 0.
-
-    Args:
-        ensemble: Ensemble forecast: NetCDF files, Zarr stores, folders or patterns.
-        left_out: Number of members left out in turn (cross-validation).
-    """
-    check_paths(ensemble, [outputs.out, outputs.json_file], outputs.overwrite)
-    config = settings.load()
-
-    from replay_kit.forecast import read_ensemble
-    from replay_kit.workflows.ensemble import fit_json, fit_prior, print_fit, write_fit
-    from replay_kit.workflows.fleet.cluster import calls_made_by
-
-    members = read_ensemble(local_ensemble(ensemble, (), config), config.forecast)
-    with calls_made_by(processes.scheduler, processes.workers), progress(config.output.threads):
-        fitted = fit_prior(members, config.estimator, left_out)
-    write_fit(fitted, outputs.out)
-    print_fit(fitted, console_beside(outputs.json_file))
-    write_json(outputs.json_file, fit_json(fitted))
-    return 0
 
 
 def config(*sections: Annotated[str, Parameter(name="SECTION", group=INPUTS)]) -> int:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.commands.ensemble import local_forecasts
+from replay_kit.cli.commands.ensemble import local_forecast
 from replay_kit.cli.console import console_beside, keep_json, progress, write_json
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
@@ -105,8 +105,7 @@ def fleet(
     # before the results are checked, and the workers asked whether they see it
     out.mkdir(exist_ok=True)
     try:
-        local = local_forecasts([(mission.job, mission.config) for mission in each])
-        each = tuple(replace(mission, job=job) for mission, job in zip(each, local, strict=True))
+        each = tuple(replace(one, job=local_forecast(one.job, one.config)) for one in each)
         check_missions(each, outputs.overwrite, resume)
         check_paths(missions, (out / TABLE, out / PAGE), outputs.overwrite or resume)
         with progress() as advance:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from replay_kit.cli.commands.ensemble import local_ensemble, local_forecasts, print_price
+from replay_kit.cli.commands.ensemble import local_ensemble, local_forecast, print_price
 from replay_kit.cli.console import console_beside, part_named, progress, write_json, write_text
 from replay_kit.cli.options import (
     ENSEMBLE_HELP,
@@ -90,7 +90,7 @@ def info(
         # the libraries that read a forecast take longer to load than a log's index to read
         if ensemble:
             from replay_kit.forecast import describe_ensemble
-            from replay_kit.workflows.ensemble import ensemble_json, print_ensemble
+            from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
             from replay_kit.workflows.info.import_check import (
                 check_logs,
                 import_check_json,
@@ -142,13 +142,13 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
     check_paths([*logs, settings.file], [answer.json_file], answer.overwrite)
     config = settings.load()
 
-    from replay_kit.workflows.info.qc import check_quality, print_quality, quality_json
+    from replay_kit.workflows.info.qc import check_quality, print_quality
 
     with progress() as advance:
         report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))
     print_quality(report, console_beside(answer.json_file))
-    write_json(answer.json_file, quality_json(report))
-    return report.exit_code
+    write_json(answer.json_file, report)
+    return int(report["exit_code"])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -270,7 +270,7 @@ def smooth(
     from replay_kit.workflows.status import read_status
 
     job = ReplayJob(logs, ensemble, outputs.out, overwrite=outputs.overwrite)
-    (job,) = local_forecasts([(job, config)])
+    job = local_forecast(job, config)
     check_outputs(job, also_read=[settings.file], also_written=[outputs.json_file])
     with part_named(outputs.out), progress() as advance:
         outcome = smooth_logs(job, config, advance)

@@ -1,5 +1,6 @@
 """``plan``: a glider mission on an estimate."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,6 +23,7 @@ from replay_kit.core.files.paths import check_inputs, check_paths
 
 if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig
+    from replay_kit.workflows.planning.inputs import FlowFile
 
 
 # Exit code of a plan that is not safe enough to be handed to a vehicle.
@@ -110,17 +112,18 @@ def plan(
     # what takes long to load, after what is quickly refused
     from replay_kit.workflows.planning.request import checked, completed
 
-    request = checked(completed(request))
+    request, known = completed(request)
+    request = checked(request)
     check_inputs(files)
-    return _plan(config.model_copy(update={"plan": request}), outputs)
+    return _plan(config.model_copy(update={"plan": request}), outputs, known)
 
 
-def _plan(config: "RunConfig", outputs: Outputs) -> int:
+def _plan(config: "RunConfig", outputs: Outputs, known: "Mapping[Path, FlowFile]") -> int:
     """Plan one mission or one per glider, write the files and return the exit code."""
     from replay_kit.workflows.planning.inputs import planned_on
 
     with progress():
-        on = planned_on(config.plan, config.planner)
+        on = planned_on(config.plan, config.planner, known)
         # the planners, after places that they have no current for
         from replay_kit.workflows.planning.run import make_plans
 
@@ -152,7 +155,7 @@ def _plan(config: "RunConfig", outputs: Outputs) -> int:
                 # with what it records of a replay
                 from replay_kit.workflows.planning.record import write_mission
 
-                plan = config.plan.model_copy(update={"of_glider": name or None})
+                plan = config.plan.model_copy(update={"of_glider": name} if name else {})
                 write_mission(own.out, own.overwrite, one, config.model_copy(update={"plan": plan}))
     finally:
         # after the files, which a reader of the first lines alone would end; and also where one cannot be written

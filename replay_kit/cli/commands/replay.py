@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from replay_kit.cli.commands.ensemble import local_forecasts
+from replay_kit.cli.commands.ensemble import local_forecast
 from replay_kit.cli.commands.following import Following
 from replay_kit.cli.console import console_beside, part_named, progress, write_json
 from replay_kit.cli.options import (
@@ -45,7 +45,6 @@ class Inputs:
         against: Competing forecast (file, folder or pattern); the summary reports which fits the log better. May be repeated.
         vehicles: Logs of one of several vehicles, which share the estimate; once for each vehicle. Default: as the logs state.
         goal: Goal [degrees, degrees, m]; NAME= sets one vehicle's.
-        truth_radius: Score only grid points within this distance of a used profile [km]. Default: all.
     """
 
     ensemble: Ensemble
@@ -53,7 +52,6 @@ class Inputs:
     vehicles: Annotated[tuple[str, ...], option("NAME=LOG...", name="--as")] = ()
     goal: Annotated[tuple[str, ...], option("[NAME=]LON,LAT,DEPTH"), PLACES] = ()
     truth: Truth = None
-    truth_radius: Annotated[float | None, option("KM")] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,10 +108,6 @@ def replay(
             "--against": inputs.against,
         }
     )
-    radius = inputs.truth_radius
-    # no least value of the option, which lets 0 and nan pass
-    if radius is not None and not 0.0 < radius < float("inf"):
-        raise ConfigError(f"--truth-radius: expected a number of kilometres above 0, got {radius}")
     read, made = (
         (
             *logs,
@@ -141,7 +135,7 @@ def replay(
     if not following.follow:
         also_read = [settings.file, config.planner.bathymetry_path]
         check_outputs(job, also_read, also_written=[outputs.json_file])
-    (job,) = local_forecasts([(job, config)])
+    job = local_forecast(job, config)
     if following.follow:
         return following.run(job, config, console, outputs.page, outputs.json_file)
     if dry_run:
@@ -204,7 +198,6 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob
         netcdf=outputs.netcdf,
         save_estimate=outputs.save_estimate,
         truth=inputs.truth,
-        truth_radius_km=inputs.truth_radius,
         checkpoint=outputs.checkpoint,
         overwrite=outputs.overwrite,
         include_inputs=outputs.include_inputs,

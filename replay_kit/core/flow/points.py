@@ -175,7 +175,7 @@ def best_velocity_at(
         if asked.size and asked.min() < latest:
             raise EstimatorError(
                 f"time: {time_text(int(asked.min()))} is before the last observation of the estimate, {time_text(latest)}; expected that "
-                "time or a later one: leave time out for the estimate's own, or look back with the command smooth"
+                "time or a later one: leave time out for the estimate's own, or look back with smooth and export --at"
             )
     found = velocities(flows, longitude, latitude, checked_depth(depth), asked)
     warn_outside(flows, found.time, 4)

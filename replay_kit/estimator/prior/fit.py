@@ -5,10 +5,9 @@ The best settings have the least mean continuous ranked probability score, which
 
 With R'R the precision of the observed weights of a level, H = N^-1 (x) R with N the error of each level, and P - W'W the posterior
 covariance, W = L^-1 H P, L L' = I + H P H'. With 50 modes, 8 functions of depth and 1,200 nodes, six members and six shares take about a
-second for any region. So the default is fitted whenever it is built; ``replay-kit fit`` also tries more shifts and radii, with more
-members. Shifts of one correlation length were best on most ensembles, of half of it on others: the default tries the second with the
-best share of the first. Longer shifts are sometimes chosen on members but err more on truths, and radii from 4.5 to 9 hardly differ: the
-default fits neither.
+second for any region. So the default is fitted whenever it is built. Shifts of one correlation length were best on most ensembles, of half
+of it on others: the default tries the second with the best share of the first. Longer shifts are sometimes chosen on members but err more
+on truths, and radii from 4.5 to 9 hardly differ: the default fits neither.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +20,7 @@ from scipy.linalg.blas import dtrsm
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.observation.evidence import coverage, crps_gaussian
+from replay_kit.core.observation.evidence import crps_gaussian
 from replay_kit.core.words.progress import counted, each_call
 from replay_kit.estimator.basis.shifts import ShiftedModes
 from replay_kit.estimator.prior.factor import PriorSettings, local_directions
@@ -38,9 +37,6 @@ _MODES, _DEPTH_FUNCTIONS = 50, 8
 # Nodes of the localised part, and of the score at most.
 _NODES, _SCORED = 1200, 300
 _LEFT_OUT = 6
-# Candidates of a thorough fit, in correlation lengths.
-_SHIFTS = (0.0, 0.5, 1.0, 1.5, 2.0)
-_RADII = (4.5, 9.0)
 # Share of the distance between two columns by which those of the next member are moved.
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 # In correlation lengths, the other shift that the default tries, and by how much its score must be less, as six members err by it.
@@ -49,21 +45,6 @@ _NEARER, _GAIN = 0.5, 0.02
 RADIUS_IN_LENGTHS = 6.5
 # Of ensembles of fewer than four members, of which none can be spared.
 _SHARE_OF_FEW = 2 / 3
-
-
-@dataclass(frozen=True, slots=True)
-class FitRow:
-    """Score of settings on the members left out.
-
-    Attributes:
-        settings: Candidate settings.
-        score: Mean over members and numbers of columns of the logarithm of CRPS over the mean absolute anomaly; less is better.
-        coverage90: Fraction of components inside their 90 % interval.
-    """
-
-    settings: PriorSettings
-    score: float
-    coverage90: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,70 +148,30 @@ def choose_settings(members: Members, length: float, config: EstimatorConfig) ->
         return start
     some, fitted = left_out[::2], config.shift_distance is None
     advance = counted("fitting the prior", len(left_out) + fitted * len(some))
-    scores = _scores(members, start, SHARES, left_out, advance)[:, 0]
-    share = int(np.argmin(scores.mean(axis=0)))
+    each = scores(members, start, SHARES, left_out, advance)
+    share = int(np.argmin(each.mean(axis=0)))
     chosen = replace(start, sample_share=SHARES[share])
     if not fitted:
         return chosen
     # most often the first of them say that the other shift suits less well
     nearer = replace(chosen, shift=_NEARER * length)
-    least = scores.mean(axis=0)[share] - _GAIN
-    first = _scores(members, nearer, (SHARES[share],), some, advance)[:, 0] - scores[::2, share]
+    least = each.mean(axis=0)[share] - _GAIN
+    first = scores(members, nearer, (SHARES[share],), some, advance)[:, 0] - each[::2, share]
     if first.mean() > -_GAIN:
         return chosen
-    others = _scores(members, nearer, SHARES, left_out, lambda: None)[:, 0].mean(axis=0)
+    others = scores(members, nearer, SHARES, left_out).mean(axis=0)
     better = replace(nearer, sample_share=SHARES[int(np.argmin(others))])
     return better if others.min() < least else chosen
 
 
-def fit_settings(members: Members, length: float, count: int) -> tuple[FitRow, ...]:
-    """Return the scores of all candidates: shares for each shift, then other radii for the best; empty below four members.
-
-    Args:
-        members: All members of the ensemble.
-        length: Correlation length [m].
-        count: Number of members left out in turn.
-    """
-    left_out = members.left_out(count)
-    advance = counted("leaving members out", (len(_SHIFTS) + len(_RADII)) * len(left_out))
-
-    def rows(shift: float, radius: float) -> list[FitRow]:
-        return scored(members, PriorSettings(_SHARE_OF_FEW, shift, radius), left_out, advance)
-
-    if not left_out:
-        return ()
-    found = [row for shift in _SHIFTS for row in rows(shift * length, RADIUS_IN_LENGTHS * length)]
-    shift = best(found).shift
-    return (*found, *(row for radius in _RADII for row in rows(shift, radius * length)))
-
-
-def best(rows: Sequence[FitRow]) -> PriorSettings:
-    """Return the settings with the lowest score."""
-    return min(rows, key=lambda row: row.score).settings
-
-
-def scored(
-    members: Members,
-    settings: PriorSettings,
-    left_out: Sequence[int],
-    advance: Callable[[], None] = lambda: None,
-) -> list[FitRow]:
-    """Return the score of each share of the sample covariance, on the same columns and members; for arguments see ``_scores``."""
-    means = _scores(members, settings, SHARES, left_out, advance).mean(axis=0)
-    return [
-        FitRow(replace(settings, sample_share=share), *each)
-        for share, each in zip(SHARES, means.T.tolist(), strict=True)
-    ]
-
-
-def _scores(
+def scores(
     members: Members,
     settings: PriorSettings,
     shares: Sequence[float],
     left_out: Sequence[int],
-    advance: Callable[[], None],
+    advance: Callable[[], None] = lambda: None,
 ) -> Array:
-    """Return the logarithmic score and the coverage of each member left out, shape (members, 2, shares).
+    """Return the logarithmic score of each member left out, shape (members, shares).
 
     Args:
         members: All members, in few modes.
@@ -254,7 +195,7 @@ def _score_member(
     settings: PriorSettings,
     shares: Sequence[float],
 ) -> Array:
-    """Return the logarithmic score and the coverage, shape (2, shares), over the numbers of columns."""
+    """Return the logarithmic score, shape (shares,), over the numbers of columns."""
     others = np.delete(members.weights, member, axis=0)
     copies = modes.copies((others - others.mean(axis=0)) / np.sqrt(len(others) - 1.0))
     whole = replace(settings, sample_share=0.0)
@@ -263,18 +204,16 @@ def _score_member(
     flat = (each.reshape(len(each), -1) for each in (copies, local))
     sample, localised = (each.T @ each for each in flat)
     truth = members.weights[member] - others.mean(axis=0)
-    scores = []
+    found = []
     for n_columns in _COLUMNS:
         rows = members.columns(n_columns, member)
         priors = (share * sample + (1.0 - share) * localised for share in shares)
-        scores.append([score_withheld(members, truth, prior, rows) for prior in priors])
-    return np.asarray(np.mean(scores, axis=0).T, dtype=np.float64)
+        found.append([score_withheld(members, truth, prior, rows) for prior in priors])
+    return np.asarray(np.mean(found, axis=0), dtype=np.float64)
 
 
-def score_withheld(
-    members: Members, truth: Array, prior: Array, rows: Array
-) -> tuple[float, float]:
-    """Return the logarithm of CRPS over the mean absolute anomaly at some nodes, and the coverage of 90 % intervals.
+def score_withheld(members: Members, truth: Array, prior: Array, rows: Array) -> float:
+    """Return the logarithm of CRPS over the mean absolute anomaly at some nodes.
 
     Args:
         members: Members, whose modes are used.
@@ -287,7 +226,7 @@ def score_withheld(
     error, variance, of_noise = predicted(truth, prior, rows, noise, modes)
     std, scatter = np.sqrt(variance), np.sqrt(of_noise)
     relative = np.mean(crps_gaussian(error, std, scatter)) / np.mean(np.abs(truth @ modes.T))
-    return float(np.log(relative)), coverage(error, std, 0.9, scatter)
+    return float(np.log(relative))
 
 
 def predicted(

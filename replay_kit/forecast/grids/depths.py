@@ -142,7 +142,8 @@ def choose_levels(
     levels = values[order]
     if not np.isfinite(levels).all() or levels[0] < 0.0 or np.any(np.diff(levels) <= 0.0):
         raise ForecastError(
-            f"{where}: depths must be finite, at or below the surface and distinct, got {depths_text(levels)}"
+            f"{where}: depths must be finite, distinct and below the surface, got {depths_text(levels)}; "
+            "correct them or their attribute positive"
         )
     return Levels(levels, order, within, notes)
 

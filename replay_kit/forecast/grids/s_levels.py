@@ -92,8 +92,7 @@ def read_terrain(field: Field, layout: Layout, dim: str, surface: Array | None) 
     missing = [names[key][0] for key, name in found.items() if not name]
     if missing:
         raise ForecastError(
-            f"{field.where}: {dim} numbers terrain-following levels, whose depths need {', '.join(missing)} too; give the file of the grid "
-            "with --ensemble, or a file that holds them"
+            f"{field.where}: {dim} numbers terrain-following levels, whose depths need {', '.join(missing)} too; give the grid: --ensemble"
         )
     name = found.pop("h")
     bed = read(field, layout, name)[0, 0]

@@ -115,6 +115,12 @@ def is_background(path: Path) -> bool:
     return bool(_BACKGROUND.match(path.name))
 
 
+class Elsewhere(str):
+    """Note that a forecast is not of the log's place or time."""
+
+    __slots__ = ()
+
+
 #: Beginning of the notes that say that something is probably wrong.
 WARNING = "WARNING: "
 _DUPLICATES = f"{WARNING}duplicate members"

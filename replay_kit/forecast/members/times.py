@@ -13,7 +13,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.words.quantities import parse_time, seconds
 from replay_kit.forecast.field import PRODUCT, Field
 from replay_kit.forecast.files import undated
-from replay_kit.forecast.members.rules import MemberRule
+from replay_kit.forecast.members.rules import Elsewhere, MemberRule
 from replay_kit.forecast.names import find_dimension, find_lead, find_time
 
 _STARTS = ("forecast_reference_time", "reference_time", "init_time", "run")
@@ -147,9 +147,8 @@ def _notes(time_ns: int, near_ns: int | None, among: str) -> list[str]:
     days = 0.0 if near_ns is None else (near_ns - time_ns) / _DAY_NS
     if abs(days) > 1.0:
         side = "before" if days > 0 else "after"
-        return [
-            f"{note}, {abs(days):.1f} days {side} the log begins: the log lies outside its time"
-        ]
+        words = f"{note}, {abs(days):.1f} days {side} the log begins: the log lies outside its time"
+        return [Elsewhere(words)]
     return [f"{note}, {among}"] if among else []
 
 

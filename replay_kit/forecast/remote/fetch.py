@@ -234,7 +234,7 @@ def receive(
     if total > most:
         raise ForecastError(
             f"{rows[0]['address']}: {total / 1e6:.4g} MB to download, more than --max-download {most / 1e6:.4g} MB; "
-            "choose less with --region, --levels and --start, --end, or allow more"
+            "choose less with --region, --levels and --start, --end"
         )
     files, done, size = list[Path](), 0.0, float(sum(row["bytes"] for row in rows))
     for cut, row in zip(cuts, rows, strict=True):

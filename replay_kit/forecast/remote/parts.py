@@ -154,7 +154,7 @@ def _of_times(
     if not chosen and (last < times.min() - _DAY_NS or first > times.max() + _DAY_NS):
         raise ForecastError(
             f"{field.where}: the forecast is of {time_text(int(times.min()))} to {time_text(int(times.max()))}, the log of "
-            f"{time_text(first)} to {time_text(last)}; nothing of its currents was received: give one of that time, or choose one of "
+            f"{time_text(first)} to {time_text(last)}; give one of that time, or choose one of "
             "these with forecast.time"
         )
     found = _needed(times[None], ("", dim), first, last).get(dim, np.array([nearest(times, first)]))

@@ -24,7 +24,7 @@ _AVERAGE, BURST = 0x16, 0x15
 _CLOCK_LINE = re.compile(rb"GETCLOCKSTR[^\r\n]*")
 #: Where a record's kind is in its head, and a profile's ensemble counter in its data [bytes].
 _KIND, _ENSEMBLE = 2, 72
-NO_ENSEMBLE = "no valid ensemble of velocities (checksums); copy it from the instrument again"
+NO_ENSEMBLE = "no valid ensemble of velocities (checksums); copy it again"
 
 
 def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:
@@ -157,7 +157,7 @@ def _readers(path: Path) -> tuple[Any, Any]:
             from mhkit.dolfyn.io.rdi import read_rdi
     except ImportError as error:
         raise LogError(
-            f"{path}: raw ADCP files are read through MHKiT, which is not installed; pip install 'replay-kit[adcp]'"
+            f"{path}: raw ADCP files need MHKiT; pip install 'replay-kit[adcp]'"
         ) from error
     return read_rdi, read_signature
 

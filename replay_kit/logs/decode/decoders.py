@@ -71,7 +71,7 @@ def channel_decoder(message_encoding: str, schema: Schema | None) -> Decoder | s
         ):
             return protobuf_decoder(schema)
         if schema.encoding == SchemaEncoding.ROS2IDL:
-            return f"{pair} is not known: record with definitions in ros2msg, as rosbag2 does by default"
+            return f"{pair} is not known: record in ros2msg, as rosbag2 does"
         if (message_encoding, schema.encoding) in _ROS_ENCODINGS:
             text = schema.data.decode("utf-8")
             return ros_decoder(schema.name, text, message_encoding == MessageEncoding.CDR)
@@ -220,7 +220,7 @@ class Channels:
         if key not in self._decoders:
             self._parsed += min(len(schema.data), MOST_SCHEMA)
             full = self._parsed > MOST_SCHEMAS
-            why = f"the schemas of this log have more than the {MOST_SCHEMAS} bytes that are parsed of one log"
+            why = f"the schemas of this log have more than {MOST_SCHEMAS} bytes"
             self._decoders[key] = (
                 why
                 if full and encoding != MessageEncoding.JSON

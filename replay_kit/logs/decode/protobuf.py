@@ -124,9 +124,7 @@ class _Text:
             return f'{{"sec": {variable}.seconds, "nsec": {variable}.nanos}}'
         self.fields += len(descriptor.fields)
         if self.fields > _MOST_FIELDS:
-            raise BudgetError(
-                f"more than the {_MOST_FIELDS} fields that are read of one type and those in it"
-            )
+            raise BudgetError(f"more than {_MOST_FIELDS} fields of one type and those in it")
         return (
             "{"
             + ", ".join(

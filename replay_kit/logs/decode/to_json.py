@@ -32,6 +32,8 @@ _INTEGER = {"type": "integer"}
 _STRING = {"type": "string"}
 _BOOLEAN = {"type": "boolean"}
 _NULLABLE = {"type": ["number", "null"]}
+_MAYBE_BOOLEAN = {"type": ["boolean", "null"]}
+_PER_CELL = {"type": ["number", "array", "null"], "items": _NULLABLE}
 _STAMP = _object({"sec": _INTEGER, "nsec": _INTEGER})
 _FIX = _object({"time": _STAMP, "lon": _NUMBER, "lat": _NUMBER})
 _PER_BEAM = {"type": ["array", "null"], "items": _array(_NULLABLE)}
@@ -57,7 +59,7 @@ _ADCP_PING = _object(
         "transducer_depth": _NULLABLE,
         "beam_unit_vectors": _PER_BEAM,
         "velocity": _array(_array(_NULLABLE)),
-        "velocity_std": {"type": ["number", "array", "null"], "items": _NULLABLE},
+        "velocity_std": _PER_CELL,
         **dict.fromkeys(("amplitude", "correlation", "percent_good"), _PER_BEAM),
         **dict.fromkeys(
             (
@@ -71,7 +73,7 @@ _ADCP_PING = _object(
             ),
             _NULLABLE,
         ),
-        "declination_applied": {"type": ["boolean", "null"]},
+        "declination_applied": _MAYBE_BOOLEAN,
         "bottom_track": {
             "type": ["object", "null"],
             "properties": {"velocity": _array(_NULLABLE), "distance": _array(_NULLABLE)},
@@ -81,12 +83,12 @@ _ADCP_PING = _object(
             "properties": {"east": _NULLABLE, "north": _NULLABLE, "source": _STRING},
         },
         "attitude_convention": _words("teledyne", "nortek"),
-        "tilt_applied": {"type": ["boolean", "null"]},
+        "tilt_applied": _MAYBE_BOOLEAN,
         "clock_offset": _NULLABLE,
         "error_velocity": {"type": ["array", "null"], "items": _NULLABLE},
         "snr": _PER_BEAM,
-        "noise_floor": {"type": ["number", "array", "null"], "items": _NULLABLE},
-        "derived": {"type": ["boolean", "null"]},
+        "noise_floor": _PER_CELL,
+        "derived": _MAYBE_BOOLEAN,
     },
     (
         "stamp",

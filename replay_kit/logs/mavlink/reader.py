@@ -210,7 +210,7 @@ class TlogReader(LogFile):
         )
 
     def _choose(self) -> str:
-        return f"set system in [logs] of the configuration to one of {', '.join(map(str, sorted(self._positions_of)))}"
+        return f"set system in [logs] to one of {', '.join(map(str, sorted(self._positions_of)))}"
 
     def _kind(self, key: int) -> _Kind:
         """Return topic, name and decoder of the messages of one kind from one sender."""

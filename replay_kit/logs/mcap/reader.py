@@ -225,9 +225,7 @@ def _extra(file: BinaryIO, record: Record) -> Attachment | Metadata:
         return parse(Metadata, record.body)
     length = record.end - record.offset - HEAD_SIZE
     if length > MAX_SIZE:
-        raise ValueError(
-            f"an attachment of {length} bytes, more than the {MAX_SIZE} that are read at once"
-        )
+        raise ValueError(f"an attachment of {length} bytes, more than {MAX_SIZE}")
     file.seek(record.offset + HEAD_SIZE)
     body = file.read(length)
     (stated,) = struct.unpack_from("<I", body, length - 4)

@@ -268,7 +268,9 @@ def _variance_within(shear: Array, depth: Array) -> float:
 _SENSORS = {name: name for name in ("heading", "pitch", "roll", "pressure")} | {
     "sound_speed": "speedofsound"
 }
-_NORTEK_HEAD = "beams assumed to be those of Nortek's glider head (47.5 degrees fore and aft, 25 degrees abeam)"
+_NORTEK_HEAD = (
+    "beams assumed to be those of Nortek's glider head (47.5 degrees fore and aft, 25 abeam)"
+)
 
 
 def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
@@ -354,6 +356,6 @@ def seaexplorer_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     """Yield nothing and add a note: in real time a SeaExplorer sends one cell of its AD2CP."""
     if any(name.lower().startswith("ad2cp_v") for name in file.variables):
         notes.append(
-            "AD2CP in real time: one cell, relative to the glider, without information on the current; add the MIDAS export"
+            "AD2CP in real time: one cell, relative to the glider, no current; add the MIDAS export"
         )
     return iter(())

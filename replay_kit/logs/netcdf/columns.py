@@ -136,8 +136,8 @@ def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
     chosen = dialect.by_standard_names(file.variables, notes)
     if not {"time", "gps_time"} & chosen.keys():
         raise LogError(
-            f"{file.path}: {dialect.title}: expected a variable {dialect.names['time'].replace(' ', ' or ')} with the times of the "
-            f"samples, got variables {', '.join(file.names)}; write the file again with its times"
+            f"{file.path}: {dialect.title}: expected a variable {dialect.names['time'].replace(' ', ' or ')}, got "
+            f"{', '.join(file.names)}; write the file with its times"
         )
     values = read_values(file, dialect, chosen, notes)
     lacking = [

@@ -198,7 +198,5 @@ def _one_mission(files: Sequence[NetcdfFile], dialect: Dialect, notes: list[str]
     names = list(dict.fromkeys(name for file in files for name in missions_of(file, dialect.name)))
     if len(names) > 1:
         shown = f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}"
-        notes.append(
-            f"{len(names)} missions in one log ({shown}): their dives are merged as if one glider had made them"
-        )
+        notes.append(f"{len(names)} missions in one log ({shown}): merged as those of one glider")
     return names[0] if len(names) == 1 else ""

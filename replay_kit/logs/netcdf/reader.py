@@ -150,7 +150,7 @@ def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFi
     def choose(held: Mapping[str, Stored], attributes: Mapping[str, Any]) -> list[str]:
         dialect = dialect_of(held, attributes, form == "table")
         if dialect is None:
-            flat = {name: stored for name, stored in held.items() if stored.values.ndim < 3}
+            flat = {name: stored for name, stored in held.items() if stored.extents < 3}
             require_no_grid(path, held)
             asked = (
                 form != "netcdf" or config.columns or len(PINGS.chosen(flat)) == len(PINGS.names)

@@ -124,7 +124,7 @@ def _vectors(
     depth = depth_of(frequency)
     notes.append(
         f"{dialect.title}: at {depth:.1f} m, a wavelength over 8 pi of {frequency:g} MHz ({how}); "
-        "vectors without an error, or with one of questionable quality, are not used"
+        "vectors without a good error are not used"
     )
     fixed = {"depth": depth, "averaged": _HOUR, "error_length": 1e3 * length}
 

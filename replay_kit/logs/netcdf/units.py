@@ -4,6 +4,7 @@ Functions add each assumption to ``notes`` as a sentence for the user.
 """
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -161,7 +162,7 @@ def attitude_degrees(name: str, values: Array, whole_turn: bool, notes: list[str
     if known.size < _LEAST_ANGLES or not 0.0 < known.max() <= most:
         return values
     notes.append(
-        f"{name}: no value above {known.max():.2f}, so taken as radians although its unit is degrees; converted to degrees"
+        f"{name}: no value above {known.max():.2f}: taken as radians, although its unit is degrees"
     )
     return np.rad2deg(values)
 
@@ -199,8 +200,8 @@ def times_of(file: NetcdfFile, name: str, notes: list[str]) -> NDArray[np.int64]
     known &= (found > _FIRST_NS) & (found < _LAST_NS)
     if finite.any() and not known.any():
         raise LogError(
-            f"{file.path}: {name}: expected units 'seconds since 1970-01-01' or the like that give times of a mission, got '{units}' and "
-            f"times from {np.nanmin(plain):g} on; process the dive again, or correct the units"
+            f"{file.path}: {name}: expected units such as 'seconds since 1970-01-01', "
+            f"got '{units}' and times from {np.nanmin(plain):g} on; correct the units"
         )
     return np.where(known, found, 0)
 
@@ -217,7 +218,8 @@ def _seconds_of(texts: Sequence[str]) -> Array:
     ]
     plain = [text.removesuffix("Z") for text in iso]
     if {*map(len, plain)} == {_TO_SECONDS}:
-        with suppress(ValueError):
+        # NumPy only warns of a zone in a damaged one
+        with suppress(ValueError, UserWarning), warnings.catch_warnings(action="error"):
             return np.array(plain, "M8[s]").astype(np.float64)
     return np.array([*map(_second_of, iso)])
 

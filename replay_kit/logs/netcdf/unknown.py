@@ -51,7 +51,7 @@ def _chosen(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]
         raise ConfigError(
             f"{file.path}: {_EXPECTED}; it lacks {', '.join(lacking)}"
             f"{'; state the standard error of each component, it is not guessed' if 'error' in lacking else ''}"
-            f"; name it with --columns {lacking[0]}=COLUMN (logs.columns), or give one number for all rows"
+            f"; name it with --columns {lacking[0]}=COLUMN, or give a number for all rows"
         )
     return replace(file, variables=held), chosen
 
@@ -113,9 +113,13 @@ def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[
 
 def _over_rows(file: NetcdfFile, chosen: Mapping[str, str], values: Table) -> Table:
     """Return quantities by row in the order of all dimensions; missing dimensions are broadcast."""
-    sizes: dict[str, int] = {}
+    sizes, dims = dict[str, int](), dict[str, list[str]]()
     for key, own in values.items():
-        for dim, size in zip(file.variables[chosen[key]].dims, own.shape, strict=False):
+        named = zip(file.variables[chosen[key]].dims, own.shape, strict=False)
+        # the place of a mooring may be two of them
+        longer = {dim: size for dim, size in named if size > 1}
+        dims[key] = [*longer]
+        for dim, size in longer.items():
             if sizes.setdefault(dim, size) != size:
                 raise ConfigError(
                     f"{file.path}: {_EXPECTED}, of one length: {chosen[key]} has {size} values, others {sizes[dim]}"
@@ -124,11 +128,16 @@ def _over_rows(file: NetcdfFile, chosen: Mapping[str, str], values: Table) -> Ta
     # of a grid, or of columns that have no rows in common
     if len(shape) > 2 or np.prod(shape) > max(own.size for own in values.values()):
         raise ConfigError(f"{file.path}: {_EXPECTED}, got columns over {some_text(order)}")
+    placed = {dim for key in (*_PLACE, "depth") for dim in dims[key]}
+    if bare := sizes.keys() - placed:
+        raise ConfigError(
+            f"{file.path}: {chosen['u']} varies along {some_text([*bare])}, {chosen['depth']} does not; "
+            "name the depths with --columns depth=COLUMN"
+        )
     rows = {}
     for key, own in values.items():
-        dims = file.variables[chosen[key]].dims[: own.ndim]
-        turned = own.transpose(np.argsort([order.index(dim) for dim in dims]))
-        spread = turned.reshape([sizes[dim] if dim in dims else 1 for dim in order])
+        turned = own.squeeze().transpose(np.argsort([order.index(dim) for dim in dims[key]]))
+        spread = turned.reshape([sizes[dim] if dim in dims[key] else 1 for dim in order])
         rows[key] = np.broadcast_to(spread, shape).ravel()
     return rows
 
@@ -213,14 +222,15 @@ _VELOCITY = (
 # names of currents in forecasts
 _USUAL = ("u", "uo", "water_u", "vozocrtx", "uvel", "u_eastward", "ucur", "vxo")
 _NOT_A_LOG = "; a forecast is given with --ensemble, not as a log"
-_OTHER = "expected a Seaglider basestation file or a glider file of another known dialect"
+_NO_ERROR = "; --columns error=0.05, the standard error of u and v [m/s], makes them profiles"
+_OTHER = "expected a glider file of a known dialect"
 
 
 def require_no_grid(path: Path, held: Mapping[str, Stored]) -> None:
     """Raise LogError if a file with these variables is a forecast given as a log."""
     for name, stored in held.items():
         is_current = name.lower() in _USUAL or stored.standard in _VELOCITY
-        if is_current and stored.values.ndim > 2:
+        if is_current and stored.extents > 2:
             raise LogError(
                 f"{path}: {_OTHER}, got currents on a grid: {some_text(list(held))}{_NOT_A_LOG}"
             )
@@ -252,13 +262,15 @@ def _read_rows(
             rows[other] = values
         elif values.ndim < 2 and values.size < n:
             fixed[other] = values
+    hint = _NO_ERROR * (PINGS.names.keys() - PINGS.chosen(file.variables) == {"error"})
     if not rows:
         raise LogError(
-            f"{file.path}: {_OTHER}, got no variable along {name} alone: {', '.join(file.variables)}{_NOT_A_LOG}"
+            f"{file.path}: {_OTHER}, got no variable along {name} alone: {', '.join(file.variables)}{hint or _NOT_A_LOG}"
         )
     told.notes.append(
         f"of no known glider dialect: each row over {name} is a message on {_ROWS_TOPIC}{name}, with {', '.join(rows)}"
         + (f", and at each row {', '.join(fixed)}" if fixed else "")
+        + hint
     )
     told.notes += said
     unknown = int((time_ns == 0).sum())
@@ -281,7 +293,7 @@ def _time_name(file: NetcdfFile) -> str:
     found = stated or named
     if not found:
         raise LogError(
-            f"{file.path}: {_OTHER}, or any NetCDF with a variable of time (units 'seconds since 1970-01-01'); got variables "
+            f"{file.path}: {_OTHER}, or any NetCDF with times (units 'seconds since 1970-01-01'); got "
             f"{', '.join(file.variables) or 'none'}{_NOT_A_LOG}"
         )
     return max(

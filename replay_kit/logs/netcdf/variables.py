@@ -65,6 +65,11 @@ class Stored:
         """Standard name; empty without one."""
         return self.text("standard_name")
 
+    @property
+    def extents(self) -> int:
+        """Number of dimensions longer than one."""
+        return sum(size > 1 for size in self.values.shape)
+
     def text(self, attribute: str) -> str:
         """Return an attribute as text; empty without one."""
         value = self.attributes.get(attribute, "")

@@ -22,12 +22,12 @@ def number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def numbers(values: NDArray[Any]) -> list[Any]:
-    """Return an array as nested lists with None for values that are not finite."""
+def numbers(values: NDArray[Any]) -> Any:
+    """Return an array as nested lists, or a number, with None for values that are not finite."""
     values = np.asarray(values, dtype=np.float64)
     plain: NDArray[Any] = values.astype(object)
     plain[~np.isfinite(values)] = None
-    return list(plain.tolist())
+    return plain.tolist()
 
 
 def location_fix(

@@ -124,7 +124,7 @@ def read_header(path: Path, data: bytes) -> Header:
     if lacking or tags.get("num_ascii_tags") != str(len(tags)):
         raise LogError(
             f"{path}: expected the header of a Slocum's file, got {len(tags)} lines of it, without {', '.join(lacking) or 'its end'}; "
-            "copy the file from the glider again"
+            "copy it again"
         )
     return Header(path, tags, at)
 
@@ -184,7 +184,7 @@ class SensorLists:
         place = self._folder or header.path.parent / "cac"
         raise LogError(
             f"{header.path}: expected its list of sensors in {name}.cac, there is none in {place}; copy it from the glider "
-            "(state/cache) or from the shore server, or set logs.caches"
+            "(state/cache), or set logs.caches"
         )
 
     def _text(self, path: Path) -> bytes:
@@ -216,6 +216,6 @@ def _parsed(header: Header, text: bytes, where: Path) -> tuple[list[Sensor], int
     if not whole or (str(n), str((n + 3) // 4)) != expected:
         raise LogError(
             f"{where}: expected {expected[0][:12]} sensors in {expected[1][:12]} bytes of states a cycle, as {header.path.name} states, "
-            f"got {n} in {count} lines; copy the list from the glider again"
+            f"got {n} in {count} lines; copy it again"
         )
     return [held[k] for k in range(n)], at

@@ -185,7 +185,7 @@ def _places(
     if not known.size:
         return {name: np.full(time.size, np.nan) for name in _PLACE}
     notes.append(
-        f"{', '.join(_PLACE)}: {n_computed} dead-reckoned positions, interpolated in time to the other samples of a dive"
+        f"{', '.join(_PLACE)}: {n_computed} dead-reckoned positions, interpolated in time in each dive"
     )
     after = np.minimum(np.searchsorted(known[:, 0], time), len(known) - 1)
     latitude, longitude = (

@@ -84,10 +84,7 @@ _INSTRUMENT = [
 ]
 # m/s; an error outside is no statement of one, and its square would not survive the filter's arithmetic
 STD_BELIEVED = (1e-6, 1e3)
-_NO_REFERENCE = (
-    "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference "
-    "when the message has no place for it"
-)
+_NO_REFERENCE = "ping: expected reference to be one of earth, platform, got none; state it in the message, or as measurements.reference"
 
 
 def pings(

@@ -30,11 +30,11 @@ _ANGLE = r"(_?(deg|rad|e7|int|wgs84))?"
 _ENDS = {
     "latitude": rf"lat(itude)?{_ANGLE}",
     "longitude": rf"(lon|lng|long|longitude){_ANGLE}",
-    "depth": r"depth(_?m)?",
+    "depth": r"depth",
     "pressure": r"(fluid_|water_|sea_)?press(ure)?(_?(pa|hpa|kpa|bar|mbar|dbar))?",
-    "height": r"(alt|altitude|height|z)(_?m)?",
-    "east": r"(east|eastward|u|ve|vel_e|vel_east|east_vel|velocity_east|east_velocity)",
-    "north": r"(north|northward|v|vn|vel_n|vel_north|north_vel|velocity_north|north_velocity)",
+    "height": r"(alt|altitude|height|z)",
+    "east": r"(east(ward)?(_vel(ocity)?)?|u|ve|vel_e)",
+    "north": r"(north(ward)?(_vel(ocity)?)?|v|vn|vel_n)",
     "velocity": r"(vel|velocity|velocities|current|currents|vel_data|velocity_data)",
     "depths": r"(cell_|bin_)?depths?",
     "distances": r"(distances?|ranges?|cell_positions?)",
@@ -55,14 +55,17 @@ _PRESSURES = {
     "bar": ("bar", 1.01325),
     "pa": ("Pa", 101_325.0),
 }
+# a unit of length, or of speed, at the end of a name
+_UNIT = re.compile(r"(.+)_(mm|cm|dm|m)(_?p?s|_per_s)?")
 # a flat list this short is one velocity, not a profile
 _SHORTEST_FLAT = 6
 _MISSING = (-32768.0, -9999.0, 9999.0, -999.0)
 # no current in m/s is as fast
 _NO_MPS = 20.0
+_IN_NAME = "in its name"
 _UNKNOWN = "NOT KNOWN from the message"
 _REFERENCE = f'reference = "unknown"  # {_UNKNOWN}, so it is not used yet: earth if the vehicle\'s motion is removed, else platform'
-_AT_DEPTH = "at_depth = 0.0  # NOT FOUND in the message: state the depth of the measurement, in m"
+_AT_DEPTH = "at_depth = 0.0  # NOT FOUND in the message: state it, in m"
 _AT_VEHICLE = (
     "distance = 0.0  # NOT KNOWN: of the cell from the vehicle, in m; 0 measures at the vehicle"
 )
@@ -75,11 +78,13 @@ class Leaf(NamedTuple):
         path: Path in the payload.
         name: Its last field name, in lower case.
         values: shape () for a number, (n,) for a list, (n, m) for n lists; NaN if missing.
+        unit: Unit of length, in a speed too, that its name stated; else empty.
     """
 
     path: str
     name: str
     values: Array
+    unit: str = ""
 
     @property
     def parent(self) -> str:
@@ -127,7 +132,7 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
     # an array of floats that is no ping of ours has no other use than a profile, whatever its name
     if _CURRENT.search(f"{topic} {own_name}") or topic.endswith("/DEBUG_FLOAT_ARRAY"):
         names |= {"data": "velocity"} | ({"x": "east", "y": "north"} if own_name else {})
-    found = [leaf._replace(name=names.get(leaf.path, leaf.name)) for leaf in found]
+    found = [_with_unit(leaf._replace(name=names.get(leaf.path, leaf.name))) for leaf in found]
     scalars = [leaf for leaf in found if not leaf.values.ndim]
     profile, velocity = _profile(found, scalars), _velocity(scalars)
     place, depth = _place(scalars), _depth(scalars)
@@ -148,6 +153,11 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
     mark = "# " if all(text.startswith("#") for text in lines) else ""
     head = f"# {quoted}: {len(found)} numbers in a {schema or 'message without a schema'}"
     return "\n".join([head, *(mark + text for text in entry), *lines, ""]) if lines else None
+
+
+def _with_unit(leaf: Leaf) -> Leaf:
+    stated = _UNIT.fullmatch(leaf.name)
+    return leaf._replace(name=stated[1], unit=stated[2]) if stated else leaf
 
 
 def sample_key(topic: str, payload: Mapping[str, Any]) -> str:
@@ -177,8 +187,8 @@ def suggestions(samples: Samples) -> str:
         samples: Key, from ``sample_key``, to the schema name and a message.
     """
     head = (
-        "# A first mapping, guessed by names and values from one message of each topic that no known kind covers.\n"
-        "# Check every line, above all reference, frame and units, before you use it: replay-kit replay --config THIS.toml\n"
+        "# A first mapping, guessed from one message of each topic of unknown type.\n"
+        "# Check every line, above all reference, frame and units; then: replay-kit replay --config THIS.toml\n"
     )
     entries = "".join(f"\n{entry}" for entry in suggested_entries(samples).values())
     return head + (
@@ -266,13 +276,14 @@ def _depth(scalars: Sequence[Leaf]) -> list[str]:
     if picked[0] == "depth":
         up, sign = ("up", "negative") if value < 0.0 else ("down", "positive")
         why = f"{value:g}: {sign} below the surface"
-        return [path, _line("depth_unit", "m", "the usual one"), _line("depth_positive", up, why)]
+        unit = _line("depth_unit", leaf.unit or "m", _IN_NAME if leaf.unit else "the usual one")
+        return [path, unit, _line("depth_positive", up, why)]
     stated = [unit for end, (unit, _) in _PRESSURES.items() if leaf.name.endswith(end)][:1]
     near = [unit for unit, air in _PRESSURES.values() if 0.8 * air < value < 1.2 * air]
     unit = [*stated, *near, "Pa" if value > 1e5 else "dbar"][0]
     absolute = unit in near or (unit == "Pa" and value > 1e5)
     air = "whether the atmosphere is in it: check a value at the surface"
-    why = f"{'in its name' if stated else 'by its size; check it'}: {value:g}"
+    why = f"{_IN_NAME if stated else 'by its size; check it'}: {value:g}"
     return [path, _line("depth_unit", unit, why), _line("depth_absolute", absolute, air)]
 
 
@@ -305,6 +316,8 @@ def _speed(picked: Mapping[str, Leaf]) -> list[str]:
     whole, fast = known.any() and not (known % 1.0).any(), known.max(initial=0.0)
     unit = "mm/s" if whole or fast > _NO_MPS else "m/s"
     why = f"up to {fast:g}{', whole numbers' if whole else ''}; check it"
+    for stated in (leaf.unit for leaf in picked.values() if leaf.unit):
+        unit, why = f"{stated}/s", _IN_NAME
     missing = np.unique(values[stand_in]).tolist()
     marks = [_line("missing", missing, "these stand for no velocity")] if missing else []
     return [_line("speed_unit", unit, why), *marks]
@@ -317,13 +330,13 @@ def _geometry(found: Sequence[Leaf], scalars: Sequence[Leaf], n_cells: int) -> l
     lines = _lines(picked)
     if "depths" in picked and (least := picked["depths"].values.min()) < 0.0:
         lines.append(_line("depth_positive", "up", f"{least:g}: negative below the surface"))
-    if lines:
-        return lines
-    for key in ("cell_size", "first_cell"):
-        blanking = "; blanking ends where the first cell begins: state half a cell more"
-        near = [
-            _line(key, one.path, f"{one.values:g} m" + blanking * ("blanking" in one.name))
-            for one in _pick(scalars, key).values()
-        ]
-        lines += near or [_line(key, 1.0, "NOT FOUND in the message: state the instrument's, in m")]
-    return lines
+    for key in ("cell_size", "first_cell")[: 2 * (not lines)]:
+        blanking = "; blanking ends half a cell before: add it"
+        near = _pick(scalars, key)
+        picked |= near
+        lines += [
+            _line(key, one.path, f"{one.values:g}" + blanking * ("blanking" in one.name))
+            for one in near.values()
+        ] or [_line(key, 1.0, "NOT FOUND: state the instrument's, in m")]
+    units = [one.unit for one in picked.values() if one.unit]
+    return [*lines, *(_line("distance_unit", unit, _IN_NAME) for unit in units[:1])]

@@ -37,10 +37,7 @@ _CTD = "depth temperature salinity conductivity pressure"
 _DRIFTER = "longitude latitude depth error"
 _RADAR = "longitude latitude value error_std direction suspect depth averaged error_length kind"
 Payloads = Sequence[Payload]
-_WHOLE_METRES = (
-    "cell_depth is 0: this message holds whole metres only, so that the size of cells below 1 m is lost; "
-    "state it with a [[measurements.map]] entry for the topic"
-)
+_WHOLE_METRES = "cell_depth is 0: whole metres hold no cells below 1 m; state their size in a [[measurements.map]]"
 _NUCLEUS = (
     "profile along three beams (Nortek Nucleus), whose directions and heading it does not state"
 )

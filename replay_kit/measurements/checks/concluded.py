@@ -12,6 +12,7 @@ FORECAST = "components or unit of the forecast"
 PREFERRED = "the gate prefers one source of the current to another"
 MISFIT = "the forecast does not fit this water"
 MISFIT_OF_MOVED = "the ensemble that was moved here does not fit this water"
+MIXED = "positions of two vehicles in one log"
 TRACKS = "these logs hold two tracks that no one vehicle can join"
 _SOURCE = {
     "dac": "mean currents of dives",
@@ -30,6 +31,17 @@ def too_fast(reason: str, number: int, total: int) -> Finding:
         f"{number} of {total} mean currents were skipped ({reason})",
         "mean currents in cm/s or mm/s, taken for m/s",
         "correct their unit, or withhold them (--without dac)",
+    )
+
+
+def mixed_tracks(thrown: int, total: int) -> Finding:
+    """Return the finding that many positions of one log are out of reach of the others."""
+    return Finding(
+        MIXED,
+        0,
+        f"{thrown} of {total} positions are out of the vehicle's reach",
+        "two vehicles in one log, or a receiver that errs much of the time",
+        "split the log by vehicle and name the parts (--as NAME=LOG)",
     )
 
 
@@ -63,8 +75,8 @@ def ensemble_unit(evidence: str, source: str) -> Finding:
         ENSEMBLE_UNIT,
         0,
         f"{source}: {evidence}",
-        "velocities in cm/s or knots that the file calls m/s",
-        'convert the ensemble and correct its units; consistency.on_failure = "ignore" takes it as it is',
+        "velocities in cm/s or knots called m/s, or undeclared fill values",
+        'correct the file; consistency.on_failure = "ignore" takes it as it is',
         "unusable",
     )
 
@@ -75,7 +87,7 @@ def forecast_fault(faults: Sequence[str], gain: float, dives: int) -> Finding:
         FORECAST,
         0,
         f"by {dives} mean currents of dives the forecast's currents look {', or '.join(faults)} (likelihood ratio e^{gain:.0f})",
-        "exchanged components, a sign or a unit in the forecast's file; or an eddy that is elsewhere than forecast",
+        "exchanged components, a sign or a unit in its file; or an eddy that is elsewhere",
         "check the names, signs and units of the forecast's velocities",
         "warning",
     )
@@ -113,9 +125,7 @@ def forecast_misfit(evidence: str, moved: bool) -> Finding:
         moved: Whether the ensemble was moved to the log, so that a misfit is expected.
     """
     if moved:
-        advice = (
-            "treat the estimate as a demonstration; for a reliable one give a forecast of this area"
-        )
+        advice = "the estimate is a demonstration; give a forecast of this area"
         return Finding(
             MISFIT_OF_MOVED,
             0,
@@ -128,7 +138,7 @@ def forecast_misfit(evidence: str, moved: bool) -> Finding:
         MISFIT,
         0,
         evidence,
-        "a forecast of another place or time, members that differ too little, or errors of the measurements that are stated too small",
+        "a forecast of another place or time, too narrow an ensemble, or stated errors that are too small",
         "do not rely on this estimate; give a forecast of this area; replay-kit info --ensemble lists faults of a log that look the same",
         "misfit",
     )

@@ -38,7 +38,7 @@ _STUCK_RUN, _STUCK_NAMED, _CHANCE, _LIVING = 6, 16, 1e-9, 3
 _LEAST, _UNLIKE, _MOST_ERROR = 30, 25.0, 0.1
 _OF_BEAMS = (
     "the order or the directions of the beams, or one that is dead, blocked or disturbed",
-    "its profiles are not used; exclude that beam, so that velocities are solved from the other three",
+    "its profiles are not used; exclude that beam: three are enough",
 )
 # Odd numbers by which the bits of a ping's values are multiplied, to tell pings apart by one number each.
 _FACTORS = np.random.default_rng(0).integers(1, 2**62, 4096) | 1

@@ -305,7 +305,7 @@ def of_means(memory: Memory, means: Rows) -> Judged:
         lambda k: (
             f"{_EQUAL} dives in a row have the mean current {latest[k, 0, 0]:g} east, {latest[k, 0, 1]:g} north m/s"
         ),
-        "a mean current that was never computed, and is logged as zero or as the last one",
+        "a mean current that was never computed, logged as zero or the last one",
         "withhold them (--without dac), or compute them from dead reckoning",
         since=lambda k: times[k, 0],
     )

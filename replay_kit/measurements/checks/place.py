@@ -70,7 +70,7 @@ def frozen(memory: Memory, positions: Rows) -> tuple[Memory, list[Found], Mask]:
         number, seconds, least, most, *_ = runs[k]
         return f"{number:.0f} positions over {seconds:.0f} s are equal to the last digit, from {least:.0f} to {most:.0f} m of depth"
 
-    advice = "pings at such positions are not used; check the receiver, or give the vehicle's dead-reckoned positions"
+    advice = "pings there are not used; check the receiver, or give dead-reckoned positions"
     found = positions.first(
         bad_at & ~fixes,
         REPEATED,
@@ -123,8 +123,8 @@ def separate(memory: Memory, positions: Rows) -> Judged:
         np.arange(len(positions)) == at,
         PLACES,
         lambda _: words,
-        "a log of another mission, place or year among the logs, or a clock or receiver that was wrong for a time",
-        "all are used; replay-kit info shows where and when each log was recorded, exclude those of other missions",
+        "a log of another mission, place or year, or a clock or receiver that was wrong for a time",
+        "all are used; exclude logs of other missions, which replay-kit info shows",
     )
     return {"last": np.array(last, np.float64), "number": np.array(number)}, found
 

@@ -51,7 +51,7 @@ _OF_UNIT = (
     "state measurements.velocity_unit (m/s when the log is right), and check the ensemble's unit",
 )
 _OF_ENSEMBLE = (
-    "an ensemble of another region or season, of too few members, or errors of the profiles that are stated too small",
+    "an ensemble of another region or season, of too few members, or stated errors that are too small",
     "warning only; replay-kit info --ensemble lists faults of the log that would explain it",
 )
 # Comparisons that are remembered; (m/s)^2, of smooth profiles whose second differences are those of their digits.
@@ -156,8 +156,8 @@ def above_surface(memory: Memory, pings: Rows, context: Context) -> Judged:
         lambda k: (
             f"most bins of {over[k] + watery[k]} of {number[k] + heard[k]} pings lie above the surface"
         ),
-        "the sign of depth, or an instrument that looks up and is read as looking down, or the other way round",
-        "its profiles are not used; check depth_positive and orientation of the mapping, or the ping's orientation",
+        "the sign of depth, or an instrument that looks up read as looking down, or the reverse",
+        "its profiles are not used; check depth_positive and orientation",
         distrusts=True,
     )
 
@@ -240,7 +240,7 @@ def noise(memory: Memory, pings: Rows, context: Context) -> Judged:
                 f"neighbouring bins scatter {middle[k]:.2g} times as much as their stated errors"
             ),
             f"errors in another unit, {cause}",
-            "correct the stated errors (velocity_std), or leave them out and set measurements.velocity_std",
+            "correct velocity_std, or leave it out and set measurements.velocity_std",
             "inconsistent" if large else "warning",
             # wrong units and a bad beam, which explain it, are found in fewer pings
             unless=(UNIT, BEAM),

@@ -173,7 +173,7 @@ def _even_cells(ping: Mapping[str, Any]) -> tuple[Cells | None, Words | str]:
     why = np.full(len(first), "", object)
     for k in np.flatnonzero(~even):
         why[k] = (
-            "ping: bins can be mapped to equal depths only where cell_distances are finite, growing and evenly spaced [m], "
+            "ping: bins are mapped where cell_distances are finite, growing and evenly spaced [m], "
             f"got {shorten(distance[k].tolist())}; map them before, and state bin_mapped"
         )
     return (first, found), why

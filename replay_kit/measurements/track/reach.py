@@ -143,7 +143,7 @@ def within_reach(
     Args:
         before: State before the rows.
         positions: Rows in order.
-        ends: Whether the log ends with them; waiting positions are then excluded.
+        ends: Whether the log ends with them; a single waiting position, or a distant one, is then excluded.
     """
     rows = joined(before.held, positions)
     every, order, quick = places(rows), rows["order"].copy(), short_steps(rows)
@@ -169,13 +169,15 @@ def within_reach(
         if last is None or last.log != here.log or last.seconds(here) > _LONGEST:
             settle(True)
             state = state.on(here)
-        elif last.seconds(here) <= 0.0:
+        elif last.seconds(here) <= 0.0 and last.reckoned != here.reckoned:
             pass
         elif state.reaches(last, here):
-            if held:
+            # the vehicle goes on from where it was held, if the track may pass there
+            comes_back = bool(held) and not state.reaches(every(held[-1]), here)
+            if comes_back:
                 far = max(last.way(every(k)) for k in held)
                 found.append((int(order[i]), _displaced(every(held[0]), far, len(held))))
-                settle(False)
+            settle(not comes_back)
             state = state.on(here)
         elif state.number < _LEAST:
             # nothing tells yet which of them was wrong
@@ -198,7 +200,8 @@ def within_reach(
                 state = Reach(here, None, speeds, state.gaps, number=_LEAST)
         i += 1
     if ends:
-        use[held] = False
+        # several that agree are where it came up, if not too far away
+        use[[k for k in held if len(held) < 2 or k in far_off]] = False
         held.clear()
     waits = np.isin(np.arange(len(order)), held)
     until = np.where(use & ~waits, order, NEVER)
@@ -217,11 +220,11 @@ def within_reach(
 
 def _displaced(first: Place, far: float, thrown: int) -> Finding:
     """Return the finding of excluded outliers or, with none, of a permanent displacement [m]."""
-    cause = "a receiver that errs, a wrong datum, or positions of another vehicle"
+    cause = "a receiver or clock that errs, a wrong datum, or positions of another vehicle"
     evidence = f"the track goes on {far / 1e3:.3g} km away, farther than the vehicle reaches, and does not come back"
     advice = "check the receiver, and give a log with the right positions"
     if not thrown:
         return Finding(DISPLACED, first.time_ns, evidence, cause, advice, "inconsistent")
-    evidence = f"{thrown} in a row are up to {far / 1e3:.3g} km out of the vehicle's reach, and the track comes back"
+    evidence = f"{thrown} in a row are up to {far / 1e3:.3g} km out of the vehicle's reach, then it comes back"
     advice = "they are not used; check the receiver"
     return Finding(DISPLACED, first.time_ns, evidence, cause, advice, "warning")

@@ -26,7 +26,7 @@ from replay_kit.results.outcome.verdict import (
 _STATUS = {0: "done", 4: "loss", 6: "inconsistent"}
 Values = Mapping[str, Any]
 # Of a run of several vehicles alone.
-_OF_SEVERAL = ("vehicles", "value", "unused")
+_OF_SEVERAL = ("vehicles", "unused")
 # Of the run that has just ended alone: no result has the same bytes with them.
 _OF_RUN = ("seconds", "truth")
 # Names of attributes in results of version 0.3.
@@ -65,8 +65,6 @@ class Outcome:
         doubts: Questions that the measurements cannot answer.
         outside: Reasons why the forecast is not of this region or time.
         vehicles: Outcome of each vehicle by name, if several share the estimate; the other figures then cover all.
-        value: Value of each vehicle, by name: ``measurements``, RMS change of the estimate at the published depths without them
-            (``rms_change``), and its standard error there with and without them [m/s] (data denial).
         unused: Vehicles without influence on the estimate, with the reason.
         exit_codes: All that apply, that of the run first; empty for 0.
         error: Reason of a failed run; else empty.
@@ -95,7 +93,6 @@ class Outcome:
     doubts: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
     vehicles: Mapping[str, "Outcome"] = field(default_factory=dict)
-    value: Mapping[str, Values] = field(default_factory=dict)
     unused: Mapping[str, str] = field(default_factory=dict)
     exit_codes: tuple[int, ...] = ()
     error: str = ""

@@ -147,7 +147,7 @@ def _caption(bins: BinsAlongTrack) -> str:
         )
     return (
         "Each bin and the estimate just after it was used, along the local axes, averaged over cells of time and depth. "
-        "Look for structure in the difference; pure noise shows none. Stripes that follow the dives point to the "
+        "Look for structure in the difference. Stripes along the dives point to the "
         "instrument or the dead reckoning, layers to depths "
         f"that the estimate does not resolve. {error}"
     )
@@ -175,7 +175,7 @@ def dives_figure(contents: Contents) -> Figure:
     ]
     circles = "Open circles: corrected for the flight model's error, as the estimate uses them. "
     caption = (
-        "Points: mean current measured over each dive; bars: one standard deviation expected before the update. "
+        "Points: mean current measured over each dive; bars: one standard deviation. "
         f"{circles if corrected else ''}Line: mean of the estimate "
         "over the positions of the dive, just after the update. Points that stay on one side of the line show a bias."
     )

@@ -94,9 +94,9 @@ def _innovations(measured: Measured) -> Figure:
             Panel("RMS innovation", _TIME, _RMS, rms),
             Panel("normalised innovation squared", _TIME, axis, nis, level=1.0, band=_band(dof)),
         ],
-        "First: RMS innovation of each measurement; the line is the RMS that the estimate expects. Second: "
+        "First: RMS innovation of each measurement; line: the RMS that the estimate expects. Second: "
         "normalised innovation squared per degree of freedom (NIS/dof); the band holds 95 % of measurements with the "
-        f"typical number of bins. Points that stay above the band mean that errors are understated.{thin}",
+        f"typical number of bins. Above it errors are understated.{thin}",
         "RMS innovation of each measurement and its normalised innovation squared against time, with their expected values.",
     )
 
@@ -166,8 +166,7 @@ def _calibration(found: Calibration, measured: Measured) -> Figure:
         "Innovations against their stated errors",
         [Panel(title, axis, Axis("density", from_zero=True), marks, note=note)],
         f"{found.standardized.size:,} components of the bins used{of}: mean {mean} (expected 0), standard deviation "
-        f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias. "
-        "The outermost bars include all values beyond.",
+        f"{found.std:.2f} (expected 1). A histogram wider than the curve means understated errors; a shifted one, a bias.",
         "Histogram of the standardised innovations with the standard normal curve.",
     )
 

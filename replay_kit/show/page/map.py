@@ -241,7 +241,7 @@ def _caption(contents: Contents, slices: CurrentSlices | None) -> str:
     texts = []
     if slices is not None:
         texts.append(
-            "Colours: speed, or standard error of a velocity component; they fade where the error exceeds the current. Lines: "
+            "Colours: speed, or standard error of a velocity component, faded where the error exceeds the current. Lines: "
             "where water drifts. The mean over depth is over that of the vehicle's dives; its error is at most the one shown. "
             f"Grey: {dry_text(slices)}."
         )

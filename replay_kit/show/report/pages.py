@@ -22,7 +22,7 @@ from replay_kit.show.report.sections.answer import words_section
 from replay_kit.show.report.sections.plan import plan_section
 from replay_kit.show.report.sections.trust import trust_section
 from replay_kit.show.sentences import estimate_sentences
-from replay_kit.show.vehicles import ABOUT_VALUE, COLUMNS, vehicle_cells, vehicle_sentences
+from replay_kit.show.vehicles import COLUMNS, vehicle_cells, vehicle_sentences
 
 # Entries of a list of the summary that are shown.
 _LONG = 12
@@ -174,7 +174,7 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
         *map(escape, (*outcome.notes, *vehicle_sentences(outcome))),
     ]
     caption = "Vehicles: what each measured, and what the estimate would be without it"
-    html = f"{table_html(COLUMNS, rows, caption)}<p>{escape(ABOUT_VALUE)}.</p>{items_html(said)}"
+    html = f"{table_html(COLUMNS, rows, caption)}{items_html(said)}"
     sections = [map_section(contents, card), Section("vehicles", "Vehicles", html)]
     parts = [
         *([f"{time_text(span[0])[:16]} to {time_text(span[1])[:16]} UTC"] if span else []),

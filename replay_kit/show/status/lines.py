@@ -73,8 +73,9 @@ def _first(status: Status) -> Line:
     severe = [one for one in findings if one["severity"] != "warning"]
     texts += [f"{one['name']}: {one['evidence']}" for one in severe]
     named = [one["name"] for one in findings]
-    # the odds say it with numbers
-    reasons = [text for text in fit.get("reasons", ()) if not (said.parts and "plan" in text)]
+    # the odds say it with numbers, but not that a plan must not be flown
+    numbers = said.parts and odds["status"] != "unsafe"
+    reasons = [text for text in fit.get("reasons", ()) if not (numbers and "plan" in text)]
     texts += [text for text in reasons if text not in named]
     texts += [one["name"] for one in findings if one not in severe]
     texts += [str(said)] if said.parts else []

@@ -1,7 +1,7 @@
 """Status of a result: answers for the pilot as figures, and alarms; ``lines`` writes the text."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from replay_kit.results.mcap.schemas import attributes
 from replay_kit.results.outcome.verdict import Alarm
 from replay_kit.show.sentences import by_habit, profile_bins
 from replay_kit.show.status.alarms import alarms_of, change_of
-from replay_kit.show.status.held import Held, Values
+from replay_kit.show.status.held import Fix, Held, Values
 
 _SECOND, _DAY_NS = 1_000_000_000, 86_400 * 10**9
 _ENDS = ("east", "north")
@@ -172,7 +172,7 @@ def _next_leg(held: Held) -> Mapping[str, Any]:
 def _surfacing(held: Held, now_ns: int) -> Values:
     """Return the next surfacing by the plan and by the last dive, the more reliable first, and the last surfacing."""
     found = held.outcome.predicted_surfacings if held.outcome else None
-    each = [_by_plan(held, now_ns), _as_last_dive((found or {}).get("next"))]
+    each = [_by_plan(held, now_ns), _as_last_dive((found or {}).get("next"), held.fixes)]
     first, other = each[::-1] if not each[0] or by_habit(found) else each
     values: Values = {"since": time_text(held.last_ns)}
     if first:
@@ -229,9 +229,9 @@ def _by_plan(held: Held, now_ns: int) -> Values:
     }
 
 
-def _as_last_dive(following: Mapping[str, Any] | None) -> Values:
-    """Return the next surfacing by persistence of the last dive; empty without one."""
-    if not following:
+def _as_last_dive(following: Mapping[str, Any] | None, fixes: Sequence[Fix]) -> Values:
+    """Return the next surfacing by persistence of the last dive; empty without one, and after a later fix."""
+    if not following or any(fix.time_ns > following["time_ns"] for fix in fixes):
         return {}
     longitude, latitude = following["expected"]
     return {

@@ -12,10 +12,8 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from replay_kit.config.file import Section, explain, read_toml
 from replay_kit.config.run import RunConfig, laid_over, load_config
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
-from replay_kit.core.files.paths import Address, check_paths, path_of, truth_path
+from replay_kit.core.files.paths import Address, check_paths, path_of
 from replay_kit.core.plan import Place
-from replay_kit.forecast import ensemble_files
-from replay_kit.logs.opening import logs_in
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
 from replay_kit.workflows.replay.inputs.provenance import with_bathymetry
 
@@ -124,13 +122,8 @@ class Mission:
         Raises:
             ReplayKitError: A file is missing.
         """
-        job, bathymetry = self.job, self.config.planner.bathymetry_path
-        logs = [file for path in job.logs for file in logs_in(path)]
-        return (
-            *logs,
-            *ensemble_files(job.ensemble),
-            *filter(None, (truth_path(job.truth), bathymetry)),
-        )
+        bathymetry = filter(None, [self.config.planner.bathymetry_path])
+        return (*self.job.log_files, *self.job.forecasts, *bathymetry)
 
 
 def missions_of(

@@ -1,8 +1,6 @@
 """Following of growing logs: look, replay new data, write result, status and report, raise alarms, wait."""
 
 import json
-import os
-import shutil
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -186,10 +184,7 @@ class Follower:
             *filter(None, [self._options.report, self._options.goal_file]),
         ]
         own += [path for path in (self._job.netcdf, self._job.save_estimate) if path is not None]
-        own += [
-            *ensemble_files(self._job.ensemble),
-            *self._out.parent.glob(f"{self._out.stem}.forecast*.mcap"),
-        ]
+        own += ensemble_files(self._job.ensemble)
         watched = Watched(
             self._job.logs,
             tuple(own),
@@ -356,8 +351,10 @@ class Follower:
             )
             return self._forecast[1]
         name = ", ".join(named_hash(path) for path in ensemble_files(job.ensemble))
-        if self._memory.forecast and self._memory.forecast != name:
-            self._archive(name)
+        if (before := self._memory.forecast) and before != name:
+            self._say(
+                f"a newer forecast: {name}, before it {before}; all observations so far are used with it"
+            )
         self._remember(forecast=name)
         self._forecast = stamps, found, ahead
         return found
@@ -369,24 +366,6 @@ class Follower:
             self._remember(region=json.dumps(None if found is None else found.to_record()))
         record = json.loads(self._memory.region)
         return None if record is None else from_record(record)
-
-    def _archive(self, name: str) -> None:
-        """Keep the result based on the replaced forecast."""
-        kept, number = "", self._memory.archives
-        if self._out.is_file():
-            number += 1
-            target = self._out.with_name(f"{self._out.stem}.forecast{number}.mcap")
-            target.unlink(missing_ok=True)
-            try:
-                os.link(self._out, target)
-            except OSError:
-                shutil.copyfile(self._out, target)
-            kept = f"; the previous result is kept as {target.name}"
-        self._say(
-            f"a newer forecast: {name}, before it {self._memory.forecast}; all observations so far are used with it{kept}",
-            archives=number,
-            forecast=name,
-        )
 
     def _answer(self) -> None:
         """Write the status page, and give new alarms."""

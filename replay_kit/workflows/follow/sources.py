@@ -12,7 +12,7 @@ from replay_kit.core.files.inputs import Stamp, open_input, stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.words.text import time_text
 from replay_kit.logs import open_log
-from replay_kit.logs.opening import in_folder, may_grow, pattern
+from replay_kit.logs.opening import in_folder, may_grow
 
 #: A first message this much older or younger than those of all other files is a clock's error [ns].
 _FAR_NS = 366 * 86_400 * 10**9
@@ -157,44 +157,7 @@ def change_words(before: Source | None, now: Source, known: Mapping[Path, Source
         and _sha256_or_none(now.path, before.stamp[2]) == before.sha256
     ):
         return f"grew from {before.stamp[2]} to {now.stamp[2]} bytes"
-    how = (
-        "shrank"
-        if now.stamp[2] < before.stamp[2]
-        else "was replaced"
-        if now.stamp[:2] != before.stamp[:2]
-        else "was written anew"
-    )
-    return f"{how}: the replay goes back before the change"
-
-
-def mission_words(before: Mapping[Path, Source], now: Mapping[Path, Source]) -> list[str]:
-    """Return the followed and the excluded missions after files of another mission arrived; otherwise empty.
-
-    Args:
-        before: The files at the look before.
-        now: The files now.
-    """
-    followed, left = _missions(now, aside=False), _missions(now, aside=True)
-    if not followed or not left.keys() - followed.keys() - _missions(before, aside=True).keys():
-        return []
-    others = " and ".join(
-        f"{mission} ({pattern(paths)})"
-        for mission, paths in left.items()
-        if mission not in followed
-    )
-    held = ", ".join(f"{mission} ({pattern(paths)})" for mission, paths in followed.items())
-    return [
-        f"follows {held}, whose files came first, and leaves out {others}: to follow that, use a separate folder and result"
-    ]
-
-
-def _missions(sources: Mapping[Path, Source], aside: bool) -> dict[str, list[Path]]:
-    """Return the files that state their mission, by mission and in replay order: the excluded or the used ones."""
-    held: dict[str, list[Path]] = {}
-    for path in sorted(sources, key=in_folder):
-        if sources[path].mission and bool(sources[path].aside) == aside:
-            held.setdefault(sources[path].mission, []).append(path)
-    return held
+    return "was changed: the replay goes back before the change"
 
 
 def _sha256(path: Path, size: int) -> str:

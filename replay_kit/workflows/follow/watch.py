@@ -24,7 +24,6 @@ from replay_kit.workflows.follow.sources import (
     examine,
     judged,
     look,
-    mission_words,
     settled,
 )
 
@@ -43,7 +42,6 @@ class Memory:
         said: Reports on the inputs, in order.
         given: Alarms given.
         forecast: Files of the forecast with their hashes; empty before the first replay.
-        archives: Number of results archived at replacements of the forecast.
         region: Part of the forecast that the first replay found, as JSON record or null; empty before it. It does not change, as the states
             depend on it.
     """
@@ -53,7 +51,6 @@ class Memory:
     said: tuple[str, ...] = ()
     given: tuple[str, ...] = ()
     forecast: str = ""
-    archives: int = 0
     region: str = ""
 
     @property
@@ -204,7 +201,7 @@ def look_again(
         changed |= bool(words) and (not found.aside or (before is not None and not before.aside))
         sources[path] = found
     present = {path: sources[path] for path in there}
-    return present, [*mission_words(known, present), *said], changed
+    return present, said, changed
 
 
 # A command that takes longer is stopped [s].

@@ -29,9 +29,9 @@ from replay_kit.core.errors import (
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.observation import Flag, Observation, Profiles, usable
+from replay_kit.core.region import around
 from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.update.screening import screen
-from replay_kit.forecast import read_ensemble
 from replay_kit.logs import merge
 from replay_kit.measurements.checks.check import Checked, check
 from replay_kit.measurements.checks.instrument import DEAD
@@ -52,7 +52,6 @@ from replay_kit.measurements.checks.slips import (
 from replay_kit.measurements.observed import blocks, rows
 from replay_kit.workflows.replay.inputs.checks import check_inputs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.region import find_region
 from replay_kit.workflows.replay.inputs.scan import Logs, open_readers
 
 # profiles examined, spread over the log: their joint covariance is one matrix
@@ -117,18 +116,10 @@ def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConf
 def _checked(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig) -> Ensemble:
     """Return the part of an ensemble around logs, after the checks of a replay; for arguments and errors see there."""
     forecasts = check_inputs(ReplayJob(tuple(logs), ensemble), config).forecasts
-    if forecasts.read is None:
+    if forecasts.read is None or forecasts.region is None:
         return forecasts.ensemble
     # a replay would read windows that follow the vehicle
-    opened = Logs([logs], config)
-    _, near_ns = opened.ahead()
-    region = find_region(opened, ensemble, config, near_ns, (), may_follow=False)
-    part = (
-        config.forecast
-        if region is None
-        else config.forecast.model_copy(update={"region": region.region})
-    )
-    return read_ensemble(ensemble, part, near_ns=near_ns)
+    return forecasts.read(around(Logs([logs], config).places, forecasts.region.margin))
 
 
 def soundings(

@@ -86,8 +86,8 @@ def _content_lines(log: LogInfo) -> Iterator[str]:
     content = log.content
     if log.sampled is not None:
         yield (
-            f"Read: the index, and {log.sampled} messages, the first of each topic. Number, place and depth of profiles and positions, "
-            "what is not used, late messages, gaps and damage: with --full"
+            f"Read: the index, and {log.sampled} messages, the first of each topic; --full counts profiles and positions, and what is not "
+            "used or damaged"
         )
         yield f"Use, by the messages read: {log.use}"
         return

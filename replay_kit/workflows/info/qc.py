@@ -1,4 +1,4 @@
-"""Quality control of a mission's logs: results of each test, and pings without a usable bin, as tables and for JSON."""
+"""Quality control of a mission's logs: results of each test, and pings without a usable bin, as JSON and tables."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ from replay_kit.core.observation.block import BinTest, Block
 from replay_kit.logs import merge
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.observed import begun, blocks
-from replay_kit.results.losses import coded, loss_json, loss_lines
+from replay_kit.results.losses import coded, loss_json, lost_text
 from replay_kit.show.text import iso, not_used_lines, print_lines, print_table
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers
@@ -29,77 +29,41 @@ _LOST_SHOWN = 5
 
 
 @dataclass(slots=True, eq=False)
-class TestCount:
-    """Results of one test for all bins of a topic with a velocity.
-
-    Attributes:
-        reason: Reason that the test assigns to bins.
-        flags: Number of bins by QARTOD flag.
-        not_evaluated: Number of untested bins by reason.
-    """
+class _TestCount:
+    """Counts of one test for all bins of a topic with a velocity: by flag, and of untested bins by reason; mutable."""
 
     reason: Reason
     flags: Counter[int] = field(default_factory=Counter)
     not_evaluated: Counter[str] = field(default_factory=Counter)
 
     def add(self, test: BinTest, rows: NDArray[np.intp], present: NDArray[np.bool_]) -> None:
-        """Count the bins of pings.
-
-        Args:
-            test: The test's results for all pings of a block.
-            rows: Numbers of the pings in the block.
-            present: shape (n, m), whether a bin has a velocity.
-        """
+        """Count the bins of pings of a block by their rows; ``present``, shape (n, m), are those with a velocity."""
         flags = test.flags[rows]
         self.flags.update(flags[present].tolist())
         skipped = np.sum((flags == Flag.NOT_EVALUATED) & present, axis=1)
         for k in np.flatnonzero(skipped):
-            why = test.why_not[rows[k]] or "no number in the bin"
-            self.not_evaluated[why] += int(skipped[k])
-
-    def to_json(self, name: str, settings: MeasurementConfig) -> dict[str, Any]:
-        """Return the counts with the thresholds of the test."""
-        suspect, fail = _limits_of(name, settings)
-        return {
-            "test": name,
-            "reason": str(self.reason.name).lower(),
-            "bit": int(self.reason),
-            "suspect_when": suspect or None,
-            "fail_when": fail or None,
-            "evaluated": self.flags.total() - self.flags[Flag.NOT_EVALUATED],
-            "suspect": self.flags[Flag.SUSPECT],
-            "failed": self.flags[Flag.FAIL],
-            "not_evaluated": coded(self.not_evaluated),
-        }
+            self.not_evaluated[test.why_not[rows[k]] or "no number in the bin"] += int(skipped[k])
 
 
 @dataclass(slots=True, eq=False)
-class TopicQuality:
-    """Quality of the pings of one topic.
-
-    Attributes:
-        pings: Number of pings tested.
-        flags: Number of bins by QARTOD flag, after all tests.
-        tests: Results by test, in the order of testing.
-        lost: Pings without a usable bin: time, log, position in the log and the reasons of their bins.
-    """
+class _TopicCount:
+    """Counts of the pings of one topic: bins by flag after all tests, tests in order, and pings without a usable bin; mutable."""
 
     pings: int = 0
     flags: Counter[int] = field(default_factory=Counter)
-    tests: dict[str, TestCount] = field(default_factory=dict)
+    tests: dict[str, _TestCount] = field(default_factory=dict)
     lost: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, block: Block, rows: NDArray[np.intp]) -> None:
         """Count pings of a block."""
-        columns = block.ping
-        flags = columns["flags"][rows]
+        columns, flags = block.ping, block.ping["flags"][rows]
         real = np.arange(flags.shape[1]) < columns["bins"][rows, None]
         self.pings += rows.size
         self.flags.update(flags[real].tolist())
         for test in block.tests:
             made = np.array([why is not None for why in test.why_not[rows]])
             if made.any():
-                count = self.tests.setdefault(test.name, TestCount(test.reason))
+                count = self.tests.setdefault(test.name, _TestCount(test.reason))
                 count.add(test, rows[made], flags[made] != Flag.MISSING)
         for k in rows[~usable(flags).any(axis=1)]:
             of = Reason(int(np.bitwise_or.reduce(columns["reasons"][k])))
@@ -112,34 +76,10 @@ class TopicQuality:
             self.lost.append(ping)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class QualityReport:
-    """Quality control of logs.
-
-    Attributes:
-        logs: Reports of the readers.
-        settings: Thresholds.
-        topics: Quality by topic.
-        not_used: Number of messages without a profile, by topic and reason.
-        late: Number of messages excluded as later than the reorder window.
-    """
-
-    logs: tuple[LogReport, ...]
-    settings: MeasurementConfig
-    topics: Mapping[str, TopicQuality]
-    not_used: Mapping[str, Mapping[str, int]]
-    late: int
-
-    @property
-    def exit_code(self) -> int:
-        """4 if part of the logs was lost, else 0."""
-        return 4 if self.late or any(log.losses for log in self.logs) else 0
-
-
 def check_quality(
     logs: Sequence[Path], config: RunConfig, on_message: Callable[[int], None] = lambda _: None
-) -> QualityReport:
-    """Return the results of each test on the pings of one mission's logs.
+) -> dict[str, Any]:
+    """Return the results of each test on the pings of one mission's logs, for JSON.
 
     Args:
         logs: Logs, read completely and merged by time.
@@ -150,22 +90,33 @@ def check_quality(
         LogError: A log cannot be opened.
         MeasurementError: No ping can be tested.
     """
-    readers = open_readers(logs, config)
-    merged = merge(readers, config.logs.reorder_window, config.logs.start_ns, config.logs.end_ns)
-    topics: dict[str, TopicQuality] = {}
+    readers, settings = open_readers(logs, config), config.logs
+    merged = merge(readers, settings.reorder_window, settings.start_ns, settings.end_ns)
+    topics: dict[str, _TopicCount] = {}
     counts: Counter[tuple[str, str]] = Counter()
-    stream = begun(config.logs.system, config.logs.component)
+    stream = begun(settings.system, settings.component)
     for block in blocks(_told(merged, on_message), config.measurements, stream=stream):
         for number in np.unique(block.ping.get("topic", _NO_PINGS)).tolist():
-            topic = topics.setdefault(block.topics[number], TopicQuality())
+            topic = topics.setdefault(block.topics[number], _TopicCount())
             topic.add(block, np.flatnonzero(block.ping["topic"] == number))
         said = block.counts().items()
         counts.update({key: n for key, n in said if key[1] not in ("", NOT_A_KIND)})
-    reports, not_used = tuple(reader.report() for reader in readers), by_topic(counts)
+    reports = [reader.report() for reader in readers]
     if not topics:
         raise MeasurementError(_nothing(logs, reports, counts))
+    losses = [{"file": log.path, **loss_json(loss)} for log in reports for loss in log.losses]
     late = sum(merged.late.values())
-    return QualityReport(reports, config.measurements, dict(sorted(topics.items())), not_used, late)
+    return {
+        "exit_code": 4 if late or losses else 0,
+        "logs": [log.path for log in reports],
+        "settings": config.measurements.model_dump(mode="json", exclude={"map"}),
+        "topics": [
+            _topic_json(name, of, config.measurements) for name, of in sorted(topics.items())
+        ],
+        "not_used": {topic: coded(reasons) for topic, reasons in by_topic(counts).items()},
+        "late": late,
+        "losses": losses,
+    }
 
 
 def _told(messages: Iterable[Message], on_message: Callable[[int], None]) -> Iterator[Message]:
@@ -185,11 +136,37 @@ def _nothing(
     return f"{expected}, got none; not used: {why or 'nothing that could be a ping'}"
 
 
+def _topic_json(name: str, topic: _TopicCount, settings: MeasurementConfig) -> dict[str, Any]:
+    """Return the counts of a topic with the thresholds of each test."""
+    tests = []
+    for test, count in topic.tests.items():
+        suspect, fail = _limits_of(test, settings)
+        tests.append(
+            {
+                "test": test,
+                "reason": str(count.reason.name).lower(),
+                "bit": int(count.reason),
+                "suspect_when": suspect or None,
+                "fail_when": fail or None,
+                "evaluated": count.flags.total() - count.flags[Flag.NOT_EVALUATED],
+                "suspect": count.flags[Flag.SUSPECT],
+                "failed": count.flags[Flag.FAIL],
+                "not_evaluated": coded(count.not_evaluated),
+            }
+        )
+    return {
+        "topic": name,
+        "pings": topic.pings,
+        "bins": {flag.name.lower(): topic.flags[flag] for flag in Flag},
+        "tests": tests,
+        "pings_lost": topic.lost,
+    }
+
+
 def _limits_of(test: str, settings: MeasurementConfig) -> tuple[str, str]:
     """Return the thresholds of a test as text, suspect and fail; empty without thresholds."""
     quality = settings.quality
-    edge = "edge > range x cos(beam angle)"
-    surface = f"depth < {settings.surface_depth:g} m"
+    edge, surface = "edge > range x cos(beam angle)", f"depth < {settings.surface_depth:g} m"
     special = {
         "above_surface": ("", "depth < 0 m"),
         "max_speed": ("", f"component > {settings.max_speed:g} m/s"),
@@ -203,49 +180,28 @@ def _limits_of(test: str, settings: MeasurementConfig) -> tuple[str, str]:
     return special[test] if test in special else quality.limits_in_words(test)
 
 
-def quality_json(report: QualityReport) -> dict[str, Any]:
-    """Return a quality control for JSON, with all its thresholds."""
-    return {
-        "exit_code": report.exit_code,
-        "logs": [log.path for log in report.logs],
-        "settings": report.settings.model_dump(mode="json", exclude={"map"}),
-        "topics": [
-            {
-                "topic": name,
-                "pings": topic.pings,
-                "bins": {flag.name.lower(): topic.flags[flag] for flag in Flag},
-                "tests": [test.to_json(k, report.settings) for k, test in topic.tests.items()],
-                "pings_lost": topic.lost,
-            }
-            for name, topic in report.topics.items()
-        ],
-        "not_used": {topic: coded(reasons) for topic, reasons in report.not_used.items()},
-        "late": report.late,
-        "losses": [
-            {"file": log.path, **loss_json(loss)} for log in report.logs for loss in log.losses
-        ],
+def print_quality(answer: Mapping[str, Any], console: Console) -> None:
+    """Print a table per topic of the answer of ``check_quality``, then unused messages and losses."""
+    for topic in answer["topics"]:
+        _print_topic(topic, answer["settings"]["quality"]["use_suspect"], console)
+    reasons = {
+        topic: {one["reason"]: one["count"] for one in each}
+        for topic, each in answer["not_used"].items()
     }
-
-
-def print_quality(report: QualityReport, console: Console) -> None:
-    """Print a table per topic, then unused messages and losses."""
-    for topic in quality_json(report)["topics"]:
-        _print_topic(topic, report.settings.quality.use_suspect, console)
-    print_lines(console, not_used_lines(report.not_used))
-    for log in report.logs:
-        print_lines(console, loss_lines(log))
-    if report.late:
-        console.print(
-            f"LOST: {report.late} messages arrived later than the reorder window; widen logs.reorder_window",
+    print_lines(console, not_used_lines(reasons))
+    lost = [f"{loss['file']}: {lost_text(loss)}" for loss in answer["losses"]]
+    if late := answer["late"]:
+        lost.append(
+            f"{late} messages arrived later than the reorder window; widen logs.reorder_window"
         )
+    print_lines(console, [f"LOST: {text}" for text in lost])
 
 
 def _print_topic(topic: Mapping[str, Any], use_suspect: bool, console: Console) -> None:
-    """Print a topic in its JSON form."""
     columns = ("test", "suspect when", "fails when", "tested", "suspect", "failed")
-    keys = ("test", "suspect_when", "fail_when", "evaluated", "suspect", "failed")
+    words, numbers = ("test", "suspect_when", "fail_when"), ("evaluated", "suspect", "failed")
     rows = [
-        [str(test[key] or "") or "0" * (k > 2) for k, key in enumerate(keys)]
+        [*(test[key] or "" for key in words), *(str(test[key]) for key in numbers)]
         for test in topic["tests"]
     ]
     title = f"{topic['topic']}: {topic['pings']} pings; number of bins of each test"

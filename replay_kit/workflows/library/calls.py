@@ -42,7 +42,6 @@ from replay_kit.show.notebook import Result, as_pooled
 from replay_kit.workflows.library.observations import is_observed, write_observed
 from replay_kit.workflows.library.parts import (
     EstimatorBuilder,
-    PriorBuilder,
     given,
     is_forecast,
     planner_factory,
@@ -71,7 +70,7 @@ Logs = (
 Forecast = Paths | Ensemble | Any
 # s between two updates of a bar
 _REDRAWN = 0.2
-_PARTS = ("estimator", "prior", "planner")
+_PARTS = ("estimator", "planner")
 #: A place, or longitude, latitude [degrees] and depth [m].
 At = Place | tuple[float, float, float]
 
@@ -82,13 +81,11 @@ class ReplayOptions(TypedDict, total=False):
     Attributes:
         overwrite: Whether an existing result is replaced.
         estimator: An ``Estimator``, or a function of the ``Ensemble`` and ``EstimatorConfig`` that returns one.
-        prior: Function of the basis and the default ``Process`` that returns the one to use, which is not adapted to the log.
         planner: A ``Planner``, or a function of the ``PlannerConfig`` and the ``Grid`` that returns one.
     """
 
     overwrite: bool
     estimator: EstimatorBuilder | Estimator[Any] | None
-    prior: PriorBuilder | None
     planner: PlannerFactory | Planner | None
 
 
@@ -115,7 +112,7 @@ def replay(
         goal: Goal of the vehicle or of all vehicles, or a mapping of names to goals; None plans nothing.
         out: Result MCAP; None for a temporary file, which exists as long as the value returned.
         settings: Settings such as ``{"forecast": {"levels": [5, 150, 500]}}``; for all see ``replay_kit.RunConfig``.
-        **options: ``overwrite=True`` replaces an existing result. ``estimator=``, ``prior=`` and ``planner=`` replace those of the
+        **options: ``overwrite=True`` replaces an existing result. ``estimator=`` and ``planner=`` replace those of the
             settings: see ``ReplayOptions``.
 
     Raises:
@@ -127,7 +124,7 @@ def replay(
             f"replay: expected options among {known}, got {', '.join(sorted(unknown))}"
         )
     config, overwrite = settings_of(settings), options.get("overwrite", False)
-    estimator, prior = options.get("estimator"), options.get("prior")
+    estimator = options.get("estimator")
     of_each = logs if isinstance(logs, Mapping) and not is_observed(logs) else None
     if goal is not None and any(map(is_observed, [logs] if of_each is None else of_each.values())):
         raise ConfigError(
@@ -151,14 +148,14 @@ def replay(
             goal=of_one,
             vehicles=vehicles,
             overwrite=overwrite,
-            estimator=None if estimator is None and prior is None else given(estimator, prior),
+            estimator=None if estimator is None else given(estimator),
             provided=tuple(name for name in _PARTS if options.get(name) is not None),
         )
         if addresses_in(job.ensemble):
             # loads a client of servers
-            from replay_kit.workflows.fetch import with_local_forecasts
+            from replay_kit.workflows.fetch import with_local_forecast
 
-            job = with_local_forecasts([(job, config)])[0]
+            job = with_local_forecast(job, config)
         with _notebook_progress() as progress:
             outcome, flow = replay_job(
                 job, config, planner_factory(options.get("planner")), progress

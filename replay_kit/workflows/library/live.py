@@ -32,6 +32,7 @@ from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.replay.state import Setup
+from replay_kit.workflows.replay.surfacings.forecasts import forecast_end
 
 
 def live(ensemble: Paths, *, settings: Settings = None) -> Live:
@@ -68,9 +69,12 @@ class Live:
             last: Whether these are the last messages; pings waiting for a position are then processed without it.
 
         Raises:
+            ConfigError: They are no messages.
             MeasurementError: Messages are unusable, or contradict each other and ``consistency.on_failure`` is ``stop``.
         """
         block, last_ns = list(messages), self._run.last_ns
+        if foreign := {type(one).__name__ for one in block if not isinstance(one, Message)}:
+            raise ConfigError(f"feed: expected a list of Message, it holds {', '.join(foreign)}")
         if last:
             last_ns = block[-1].time_ns if block else last_ns
             block.append(Message(last_ns, "", END, {}, 0, 0))
@@ -81,7 +85,7 @@ class Live:
     def estimate(self) -> FlowEstimate:
         """Estimate at the time of the last message, including observations that wait for their group."""
         with self._threads.limit(limits=self._run.config.output.threads):
-            return self._run.flow_now()
+            return self._run.finished().flow_now()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -110,7 +114,12 @@ class Live:
             if (at := self.position) is None:
                 raise ConfigError("start: expected a place, as no message had a position, got none")
             start = Place(at.longitude, at.latitude, at.depth)
-        estimate, known = self.estimate, self._run.of[0].forecasts
+        with self._threads.limit(limits=self._run.config.output.threads):
+            run = self._run.finished()
+            estimate = run.flow_now()
+        # the last dive has ended
+        known, _ = forecast_end(run.of[0].forecasts)
         query = PlanQuery(place_of(start, "start"), place_of(goal, "goal"), estimate.time_ns or 0)
-        config = self._run.config.planner.resolved(known.states_means)
-        return planned(estimate, query, config, known.as_flown)
+        return planned(
+            estimate, query, run.config.planner.resolved(known.states_means), known.as_flown
+        )

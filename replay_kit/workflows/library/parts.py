@@ -1,8 +1,7 @@
-"""Inputs given by a script: an in-memory forecast as a file; an estimator, prior or planner that replaces those of the settings."""
+"""Inputs given by a script: an in-memory forecast as a file; an estimator or planner that replaces those of the settings."""
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,14 +9,12 @@ import numpy as np
 
 from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.core.flow.process import Process
 from replay_kit.core.geodesy import rotate_to_geographic
 from replay_kit.core.grid import Ensemble
-from replay_kit.estimator import Estimator, ReducedBasisEstimator
-from replay_kit.estimator.basis.modes import Basis
+from replay_kit.estimator import Estimator
 from replay_kit.estimator.interface import require_estimator
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.inputs.estimator import build, with_window
+from replay_kit.workflows.replay.inputs.estimator import with_window
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory
 
@@ -153,50 +150,21 @@ def _dataset_of(ensemble: Ensemble) -> "xr.Dataset":
 
 #: Makes the estimator of an ensemble.
 EstimatorBuilder = Callable[[Ensemble, EstimatorConfig], Estimator[Any]]
-#: Makes the prior of the weights of a basis, given the one that is usual.
-PriorBuilder = Callable[[Basis, Process], Process]
 
 
 def given(
-    estimator: EstimatorBuilder | Estimator[Any] | None, prior: PriorBuilder | None
+    estimator: EstimatorBuilder | Estimator[Any],
 ) -> Callable[[Forecasts, RunConfig], Estimator[Any]]:
-    """Return the factory of a run's estimator.
-
-    Args:
-        estimator: Estimator or its factory; None for that of the settings.
-        prior: Factory of the prior; None for its own.
-    """
+    """Return the factory of a run's estimator, given one or its factory."""
 
     def make(forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
-        if estimator is None:
-            made = build(forecasts, config)
-        else:
-            # an estimator is not callable
-            value = (
-                estimator(forecasts.ensemble, config.estimator)
-                if callable(estimator)
-                else estimator
-            )
-            made = with_window(require_estimator(value, "estimator"), config.time.window)
-        return made if prior is None else _with_prior(made, prior)
+        # an estimator is not callable
+        value = (
+            estimator(forecasts.ensemble, config.estimator) if callable(estimator) else estimator
+        )
+        return with_window(require_estimator(value, "estimator"), config.time.window)
 
     return make
-
-
-def _with_prior(estimator: Estimator[Any], prior: PriorBuilder) -> Estimator[Any]:
-    if not isinstance(estimator, ReducedBasisEstimator):
-        raise ConfigError(
-            f"prior: expected the estimator reduced_basis, whose unknowns have a prior, got {type(estimator).__name__}; "
-            "leave the prior out"
-        )
-    observer = estimator.observer
-    made = prior(observer.basis, observer.process)
-    if not isinstance(made, Process) or made.mean.shape != observer.process.mean.shape:
-        raise ConfigError(
-            f"prior: expected a Process of means of shape {observer.process.mean.shape}, got {type(made).__name__}"
-        )
-    # what the log may say is of the usual prior
-    return replace(estimator, observer=replace(observer, process=made), evidence=None)
 
 
 def planner_factory(planner: PlannerFactory | Planner | None) -> PlannerFactory:
@@ -210,9 +178,7 @@ def planner_factory(planner: PlannerFactory | Planner | None) -> PlannerFactory:
     if callable(planner):
         return planner
     lacking = [
-        name
-        for name in ("plan", "check", "with_odds", "closest_approach", "seabed")
-        if not hasattr(planner, name)
+        name for name in ("plan", "check", "with_odds", "seabed") if not hasattr(planner, name)
     ]
     if lacking:
         raise ConfigError(

@@ -10,7 +10,6 @@ import numpy as np
 import planners
 from planners.hazards.domain import Region, locate
 from planners.odds.departures import first_legs
-from planners.odds.flights import fly_mission
 from planners.output.mission import as_plan
 from replay_kit.config.plan import ACCEPTED_RISK, ARRIVING
 from replay_kit.config.planner import PlannerConfig
@@ -189,18 +188,6 @@ class MissionPlanner:
                 f"[planner] depth is {depth:g} m; expected no less than the goal's, {goal.depth:g} m, and no more than "
                 f"{region.floor(region.deepest)}"
             )
-
-    def closest_approach(self, flow: FlowEstimate, planned: PlanResult) -> float:
-        """Return the distance from its goal [m] at which a mission ends in a flow, which may change in time."""
-        mission: planners.MissionPlan = planned.memory
-        if len(mission.headings_deg) == 0:
-            return float(mission.closest_approach[-1])
-        if self.glides:
-            return planners.closest_approach(flow, mission)
-        met = KnownCurrent((flow,), self.config.flow_step).flow(
-            mission.start_time_ns, mission.duration
-        )
-        return float(fly_mission([met], mission).miss[0, -1])
 
 
 def span_of(request: planners.MissionRequest) -> float:

@@ -251,8 +251,8 @@ class KnownCurrent:
         )
         if self.process is not None:
             return (
-                f"the forecast has one time, {when}: the estimate returns to it at the ensemble's rate of change, at which the samples "
-                f"part; beyond {hours:.0f} h this is a guess, with less than half the weight of the observations"
+                f"the forecast has one time, {when}: the estimate returns to it at the ensemble's rate of change; beyond {hours:.0f} h "
+                "this is a guess"
             )
         if not np.isfinite(hours):
             return (

@@ -150,7 +150,7 @@ def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path],
     """
     request = checked(recorded_request(recorded.metadata[PLAN_RECORD], found))
     each = make_plans(request, config.planner, planned_on(request, config.planner)).planned
-    if (name := request.of_glider or "") not in each:
+    if (name := (request.of_glider or "") if request.glider else "") not in each:
         raise PlanError(
             f"{PLAN_RECORD}: expected the plan of a glider, one of {', '.join(each)}, got {request.of_glider}; plan again"
         )

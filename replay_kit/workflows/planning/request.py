@@ -4,6 +4,7 @@ Planners are imported on use only, so that errors in options appear quickly.
 """
 
 from math import inf
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from replay_kit.config.plan import PlanRequest
@@ -13,21 +14,26 @@ from replay_kit.core.extensions import is_objective, objective_names
 
 if TYPE_CHECKING:
     from planners.request import Line, Mooring, Weights
+    from replay_kit.workflows.planning.inputs import FlowFile
 
 
-def completed(request: PlanRequest) -> PlanRequest:
-    """Return a request with a missing start and goal from its result: the last fix, and the goal of the run.
+def completed(request: PlanRequest) -> "tuple[PlanRequest, dict[Path, FlowFile]]":
+    """Return a request with a missing start and goal from its result, and the files read for them.
 
-    Of a result of several vehicles those with a goal are planned together, each from its last fix.
+    They are the last fix, and the goal of the run. Of a result of several vehicles those with a goal are planned together, each from its
+    last fix.
 
     Raises:
         ReplayKitError: The result cannot be read.
     """
     if request.glider or not request.flows or (request.start is not None and request.goal):
-        return request
-    from replay_kit.workflows.planning.inputs import ends_of
+        return request, {}
+    from replay_kit.workflows.planning.inputs import is_result, read_flow
 
-    ends = ends_of(request.flows[-1])
+    if not is_result(request.flows[-1]):
+        return request, {}
+    file = read_flow(request.flows[-1])
+    ends = dict(file.held)
     if len(ends) > 1:
         if request.start is not None or request.goal:
             raise ConfigError(
@@ -46,12 +52,11 @@ def completed(request: PlanRequest) -> PlanRequest:
     if len(ends) > 1:
         found["glider"] = tuple(f"{name}={start}" for name, start in starts.items())
         found["goal"] = tuple(f"{name}={goal}" for name, goal in goals.items())
-        return request.model_copy(update=found)
-    if request.start is None and starts:
-        (found["start"],) = starts.values()
-    if not request.goal and goals:
-        found["goal"] = tuple(goals.values())
-    return request.model_copy(update=found)
+    else:
+        found["start"] = request.start or next(iter(starts.values()), None)
+        found["goal"] = request.goal or tuple(goals.values())
+        found["of_glider"] = next(iter(ends), "") or None
+    return request.model_copy(update=found), {file.path: file}
 
 
 def checked(request: PlanRequest) -> PlanRequest:

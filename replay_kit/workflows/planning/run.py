@@ -121,14 +121,14 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     count = sample_count(known.first, config.samples)
     check_samples(job, count, known.first.n_modes > 0)
     begin_ns, notes = _begin(job, known)
-    planner = mission_planner(job, config, on)
+    planner = mission_planner(job, config, on, job.of_glider or "")
     request, origin = planner.request(on.region, job.start_place, job.goals, begin_ns, on.no_go)
     request, notes = replace(request, shape=shape_of(job)), notes + on.notes
     if (latest := job.arrive_by_s(begin_ns)) is not None:
         longest = min(request.settings.max_duration, latest)
         settings = replace(request.settings, arrive_by=latest, max_duration=longest)
         request = replace(request, settings=settings)
-    if origin and (flown := on.flown.get("")) is not None:
+    if origin and (flown := planner.flown) is not None:
         notes += flown.notes()
     level, depth = float(on.region.levels[-1]), request.settings.depth
     if depth > level:
@@ -209,7 +209,7 @@ def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Toget
 
 
 def mission_planner(
-    job: PlanRequest, config: PlannerConfig, on: PlannedOn, vehicle: str = ""
+    job: PlanRequest, config: PlannerConfig, on: PlannedOn, vehicle: str
 ) -> MissionPlanner:
     """Return the planner of independent missions of a vehicle."""
     more = mission_settings(job, config)
@@ -243,14 +243,14 @@ def _begin(job: PlanRequest, known: KnownCurrent) -> tuple[int, tuple[str, ...]]
     )
     if job.departures_ns and not known.changes:
         raise PlanError(
-            f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}, "
-            "in which all departures are equal; give the result of a replay through a forecast's times, or several files"
+            f"--depart: expected a current that changes, got one that is frozen at {time_text(known.first.time_ns)}; "
+            "give the result of a replay through a forecast's times, or several files"
         )
     last, horizon = known.ends_ns, job.horizon_s
     if horizon is not None and last is not None and begin_ns + horizon * 1e9 > last:
         raise PlanError(
             f"--horizon: expected at most {(last - begin_ns) / 3.6e12:.1f} h, to the end of the forecast at {time_text(last)}, got "
-            f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out to plan the rest in the last current known"
+            f"{horizon / 3600.0:g} h; choose a shorter one, or leave it out"
         )
     return begin_ns, notes
 

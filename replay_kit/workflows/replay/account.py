@@ -92,8 +92,7 @@ class Account:
                     else "no dive with measurements"
                 )
                 raise MeasurementError(
-                    f"--without {rule}: expected something of the log to leave out, but it holds nothing of that; "
-                    f"besides what was left out it has {held}; leave the rule out, or name dives of the log"
+                    f"--without {rule}: the log holds nothing of that; it has {held}; leave the rule out, or name dives of the log"
                 )
 
     def require_usable(self, grid: Grid) -> None:
@@ -107,7 +106,7 @@ class Account:
                 f"{names}: the log lies outside the ensemble's region: "
                 f"last position {vehicle.latitude:.4f} N, {vehicle.longitude:.4f} E; the region is "
                 f"{grid.longitude.min():.3f}..{grid.longitude.max():.3f} E, {grid.latitude.min():.3f}..{grid.latitude.max():.3f} N. "
-                "Use an ensemble of the right place, or --place-ensemble for a study"
+                "Use another ensemble, or --place-ensemble for a study"
             )
         if counts.rejected:
             why = ", ".join(f"{count} bins {name}" for name, count in counts.bins_rejected.items())
@@ -119,8 +118,8 @@ class Account:
         hints = "".join([self._mapping_hint(), *(f". {note}" for note in means)])
         raise MeasurementError(
             f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping and no mean current of a dive; "
-            "expected pings (AdcpPing messages, ADCP_* frames, PD0, AD2CP or a [[measurements.map]]) with positions and, unless in earth "
-            f"coordinates, attitude; or depth-averaged currents between fixes. Found: {found}{hints}"
+            "expected pings (AdcpPing, ADCP_* frames, PD0, AD2CP, [[measurements.map]]) with positions, or mean currents between fixes. "
+            f"Found: {found}{hints}"
         )
 
     def _mapping_hint(self) -> str:

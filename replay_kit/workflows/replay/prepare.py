@@ -14,7 +14,7 @@ from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.message import LogReader, Message
+from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import Region, centre, inside
 from replay_kit.core.words.progress import Progress, Stopwatch
@@ -232,7 +232,7 @@ def _speeds_of(
 def _metadata(
     job: ReplayJob,
     forecasts: Forecasts,
-    readers: Sequence[LogReader],
+    readers: Sequence[LogFile],
     prior_flow: FlowEstimate,
     bathymetry: Path | None,
 ) -> dict[str, Mapping[str, str]]:
@@ -264,7 +264,7 @@ def _metadata(
 
 
 def with_planner_kind(
-    job: ReplayJob | Vehicle, readers: Sequence[LogReader], config: RunConfig
+    job: ReplayJob | Vehicle, readers: Sequence[LogFile], config: RunConfig
 ) -> RunConfig:
     """Return the settings with the kind of plan resolved for a job with a goal: a mission for a glider's logs.
 
@@ -275,7 +275,7 @@ def with_planner_kind(
     """
     if job.goal is None or config.planner.kind != "auto":
         return config
-    gliders = any(isinstance(log, LogFile) and log.is_gliders() for log in readers)
+    gliders = any(log.is_gliders() for log in readers)
     return config.model_copy(update={"planner": config.planner.resolved(gliders)})
 
 

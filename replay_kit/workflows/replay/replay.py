@@ -7,7 +7,6 @@ only.
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 
 from threadpoolctl import threadpool_limits
@@ -21,7 +20,7 @@ from replay_kit.core.errors import (
     ReplayKitError,
 )
 from replay_kit.core.files.atomic import part_of
-from replay_kit.core.files.inputs import check_unchanged
+from replay_kit.core.files.inputs import check_unchanged, stamps_of
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs.reader import reading
@@ -35,10 +34,9 @@ from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
     check_outputs,
     copy_inputs,
-    input_stamps,
 )
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
-from replay_kit.workflows.replay.inputs.vehicles import by_tracks, identified
+from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.scoring import check_against, rivals
@@ -76,16 +74,7 @@ def replay(
     check_outputs(job)
     threads = threadpool_limits(limits=config.output.threads)
     with threads, _collecting_seldom():
-        job = identified(job, config)
-        try:
-            return _replay(job, config, planner_of, progress, forecasts)[:2]
-        except MeasurementError as error:
-            vehicles = by_tracks(job, config, error)
-            if not vehicles:
-                raise
-        # taken for one vehicle's, the logs are of several
-        job = identified(replace(job, vehicles=vehicles), config)
-        return _replay(job, config, planner_of, progress, None)[:2]
+        return _replay(identified(job, config), config, planner_of, progress, forecasts)[:2]
 
 
 @contextmanager
@@ -105,7 +94,7 @@ def _replay(
     progress: Progress,
     forecasts: Forecasts | None,
 ) -> tuple[Outcome, FlowEstimate, Run]:
-    read = input_stamps(job)
+    read = stamps_of([*job.log_files, *job.forecasts])
     # before the run itself: a forecast that cannot be used should cost no result
     others = tuple(
         rivals(
@@ -127,6 +116,7 @@ def _replay(
         assert states is not None, "a run without a state reads none"
         job.tell(f"{error}; the replay restarts")
         states.forget()
+        inputs.logs.close()
         return _replay(job, config, planner_of, progress, inputs.forecasts)
     except BaseException as error:
         # an unusable input has no result worth keeping; anything else, as an interrupt, leaves OUT.part with every whole chunk

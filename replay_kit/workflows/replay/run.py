@@ -7,6 +7,7 @@ estimate: each has its own messages, checks, counts and plans, and its observati
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
+from copy import copy
 from operator import itemgetter
 from typing import Any
 
@@ -37,7 +38,6 @@ from replay_kit.workflows.replay.stages.estimation import (
     Step,
     assimilate,
     kept,
-    state_after,
 )
 from replay_kit.workflows.replay.stages.planner import VehiclePlanner
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
@@ -376,17 +376,17 @@ class Run:
         for number, of in enumerate(self.of):
             self.put(number, dive=kept(self.estimator(number), of.dive))
 
-    def without(self, number: int) -> Any:
-        """Return the estimator's state from all observations except a vehicle's, in the same windows."""
-        prior = self.setups[0].estimator.initial()
-        windowed = self.setups[0].estimator.window(prior) is not None
-        given = [one for one in self.kept if windowed or one[0] != number]
-        return state_after(self._estimators, given, self.setups[0].estimator.block_size, number)
-
     def finish(self) -> None:
         """Pass on all waiting events."""
         self._release(close=True)
         self._assimilate()
+
+    def finished(self) -> "Run":
+        """Return a copy for a single vehicle to which all waiting events were passed on; they keep waiting here."""
+        found = copy(self)
+        found.of, found._waiting = [*self.of], [*self._waiting]
+        found.finish()
+        return found
 
     def flow(self, number: int, state: Any, time_ns: int) -> FlowEstimate:
         """Return the estimate of a state for a time [ns, UTC], with the local correction from the dives so far."""
@@ -397,14 +397,10 @@ class Run:
         return flow if local is None else replace(flow, local=local)
 
     def flow_now(self) -> FlowEstimate:
-        """Return the estimate at the time of the last message including waiting events, which keep waiting."""
-        of, estimator = self.of[0], self.estimator(0)
+        """Return the estimate at the time of the last message; without one the prior."""
         if not self.messages:
-            return estimator.flow(self.current)
-        open_group, _ = items(of.waiting, estimator.grouping, 0, last=True)
-        given = [*self._waiting, *((0, item.event) for item in open_group)]
-        current, _, _ = assimilate([estimator], self.current, [of.dive], given)
-        return self.dated(self.flow(0, current, self.last_ns))
+            return self.estimator(0).flow(self.current)
+        return self.dated(self.flow(0, self.current, self.last_ns))
 
     @property
     def position(self) -> VehicleState | None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
@@ -47,11 +46,9 @@ def score_against_truth(
     flow: FlowEstimate,
     ensemble: Ensemble,
     truth: Ensemble,
-    positions: Sequence[tuple[float, float]],
-    radius_km: float | None,
     config: EstimatorConfig,
-) -> tuple[dict[str, float | None], FlowEstimate]:
-    """Return the scores of an outcome, without closest approaches, and the truth as a flow.
+) -> dict[str, float]:
+    """Return the scores of an outcome.
 
     The truth is compared at its own grid points that lie inside the ensemble's region and levels: RMSE is the root mean square
     length of the error vector, unweighted, and the relative error is over the truth's RMS speed there.
@@ -60,37 +57,28 @@ def score_against_truth(
         flow: Estimate.
         ensemble: Ensemble, whose mean is scored too.
         truth: An ensemble of one.
-        positions: (longitude, latitude) of the profiles used.
-        radius_km: Largest distance of scored points from a profile; None scores all.
-        config: Settings of the truth's embedding.
+        config: Settings of the embedding of the ensemble's mean.
 
     Raises:
         MeasurementError: No grid point of the truth can be scored.
     """
-    near = None if radius_km is None else (np.array(positions), 1e3 * radius_km)
-    at = scored_points(flow.grid, truth, near)
+    at = scored_points(flow.grid, truth)
     mean = _ensemble_mean_at(ensemble, truth, config, at)
     rmse, speed = rms_length(flow.velocity(*at.place) - at.velocity), rms_length(at.velocity)
-    score: dict[str, float | None] = {
+    return {
         "rmse": rmse,
         "rel_error": rmse / speed,
         "ensemble_mean_rmse": rms_length(mean - at.velocity),
         "points": int(at.depth.size),
-        "closest_approach_m": None,
-        "ensemble_mean_closest_approach_m": None,
     }
-    return score, embed_member(truth, 0, config)
 
 
-def scored_points(
-    grid: Grid, truth: Ensemble, near: tuple[Array, float] | None = None
-) -> ScoredPoints:
+def scored_points(grid: Grid, truth: Ensemble) -> ScoredPoints:
     """Return the points at which a truth is compared with an estimate, and the truth along the grid's axes.
 
     Args:
         grid: Grid of the estimate.
         truth: An ensemble of one; its frame may have another centre, and its vectors are turned.
-        near: Longitudes and latitudes, shape (n, 2), and a radius [m]: only points this near to one of them; None for all.
 
     Raises:
         MeasurementError: No wet point of the truth can be scored.
@@ -99,12 +87,6 @@ def scored_points(
     levels = truth.grid.levels
     deep = (levels >= grid.levels[0] - 1e-6) & (levels <= grid.levels[-1] + 1e-6)
     scored = truth.grid.wet & deep[:, None, None] & inside_grid(grid, east, north)
-    if near is not None:
-        positions, radius = near
-        distance, _ = cKDTree(np.column_stack(to_local(grid.projection, *positions.T))).query(
-            np.stack([east, north], axis=-1)
-        )
-        scored &= distance <= radius
     z, j, i = np.nonzero(scored)
     if z.size == 0:
         raise MeasurementError(

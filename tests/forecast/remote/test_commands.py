@@ -109,32 +109,3 @@ def test_another_year_or_ocean_is_said_before_the_margin_is_measured(tmp_path):
         assert done.exit_code == 3
         assert words in done.stderr
         assert not [path for path in files.asked if re.match(r"[uv]o/\d", path)]
-
-
-def test_a_fleet_fetches_what_its_missions_share_once(tmp_path, ensemble, monkeypatch):
-    from replay_kit.workflows.fetch import with_local_forecasts
-    from replay_kit.workflows.fleet.missions import load_fleet, missions_of
-
-    files = Files(zarr_objects(ensemble, zarr_format=2))
-    with serving(files):
-        (tmp_path / "table.toml").write_text(
-            f"""[all]
-ensemble = "{files.url}"
-settings.forecast.cache = "{tmp_path / "cache"}"
-settings.logs.end = "2018-11-16T02:00Z"
-[[mission]]
-name = "one"
-logs = ["{LOG}"]
-[[mission]]
-name = "two"
-logs = ["{SAMPLES / "glider.mcap"}"]
-"""
-        )
-        table = load_fleet(tmp_path / "table.toml")
-        missions = missions_of(table, tmp_path, None, tmp_path / "out")
-        each = with_local_forecasts([(mission.job, mission.config) for mission in missions])
-    assert len({job.ensemble for job in each}) == 1
-    (file,) = (tmp_path / "cache").glob("*.nc")
-    assert each[0].ensemble == ((file,),)
-    # once for its size, twice for its state, once for its values
-    assert files.counts["uo/0.0.0.0"] <= 5

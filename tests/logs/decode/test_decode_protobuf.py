@@ -164,6 +164,6 @@ def test_a_type_has_up_to_16384_fields_those_in_lists_each_time(lists, numbers):
     else:
         with pytest.raises(
             BudgetError,
-            match="more than the 16384 fields that are read of one type and those in it",
+            match="more than 16384 fields of one type and those in it",
         ):
             protobuf_decoder(schema)

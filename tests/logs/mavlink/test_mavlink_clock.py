@@ -103,9 +103,7 @@ def test_messages_that_state_no_time_keep_the_recorders(tmp_path):
 
 def test_positions_of_several_systems_need_a_choice(tmp_path):
     data = b"".join(position(START + n, 1 + n % 2) for n in range(6))
-    with pytest.raises(
-        LogError, match=r"set system in \[logs\] of the configuration to one of 1, 2"
-    ):
+    with pytest.raises(LogError, match=r"set system in \[logs\] to one of 1, 2"):
         read(tmp_path, data, wanted=POSITION)
     messages, report = read(tmp_path, data, LogConfig(system=2), POSITION)
     assert {m.topic for m in messages} == {"mavlink/2/1/GLOBAL_POSITION_INT"}

@@ -124,7 +124,7 @@ def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
         ("cdr", ("a/msg/B", "ros2msg", b"missing_msgs/Thing x"), "definition not found"),
         ("cdr", ("a/msg/B", "ros2msg", b"\xff"), "cannot be parsed"),
         ("protobuf", ("a.B", "protobuf", b"not a descriptor"), "cannot be parsed"),
-        ("cdr", ("a/msg/B", "ros2idl", b"module a { };"), "record with definitions in ros2msg"),
+        ("cdr", ("a/msg/B", "ros2idl", b"module a { };"), "record in ros2msg"),
         ("protobuf", ("a.B", "protobuf", b""), "cannot be parsed"),
     ],
 )

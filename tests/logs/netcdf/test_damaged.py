@@ -45,9 +45,9 @@ def _field(variables):
     ("write", "change", "words"),
     [
         (_midas, _other_beams, r"same cells at each of 2 times, got VelocityBeam1 \(2, 5\)"),
-        (made.bodc, _no_time, r"OceanGliders OG1: expected a variable time with .* got .*LATITUDE"),
+        (made.bodc, _no_time, r"OceanGliders OG1: expected a variable time, got .*LATITUDE"),
         (made.bodc, _filled, "TIME: expected units"),
-        (made.erddap, _no_variables, r"a variable of time .*; got variables lat"),
+        (made.erddap, _no_variables, r"NetCDF with times .*; got lat"),
         (made.slocum_glide, _field, r"on a grid: time, .*uo; a forecast is given with --ensemble"),
     ],
 )

@@ -150,7 +150,7 @@ DIALECTS = {
         made.socib,
         notes=(
             "depth: positive up (by its negative values), sign reversed",
-            "heading: no value above 1.50, so taken as radians although its unit is degrees",
+            "heading: no value above 1.50: taken as radians, although its unit is degrees",
         ),
     ),
     "slocum-glide": Form("slocum-glide", made.slocum_glide, numbered=True),

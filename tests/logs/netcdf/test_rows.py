@@ -82,6 +82,22 @@ def test_a_table_is_one_of_pings_whatever_its_columns_are_called(tmp_path, names
     assert (said.report.format, said.messages) == ("table", read(table).messages)
 
 
+def test_values_of_a_table_have_a_depth_each_and_an_error(tmp_path):
+    """A mooring, at a place of two dimensions."""
+    path, speed = tmp_path / "a.nc", (("time", "cell", "y", "x"), np.full((2, 3, 1, 1), 0.1))
+    held = {"u": speed, "v": speed, "longitude": 152.0, "latitude": -40.0}
+    mooring = xr.Dataset(held, {"time": np.array(["2020", "2021"], "M8[ns]")})
+    stated = LogConfig(columns={"error": 0.05})
+    mooring.assign(depth=("cell", [8.0, 12.0, 16.0])).to_netcdf(path)
+    assert len(read(path, stated).messages) == 2
+    mooring.assign(depth=("time", [40.0, 41.0])).to_netcdf(path)
+    with pytest.raises(LogError, match="u varies along cell, depth does not"):
+        read(path, stated)
+    said = read(path)
+    assert "--columns error=0.05" in said.report.notes[0]
+    assert said.messages[0].payload["latitude"] == -40.0
+
+
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
 def test_a_large_forecast_is_no_log_by_its_header(tmp_path, engine):
     path = tmp_path / "forecast.nc"

@@ -60,7 +60,6 @@ HERE = [fix(HOUR * k, 152.0 + 0.01 * k) for k in range(20)]
         [fix(400 * DAY + HOUR * k, 152.0, log=1) for k in range(5)],
         [fix(-400 * DAY + HOUR * k, 152.0, log=1) for k in range(5)],
     ],
-    ids=["beside it", "after it", "a year later", "a year before"],
 )
 def test_a_log_of_another_place_or_year_is_named_once_with_both(other):
     ((_, finding),) = judged(sorted_by_time(*HERE, *other))[1]
@@ -77,11 +76,11 @@ def test_a_vehicle_that_goes_on_is_one_mission():
     assert names([*HERE, *(fix(300 * DAY + HOUR * k, 160.0) for k in range(9))]) == []
 
 
-def glide(n=80, gap=0.0, off=()):
-    """Dead-reckoned positions of a glider at 0.3 m/s eastwards, every eighth a fix, which closes a gap [m], some of them off [km]."""
+def glide(n=80, gap=0.0, off=(), since=0):
+    """Dead-reckoned positions of a glider at 0.3 m/s eastwards, every eighth a fix, which closes a gap [m] since one, some off [km]."""
     off = dict(off)
     for k in range(n):
-        metres = 180.0 * k + gap * (k % 8) / 7.0 + 1e3 * off.get(k, 0.0)
+        metres = 180.0 * k + gap * (k >= since) * (k % 8) / 7.0 + 1e3 * off.get(k, 0.0)
         reckoned = {"dead_reckoned": k % 8 > 0}
         yield position(600.0 * k, 150.0 + metres / 85_000.0, metadata=reckoned)
 
@@ -102,6 +101,13 @@ def reached(track, size=4096):
 def test_positions_thrown_off_are_left_out_and_named_at_once(thrown, km, size):
     found = reached(glide(off=[(k, km) for k in thrown]), size)
     assert found == (thrown, [(DISPLACED, "warning")])
+
+
+def test_of_two_vehicles_at_the_same_times_one_is_thrown():
+    both = [position(600.0 * (k // 2), 150.0 + k % 2) for k in range(40)]
+    first, _ = blocks(both, MeasurementConfig())
+    # of the first five none is known to be wrong
+    assert first.position["longitude"].tolist().count(151.0) == 2
 
 
 def at(seconds, longitudes, latitude=-40.0):
@@ -125,6 +131,9 @@ STEPS = 150.0 + 1e-3 * np.arange(9)
         # dead reckoning that a fix puts right
         (glide(160, 500.0), []),
         (glide(160, 3000.0), []),
+        (glide(160, 3000.0, since=80), []),
+        # where it came up in the end
+        (glide(off=[(78, 5.0), (79, 5.0)]), []),
         # a log that goes on after a pause or beside another
         ([*at(EVERY[:9], STEPS), *at(36_000.0 + EVERY[:9], 1.0 + STEPS)], []),
         ([position(600.0 * k, 150.0 + k % 2)._replace(input=k % 2) for k in range(40)], []),

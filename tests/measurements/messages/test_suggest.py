@@ -49,7 +49,7 @@ def test_positions(tmp_path, payload, longitude, latitude):
     ("payload", "depth"),
     [
         ({"depth": 12.5}, 12.5),
-        ({"vehicle_depth": -12.5}, 12.5),
+        ({"vehicle_depth_cm": -1250.0}, 12.5),
         ({"water_pressure_dbar": 100.0}, 99.2),
         ({"pressure": 1_101_325.0}, 99.2),
         ({"press_bar": 11.01325}, 109.3),
@@ -78,38 +78,33 @@ CELLS = [{"east": 120, "north": -50, "depth": 10.0}, {"east": -32768, "north": 7
 
 
 @pytest.mark.parametrize(
-    ("payload", "velocity", "depth", "answers"),
+    ("payload", "velocity", "depth"),
     [
-        ({"cells": CELLS}, [[0.12, -0.05], [math.nan, 0.007]], [10.0, 20.0], {}),
+        ({"cells": CELLS}, [[0.12, -0.05], [math.nan, 0.007]], [10.0, 20.0]),
         (
-            {"u": [0.1, 0.2], "v": [0.3, math.nan], "depths": [-5.0, -9.0]},
+            {"u_cm_s": [10, 20], "v_cm_s": [30.0, math.nan], "depths_cm": [-500.0, -900.0]},
             [[0.1, 0.3], [0.2, math.nan]],
             [5.0, 9.0],
-            {},
         ),
         (
             {"currents": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]},
             [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6], [0.7, 0.8]],
             [1, 2, 3, 4],
-            {},
         ),
     ],
 )
 def test_profiles_are_not_used_until_a_person_states_the_reference(
-    tmp_path, payload, velocity, depth, answers
+    tmp_path, payload, velocity, depth
 ):
     payload = {**payload, "position": {"lat": -40.0, "lon": 152.0}}
     config, text = suggested(tmp_path, payload)
-    if "components = " in text:
-        (line,) = (line for line in text.splitlines() if line.startswith("components = "))
-        assert ("from the number of cells" in line) is any("cells" in name for name in payload)
-        assert ("NOT KNOWN" in line) is not any("cells" in name for name in payload)
+    assert ("components = 2  # NOT KNOWN" in text) is ("currents" in payload)
     assert all(
         observation.reference == "platform"
         for observation in only(Observation, events(config, payload))
     )
     assert "NOT KNOWN" in text
-    config, _ = suggested(tmp_path, payload, reference='"earth"', **answers)
+    config, _ = suggested(tmp_path, payload, reference='"earth"')
     (observation,) = only(Observation, events(config, payload))
     assert_array_equal(observation.velocity, velocity)
     assert_array_equal(observation.depth, depth)
@@ -193,7 +188,6 @@ def test_numbers_under_names_of_the_senders_own(message, kind, line):
     text = suggestions({sample_key(topic, payload): (schema, payload)})
     assert f'topic = "{topic}"\nname = "{payload["name"]}"\nkind = "{kind}"' in text
     assert f"{line}  #" in text
-    assert sample_key(topic, payload) == f"{topic}\n{payload['name']}"
     assert sample_key("/x", payload) == "/x"
 
 

@@ -14,6 +14,7 @@ from replay_kit.results.outcome.parts import plan_part
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.sections.answer import found_warnings, next_steps
+from replay_kit.show.report.sections.trust import lights
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import detail_lines, lines
 from replay_kit.show.status.page import status_page
@@ -118,7 +119,9 @@ def test_steps_follow_the_verdict_and_can_be_run(innovation, nis, profiles, firs
     """Quality control refuses logs of mean currents alone."""
     counts = {**RUN["observations"], "used": 400}
     outcome = outcome_of(observations=counts, nis_per_dof=nis)
-    steps = next_steps(result_of(tmp_path / "r.mcap", outcome, [innovation] * profiles))
+    contents = result_of(tmp_path / "r.mcap", outcome, [innovation] * profiles)
+    steps = next_steps(contents)
     # there is no plan, nor an estimate
     assert steps[int(nis > 2.0)].startswith(first)
     assert (outcome.verdict.word == "trust") == (nis < 2.0)
+    assert lights(contents)[2].color == ("good" if nis < 2.0 else "care")

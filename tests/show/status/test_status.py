@@ -125,7 +125,7 @@ def test_both_next_surfacings_are_named_and_first_the_one_that_the_record_says_t
     by_dive = "62°06.0′N 5°12.0′E ± 464 m as the last dive"
     plan_first = [f"17 Nov 02:13 UTC {by_plan}", f"16 Nov 23:13 {by_dive}"]
     dive_first = [f"16 Nov 23:13 UTC {by_dive}", f"17 Nov 02:13 {by_plan}"]
-    over = [outcome(END_NS, END_NS)] * 2
+    over, later = [outcome(END_NS, END_NS)] * 2, Fix(COMING["time_ns"] + 1, 5.0, 62.0, False)
     for values, said, why in (
         ({"outcome": expected()}, plan_first, "no surfacing was predicted yet"),
         (
@@ -144,6 +144,7 @@ def test_both_next_surfacings_are_named_and_first_the_one_that_the_record_says_t
             "the plan has no surfacing left",
         ),
         ({"outcomes": over}, [], None),
+        ({"outcome": expected(), "outcomes": over, "fixes": [later]}, [], None),
     ):
         assert surfacing(**values) == (said, why)
     place = {"longitude": 5.2, "latitude": 62.1, **ELLIPSE}
@@ -159,7 +160,6 @@ def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
     due, hour = END_NS + 4 * HOUR_NS, 3600.0
     for values, margin in (
         ({}, 0.2 * 4.0),
-        (flown(2.0 * hour, 5), 0.2 * 4.0),
         (flown(7.0 * hour, 5), 3.0 + 0.2 * 7.0),
         (flown(2.0 * hour, 5, longest=6 * hour), 6.0 - 4.0 + 0.2 * 6.0),
         (flown(2.0 * hour, 2, longest=6 * hour), 6.0 - 4.0 + 6.0),
@@ -224,7 +224,6 @@ def test_what_the_summary_leaves_out_is_told_on_80_columns():
         *("90 % ellipse 2.00 x 0.50 km along 30°", origin[ORIGIN]),
     ):
         assert said in text, said
-    assert "ENDED" not in text
     assert "ENDED" in text_of(status_of(held(), END_NS + 60 * HOUR_NS))
     assert title(status) == "r, dive 7: fix 62°00.0′N 5°00.0′E 16 Nov 22:13 UTC, 3.0 h ago"
 
@@ -238,20 +237,22 @@ def test_the_page_holds_the_same_answers_loads_itself_again_and_runs_nothing_of_
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     assert f"script-src 'sha256-{digest}'" in page
     assert "&lt;b&gt;crosses&lt;/b&gt;" in page
-    assert page.count("<section") == 7
 
 
 def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
     unsafe = plan(END_NS, status="unsafe", message="crosses a shipping lane " * 9)
     many = {"name": "headings", "evidence": "off", "set": "check", "severity": "inconsistent"}
     rms = dict.fromkeys(("before", "after", "prior"), 0.1)
-    found = replace(expected(), rms_innovation=rms)
-    for outcome_ in (found, replace(found, consistency=[many] * 3)):
+    found = replace(expected(), rms_innovation=rms, plan={"status": "unsafe", "message": ""})
+    for outcome_, first in (
+        (found, "DO NOT USE no observation was used; the plan is unsafe; "),
+        (replace(found, consistency=[many] * 3), "DO NOT USE headings: off; headings: off;"),
+    ):
         said = [title(status_of(held(plans=[unsafe])))]
         said += map(str, lines(status_of(held(plans=[unsafe], outcome=outcome_))))
         assert len(said) <= 10
         assert max(map(len, said)) <= WIDTH
-    assert said[1].startswith("DO NOT USE headings: off; headings: off;")
+        assert said[1].startswith(first)
     steer = "Steer      080° true to 62°00.0′N 5°06.0′E, 500 m, 20°, 0.30 m/s (as set)"
     assert said[2] == steer
     made = plan(END_NS, statistics={"arrive": "0.85"})
@@ -272,7 +273,6 @@ def test_a_heading_is_true_and_by_the_compass_of_a_vehicle_whose_declination_is_
 def test_a_line_holds_as_many_reasons_as_fit_and_says_how_many_are_left():
     assert fitting(["one", "two"], 20) == "one; two"
     assert fitting(["a long reason", "another reason"], 26) == "a long reason; 1 more: -v"
-    assert fitting(["word " * 9, "b"], 30) == "word word word; 1 more: -v"
 
 
 def test_nothing_heavy_is_loaded_and_a_file_that_is_no_result_is_refused():

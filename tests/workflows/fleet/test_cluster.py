@@ -7,9 +7,13 @@ import time
 import numpy as np
 import pytest
 
+from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.words.progress import called_by, each_call
+from replay_kit.estimator import build
 from replay_kit.workflows.fleet.cluster import LostCallError, open_workers
+from tests import synthetic
+from tests.command import invoke
 
 
 def later(first, values, number):
@@ -51,6 +55,18 @@ def test_what_a_call_raises_is_raised_at_its_place(cluster):
     assert next(values) == 0
     with pytest.raises(MeasurementError, match="one is no number"):
         next(values)
+
+
+def test_a_prior_fitted_by_workers_is_that_of_one_process(cluster):
+    sea, modes = synthetic.ensemble(n_members=6, shape=(8, 9)), EstimatorConfig(modes=6)
+    here = build([sea], modes).notes()
+    with called_by(cluster.starmap):
+        assert build([sea], modes).notes() == here
+
+
+def test_studies_have_the_switch_for_workers():
+    words = invoke("experiment paper --help").stdout.split()
+    assert {"--scheduler", "--workers"} <= set(words)
 
 
 @pytest.mark.full

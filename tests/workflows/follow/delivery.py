@@ -7,19 +7,20 @@ from pathlib import Path
 from mcap.reader import make_reader
 
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.run import EstimatorConfig, RunConfig
+from replay_kit.config.run import RunConfig
 from replay_kit.core.plan import Place
 from replay_kit.workflows.follow.follow import follow
 from replay_kit.workflows.follow.watch import Clock, FollowOptions
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
+from tests.workflows.replay.interrupted import QUICK
 
 GOAL = Place(152.3, -39.8, 150.0)
 #: As little as shows everything: each replay of a dive builds the estimator anew.
 CONFIG = RunConfig(
     planner=PlannerConfig(kind="glide"),
-    estimator=EstimatorConfig(modes=6, sample_share=0.5, shift_distance=0.0),
+    estimator=QUICK,
 )
 #: Waits shorter than this are those between two looks at a file that must not change; nothing arrives in them.
 INTERVAL = 10.0

@@ -19,7 +19,6 @@ from replay_kit.workflows.follow.sources import (
     examine,
     judged,
     look,
-    mission_words,
     read_goal,
     settled,
     with_goal,
@@ -95,37 +94,13 @@ def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(
     assert not any(source.aside for source in known.values())
 
 
-def test_which_mission_is_followed_and_which_is_left_out_is_said_when_another_one_comes():
-    first, second = (source(f"p171{k}.nc", mission="sg171") for k in range(2))
-    other, third = (
-        source(f"p{number}.nc", mission=f"sg{number[:3]}", aside="is of it")
-        for number in ("2490", "3000")
-    )
-    telemetry = source("a.tlog")
-
-    def words(before: tuple[Source, ...], *now: Source) -> list[str]:
-        return mission_words(
-            {one.path: one for one in before}, {one.path: one for one in (*before, *now)}
-        )
-
-    (said,) = words((), first, second, other, telemetry)
-    assert said.startswith(
-        "follows sg171 (p171*), whose files came first, and leaves out sg249 (p2490.nc): "
-    )
-    assert words((first, other), second) == []
-    assert "leaves out sg249 (p2490.nc) and sg300 (p3000.nc): " in words((first, other), third)[0]
-    # a file of the mission itself that was set aside, such as a copy, is no other mission
-    assert words((first,), replace(second, aside="has the same bytes")) == []
-
-
 @pytest.mark.parametrize(
     ("content", "changes", "words"),
     [
         (b"x" * 100, {"stamp": (1, 2, 100, 5)}, ""),
         (b"x" * 150, {"stamp": (1, 2, 150, 5), "sha256": "other"}, "grew from 100 to 150 bytes"),
-        (b"y" * 150, {"stamp": (1, 2, 150, 5), "sha256": "other"}, "was written anew"),
-        (b"y" * 150, {"stamp": (1, 3, 150, 5), "sha256": "other"}, "was replaced"),
-        (b"y" * 50, {"stamp": (1, 2, 50, 5), "sha256": "other"}, "shrank"),
+        (b"y" * 150, {"stamp": (1, 2, 150, 5), "sha256": "other"}, "was changed"),
+        (b"y" * 50, {"stamp": (1, 2, 50, 5), "sha256": "other"}, "was changed"),
     ],
 )
 def test_what_happened_to_a_file_is_told_in_words(tmp_path, content, changes, words):
@@ -192,7 +167,6 @@ def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_pa
         ("said",),
         ("plan: unsafe",),
         "f sha256:0",
-        2,
         "null",
     )
     write_memory(tmp_path, memory)

@@ -54,7 +54,7 @@ def test_a_large_log_is_described_by_its_index(log):
 def test_what_the_index_does_not_know_is_said_to_need_full(log):
     done = succeed(f"info {log} --json {log.with_suffix('.json')}")
     assert "Read: the index, and 202 messages" in done.stdout
-    assert "late messages, gaps and damage: with --full" in done.stdout
+    assert "--full counts profiles and positions" in done.stdout
     assert "Use, by the messages read: ready for replay" in done.stdout
     assert "usable bins," not in done.stdout
     (answer,) = json.loads(log.with_suffix(".json").read_text())["logs"]

@@ -369,7 +369,7 @@ def test_a_mission_on_a_result_begins_when_the_vehicle_was_fixed_last(tmp_path):
 
 
 def _known_in(path):
-    return read_known([(path, read_flow(path))], 43200.0)[0]
+    return read_known([read_flow(path)], 43200.0)[0]
 
 
 def test_a_mission_may_begin_at_a_last_fix_before_the_time_of_the_estimate(tmp_path):

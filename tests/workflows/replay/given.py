@@ -3,7 +3,7 @@
 import numpy as np
 
 from replay_kit.config.run import RunConfig
-from replay_kit.core.observation import Observation, Profiles, VehicleState
+from replay_kit.core.observation import Observation, Profiles, Source, VehicleState
 from replay_kit.core.observation.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.words.progress import Stopwatch
 from replay_kit.logs import open_log
@@ -11,6 +11,13 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.state import Setup
+
+
+def position(seconds, longitude=152.0, latitude=-40.0, depth=0.0, reckoned=False):
+    """A position of the vehicle at a time [s]."""
+    time_ns = int(seconds * 1e9)
+    source = Source(0, "/fix", int(seconds), time_ns)
+    return VehicleState(time_ns, longitude, latitude, depth, reckoned, source)
 
 
 def block_of(values, topics=None):

@@ -15,6 +15,9 @@ from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 
+#: Settings of an estimator that is made at once: few modes, and a prior that is not fitted.
+QUICK = {"modes": 6, "sample_share": 0.5, "shift_distance": 0.0}
+
 
 class Killed(BaseException):
     """What stops a run in these tests and no code of the project knows."""
@@ -50,6 +53,12 @@ def run_until(job, config, stop_after):
 
     with mock.patch.object(Run, "take", taken):
         return replay(job, config, planner_of)
+
+
+def often(config):
+    """The settings of a run that keeps a state every ten minutes of its log."""
+    output = config.output.model_copy(update={"checkpoint_interval": 600.0})
+    return config.model_copy(update={"output": output})
 
 
 def goes_on(job: ReplayJob, config, *stops: int):

@@ -9,9 +9,9 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.scan import Logs
-from tests.workflows.replay.interrupted import goes_on, make_ocean, run_until
+from tests.workflows.replay.interrupted import QUICK, goes_on, make_ocean, run_until
 
-CONFIG = RunConfig(output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
+CONFIG = RunConfig(estimator=QUICK, output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
 DAY = 86_400_000_000_000
 YEAR_2200 = 84_006 * DAY
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from replay_kit.core.observation import Flag, Observation, PathMean, Profiles, Source, VehicleState
 from replay_kit.estimator.update.grouping import SHARE, Grouping
 from replay_kit.workflows.replay.events import Events, Track, items
-from tests.workflows.replay.given import block_of
+from tests.workflows.replay.given import block_of, position
 
 SECOND = 10**9
 TOPICS = ["/a", "/b", "/dac", "/fix"]
@@ -40,8 +40,7 @@ def profile(seconds, east, shallow, bins, dive, topic, common):
 
 
 def fix(seconds):
-    source = Source(0, "/fix", int(seconds), int(seconds * SECOND))
-    return VehicleState(int(seconds * SECOND), 5.0, 60.0, 0.0, False, source)
+    return position(seconds, 5.0, 60.0)
 
 
 def mean(seconds):

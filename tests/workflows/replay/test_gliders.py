@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from replay_kit.core.as_flown import AsFlown
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import LogReport
 from replay_kit.logs import merge
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.account import Account
@@ -15,6 +15,7 @@ from replay_kit.workflows.replay.stages.counts import Counts
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.logs.netcdf import glider_samples as made
+from tests.measurements.samples import fix, ping
 from tests.places import DATA, needs
 from tests.results.result_samples import metadata_of
 
@@ -72,32 +73,9 @@ def test_qc_of_mean_currents_alone_says_what_they_are(tmp_path):
 
 def _log(path: Path, reference: str | None, *, last_fix: float = 4000.0) -> Path:
     """Ten pings of which the first is at a fix, and the others up to 3600 s later at the surface."""
-    ping = {
-        "coordinate_system": "earth",
-        "reference": reference,
-        "orientation": "down",
-        "n_cells": 3,
-        "cell_size": 30.0,
-        "bin0_distance": 30.0,
-        "velocity": [[0.1, 0.2, 0.0]] * 3,
-        "pressure": 0.0,
-        "transducer_depth": 0.0,
-    }
-    fixes = [
-        Message(
-            round(t * 1e9),
-            "/fix",
-            "foxglove.LocationFix",
-            {"longitude": 152.0 + 1e-5 * t, "latitude": -40.0},
-            0,
-            0,
-        )
-        for t in (0.0, last_fix)
-    ]
-    pings = [
-        Message(round(t * 1e9), "/adcp", "replay_kit.AdcpPing", ping, 0, 0)
-        for t in np.linspace(1.0, 3600.0, 10)
-    ]
+    velocity = [[0.1, 0.2, 0.0]] * 3
+    fixes = [fix(t, 152.0 + 1e-5 * t) for t in (0.0, last_fix)]
+    pings = [ping(t, reference=reference, velocity=velocity) for t in np.linspace(1.0, 3600.0, 10)]
     write_mcap_log(path, sorted([*fixes, *pings], key=lambda message: message.time_ns))
     return path
 

@@ -14,7 +14,6 @@ from replay_kit.core.observation import (
     PathMean,
     Profiles,
     Source,
-    VehicleState,
 )
 from replay_kit.results.outcome.parts import expected_part
 from replay_kit.workflows.replay.surfacings.forecasts import (
@@ -25,6 +24,7 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
 )
 from tests import synthetic
 from tests.reference import mean_currents as slow
+from tests.workflows.replay.given import position
 
 GRID = synthetic.ensemble(n_members=2).grid
 LEVELS = np.array([0.0, 100.0, 400.0])
@@ -39,9 +39,9 @@ def currents(n, seed=0, std=0.08):
     return drawn * np.array([1.5, 1.0, 0.5])[:, None]
 
 
-def position(seconds, place, depth, dead_reckoned):
+def at(seconds, place, depth, reckoned):
     longitude, latitude = (float(value) for value in to_geographic(GRID.projection, *place))
-    return VehicleState(int(seconds * 1e9), longitude, latitude, depth, dead_reckoned, SOURCE)
+    return position(seconds, longitude, latitude, depth, reckoned)
 
 
 def dive(k, place, current, way=WAY):
@@ -50,13 +50,13 @@ def dive(k, place, current, way=WAY):
     times, depths = np.array([0.0, 0.4 * SECONDS, SECONDS]), np.array([0.0, 300.0, 0.0])
     end = place + SECONDS * (way + slow.mean_along(times, depths, LEVELS, current))
     under = [
-        position(begin + t, place, np.interp(t, times, depths), True)
+        at(begin + t, place, np.interp(t, times, depths), True)
         for t in np.arange(600.0, SECONDS, 600.0)
     ]
     return [
-        position(begin, place, 0.0, False),
+        at(begin, place, 0.0, False),
         *under,
-        position(begin + SECONDS, end, 0.0, False),
+        at(begin + SECONDS, end, 0.0, False),
     ], end
 
 
@@ -94,12 +94,18 @@ def expected(events, flow_at):
     return forecast_end(followed(events, flow_at)[0])[0].outcomes
 
 
+def stated(outcomes):
+    """What a result states of surfacings and of the next one."""
+    found = expected_part(outcomes, outcomes[-1].forecast)
+    return [*found["each"], found["next"]]
+
+
 def test_an_estimate_of_the_current_makes_the_ellipses_small():
     flows = currents(9)
     events = mission(flows)
     known, unknown = (expected(events, estimate(each)) for each in (flows, np.zeros_like(flows)))
     assert [one.forecast.earlier for one in known] == list(range(9))
-    assert {one.forecast.basis for one in known} == {"estimate"}
+    assert {one["basis"] for one in stated(known)} == {"estimate"}
     assert all(one.distance < 150.0 for one in known[2:])
     assert np.mean([one.forecast.radius for one in known[4:]]) < 0.5 * np.mean(
         [one.forecast.radius for one in unknown[4:]]
@@ -133,7 +139,7 @@ def test_how_the_vehicle_flew_is_what_the_estimate_leaves_of_its_displacements()
 def test_outside_the_region_displacements_alone_tell():
     far = mission(currents(6, std=0.01), begin=(4e5, 4e5))
     outcomes = expected(far, estimate(currents(6)))
-    assert {one.forecast.basis for one in outcomes} == {"displacements"}
+    assert {one["basis"] for one in stated(outcomes)} == {"displacements"}
     assert outcomes[-1].distance < 0.2 * outcomes[0].distance
     assert all(one.in_outer for one in outcomes)
 
@@ -242,7 +248,7 @@ def test_where_positions_have_no_depths_the_number_of_the_dive_tells():
 
 
 def test_a_vessel_at_the_surface_has_no_surfacings():
-    fixes = [position(60.0 * k, (100.0 * k, 0.0), 0.0, False) for k in range(20)]
+    fixes = [at(60.0 * k, (100.0 * k, 0.0), 0.0, False) for k in range(20)]
     assert expected(fixes, estimate(currents(1))) == ()
     assert next_surfacing(ForecastState(), estimate(currents(1))(0)) is None
 
@@ -256,18 +262,3 @@ def test_the_coming_surfacing_is_of_a_dive_like_the_last_in_the_estimates_curren
     moved = np.array(to_local(GRID.projection, coming.longitude, coming.latitude)) - start
     np.testing.assert_allclose(moved, SECONDS * WAY, atol=100.0)
     assert (coming.dive, coming.basis, coming.earlier) == (9, "estimate", 8)
-
-
-@pytest.mark.parametrize(
-    ("begin", "basis"),
-    [
-        ((-4000.0, -4000.0), "estimate"),
-        ((4e5, 4e5), "displacements"),
-    ],
-)
-def test_each_surfacing_states_what_it_was_predicted_from(begin, basis):
-    flows = currents(4)
-    outcomes = expected(mission(flows, begin), estimate(flows))
-    found = expected_part(outcomes, outcomes[-1].forecast)
-    assert {one["basis"] for one in found["each"]} == {basis}
-    assert found["next"]["basis"] == outcomes[0].forecast.basis == basis

@@ -38,15 +38,16 @@ from tests import synthetic
 from tests.command import invoke, succeed
 from tests.results import result_samples
 from tests.synthetic_flow import constant, growing
-from tests.workflows.replay.interrupted import goes_on, job_in, make_ocean, run_until
+from tests.workflows.replay.given import position
+from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, make_ocean, often, run_until
 
 PLANNER = PlannerConfig(
     kind="mission", when="surfacing", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0
 )
 CONFIG = RunConfig(
-    estimator=EstimatorConfig(modes=12, sample_share=0.5),
+    estimator=QUICK,
     planner=PLANNER,
-    output=OutputConfig(checkpoint_interval=600.0, interval=7200.0),
+    output=OutputConfig(interval=7200.0),
 )
 GOAL = Place(152.42, -39.66, 0.0)
 
@@ -160,15 +161,8 @@ def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
     assert saved["message"] == whole["message"]
 
 
-def position(seconds: float, depth: float, dead_reckoned: bool = False) -> VehicleState:
-    return VehicleState(
-        int(seconds * 1e9),
-        152.0,
-        -40.0,
-        depth,
-        dead_reckoned,
-        Source(0, "/fix", int(seconds), int(seconds * 1e9)),
-    )
+def at(seconds: float, depth: float, reckoned: bool = False) -> VehicleState:
+    return position(seconds, depth=depth, reckoned=reckoned)
 
 
 def seen_in(events) -> list[float]:
@@ -184,15 +178,15 @@ def seen_in(events) -> list[float]:
 def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one():
     nan = float("nan")
     dives = [
-        position(0, 0.0),
-        position(10, 4.0),
-        position(20, 0.0),
-        position(30, 90.0),
-        position(40, 1.0, True),
-        position(50, 1.0),
+        at(0, 0.0),
+        at(10, 4.0),
+        at(20, 0.0),
+        at(30, 90.0),
+        at(40, 1.0, True),
+        at(50, 1.0),
     ]
     # 4 m is no dive, a computed position no fix
-    assert seen_in([*dives, position(60, 0.0), position(70, 50.0), position(80, nan)]) == [
+    assert seen_in([*dives, at(60, 0.0), at(70, 50.0), at(80, nan)]) == [
         50.0,
         80.0,
     ]
@@ -204,9 +198,9 @@ def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one():
         for t, dive in ((15, 1), (20, 1), (45, 2), (75, 3))
     ]
     # positions without depths: the last before the next dive's first profile, and none where there is no position
-    places = [position(t, nan) for t in (10, 30, 40)]
+    places = [at(t, nan) for t in (10, 30, 40)]
     assert seen_in([places[0], *profiles[:2], *places[1:], *profiles[2:]]) == [40.0]
-    assert seen_in([position(t, 0.0) for t in range(5)]) == []
+    assert seen_in([at(t, 0.0) for t in range(5)]) == []
 
 
 def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
@@ -341,4 +335,4 @@ def test_the_current_is_known_for_twice_the_way_through_still_water_and_no_longe
 
 @pytest.mark.full
 def test_a_run_stopped_between_surfacings_is_that_of_a_run_that_was_not(ocean, tmp_path):
-    goes_on(job_in(ocean, tmp_path / "out.mcap", GOAL), CONFIG, 80)
+    goes_on(job_in(ocean, tmp_path / "out.mcap", GOAL), often(CONFIG), 80)

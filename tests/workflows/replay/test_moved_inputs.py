@@ -14,7 +14,7 @@ from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.verify import verify
 from tests.results.result_samples import metadata_of
-from tests.workflows.replay.interrupted import make_ocean, run_until
+from tests.workflows.replay.interrupted import QUICK, make_ocean, run_until
 
 GOAL = Place(152.3, -39.8, 150.0)
 
@@ -36,6 +36,7 @@ def folders(tmp_path_factory) -> tuple[Path, Path]:
     for folder in (first, second):
         (folder / "run.toml").write_text(
             f'[planner]\nkind = "glide"\ninterval = 1e9\nbathymetry = "{folder / "bottom.nc"}"\n'
+            "[estimator]\nmodes = 6\nsample_share = 0.5\nshift_distance = 0.0\n"
         )
     return first, second
 
@@ -78,7 +79,7 @@ def test_verify_finds_the_bathymetry_by_its_name_and_content(folders, results, t
 
 
 def test_a_bathymetry_that_nothing_reads_is_no_input(folders, tmp_path):
-    config = RunConfig.model_validate({"planner": {"bathymetry": str(tmp_path / "nowhere.nc")}})
+    config = RunConfig(estimator=QUICK, planner={"bathymetry": str(tmp_path / "nowhere.nc")})
     run_until(
         ReplayJob((folders[0] / "glider.mcap",), folders[0] / "ensemble.nc", tmp_path / "out.mcap"),
         config,

@@ -12,7 +12,6 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
@@ -21,7 +20,7 @@ from replay_kit.workflows.replay.stages.planner import PlanResult
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from tests import synthetic
 from tests.planners.flow_samples import CENTRE, uniform_flow
-from tests.workflows.replay.given import fed, run_of
+from tests.workflows.replay.given import fed, position, run_of
 
 FLOW = uniform_flow(0.3, -0.4)
 PROFILE = synthetic.profile(FLOW.grid, 0.0, 0.0, np.array([10.0]), np.zeros((1, 2)))
@@ -61,14 +60,7 @@ def profile(seconds):
 
 
 def fix(seconds, depth):
-    return VehicleState(
-        int(seconds * SECOND),
-        CENTRE.longitude,
-        CENTRE.latitude,
-        depth,
-        False,
-        Source(0, "/fix", 0, 0),
-    )
+    return position(seconds, CENTRE.longitude, CENTRE.latitude, depth)
 
 
 def asked(events, **planner):

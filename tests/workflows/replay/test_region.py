@@ -10,12 +10,10 @@ from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import (
     EstimatorConfig,
     ForecastConfig,
-    OutputConfig,
     RunConfig,
     load_config,
 )
 from replay_kit.core.errors import ConfigError, ForecastError
-from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.region import DEGREE, inside
 from replay_kit.estimator.windows.filter import WindowedEstimator
@@ -39,15 +37,15 @@ from replay_kit.workflows.replay.stages.publishing import (
 from replay_kit.workflows.smooth import smooth
 from tests import synthetic
 from tests.benchmarks.windows import LEVELS, Sea, Strip, sea
-from tests.workflows.replay.interrupted import goes_on
+from tests.measurements.samples import ping
+from tests.workflows.replay.interrupted import goes_on, often
 from tests.workflows.replay.test_inputs import NS, START, fix, written
 
 STRIP = Strip(14, 90, 20, 1.8, 420, 0)
-ESTIMATOR = EstimatorConfig(modes=60, sample_share=0.3)
+ESTIMATOR = EstimatorConfig(modes=30, sample_share=0.3)
 CONFIG = RunConfig(
     estimator=ESTIMATOR,
     gating=GatingConfig(gate="off"),
-    output=OutputConfig(checkpoint_interval=600.0),
 )
 SMALL_WINDOWS = CONFIG.model_copy(update={"forecast": ForecastConfig(window_points=STRIP.window)})
 
@@ -64,13 +62,10 @@ def log_along(path: Path, of: Sea, longitude: np.ndarray) -> Path:
     for k, x in enumerate(longitude):
         column = int(np.argmin(np.abs(of.longitude - x)))
         u, v = of.velocity[-1, :, 0, row, column]
-        ping = {
-            "coordinate_system": "earth", "reference": "earth", "orientation": "down", "bin_mapped": True, "n_cells": 2, "cell_size": 10.0,
-            "bin0_distance": 10.0, "transducer_depth": 0.0, "velocity": [[float(u), float(v), 0.0, None]] * 2, "velocity_std": 0.05,
-            "heading": 0.0, "pitch": 0.0, "roll": 0.0, "declination_applied": True,
-        }  # fmt: skip
+        cells = {"n_cells": 2, "cell_size": 10.0, "bin0_distance": 10.0, "velocity_std": 0.05}
+        found = ping(600 * k, velocity=[[float(u), float(v), 0.0]] * 2, **cells)
         messages.append(fix(600 * k, float(of.longitude[column]), float(of.latitude[row])))
-        messages.append(Message(START + 600 * k * NS, "/adcp", "replay_kit.AdcpPing", ping, 0, 0))
+        messages.append(found._replace(time_ns=START + 600 * k * NS))
     return written(path, messages)
 
 
@@ -229,6 +224,5 @@ def test_windows_are_not_smoothed(strip, tmp_path):
 def test_a_stopped_run_in_a_region_or_windows_goes_on_to_the_same_bytes(
     strip, tmp_path, log, config, stop_after
 ):
-    goes_on(
-        job(strip, log, tmp_path / "out.mcap", truth=str(strip / "truth.nc")), config, stop_after
-    )
+    again = job(strip, log, tmp_path / "out.mcap", truth=str(strip / "truth.nc"))
+    goes_on(again, often(config), stop_after)

@@ -14,7 +14,7 @@ from replay_kit.config.run import EstimatorConfig, MeasurementConfig, RunConfig,
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, MeasurementError, PlanError
 from replay_kit.core.flow.file import load
 from replay_kit.core.message import Message
-from replay_kit.core.plan import Place, Plan
+from replay_kit.core.plan import Place
 from replay_kit.estimator import ReducedBasisEstimator, embed_member
 from replay_kit.forecast import read_truth
 from replay_kit.logs import open_log
@@ -27,13 +27,15 @@ from replay_kit.workflows.replay.inputs.scan import open_readers
 from replay_kit.workflows.replay.prepare import with_planner_kind
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.scoring import score_against_truth
-from replay_kit.workflows.replay.stages.planner import PlanResult
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.logs.mavlink.telemetry_samples import write_tlog
+from tests.measurements.samples import fix, ping
 from tests.results.result_samples import decoded
 
-SETTINGS = RunConfig(planner=PlannerConfig(kind="glide"))
+SETTINGS = RunConfig(
+    planner=PlannerConfig(kind="glide"), estimator=EstimatorConfig(modes=20, sample_share=0.5)
+)
 GOAL = Place(152.3, -39.8, 150.0)
 
 
@@ -191,26 +193,8 @@ def test_a_truncated_log_is_used_as_far_as_it_is_whole_and_the_loss_said(ocean, 
 
 
 def nan_pings(folder):
-    ping = {
-        "coordinate_system": "earth",
-        "reference": "earth",
-        "orientation": "down",
-        "n_cells": 2,
-        "cell_size": 32.0,
-        "bin0_distance": 16.0,
-        "velocity": [[None, None, None]] * 2,
-        "velocity_std": 0.09,
-        "pressure": 0.0,
-    }
-    fix = {"longitude": 152.3, "latitude": -39.8}
-    messages = [
-        message
-        for k in range(3)
-        for message in (
-            Message(k * 10**9, "/vehicle/fix", "foxglove.LocationFix", fix, 0, 2 * k),
-            Message(k * 10**9, "/adcp", "replay_kit.AdcpPing", ping, 0, 2 * k + 1),
-        )
-    ]
+    cells = {"n_cells": 2, "velocity": [[None] * 3] * 2}
+    messages = [one for k in range(3) for one in (fix(k, 152.3, -39.8), ping(k, **cells))]
     write_mcap_log(folder / "bad.mcap", messages)
 
 
@@ -224,20 +208,10 @@ def empty_mcap(folder):
     write_mcap_log(folder / "bad.mcap", [])
 
 
-def no_log(folder):
-    (folder / "bad.mcap").write_text("dear diary")
-
-
-def empty_file(folder):
-    (folder / "bad.mcap").write_bytes(b"")
-
-
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
         (lambda folder: None, LogError, "file not found"),
-        (no_log, LogError, "expected an MCAP file"),
-        (empty_file, LogError, "empty"),
         (empty_mcap, MeasurementError, "no messages at all"),
         (no_adcp, MeasurementError, r"Found: /camera \(1"),
         (nan_pings, MeasurementError, "3 ADCP pings, none usable: 6 bins missing"),
@@ -260,7 +234,6 @@ def test_a_log_of_another_place(ocean, tmp_path):
     )
     assert summary.observations["used"] > 0
     assert any("not a forecast" in note for note in summary.notes)
-    assert any(note.startswith("prior: sample share 0.") for note in summary.notes)
     assert abs(flow.grid.longitude.mean() - 152.3) < 0.3
 
 
@@ -279,7 +252,7 @@ def test_goals_outside_the_region_or_on_land(ocean, tmp_path, goal):
 
 def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
     inputs = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --goal 152.3,-39.8,150"
-    scored = f"--planner glide --truth {ocean}/truth.nc --truth-radius 25"
+    scored = f"--planner glide --truth {ocean}/truth.nc"
     done = succeed(f"replay {inputs} {scored} -o {tmp_path}/o.mcap --json {tmp_path}/o.json")
     assert "Against the truth over" in done.output
     # the score against the truth takes two lines
@@ -302,7 +275,6 @@ def test_the_command_line_answers_in_words_and_in_json(ocean, tmp_path):
     }
     assert keys <= set(answer)
     assert answer["truth"]["points"] > 0
-    assert answer["plan"]["status"] in ("reached", "unreachable")
     assert set(answer["messages"][0]) == {"topic", "read", "used", "skipped", "reasons"}
 
 
@@ -332,7 +304,7 @@ def test_a_truth_with_another_centre_is_compared_along_the_same_axes():
     flow = embed_member(ensemble, 0, EstimatorConfig(nugget=1e-9))
     part = synthetic.dataset(shape=(9, 16), south=70.0, step=1.0).isel(lon=slice(0, 5), member=[0])
     truth = synthetic.as_read(part)
-    score, _ = score_against_truth(flow, ensemble, truth, [(152.0, 70.0)], None, EstimatorConfig())
+    score = score_against_truth(flow, ensemble, truth, EstimatorConfig())
     # cells of 1 degree are embedded to 4 mm/s; unturned vectors would be 5 degrees off, 11 mm/s
     assert score["rmse"] < 6e-3
 
@@ -370,29 +342,3 @@ def test_a_dry_run_of_a_baseline_is_refused(ocean, tmp_path):
     )
     done = invoke(f"{arguments} -o {tmp_path}/o.mcap")
     assert isinstance(done.exception, ConfigError)
-
-
-class Failing:
-    """A planner that finds nothing, and flies nothing."""
-
-    seabed = None
-
-    def check(self, flow, goal):
-        pass
-
-    def with_odds(self):
-        return self
-
-    def plan(self, flow, query):
-        none, at = np.empty(0), (query.start, query.goal, query.start_time_ns)
-        return PlanResult(
-            Plan("failed", *at, *[np.nan] * 3, none, *[np.nan] * 2, none, none, "no path")
-        )
-
-
-def test_with_a_failed_plan_the_estimate_alone_is_scored(ocean):
-    truth = str(ocean / "truth.nc")
-    job = ReplayJob((ocean / "survey.mcap",), ocean / "ensemble.nc", goal=GOAL, truth=truth)
-    score = replay(job, SETTINGS, lambda *_: Failing())[0].truth
-    assert score["rmse"] > 0.0
-    assert score["closest_approach_m"] is None

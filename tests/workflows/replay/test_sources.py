@@ -23,7 +23,7 @@ from tests.logs import surface_samples as made
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
 from tests.measurements.section.test_lines import mission
-from tests.workflows.replay.interrupted import goes_on
+from tests.workflows.replay.interrupted import QUICK, goes_on
 
 LEVELS = np.array([5.0, 100.0, 300.0, 600.0])
 
@@ -40,7 +40,7 @@ def ocean(tmp_path_factory):
 
 def run(ocean, out=None, logs=None, **settings):
     measurements = {"dead_reckoning": "through_water", **settings}
-    config = load_config(None, {"estimator": {"modes": 7}, "measurements": measurements})
+    config = load_config(None, {"estimator": QUICK, "measurements": measurements})
     logs = logs or (ocean / "glider.mcap",)
     job = ReplayJob(logs, ocean / "ensemble.nc", out, overwrite=True)
     return replay(job, config)[0]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from replay_kit.core.errors import severity_word
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.outcome.verdict import errors_hold
+from replay_kit.results.outcome.verdict import doubtful_errors
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.figure import Figure
 from replay_kit.show.figures.trust import trust_figures
@@ -81,7 +81,7 @@ def _errors_hold(outcome: Outcome) -> Light:
             Sentence(["No measurement tested the standard errors."]),
             (),
         )
-    said, shown, hold = outcome.errors_text, f"{nis:.2f}", errors_hold(outcome)
+    said, shown, hold = outcome.errors_text, f"{nis:.2f}", not doubtful_errors(outcome)
     before, after = f"{said[:1].upper()}{said[1:]} (NIS/dof ", ", 1 expected)."
     return Light(
         "errors hold" if hold else "errors do not hold",

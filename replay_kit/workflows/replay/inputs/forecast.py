@@ -199,9 +199,8 @@ def _too_few(config: RunConfig, n_members: int) -> tuple[str, ...]:
     if own.name != OWN or n_members >= _LEAST_MEMBERS or stated:
         return ()
     return (
-        f"{WARNING}{n_members} members are too few to state errors, expected {_LEAST_MEMBERS} or more: the standard errors are too small; "
-        "set estimator.representation_error_std to a number from your own measurements [m/s], such as their RMS innovation before each "
-        "update, which this replay prints",
+        f"{WARNING}{n_members} members are too few to state errors, expected {_LEAST_MEMBERS} or more; "
+        "set estimator.representation_error_std [m/s], such as to the RMS innovation that this replay prints",
     )
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.files.inputs import Stamp, stamps_of
 from replay_kit.core.files.paths import check_paths, truth_path
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.plan import Place
@@ -79,7 +78,6 @@ class ReplayJob:
         netcdf: Gridded estimate, CF NetCDF.
         save_estimate: Lossless estimate, NetCDF.
         truth: ``PATH`` or ``PATH#MEMBER`` to score against.
-        truth_radius_km: Score only grid points this near to a profile used; None scores all.
         checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
         overwrite: Whether existing outputs are replaced.
         include_inputs: Whether the logs' messages are copied into the result.
@@ -99,7 +97,6 @@ class ReplayJob:
     netcdf: Path | None = None
     save_estimate: Path | None = None
     truth: str | None = None
-    truth_radius_km: float | None = None
     checkpoint: Path | None = None
     overwrite: bool = False
     include_inputs: bool = False
@@ -118,6 +115,18 @@ class ReplayJob:
         return used if self.vehicles else (Vehicle("", self.logs, self.goal),)
 
     @property
+    def log_files(self) -> list[Path]:
+        """Log files, also those in folders of logs."""
+        return [file for path in self.logs for file in logs_in(Path(path))]
+
+    @property
+    def forecasts(self) -> tuple[Path, ...]:
+        """Files of the ensemble, of competing forecasts and of the truth."""
+        rivals = (path for each in self.against for path in ensemble_files(each))
+        truth = filter(None, [truth_path(self.truth)])
+        return (*ensemble_files(self.ensemble), *rivals, *truth)
+
+    @property
     def goals(self) -> tuple[Place, ...]:
         """Goals of the vehicles."""
         goals = (vehicle.goal for vehicle in self.each_vehicle)
@@ -134,26 +143,11 @@ def check_outputs(
         also_read: Further inputs, such as the configuration file.
         also_written: Further outputs, such as the JSON summary.
     """
-    rivals = [path for each in job.against for path in ensemble_files(each)]
-    inputs = (*job.logs, *ensemble_files(job.ensemble), *rivals, truth_path(job.truth), *also_read)
     check_paths(
-        inputs,
+        (*job.logs, *job.forecasts, *also_read),
         (job.out, job.netcdf, job.save_estimate, *also_written),
         job.overwrite,
         () if job.checkpoint is None else (job.checkpoint,),
-    )
-
-
-def input_stamps(job: ReplayJob) -> dict[Path, Stamp]:
-    """Return a stamp of each input file of a replay, also of those in folders of logs.
-
-    Raises:
-        LogError: A folder holds no log.
-    """
-    logs = [file for path in job.logs for file in logs_in(Path(path))]
-    rivals = [path for each in job.against for path in ensemble_files(each)]
-    return stamps_of(
-        [*logs, *ensemble_files(job.ensemble), *rivals, *filter(None, [truth_path(job.truth)])]
     )
 
 

@@ -159,7 +159,6 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
         "include_inputs": str(job.include_inputs).lower(),
         **({PROVIDED: ", ".join(job.provided)} if job.provided else {}),
         "truth": "" if job.truth is None else Path(job.truth).name,
-        "truth_radius_km": "" if job.truth_radius_km is None else repr(job.truth_radius_km),
         "modes": str(flow.n_modes),
         "depth_functions": flow.depth_functions.kind,
         "kernel_length_east_m": repr(flow.horizontal.kernel.length_east),

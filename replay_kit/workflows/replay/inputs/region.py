@@ -105,7 +105,6 @@ def find_region(
     config: RunConfig,
     near_ns: int | None,
     goals: Sequence[Place],
-    may_follow: bool = True,
 ) -> FoundRegion | None:
     """Return the part of a forecast that logs need; None for all of it, or if the settings state the part.
 
@@ -118,7 +117,6 @@ def find_region(
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
         goals: Goals of the vehicles.
-        may_follow: Whether windows may follow the vehicle if one is not enough.
 
     Raises:
         ForecastError: The ensemble cannot be used; no position of the log lies in it; or the largest window is smaller than the margins
@@ -138,7 +136,7 @@ def find_region(
         region = around([*places, *((goal.longitude, goal.latitude) for goal in goals)], margin)
         points, whole = int(np.prod(extent.shape_in(region))), int(np.prod(extent.shape))
         most = settings.window_points or window_points(extent, length, float(places[0, 1]))
-        if points > most and not goals and may_follow and _is_static(extent, config):
+        if points > most and not goals and _is_static(extent, config):
             return _first_window(extent, places[0], margin, length, most)
         if points > _MOST * whole:
             return None

@@ -1,6 +1,7 @@
 """Logs opened once, and scanned before a replay for their place and start."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice, tee
@@ -11,15 +12,14 @@ import numpy as np
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.errors import ConfigError, MeasurementError
-from replay_kit.core.message import LogReader, Message
+from replay_kit.core.message import Message
 from replay_kit.core.observation.block import PING, POSITION, Block
-from replay_kit.core.observation.table import Columns, chosen
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.merge import Merge
+from replay_kit.logs.reader import LogFile
 from replay_kit.logs.tables.frames import SCHEMA
 from replay_kit.logs.tables.schemas import SENDERS
 from replay_kit.measurements.observed import begun, taken
-from replay_kit.measurements.track.positions import joined, no_rows
 from replay_kit.results.losses import iso_time
 
 #: What a MAVLink reader needs to decode for measurements.
@@ -30,7 +30,7 @@ _PER_DEGREE = 100
 _BLOCK, _LARGE = 2048, "replay_kit.RadarCurrents"
 
 
-def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
+def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogFile]:
     """Return the opened logs; from MAVLink and DataFlash only mapped topics and messages used by the estimator are decoded.
 
     Raises:
@@ -41,7 +41,7 @@ def open_readers(logs: Sequence[Path], config: RunConfig) -> list[LogReader]:
     wanted = MAVLINK_NAMES | {
         ".".join(parts) if parts[0] == "dataflash" else parts[-1] for parts in mapped
     }
-    return list(open_logs(logs, config.logs, wanted))
+    return open_logs(logs, config.logs, wanted)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,9 +90,15 @@ class Logs:
         ]
 
     @property
-    def all(self) -> list[LogReader]:
+    def all(self) -> list[LogFile]:
         """Logs of all vehicles."""
         return [log for logs in self.by_vehicle for log in logs]
+
+    def close(self) -> None:
+        """Close the files of passes that did not end."""
+        with ExitStack() as stack:
+            for log in self.all:
+                stack.enter_context(log)
 
     def ahead(self) -> tuple[tuple[float, float] | None, int | None]:
         """Return the mean position, if the ensemble is to be moved there, and the first used time [ns, UTC] in the time span.
@@ -105,7 +111,7 @@ class Logs:
         settings = self.config.logs
         if self.config.forecast.place:
             if self.reach.middle is None:
-                raise _nowhere([log.path for log in self.all], self.config)
+                raise _nowhere(self.config)
             return self.reach.middle, self.reach.first_ns
         for one in self._begun:
             one.looked_at = True
@@ -146,18 +152,6 @@ class Logs:
         first_ns = max(min(spans), first_ns or min(spans))
         return Reach(each, middle, max(deepest), first_ns, max(spans))
 
-    @property
-    def positions(self) -> Columns:
-        """Positions that a replay would use, in order, as input of ``LogTracks``."""
-        return joined(
-            no_rows(),
-            *(
-                chosen(block.position, block.events[block.events[:, 1] == POSITION, 2])
-                for _, block in self.measured()
-                if len(block.position)
-            ),
-        )
-
     def measured(self) -> Iterator[tuple[Times, Block]]:
         """Yield the message times of each block [ns, UTC], and its measured events within the time span."""
         settings = self.config.logs
@@ -197,7 +191,7 @@ class Logs:
 class _Begun:
     """Log whose messages read in a first look are kept for the next pass."""
 
-    def __init__(self, log: LogReader) -> None:
+    def __init__(self, log: LogFile) -> None:
         self._log, self.looked_at = log, False
         self.rest: Iterator[Message] | None = None
 
@@ -221,14 +215,10 @@ def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[M
     return found
 
 
-def _nowhere(logs: Sequence[str], config: RunConfig) -> MeasurementError:
+def _nowhere(config: RunConfig) -> MeasurementError:
     """Return the error of logs without a position for the ensemble."""
     start, end = config.logs.start, config.logs.end
-    between, more = "", ""
-    if start or end:
-        between = f" between {start or 'their start'} and {end or 'their end'}"
-        more = "widen --start and --end, or "
+    span = f" between {start or 'their start'} and {end or 'their end'}" if start or end else ""
     return MeasurementError(
-        f"--place-ensemble moves the ensemble to the mean fix, but the logs hold no position{between}; {more}leave the option out; "
-        f"replay-kit info {logs[0]} lists the contents of a log, and --suggest map.toml maps topics of unknown types"
+        f"--place-ensemble moves the ensemble to the mean fix, the logs hold no position{span}; widen --start and --end, or leave it out"
     )

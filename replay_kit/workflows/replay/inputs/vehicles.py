@@ -3,21 +3,13 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
-
-import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, MeasurementError
-from replay_kit.core.observation.table import Columns, chosen
 from replay_kit.core.region import Region, bounds_of, inside
 from replay_kit.core.words.text import some_text, time_text
 from replay_kit.logs.opening import in_folder, logs_in
-from replay_kit.logs.reader import LogFile
-from replay_kit.measurements.checks import concluded as findings
-from replay_kit.measurements.checks.place import LogTracks
-from replay_kit.measurements.track.positions import joined
 from replay_kit.results.vehicles import RESERVED
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
@@ -113,7 +105,7 @@ def _by_missions(logs: Sequence[Path], config: RunConfig) -> tuple[Vehicle, ...]
 
 def _stated(path: Path, config: RunConfig) -> str:
     """Return the vehicle name stated by a log or a folder of logs; empty for none or several."""
-    missions = [log.mission for log in open_readers([path], config) if isinstance(log, LogFile)]
+    missions = [log.mission for log in open_readers([path], config)]
     names = {_OF_MISSION.sub("", mission) for mission in missions if mission}
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", names.pop()) if len(names) == 1 else ""
 
@@ -194,56 +186,3 @@ def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
                 f"cannot share the estimate; replay it separately, with a forecast of its place{anew if job.following else ''}"
             )
     return found
-
-
-def by_tracks(job: ReplayJob, config: RunConfig, error: MeasurementError) -> tuple[Vehicle, ...]:
-    """Return the vehicles of logs with tracks that one vehicle cannot have flown; empty after other errors or if undecided.
-
-    Args:
-        job: Job with logs assumed to be of one vehicle.
-        config: The run's settings.
-        error: Error of its replay.
-    """
-    if (
-        job.vehicles
-        or job.following
-        or not any(one.name == findings.TRACKS for one in error.findings)
-    ):
-        return ()
-    tracks = [Logs([[path]], config).positions for path in job.logs]
-    groups = [{number} for number in range(len(tracks))]
-    apart = list[tuple[int, int]]()
-    for one, other in combinations(range(len(tracks)), 2):
-        if _are_one(tracks[one], tracks[other]):
-            met = [group for group in groups if group & {one, other}]
-            groups = [group for group in groups if group not in met] + [set().union(*met)]
-        else:
-            apart.append((one, other))
-    torn = any({*pair} <= group for pair in apart for group in groups)
-    names = [job.logs[min(group)].stem for group in groups]
-    usual = all(_NAME.fullmatch(name) and name not in RESERVED for name in names)
-    if (
-        torn
-        or not all(len(track["time"]) for track in tracks)
-        or len(set(names)) < max(len(groups), 2)
-        or not usual
-    ):
-        return ()
-    return tuple(
-        Vehicle(name, tuple(job.logs[number] for number in sorted(group)), job.goal)
-        for name, group in zip(names, groups, strict=True)
-    )
-
-
-def _are_one(*tracks: Columns) -> bool:
-    """Return whether one vehicle can have been on two tracks."""
-    numbered = [
-        {**track, "input": np.full(len(track["time"]), k)} for k, track in enumerate(tracks)
-    ]
-    both = joined(*numbered)
-    tracks_of = LogTracks().after(chosen(both, np.argsort(both["time"], kind="stable")))
-    number, beyond = (
-        sum(getattr(passages, name) for passages in tracks_of.passages.values())
-        for name in ("number", "beyond")
-    )
-    return 2 * beyond <= number and tracks_of.two_vehicles is None

@@ -24,15 +24,18 @@ from replay_kit.measurements.checks.profile import (
     odd_ensemble_speeds,
 )
 from replay_kit.measurements.means import TOO_FAST
-from replay_kit.measurements.track.reach import COLUMNS
+from replay_kit.measurements.track.reach import COLUMNS, THROWN
 from replay_kit.workflows.replay.stages.counts import Counts
 from replay_kit.workflows.replay.stages.estimation import Dive, Step, assimilate
 from replay_kit.workflows.replay.stages.forecast_file import FileCheck
 
-_UNDETERMINED = "nothing here can tell whether directions are right"
+_UNDETERMINED = (
+    "nothing here can tell whether directions are right; profiles beside mean currents that they were not computed from, a GPS drift or a "
+    "bottom track would"
+)
 # Observations before which nothing is said of the forecast.
 _LEAST_OBSERVATIONS = 3
-# Rejected measurements of one source before which nothing is said.
+# Rejected measurements of one source, and positions out of reach, before which nothing is said.
 _LEAST_REJECTED = 5
 # Values of another source, and their normalised innovation squared, before they are said not to fit.
 _LEAST_VALUES, _MOST_NIS = 20, 3.0
@@ -237,6 +240,10 @@ def conclusions(
     used = sum(mean.kind == "dac" for mean in state.means)
     if fast > 2 * used and not any(finding.name == SCALE for finding in found):
         found += (findings.too_fast(TOO_FAST, fast, fast + used),)
+    thrown = {topic: n for (topic, reason), n in counts.skipped.items() if reason == THROWN}
+    out, total = sum(thrown.values()), sum(counts.used.get(topic, 0) for topic in thrown)
+    if out >= _LEAST_REJECTED and 3 * out > total:
+        found += (findings.mixed_tracks(out, out + total),)
     if not found and (of_gate := _preferred(state)) is not None:
         found += (of_gate,)
     if not found:
@@ -253,7 +260,7 @@ def conclusions(
     if all(finding.name in (ENSEMBLE, findings.FORECAST) for finding in found):
         found += tuple(finding for finding in of_forecast if not found or finding.name != ENSEMBLE)
     if not state.checks.can_tell_directions:
-        blind.append(_undetermined(state))
+        blind.append(_UNDETERMINED)
     if state.checks.pings[0] and not state.checks.pings[1]:
         blind.append(_SHEAR_ALONE)
     return found, (*blind, *unknowable(state.checks))
@@ -270,21 +277,11 @@ def _preferred(state: MonitoringState) -> Finding | None:
     return None
 
 
-def _undetermined(state: MonitoringState) -> str:
-    """Return why nothing in a log confirms directions, and what would; empty otherwise."""
-    if not state.checks.pings[0]:
-        return f"{_UNDETERMINED}; profiles of the current beside the mean currents would"
-    if not state.means:
-        return f"{_UNDETERMINED}; a mean current, GPS drift or bottom track would"
-    if all(mean.beside_profiles for mean in state.means):
-        return f"{_UNDETERMINED}, for the profiles were computed from the mean currents; a GPS drift or bottom track would"
-    return f"{_UNDETERMINED}, for the mean currents are too few or too weak; more of them, or a bottom track, would"
-
-
 def _of_forecast(counts: Counts, moved: bool) -> tuple[Finding, ...]:
     """Return a finding if two thirds of the observations exceed the gate: the forecast does not fit."""
     beyond, total = counts.gated, counts.total.profiles + counts.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
         return (findings.forecast_misfit(evidence, moved),)
-    return (ensemble_contradicts(evidence),) if 2 * beyond > total else ()
+    least = 0.2 if beyond >= _LEAST_REJECTED else 0.5
+    return (ensemble_contradicts(evidence),) if beyond > least * total else ()

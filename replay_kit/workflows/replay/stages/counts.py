@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import add
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -116,7 +116,6 @@ class Counts:
         gated: Number of profiles rejected by the gate.
         total: Sums over all used profiles.
         dives: Sums over the profiles of each dive.
-        positions: Longitude and latitude of each used observation; of the end of a path.
         last_position: Last position; None before the first.
         interpolated: Number of used profiles with a place interpolated between positions far apart in time.
         position_std: Largest standard error of such a place [m].
@@ -135,7 +134,6 @@ class Counts:
     gated: int = 0
     total: Sums = field(default_factory=Sums)
     dives: Mapping[int, Sums] = field(default_factory=dict)
-    positions: tuple[tuple[float, float], ...] = ()
     last_position: VehicleState | None = None
     interpolated: int = 0
     position_std: float = 0.0
@@ -182,7 +180,6 @@ class Counts:
             + sum(one.decision == "rejected" and not _is_repeat(one) for one in innovations),
             total=total,
             dives=dives,
-            positions=self.positions + tuple(_place_of(event) for event, _ in used),
             last_position=tracks[-1][-1] if tracks else self.last_position,
             interpolated=self.interpolated + len(far),
             position_std=max([self.position_std, *far]),
@@ -217,12 +214,12 @@ class Counts:
             )
         if self.interpolated:
             notes.append(
-                f"{self.interpolated} profiles in dives were placed between positions far apart in time, with a standard error of up to "
+                f"{self.interpolated} profiles in dives were placed between positions far apart in time, to within "
                 f"{self.position_std:.0f} m (measurements.position_max_gap)"
             )
         if self.repeated:
             notes.append(
-                f"{self.repeated} profiles not used: duplicates, or older than their predecessors, as in overlapping recordings"
+                f"{self.repeated} profiles not used: duplicates, or older than their predecessors, as where logs overlap"
             )
         if self.gated:
             notes.append(
@@ -297,9 +294,3 @@ def _reasons(innovation: Innovation) -> list[tuple[str, int]]:
 def _correction(mean: PathMean) -> float:
     """Return the magnitude of a DAC's flight-model correction [m/s]."""
     return abs(complex(*mean.used) - complex(*mean.velocity))
-
-
-def _place_of(measurement: Any) -> tuple[float, float]:
-    last = (np.ravel(along)[-1] for along in (measurement.longitude, measurement.latitude))
-    longitude, latitude = map(float, last)
-    return longitude, latitude

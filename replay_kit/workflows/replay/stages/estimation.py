@@ -135,33 +135,6 @@ def assimilate(
     return current, ended, steps
 
 
-def state_after(
-    estimators: Sequence[Estimator[Any]], given: Sequence[Given], size: int, unused: int
-) -> Any:
-    """Return the estimator's state after all observations except those of a vehicle, without its window.
-
-    Args:
-        estimators: See ``assimilate``.
-        given: All observations.
-        size: Size of their blocks.
-        unused: Number of the excluded vehicle.
-    """
-    current = estimators[0].initial()
-    for begin in range(0, len(given), size):
-        block = given[begin : begin + size]
-        for _, of_estimator in groupby(block, key=lambda one: id(estimators[one[0]])):
-            own = list(of_estimator)
-            number, measured = own[0][0], [event for _, event in own]
-            estimator: Estimator[Any] = estimators[number]
-            if number == unused:
-                for event in measured:
-                    current = estimator.moved(current, event)  # type: ignore[arg-type]
-            else:
-                current, _ = estimator.assimilate(current, measured)  # type: ignore[arg-type]
-            current = estimator.without_left(current)
-    return current
-
-
 def kept(estimator: Estimator[Any], dive: Dive) -> Dive:
     """Return the dive without the start of windows that vehicles have left; keeps the vehicle's window."""
     return replace(dive, start=estimator.of_own(estimator.without_left(dive.start)))

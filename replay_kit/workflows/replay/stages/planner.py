@@ -73,10 +73,6 @@ class Planner(Protocol):
         """Raise PlanError if the goal is outside the region or on land."""
         ...
 
-    def closest_approach(self, flow: FlowEstimate, result: PlanResult) -> float:
-        """Return the closest approach [m] of a plan to its goal when flown in a flow."""
-        ...
-
 
 @runtime_checkable
 class VehiclePlanner(Planner, Protocol):

@@ -1,110 +1,13 @@
-"""Ensembles: fit of the prior, written as settings (``fit``), and description of forecast files (``info --ensemble``)."""
+"""Description of forecast files, for people and as JSON."""
 
-from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from replay_kit.config.run import EstimatorConfig
-from replay_kit.core import __version__
-from replay_kit.core.errors import ForecastError
-from replay_kit.core.files.atomic import write_whole
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.words.progress import announce
-from replay_kit.estimator.basis.modes import build_basis
-from replay_kit.estimator.basis.slices import correlation_length
-from replay_kit.estimator.prior.factor import PriorSettings
-from replay_kit.estimator.prior.fit import FitRow, Members, best, fit_settings
 from replay_kit.forecast.describe import Description
-from replay_kit.show.text import print_table
-
-
-@dataclass(frozen=True, slots=True)
-class Fitted:
-    """Settings tried and chosen by a fit.
-
-    Attributes:
-        rows: All trials, in order.
-        chosen: Settings with the lowest score.
-        length: The ensemble's correlation length [m].
-        ensemble: File of the ensemble.
-        left_out: Number of members left out in turn.
-    """
-
-    rows: tuple[FitRow, ...]
-    chosen: PriorSettings
-    length: float
-    ensemble: str
-    left_out: int
-
-
-def fit_prior(ensemble: Ensemble, config: EstimatorConfig, left_out: int) -> Fitted:
-    """Return the settings of the prior that best predict members left out.
-
-    Args:
-        ensemble: All members.
-        config: Number of modes, kernel, nugget.
-        left_out: Number of members left out in turn; all when there are fewer.
-
-    Raises:
-        ForecastError: There are fewer than four members.
-    """
-    if ensemble.n_members < 4:
-        raise ForecastError(
-            f"{ensemble.source}: fitting leaves members out and needs at least 4, got {ensemble.n_members}"
-        )
-    announce("computing the basis")
-    basis, length = build_basis([ensemble], config), correlation_length(ensemble)
-    members = Members.leading(basis.member_weights, basis.at_nodes, basis.grid.nodes)
-    rows = fit_settings(members, length, left_out)
-    return Fitted(rows, best(rows), length, ensemble.source, min(left_out, ensemble.n_members))
-
-
-def write_fit(fitted: Fitted, path: Path) -> None:
-    """Write the chosen settings as TOML that ``--config`` takes."""
-    write_whole(
-        path,
-        f"""# Fitted by replay-kit {__version__} to {fitted.ensemble}:
-# {fitted.left_out} members left out in turn, {len(fitted.rows)} settings tried, correlation length {fitted.length:.0f} m.
-[estimator]
-sample_share = {fitted.chosen.sample_share}
-shift_distance = {fitted.chosen.shift:.1f}
-localisation_radius = {fitted.chosen.radius:.1f}
-""",
-    )
-
-
-def fit_json(fitted: Fitted) -> dict[str, Any]:
-    """Return the fit for JSON."""
-    return asdict(fitted)
-
-
-def print_fit(fitted: Fitted, console: Console) -> None:
-    """Print all trials and the chosen settings."""
-    rows = (
-        (*_figures(row.settings), f"{row.score:.4f}", f"{row.coverage90:.3f}")
-        for row in fitted.rows
-    )
-    print_table(
-        console, None, ("sample share", "shift [km]", "radius [km]", "score", "cov. 90"), rows
-    )
-    share, shift, radius = _figures(fitted.chosen)
-    chosen = (
-        f"Chosen: sample share {share}, members shifted by {shift} km, taper to zero at {radius} km"
-    )
-    console.print(f"{chosen}; correlation length {fitted.length / 1e3:.1f} km")
-
-
-def _figures(settings: PriorSettings) -> tuple[str, str, str]:
-    return (
-        f"{settings.sample_share:.2f}",
-        f"{settings.shift / 1e3:.1f}",
-        f"{settings.radius / 1e3:.1f}",
-    )
-
 
 _MOST_LABELS = 6
 
