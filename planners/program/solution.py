@@ -106,9 +106,9 @@ def again(found: Solution) -> Solution:
     down = np.broadcast_to(task.vehicle.speeds(np, legs.angles)[1], ends.shape[:1])
     lasts = np.sum(np.abs(np.diff(legs.turns, axis=0)), axis=0) / down + legs.drifts
     times = task.start_time + np.append(0.0, np.cumsum(lasts)[:-1])
+    parts, stops = found.solved.steps, task.goals[:, 2]
     for _ in range(_PASSES):
         begins = np.vstack([task.start[None, :2], ends[:-1]])
-        parts, stops = found.solved.steps, task.goals[:, 2]
         path = fly_leg(task.currents, task.vehicle, (begins, times), legs, parts, stops)
         before, ends = ends, task.start[:2] + np.cumsum(path.places[-1] - begins, axis=0)
         if np.max(np.abs(ends - before)) < _STILL:

@@ -50,7 +50,6 @@ if TYPE_CHECKING:
 
     from replay_kit.core.flow.points import Velocities
 
-_NS = 1e9
 _LINEAR = DepthFunctions("hat", 0.0)
 
 

@@ -22,8 +22,6 @@ import numpy as np
 from replay_kit.core.arrays import Array, Times
 from replay_kit.core.flow.functions import hats
 
-_NS = 1e9
-
 
 @dataclass(frozen=True, eq=False)
 class Process:
