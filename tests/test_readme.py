@@ -108,7 +108,6 @@ _LONG = (
     "replay-kit fleet ",
 )
 _LONG_SCRIPTS = (
-    "estimate.png",
     "first.mcap",
     "rk.plan(result.estimate",
     "smooth(estimator, log",
@@ -233,8 +232,3 @@ def test_settings_blocks(code, tmp_path):
 
 def test_samples_are_small():
     assert sum(path.stat().st_size for path in (ROOT / "sample_logs").iterdir()) < 8e6
-
-
-def test_the_picture_is_the_script_s():
-    assert shutil.which("bash")
-    assert (ROOT / "sample_logs" / "estimate.png").read_bytes()[:4] == b"\x89PNG"
