@@ -5,7 +5,6 @@ The commands of a shell block that share no file make chains, each a test of its
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 import warnings

@@ -5,9 +5,9 @@ and, below the surface, depth [m]), areas as their corners, mounts of the bottom
 The other sets are random missions among hazards, whose numbers are their seeds.
 """
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -72,15 +72,17 @@ def sets() -> list[str]:
     return [*_asked(), *HAZARDS]
 
 
-def cases(name: str) -> Iterator[Case]:
-    """Yield the missions of a set, in order."""
+def cases(name: str) -> list[Callable[[], Case]]:
+    """Return what makes each mission of a set, in order."""
     if name not in HAZARDS:
-        yield from map(_case, _asked()[name])
-        return
+        return [partial(_case, asked) for asked in _asked()[name]]
     count, speeds = HAZARDS[name]
-    for seed in range(count):
-        mission = random_mission(seed, speeds)
-        yield Case(mission.flow, mission.request)
+    return [partial(_random, seed, speeds) for seed in range(count)]
+
+
+def _random(seed: int, speeds: tuple[float, float]) -> Case:
+    mission = random_mission(seed, speeds)
+    return Case(mission.flow, mission.request)
 
 
 def _case(asked: Mapping[str, Any]) -> Case:
@@ -133,7 +135,7 @@ def answers(name: str, numbers: Container[int] | None = None) -> dict[str, dict[
         numbers: Of the missions wanted; None for all.
     """
     return {
-        str(k): answer(case)
+        str(k): answer(case())
         for k, case in enumerate(cases(name))
         if numbers is None or k in numbers
     }
