@@ -107,7 +107,7 @@ def _unbroken(place: str) -> str:
 def _arrival(odds: Values) -> str:
     if odds.get("duration_s") is None:
         return ""
-    arrives, half = odds["status"] in ("reached", "uncertain"), odds.get("arrival_median")
+    arrives, half = odds["meets_goal"], odds.get("arrival_median")
     end, below = odds["arrival"], "in the mean current, {duration_s:span}"
     if not arrives:
         below = "{closest_approach_m:km} from it"

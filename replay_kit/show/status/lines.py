@@ -137,7 +137,7 @@ def _arrival(values: Values) -> Iterator[Line]:
         return
     legs = f", {values['legs']} legs" if values["legs"] else ""
     flown, label, end = f" ({{duration_s:span}}{legs})", "Arrive", clock(values["arrival"])
-    if values["status"] not in ("reached", "uncertain"):
+    if not values["meets_goal"]:
         label, text = "Nearest", f"{{closest_approach_m:km}} from the goal, {end} UTC"
     elif half := values.get("arrival_median"):
         most = values["arrival_90_percent"]

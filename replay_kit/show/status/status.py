@@ -292,8 +292,11 @@ def _odds(held: Held, now_ns: int) -> Values:
         "legs": len(plan.legs),
         "dives": statistics.get(ORIGIN, ""),
         "asked": None if asked is None else float(asked),
+        "meets_goal": plan.status in ("reached", "uncertain"),
     }
     if odds is not None:
+        # an unsafe plan may meet its goal all the same
+        values["meets_goal"] |= plan.status == "unsafe" and plan.closest_approach <= odds.radius
         values |= attributes(odds, "reached safe samples=n_samples") | {
             "arrived": round(odds.reached * odds.n_samples),
             "reached_interval": [*share_interval(odds.reached, odds.n_samples)],

@@ -151,7 +151,7 @@ def test_a_call_that_hangs_dies_or_takes_all_memory_is_ended(call, silence, word
 
 @pytest.mark.parametrize("fault", ["", pytest.param("flood", marks=pytest.mark.full)])
 def test_a_forecast_is_fetched_in_a_process_of_its_own(tmp_path, objects, fault, monkeypatch):
-    monkeypatch.setattr("replay_kit.forecast.remote.apart._SILENCE", 8.0)
+    monkeypatch.setattr("replay_kit.forecast.remote.apart._SILENCE", 30.0)
     files = Files(objects, lambda path, number: fault if path.startswith("uo/0") else "")
     with serving(files):
         forecast = {"cache": str(tmp_path), "region": (153.0, -39.5, 154.5, -38.5)}

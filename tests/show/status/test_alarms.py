@@ -29,7 +29,7 @@ NONE_ARRIVES = Odds(40, 0.0, 1.0, 250.0, 9e4, 7e4, 8e4)
 #: Values of plans, with the kind of warning that the page gives, if any.
 PLANS = {
     "unreachable": ({"message": "misses by 3200.0 m", "closest_approach": 3200.0}, "care"),
-    "unsafe": ({"message": "crosses the lane"}, "stop"),
+    "unsafe": ({"message": "crosses the lane", "odds": NONE_ARRIVES}, "stop"),
     "uncertain": ({"message": "0 % of 40 samples arrive", "odds": NONE_ARRIVES}, "care"),
     "none arrives": ({"status": "reached", "odds": NONE_ARRIVES}, "care"),
     "failed": ({"message": "no path", "duration": np.nan, "closest_approach": np.inf}, "stop"),
@@ -62,7 +62,8 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
     status = status_of(read_held(result.reader))
     shown, labels = found_warnings(Contents(result)), [line.label for line in lines(status)]
     assert result.outcome == outcome
-    assert ("Arrive" in labels) == (plan.status in ("reached", "uncertain"))
+    assert ("Nearest" in labels) == (name == "unreachable")
+    assert ("Arrive" in labels) == (name not in ("unreachable", "failed"))
     alarms = outcome.to_json()["alarms"]
     assert [one["text"] for one in alarms] == [one.text for one in status.alarms]
     assert [one["kind"] for one in alarms] == (["plan", "consistency"] if kind else [])
