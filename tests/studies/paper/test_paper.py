@@ -57,18 +57,11 @@ def folder(study, tmp_path_factory):
     return out
 
 
-def stay(flow, start, goal):
-    """Where what is planned does not matter: a plan takes half a second."""
-
-
-def stayed(flow, plan):
-    return np.zeros(1), np.zeros((1, 3)), 1.0
-
-
 @pytest.fixture
 def without_planning(monkeypatch):
-    monkeypatch.setattr(planners, "plan", stay)
-    monkeypatch.setattr(planners, "fly", stayed)
+    """Where what is planned does not matter: a plan takes half a second."""
+    monkeypatch.setattr(planners, "plan_mission", lambda flow, request: None)
+    monkeypatch.setattr(planners, "closest_approach", lambda truth, plan: 1.0)
 
 
 def combination() -> Case:
