@@ -34,7 +34,9 @@ from replay_kit.show.numbers import nice
 dates: Any = untyped
 #: What would state when a figure was made, by the forms of its file, so that the same result gives the same bytes.
 ENDINGS: dict[str, dict[str, None]] = {
-    **{".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    ".png": {},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
 }
 
 

@@ -9,8 +9,14 @@ WIDTHS = {1: 3.35, 2: 6.9}
 #: Points of a printed figure for a pixel of a page, of the width of lines and of the size of marks.
 THIN, SMALL = 0.55, 0.45
 MARKERS = {
-    **{"diamond": "D", "square": "s", "triangle-up": "^", "triangle-down": "v", "x": "x"},
-    **{"cross": "+", "star": "*", "pentagon": "p"},
+    "diamond": "D",
+    "square": "s",
+    "triangle-up": "^",
+    "triangle-down": "v",
+    "x": "x",
+    "cross": "+",
+    "star": "*",
+    "pentagon": "p",
 }
 DASHES: dict[str, Any] = {"dash": "--", "dot": ":", "dashdot": "-.", "longdash": (0, (8, 3))}
 
@@ -70,8 +76,12 @@ PAPER = _LETTERS | {
 GRID, BEHIND = "#e3e8ec", "#f5f7f9"
 #: Of a page.
 PAGE = _LETTERS | {
-    **{"font.size": 12.0, "axes.titlesize": 12.0, "axes.labelsize": 12.0, "legend.fontsize": 11.0},
-    **{"xtick.labelsize": 11.0, "ytick.labelsize": 11.0},
+    "font.size": 12.0,
+    "axes.titlesize": 12.0,
+    "axes.labelsize": 12.0,
+    "legend.fontsize": 11.0,
+    "xtick.labelsize": 11.0,
+    "ytick.labelsize": 11.0,
     **dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor"), LIGHT["ink"]),
     **dict.fromkeys(("xtick.color", "ytick.color", "axes.edgecolor"), LIGHT["soft"]),
     **{"xtick.labelcolor": LIGHT["ink"], "ytick.labelcolor": LIGHT["ink"]},
