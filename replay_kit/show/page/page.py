@@ -109,7 +109,7 @@ def page_html(title: str, sections: Sequence[Section], subtitle: str = "") -> st
         "links": "".join(links),
         "sections": body,
         # without the time of packing: the same data give the same bytes
-        "figures": b64encode(gzip.compress(packed, 9, mtime=0)).decode(),
+        "figures": b64encode(gzip.compress(packed, 7, mtime=0)).decode(),
         "js": re.sub(r"(?m)^ *//.*\n|^ +", "", "".join(_text(f"{name}.js") for name in _SCRIPTS)),
     }
     page = _text("page.html")
