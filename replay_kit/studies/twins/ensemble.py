@@ -4,8 +4,9 @@ Each member is the curl of a stream function, so its horizontal divergence is ze
 draw, as forecast members share an analysis; the truth is one more member.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -30,8 +31,7 @@ _OWN_EDDIES = 3
 _SCALE_FACTOR = 1e-4  # m/s; int16 then reaches 3.2 m/s
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Eddies:
+class Eddies(NamedTuple):
     """Gaussian eddies, one per entry.
 
     Attributes:
@@ -49,8 +49,7 @@ class Eddies:
     decay: Array
 
 
-@dataclass(frozen=True, slots=True)
-class Jet:
+class Jet(NamedTuple):
     """Eastward jet with a sinusoidal meander.
 
     Attributes:
@@ -72,6 +71,9 @@ class Jet:
     phase: float
     tilt: float
     decay: float
+
+
+_Kind = TypeVar("_Kind", Eddies, Jet)
 
 
 def synthesize(seed: int = 0, n_members: int = 40) -> tuple[xr.Dataset, xr.Dataset]:
@@ -100,8 +102,8 @@ def synthesize(seed: int = 0, n_members: int = 40) -> tuple[xr.Dataset, xr.Datas
             rng,
         )
         u, v = velocity(
-            (_perturbed(eddies, rng), own),
-            _perturbed_jet(jet, rng),
+            (_perturbed(eddies, _EDDIES, rng), own),
+            _perturbed(jet, _JET, rng),
             east,
             north,
             LEVELS[:, None, None],
@@ -132,9 +134,7 @@ def velocity(
     u = profile
     v = profile * jet.amplitude * k * np.cos(k * east + jet.phase)
     for eddies in groups:
-        for centre, tilt, radius, speed, decay in zip(
-            eddies.centre, eddies.tilt, eddies.radius, eddies.speed, eddies.decay, strict=True
-        ):
+        for centre, tilt, radius, speed, decay in zip(*eddies, strict=True):
             dx, dy = east - centre[0] - tilt[0] * depth, north - centre[1] - tilt[1] * depth
             swirl = (
                 speed / radius * np.exp(0.5 - (dx**2 + dy**2) / (2.0 * radius**2) - depth / decay)
@@ -231,28 +231,36 @@ def _draw_jet(rng: np.random.Generator) -> Jet:
     )
 
 
-def _perturbed(eddies: Eddies, rng: np.random.Generator) -> Eddies:
-    count = eddies.radius.size
-    return Eddies(
-        centre=eddies.centre + rng.normal(0.0, 10_000.0, (count, 2)),
-        tilt=eddies.tilt + rng.normal(0.0, 6.0, (count, 2)),
-        radius=eddies.radius * np.exp(rng.normal(0.0, 0.12, count)),
-        speed=eddies.speed * np.exp(rng.normal(0.0, 0.22, count)),
-        decay=eddies.decay * np.exp(rng.normal(0.0, 0.2, count)),
-    )
+# Standard deviations of what a member changes, in the order of the draws: of what is added, then of the logarithm of a factor.
+_EDDIES = {
+    "centre": (10_000.0, 0.0),
+    "tilt": (6.0, 0.0),
+    "radius": (0.0, 0.12),
+    "speed": (0.0, 0.22),
+    "decay": (0.0, 0.2),
+}
+_JET = {
+    "speed": (0.0, 0.2),
+    "axis": (7_000.0, 0.0),
+    "width": (0.0, 0.1),
+    "amplitude": (0.0, 0.25),
+    "wavelength": (0.0, 0.05),
+    "phase": (0.4, 0.0),
+    "tilt": (4.0, 0.0),
+    "decay": (0.0, 0.15),
+}
 
 
-def _perturbed_jet(jet: Jet, rng: np.random.Generator) -> Jet:
-    return Jet(
-        speed=jet.speed * float(np.exp(rng.normal(0.0, 0.2))),
-        axis=jet.axis + rng.normal(0.0, 7_000.0),
-        width=jet.width * float(np.exp(rng.normal(0.0, 0.1))),
-        amplitude=jet.amplitude * float(np.exp(rng.normal(0.0, 0.25))),
-        wavelength=jet.wavelength * float(np.exp(rng.normal(0.0, 0.05))),
-        phase=jet.phase + rng.normal(0.0, 0.4),
-        tilt=jet.tilt + rng.normal(0.0, 4.0),
-        decay=jet.decay * float(np.exp(rng.normal(0.0, 0.15))),
-    )
+def _perturbed(
+    one: _Kind, spread: Mapping[str, tuple[float, float]], rng: np.random.Generator
+) -> _Kind:
+    """Return a member's own eddies or jet."""
+    changes = {}
+    for name, (added, factor) in spread.items():
+        value = getattr(one, name)
+        drawn = rng.normal(0.0, added + factor, np.shape(value))
+        changes[name] = value * np.exp(drawn) if factor else value + drawn
+    return one._replace(**changes)
 
 
 def _dataset(values: Array, seed: int, what: str) -> xr.Dataset:
