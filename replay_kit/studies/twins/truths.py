@@ -1,6 +1,6 @@
 """Truths of experiments, given or members left out of the ensemble, and goals reachable in them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -148,86 +148,53 @@ def draw_pairs(
         ForecastError: Too few glides stay in the water, or there is no level below the surface.
     """
     # a stream of its own: with the pings' the starts would be at pinged places
-    rng, depth = (
-        np.random.default_rng((seed, 1)),
-        min(TARGET_DEPTH, float(flow.grid.levels[-1]), float(grid.levels[-1])),
-    )
+    rng = np.random.default_rng((seed, 1))
+    depth = min(TARGET_DEPTH, float(flow.grid.levels[-1]), float(grid.levels[-1]))
     if not depth > 0.0:
         raise ForecastError(
             f"a glide needs levels below the surface, but the deepest is at {depth:g} m; choose others with --levels"
         )
-
-    def fly() -> Array:
-        start = random_places(field, count, rng)
-        heading, duration = (
-            rng.uniform(0.0, 2.0 * np.pi, count),
-            rng.uniform(*_TIME_TO_DEPTH, count),
-        )
-        down = depth / duration
-        along = np.sqrt(SPEED**2 - down**2)
-        through_water = np.column_stack([along * np.sin(heading), along * np.cos(heading), down])
-        return fly_steadily(
-            flow, np.column_stack([start, np.zeros(count)]), through_water, duration, _STEPS
-        )
-
-    what = (
-        f"glides of {_TIME_TO_DEPTH[0] / 3600:g} to {_TIME_TO_DEPTH[1] / 3600:g} h to {depth:g} m"
-    )
-    return draw_reachable(fly, (flow.grid, grid), count, what, depth)
-
-
-def draw_reachable(
-    fly: Callable[[], Array],
-    grids: tuple[Grid, ...],
-    count: int,
-    what: str,
-    target_depth: float,
-    water_depth: float | None = None,
-) -> tuple[Pair, ...]:
-    """Return starts and targets of random flights that stay in the water of all grids.
-
-    Args:
-        fly: Returns random flights, shape (steps, n, 3) [m], local east, north and depth of the first grid.
-        grids: Grids whose water they stay in.
-        count: Number of pairs.
-        what: Name of the flights in the message.
-        target_depth: Depth of the targets [m].
-        water_depth: Least depth of the water along the path [m]; None for the depth of the path.
-
-    Raises:
-        ForecastError: Too few flights stay in the water.
-    """
     pairs: list[Pair] = []
     for _ in range(_MAX_DRAWS):
-        paths = fly()
-        longitude, latitude = to_geographic(grids[0].projection, paths[..., 0], paths[..., 1])
-        depth = paths[..., 2] if water_depth is None else np.full(longitude.shape, water_depth)
-        kept = np.flatnonzero(
-            np.all([in_water(grid, longitude, latitude, depth) for grid in grids], axis=0)
-        )
+        paths = _glides(field, flow, count, depth, rng)
+        longitude, latitude = to_geographic(flow.grid.projection, paths[..., 0], paths[..., 1])
+        wet = [in_water(each, longitude, latitude, paths[..., 2]) for each in (flow.grid, grid)]
+        kept = np.flatnonzero(np.all(wet, axis=0))
         starts, targets = (
             [Place(float(longitude[end, k]), float(latitude[end, k]), at) for k in kept]
-            for end, at in ((0, 0.0), (-1, target_depth))
+            for end, at in ((0, 0.0), (-1, depth))
         )
         pairs += map(Pair, starts, targets)
         if len(pairs) >= count:
             return tuple(pairs[:count])
+    hours = " to ".join(f"{seconds / 3600:g}" for seconds in _TIME_TO_DEPTH)
     raise ForecastError(
-        f"found {len(pairs)} of {count} {what} that stay in the truth's water; use a larger region or shorter missions"
+        f"found {len(pairs)} of {count} glides of {hours} h to {depth:g} m that stay in the truth's water; use a larger region or shorter "
+        "missions"
     )
 
 
-def fly_steadily(
-    flow: FlowEstimate, start: Array, through_water: Array, duration: Array, steps: int
+def _glides(
+    field: Field, flow: FlowEstimate, count: int, depth: float, rng: np.random.Generator
 ) -> Array:
-    """Return the paths of constant velocities through water, shape (steps + 1, n, 3) [m], by vectorised RK4.
+    """Return random glides from the surface to a depth [m], shape (steps + 1, n, 3) [m], local east, north and depth."""
+    start = random_places(field, count, rng)
+    heading = rng.uniform(0.0, 2.0 * np.pi, count)
+    duration = rng.uniform(*_TIME_TO_DEPTH, count)
+    down = depth / duration
+    along = np.sqrt(SPEED**2 - down**2)
+    through_water = np.column_stack([along * np.sin(heading), along * np.cos(heading), down])
+    return fly_steadily(flow, np.column_stack([start, np.zeros(count)]), through_water, duration)
+
+
+def fly_steadily(flow: FlowEstimate, start: Array, through_water: Array, duration: Array) -> Array:
+    """Return the paths of constant velocities through water, shape (steps + 1, n, 3) [m], by vectorised RK4 in equal steps.
 
     Args:
         flow: Current.
         start: shape (n, 3) [m].
         through_water: shape (n, 3) [m/s].
         duration: shape (n,) [s].
-        steps: Number of equal time steps.
     """
 
     def over_ground(position: Array) -> Array:
@@ -235,8 +202,8 @@ def fly_steadily(
             [through_water[:, :2] + flow.velocity(*position.T), through_water[:, 2]]
         )
 
-    path, step = [start], (duration / steps)[:, None]
-    for _ in range(steps):
+    path, step = [start], (duration / _STEPS)[:, None]
+    for _ in range(_STEPS):
         at, slopes = path[-1], [over_ground(path[-1])]
         for part in (0.5, 0.5, 1.0):
             slopes.append(over_ground(at + part * step * slopes[-1]))
