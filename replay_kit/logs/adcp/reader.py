@@ -79,8 +79,8 @@ class RawAdcpReader(LogFile):
         ]
         self._notes = (*found.notes, *others)
         datasets = [
-            read_pd0(path, [found.parts[k] for k in group], key.has_pressure)
-            for key, group in found.groups.items()
+            read_pd0(path, [found.parts[k] for k in group], has_pressure)
+            for (_, has_pressure), group in found.groups.items()
         ]
         if not any("vel" in dataset for dataset in datasets):
             self._notes += (
