@@ -7,7 +7,6 @@ import json
 import pickle
 import time
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -227,25 +226,3 @@ def _result_commands(folder: Path) -> dict[str, Reader]:
         "plan": lambda path: _ran(f"plan {path} {_PLACES} --samples 3 --json -"),
         "verify": lambda path: _ran(f"verify {path} --inputs {path.parent} --json -"),
     }
-
-
-def run_all(count: int, seed: int, names: tuple[str, ...] = ()) -> int:
-    """Print the table of a sweep and what is wrong, and return the number of what is wrong."""
-    import tempfile
-
-    table: dict[str, Counter[str]] = {}
-    wrong = 0
-    with tempfile.TemporaryDirectory() as folder:
-        began = time.perf_counter()
-        for name, ended, words in sweep(count, seed, Path(folder), 10, names):
-            table.setdefault(name, Counter())[ended] += 1
-            if words:
-                wrong += 1
-                print(words, flush=True)
-    kinds = ("refused", "told", "same", "silent", "traceback", "slow")
-    print("| file | damages | " + " | ".join(kinds) + " |\n|---|---|" + "---|" * len(kinds))
-    for name, ends in table.items():
-        cells = " | ".join(str(ends[kind]) for kind in kinds)
-        print(f"| {name} | {ends.total():,} | {cells} |")
-    print(f"seed {seed}, {time.perf_counter() - began:.0f} s: {wrong} bad")
-    return wrong

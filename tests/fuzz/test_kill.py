@@ -1,4 +1,4 @@
-"""A handful of ``python -m tests.fuzz kill``."""
+"""Signals at random instants to the commands that write."""
 
 import sys
 from concurrent.futures import ProcessPoolExecutor

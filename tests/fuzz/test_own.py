@@ -1,4 +1,4 @@
-"""A share of ``python -m tests.fuzz own``: our own files damaged, through each command that reads them."""
+"""Our own files damaged at random, through each command that reads them."""
 
 import pytest
 
