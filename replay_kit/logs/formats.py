@@ -121,11 +121,11 @@ FORMATS = (
     LogFormat(
         "radials",
         "radials of an HF radar (LLUV)",
-        "radials:RadialsReader",
+        "netcdf.reader:open_columns",
         magic=rb"%CTF:",
         endings=r".*\.ruv",
         unchecked=_VALUES,
-        log_of="radials:station_of",
+        log_of="netcdf.reader:log_of",
     ),
     LogFormat(
         "dataflash",

@@ -10,6 +10,7 @@ from replay_kit.core.message import Loss, Message
 from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Told
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
+from replay_kit.logs.netcdf.radials import RADIALS, open_radials
 from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
 from replay_kit.logs.netcdf.text import form_of, open_text
 from replay_kit.logs.netcdf.unknown import PINGS, ROWS, require_no_grid
@@ -134,7 +135,7 @@ def log_of(path: Path) -> tuple[str, ...] | None:
     Raises:
         LogError: The file cannot be read, or is a forecast.
     """
-    if form_of(path) != "netcdf":
+    if form_of(path) in ("seaexplorer", "table"):
         return "seaexplorer", *missions_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
     file, dialect = _opened(path, LogConfig(), whole=False)
     if dialect.log_of == "file":
@@ -145,6 +146,8 @@ def log_of(path: Path) -> tuple[str, ...] | None:
 def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFile, Dialect]:
     """Return the variables of a file that its dialect reads, or only those with its mission, and the dialect."""
     form = form_of(path)
+    if form == "radials":
+        return open_radials(path), RADIALS
     found: list[Dialect] = []
 
     def choose(held: Mapping[str, Stored], attributes: Mapping[str, Any]) -> list[str]:

@@ -26,12 +26,14 @@ _HEAD = 1 << 12
 _UNREADABLE = (OSError, EOFError, ValueError, csv.Error, zlib.error)
 
 
-def form_of(path: Path) -> Literal["netcdf", "seaexplorer", "table"]:
-    """Return the form of a columnar file: NetCDF, SeaExplorer text or another text table."""
+def form_of(path: Path) -> Literal["netcdf", "radials", "seaexplorer", "table"]:
+    """Return the form of a columnar file: NetCDF, LLUV, SeaExplorer text or another text table."""
     with open(path, "rb") as file:
         head = file.read(_HEAD)
     if head.startswith((b"CDF", b"\x89HDF")):
         return "netcdf"
+    if head.startswith(b"%CTF:"):
+        return "radials"
     return "seaexplorer" if is_seaexplorer(head) else "table"
 
 
