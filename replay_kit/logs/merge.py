@@ -12,7 +12,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar, cast
 
 from replay_kit.core.message import Message, RawMessage
 from replay_kit.core.words.text import time_text
-from replay_kit.logs.shared.clock import doubtful_times
+from replay_kit.logs.stamps import doubtful_times
 
 #: Nearer stamps are no matter of a wrong clock: messages are late by hours where data are buffered [ns].
 FAR_NS = 86_400_000_000_000

@@ -17,8 +17,8 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.files.inputs import open_input
 from replay_kit.core.message import LogReader, LogReport, Message, RawMessage
 from replay_kit.core.words.progress import Progress
+from replay_kit.logs.blocks import Block, Overview, ReadStatistics, blocks_of
 from replay_kit.logs.decode.to_json import JsonChannels
-from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics, blocks_of
 
 # Messages between two looks at how much is read.
 _LOOK = 64

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.logs.shared.blocks import ReadStatistics, lose_gaps
+from replay_kit.logs.blocks import ReadStatistics, lose_gaps
 
 PD0_MAGIC = b"\x7f\x7f"
 AD2CP_MAGICS = (b"\xa5\x0a", b"\xa5\x0c")

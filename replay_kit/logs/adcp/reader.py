@@ -20,9 +20,9 @@ from replay_kit.logs.adcp.gps import Fixes, fixes_of
 from replay_kit.logs.adcp.library import BURST, NO_ENSEMBLE, modes_of, read_mode, read_pd0
 from replay_kit.logs.adcp.pd0 import by_configuration
 from replay_kit.logs.adcp.profiles import RawProfiles, raw_profiles
+from replay_kit.logs.blocks import ReadStatistics
+from replay_kit.logs.payloads import PING, fix_entries, numbers, stamp
 from replay_kit.logs.reader import Entry, LogFile
-from replay_kit.logs.shared.blocks import ReadStatistics
-from replay_kit.logs.shared.payloads import PING, fix_entries, numbers, stamp
 
 _SECOND_NS = 1_000_000_000
 _PINGS, _AVERAGES = "/adcp", "/adcp/average"

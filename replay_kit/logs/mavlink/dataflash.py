@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.message import Message
-from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.blocks import ReadStatistics
-from replay_kit.logs.shared.clock import (
+from replay_kit.logs.blocks import ReadStatistics
+from replay_kit.logs.mavlink.fit import (
     ClockFit,
     fit_clock,
     gps_to_utc,
@@ -29,6 +28,7 @@ from replay_kit.logs.shared.clock import (
     spikes_note,
     without_spikes,
 )
+from replay_kit.logs.reader import LogFile
 
 MAGIC = b"\xa3\x95"
 _HEAD, _FMT_TYPE = 3, 0x80

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.logs.shared.blocks import Indices, ReadStatistics, chain, lose_gaps
+from replay_kit.logs.blocks import Indices, ReadStatistics, chain, lose_gaps
 
 #: Read at once [bytes]: large enough for arrays to be efficient, small enough for the processor's cache.
 BLOCK = 2 << 20

@@ -11,11 +11,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import MAVLINK_FRAMES, LogReport, Message, RawChannel, RawMessage
+from replay_kit.logs.blocks import ReadStatistics
 from replay_kit.logs.mavlink.clock import StartClock, SystemTimes, header_time
+from replay_kit.logs.mavlink.fit import ClockFit, spikes_note, without_spikes
 from replay_kit.logs.mavlink.frames import Frames, read_frames
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.blocks import ReadStatistics
-from replay_kit.logs.shared.clock import ClockFit, spikes_note, without_spikes
 
 Unpack = Callable[[bytes], dict[str, Any]]
 

@@ -14,6 +14,7 @@ from mcap.records import ChunkIndex
 from numpy.typing import NDArray
 
 from replay_kit.core.message import Message
+from replay_kit.logs.blocks import Overview, ReadStatistics, TopicExtent
 from replay_kit.logs.decode.decoders import Channels
 from replay_kit.logs.mcap.chunk import Part, Row, open_chunk
 from replay_kit.logs.mcap.records import (
@@ -24,7 +25,6 @@ from replay_kit.logs.mcap.records import (
     index_entries,
 )
 from replay_kit.logs.merge import FAR_NS
-from replay_kit.logs.shared.blocks import Overview, ReadStatistics, TopicExtent
 
 #: A file with fewer messages than this, and fewer bytes of them, is read whole in a second or so.
 FEW_MESSAGES, FEW_BYTES = 50_000, 16_000_000

@@ -13,6 +13,7 @@ from mcap.records import Attachment, Header, Metadata
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message, RawMessage
+from replay_kit.logs.blocks import Block, Overview, ReadStatistics
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, Channels, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
 from replay_kit.logs.mcap.chunk import Part, Row
@@ -29,8 +30,7 @@ from replay_kit.logs.mcap.records import (
 )
 from replay_kit.logs.mcap.scan import Scan
 from replay_kit.logs.reader import LogFile, OnExtra
-from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
-from replay_kit.logs.shared.clock import header_stamp
+from replay_kit.logs.stamps import header_stamp
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")

@@ -13,8 +13,8 @@ from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import Columns, Table, entries
 from replay_kit.logs.netcdf.currents import DiveMean
 from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.payloads import PING, number
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import PING, number
 
 #: Topics of profiles that were computed from a dive's own pings, and of those of a whole mission.
 INVERTED, PROFILES = "/adcp/inverted", "/adcp/absolute"

@@ -12,8 +12,8 @@ from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.dialects import SIZES, Dialect, Told
 from replay_kit.logs.netcdf.quality import remove_bad
 from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.payloads import numbers, stamp
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import numbers, stamp
 
 #: Columns by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
 Table = dict[str, NDArray[Any]]

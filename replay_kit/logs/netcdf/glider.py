@@ -21,8 +21,8 @@ from replay_kit.logs.netcdf.currents import (
 )
 from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Entries, Told
 from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.payloads import FIX, fix_entries, location_fix
 from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import FIX, fix_entries, location_fix
 
 _DECIMATED_NS = 60 * 1_000_000_000
 # m; samples of one time that lie farther apart have no depth of their own

@@ -7,6 +7,7 @@ from typing import Any
 from replay_kit.config.run import LogConfig
 from replay_kit.core.extensions import additions
 from replay_kit.core.message import Loss, Message
+from replay_kit.logs.blocks import ReadStatistics
 from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Told
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
@@ -15,9 +16,8 @@ from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
 from replay_kit.logs.netcdf.text import form_of, open_text
 from replay_kit.logs.netcdf.unknown import PINGS, ROWS, require_no_grid
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
+from replay_kit.logs.payloads import by_variable, gather
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.blocks import ReadStatistics
-from replay_kit.logs.shared.payloads import by_variable, gather
 
 #: All dialects, in the order in which they are tried; a file of none is of ``PINGS`` or ``ROWS``.
 DIALECTS: tuple[Dialect, ...] = (*GLIDERS, TOTALS, DRIFTERS)

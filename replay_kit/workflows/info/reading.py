@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import LogReport
+from replay_kit.logs.blocks import Block, Overview, block_of
 from replay_kit.logs.merge import FAR_NS, Settled, Settling
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.blocks import Block, Overview, block_of
 from replay_kit.logs.tables.schemas import may_state
 from replay_kit.logs.tables.suggest import NAMED
 

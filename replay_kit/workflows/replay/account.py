@@ -10,7 +10,7 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import NO_MEANS, LogReport, Message
 from replay_kit.logs.merge import Merge
-from replay_kit.logs.shared.payloads import gather, short
+from replay_kit.logs.payloads import gather, short
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.step import left_out_rules
 from replay_kit.results.losses import coded, loss_json

@@ -7,9 +7,9 @@ import pytest
 from mcap.writer import CompressionType, IndexType, Writer
 
 from replay_kit.config.run import LogConfig
+from replay_kit.logs.blocks import Overview, TopicExtent
 from replay_kit.logs.mcap import index
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.logs.shared.blocks import Overview, TopicExtent
 from tests.fuzz.mishap import mishap
 from tests.logs.log_samples import json_mcap
 

@@ -8,7 +8,7 @@ import pytest
 
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
-from replay_kit.logs.shared.blocks import block_of
+from replay_kit.logs.blocks import block_of
 from replay_kit.workflows.info.listing import asks_for_replay, gap_lines
 from replay_kit.workflows.info.reading import Order, TopicInfo
 
