@@ -89,8 +89,8 @@ def check(own: Own, reader: str, sound: Answer, damage: Mishap) -> tuple[str, st
 
 def sweep(
     count: int, seed: int, folder: Path, slow: int = 1, names: tuple[str, ...] = ()
-) -> Iterator[tuple[str, str, str]]:
-    """Yield kind of file, how it ended, and what is wrong, for that many damages of each kind of file.
+) -> Iterator[str]:
+    """Yield what is wrong, empty for nothing, for that many damages of each kind of file.
 
     Args:
         count: Of damages of each kind; its readers take turns.
@@ -111,7 +111,7 @@ def sweep(
             reader = quick[turn % len(quick)]
             if rare and turn % (slow * len(quick)) == 0:
                 reader = rare[turn // (slow * len(quick)) % len(rare)]
-            yield (own.name, *check(own, reader, sound[reader], mishap(own.data, number, seed)))
+            yield check(own, reader, sound[reader], mishap(own.data, number, seed))[1]
         own.path.write_bytes(own.data)
 
 
