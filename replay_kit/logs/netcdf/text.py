@@ -67,6 +67,9 @@ def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
             left_out += len(some) - len(rows)
             blocks.append(_block(rows, len(at)))
         cells = np.hstack(blocks)
+        if delimiter != "," and b"," in cells.tobytes():
+            # decimal commas
+            cells = np.char.replace(cells, b",", b".")
         if exact and left_out:
             raise ValueError(f"{left_out} rows that are not as long as the names")
     except _UNREADABLE as error:
