@@ -17,7 +17,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.files.inputs import open_input
 from replay_kit.core.message import LogReader, LogReport, Message, RawMessage
 from replay_kit.core.words.progress import Progress
-from replay_kit.logs.blocks import Block, Overview, ReadStatistics, blocks_of
+from replay_kit.logs.blocks import Block, ReadStatistics, blocks_of
 from replay_kit.logs.decode.to_json import JsonChannels
 
 # Messages between two looks at how much is read.
@@ -106,8 +106,8 @@ class LogFile(AbstractContextManager["LogFile"]):
             LogError: The file cannot be read.
         """
 
-    def overview(self) -> Overview | str:
-        """Return the overview in the log's index, with the first messages of each topic, for a log that takes long to read.
+    def overview(self) -> Block | str:
+        """Return first and last times of each topic, and its first messages, by the log's index; the report counts all messages.
 
         A text states why an index does not suffice; it is empty for formats without one and for logs read whole as quickly.
 

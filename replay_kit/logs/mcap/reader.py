@@ -13,7 +13,7 @@ from mcap.records import Attachment, Header, Metadata
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message, RawMessage
-from replay_kit.logs.blocks import Block, Overview, ReadStatistics
+from replay_kit.logs.blocks import Block, ReadStatistics
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, Channels, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
 from replay_kit.logs.mcap.chunk import Part, Row
@@ -63,15 +63,16 @@ class McapReader(LogFile):
         for channels, part in self._parts():
             yield self._block(channels, part, wanted, sampled)
 
-    def overview(self) -> Overview | str:
-        """Return the overview from the index at the end of the file; see ``LogFile.overview``."""
+    def overview(self) -> Block | str:
+        """Return the overview by the index at the end of the file; see ``LogFile.overview``."""
         if self._clock != "log":
             return f"the index holds log times alone, and the clock is {self._clock}"
         self.statistics = ReadStatistics()
         with self._opened() as file:
             summary = read_summary(file, os.fstat(file.fileno()).st_size)
             channels = Channels(summary, self._topic)
-            return overview_of(file, summary, channels, partial(self._decoded, channels))
+            decoded = partial(self._decoded, channels)
+            return overview_of(file, summary, channels, decoded, self.statistics)
 
     def raw_messages(self, on_extra: OnExtra | None = None) -> Iterator[RawMessage]:
         """Yield the raw messages; only the clock ``header`` needs decoding.

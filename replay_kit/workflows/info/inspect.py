@@ -270,7 +270,7 @@ def _inspect(
         )
     ):
         report = replace(report, notes=(doubt, *report.notes))
-    if reading.overview is None:
+    if reading.sampled is None:
         count_alike(not_used, report, decoded)
     return LogInfo(
         report,
