@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar
+from typing import BinaryIO, ClassVar
 
 from mcap.records import Attachment, Metadata
 
@@ -19,12 +19,11 @@ from replay_kit.core.message import LogReader, LogReport, Message, RawMessage
 from replay_kit.core.words.progress import Progress
 from replay_kit.logs.blocks import Block, ReadStatistics, blocks_of
 from replay_kit.logs.decode.to_json import JsonChannels
+from replay_kit.logs.payloads import Entry
 
 # Messages between two looks at how much is read.
 _LOOK = 64
 
-#: A message before it has a position: time [ns], topic, schema, payload.
-Entry = tuple[int, str, str, dict[str, Any]]
 #: Called with each attachment and metadata record of a log that is copied.
 OnExtra = Callable[[Attachment | Metadata], None]
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
@@ -21,8 +22,8 @@ from replay_kit.logs.adcp.library import BURST, NO_ENSEMBLE, modes_of, read_mode
 from replay_kit.logs.adcp.pd0 import by_configuration
 from replay_kit.logs.adcp.profiles import RawProfiles, raw_profiles
 from replay_kit.logs.blocks import ReadStatistics
-from replay_kit.logs.payloads import PING, fix_entries, numbers, stamp
-from replay_kit.logs.reader import Entry, LogFile
+from replay_kit.logs.payloads import PING, Entry, entries, fix_entries, numbers
+from replay_kit.logs.reader import LogFile
 
 _SECOND_NS = 1_000_000_000
 _PINGS, _AVERAGES = "/adcp", "/adcp/average"
@@ -146,30 +147,29 @@ class RawAdcpReader(LogFile):
 
     def _pings(self, topic: str, profiles: RawProfiles) -> Iterator[Entry]:
         offset_ns = self._gps.offset_ns
-        per_ping = {
-            name: numbers(np.round(values, 6)) for name, values in profiles.per_ping.items()
+        time_ns = profiles.time_ns + (offset_ns or 0)
+        common = {
+            "frame_id": "adcp",
+            **profiles.common,
+            "velocity_std": None,
+            "clock_offset": None if offset_ns is None else offset_ns / _SECOND_NS,
         }
-        for k in np.flatnonzero(profiles.known).tolist():
-            time_ns = int(profiles.time_ns[k]) + (offset_ns or 0)
-            payload = {
-                "stamp": stamp(time_ns),
-                "frame_id": "adcp",
-                "ping": int(profiles.ordinals[k]),
-                **profiles.common,
-                "velocity_std": None,
-                **{name: values[k] for name, values in per_ping.items()},
-                "clock_offset": None if offset_ns is None else offset_ns / _SECOND_NS,
-                "bottom_track": _bottom_track(profiles, k),
-            }
-            if not payload["declination_applied"] and offset_ns is not None:
-                # the heading is magnetic, and the instrument stated no declination
-                payload["magnetic_declination"] = self._gps.declination(time_ns)
-            yield time_ns, topic, PING, payload
+        columns: dict[str, NDArray[Any]] = {
+            name: np.round(values, 6) for name, values in profiles.per_ping.items()
+        }
+        columns |= {"ping": profiles.ordinals, "bottom_track": _bottom_tracks(profiles)}
+        if not common["declination_applied"] and offset_ns is not None:
+            # the heading is magnetic, and the instrument stated no declination
+            found = map(self._gps.declination, time_ns.tolist())
+            columns["magnetic_declination"] = np.array([*found], np.float64)
+        return entries((topic, PING), time_ns, columns, np.flatnonzero(profiles.known), common)
 
 
-def _bottom_track(profiles: RawProfiles, k: int) -> dict[str, Any] | None:
-    """Return the bottom velocity relative to the instrument, in the ping's coordinates, and its distance by beam."""
-    if profiles.bottom is None or not np.isfinite(profiles.bottom[0][k]).any():
-        return None
-    velocity, distance = (numbers(np.round(values[k], 4)) for values in profiles.bottom)
-    return {"velocity": velocity, "velocity_std": None, "distance": distance}
+def _bottom_tracks(profiles: RawProfiles) -> NDArray[Any]:
+    """Return the bottom velocity relative to the instrument, in the ping's coordinates, and its distance by beam; None without."""
+    found = np.full(profiles.time_ns.size, None)
+    if profiles.bottom is not None:
+        velocity, distance = (numbers(np.round(values, 4)) for values in profiles.bottom)
+        for k in np.flatnonzero(np.isfinite(profiles.bottom[0]).any(axis=1)).tolist():
+            found[k] = {"velocity": velocity[k], "velocity_std": None, "distance": distance[k]}
+    return found

@@ -10,11 +10,10 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.words.quantities import metres
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Columns, Table, entries
+from replay_kit.logs.netcdf.columns import Columns, Table
 from replay_kit.logs.netcdf.currents import DiveMean
 from replay_kit.logs.netcdf.variables import NetcdfFile
-from replay_kit.logs.payloads import PING, number
-from replay_kit.logs.reader import Entry
+from replay_kit.logs.payloads import PING, Entry, entries, number
 
 #: Topics of profiles that were computed from a dive's own pings, and of those of a whole mission.
 INVERTED, PROFILES = "/adcp/inverted", "/adcp/absolute"

@@ -14,7 +14,7 @@ from replay_kit.core.message import NO_MEANS
 from replay_kit.core.words.quantities import metres_per_second
 from replay_kit.logs.netcdf.units import Quantity, quantity_of
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
-from replay_kit.logs.reader import Entry
+from replay_kit.logs.payloads import Entry
 
 Names = Mapping[str, str]
 # not at the surface, nor relative to the vehicle

@@ -21,8 +21,8 @@ from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
 from replay_kit.logs.netcdf.quality import deciding, is_failed, worst_flag
 from replay_kit.logs.netcdf.surface import LIGHT, RADAR, depth_of
 from replay_kit.logs.netcdf.variables import NetcdfFile
-from replay_kit.logs.payloads import numbers, stamp
-from replay_kit.logs.reader import Entry, unreadable
+from replay_kit.logs.payloads import Entry, numbers, stamp
+from replay_kit.logs.reader import unreadable
 
 #: First part of the topic, before the station's name.
 TOPIC = "/radar/radials"
