@@ -151,7 +151,6 @@ class RawAdcpReader(LogFile):
         common = {
             "frame_id": "adcp",
             **profiles.common,
-            "velocity_std": None,
             "clock_offset": None if offset_ns is None else offset_ns / _SECOND_NS,
         }
         columns: dict[str, NDArray[Any]] = {
@@ -171,5 +170,5 @@ def _bottom_tracks(profiles: RawProfiles) -> NDArray[Any]:
     if profiles.bottom is not None:
         velocity, distance = (numbers(np.round(values, 4)) for values in profiles.bottom)
         for k in np.flatnonzero(np.isfinite(profiles.bottom[0]).any(axis=1)).tolist():
-            found[k] = {"velocity": velocity[k], "velocity_std": None, "distance": distance[k]}
+            found[k] = {"velocity": velocity[k], "distance": distance[k]}
     return found
