@@ -155,19 +155,15 @@ def chain(start: Indices, end: Indices) -> Indices:
     return np.flatnonzero(keep)
 
 
-def lose_gaps(
-    statistics: ReadStatistics, what: str, before: int, start: Indices, end: Indices
-) -> int:
-    """Record the bytes between records as losses and return the end of the last record [bytes].
+def gaps(what: str, before: int, start: Indices, end: Indices) -> list[Loss]:
+    """Return the bytes between records as losses.
 
     Args:
-        statistics: Statistics that receive the losses.
         what: Description of the losses.
         before: End of the previous record in the file.
         start: Start of each record in the file, shape (n,), increasing.
         end: End of each record, shape (n,).
     """
-    ends = np.concatenate([[before], end])
-    for gap in np.flatnonzero(start > ends[:-1]).tolist():
-        statistics.lose(what, int(ends[gap]), int(start[gap] - ends[gap]))
-    return int(ends[-1])
+    ends = np.append(before, end)
+    at = np.flatnonzero(start > ends[:-1]).tolist()
+    return [Loss(what, int(ends[k]), int(start[k] - ends[k])) for k in at]

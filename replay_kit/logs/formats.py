@@ -113,7 +113,7 @@ FORMATS = (
     LogFormat(
         "ad2cp",
         "a raw file of Nortek's ADCPs (AD2CP)",
-        "adcp.reader:RawAdcpReader",
+        "adcp.reader:open_raw_adcp",
         magic=rb"\xa5[\x0a\x0c]",
         endings=r".*\.ad2cp",
         grows=True,
@@ -155,7 +155,7 @@ FORMATS = (
     LogFormat(
         "pd0",
         "a raw file of Teledyne's ADCPs (PD0)",
-        "adcp.reader:RawAdcpReader",
+        "adcp.reader:open_raw_adcp",
         # a packet of waves may come before the first ensemble
         magic=rb"\x7f[\x7f\x79]",
         recognises="adcp.frames:holds_ensemble",

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.logs.blocks import ReadStatistics, lose_gaps
+from replay_kit.core.message import Loss
+from replay_kit.logs.blocks import gaps
 
 PD0_MAGIC = b"\x7f\x7f"
 AD2CP_MAGICS = (b"\xa5\x0a", b"\xa5\x0c")
@@ -76,18 +77,18 @@ def _walk(
         at = data.find(magic, after, end)
 
 
-def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: int) -> None:
-    """Record the bytes outside valid records as losses.
+def losses_between(records: Sequence[Record], size: int) -> list[Loss]:
+    """Return the bytes outside valid records as losses.
 
     Args:
-        statistics: Statistics that receive the losses.
         records: Result of ``scan``.
         size: Size of the file [bytes].
     """
     start, end, _ = np.array(records, np.int64).reshape(-1, 3).T
-    last = lose_gaps(statistics, "bad bytes between two valid records, skipped", 0, start, end)
-    if last < size:
-        statistics.lose("at the end: a truncated record or bad bytes, skipped", last, size - last)
+    lost = gaps("bad bytes between two valid records, skipped", 0, start, end)
+    last = int(end[-1]) if end.size else 0
+    rest = Loss("at the end: a truncated record or bad bytes, skipped", last, size - last)
+    return lost + [rest] * (last < size)
 
 
 def _pd0(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:

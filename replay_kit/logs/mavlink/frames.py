@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.logs.blocks import Indices, ReadStatistics, chain, lose_gaps
+from replay_kit.logs.blocks import Indices, ReadStatistics, chain, gaps
 
 #: Read at once [bytes]: large enough for arrays to be efficient, small enough for the processor's cache.
 BLOCK = 2 << 20
@@ -96,9 +96,9 @@ def read_frames(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Frames]:
         data += block
         frames, used = scan(data, offset, at_end)
         gap = "bad bytes between two valid frames, skipped"
-        sound_end = lose_gaps(
-            statistics, gap, sound_end, frames.start + offset, frames.end + offset
-        )
+        for loss in gaps(gap, sound_end, frames.start + offset, frames.end + offset):
+            statistics.lose(loss.what, loss.offset, loss.bytes)
+        sound_end = offset + int(frames.end[-1]) if frames.end.size else sound_end
         yield frames
         data, offset = data[used:], offset + used
     if offset > sound_end:

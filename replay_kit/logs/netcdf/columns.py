@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.dialects import SIZES, Dialect, Told
+from replay_kit.logs.netcdf.dialects import SIZES, Dialect
 from replay_kit.logs.netcdf.quality import remove_bad
 from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.reader import Told
 
 #: Columns by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
 Table = dict[str, NDArray[Any]]

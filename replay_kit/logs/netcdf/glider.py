@@ -19,9 +19,10 @@ from replay_kit.logs.netcdf.currents import (
     mean_currents,
     places_in,
 )
-from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Entries, Told
+from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.payloads import FIX, Entry, entries, fix_entries, location_fix
+from replay_kit.logs.reader import Entries, Told
 
 _DECIMATED_NS = 60 * 1_000_000_000
 # m; samples of one time that lie farther apart have no depth of their own

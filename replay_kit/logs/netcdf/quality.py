@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.observation import Flag
-from replay_kit.logs.netcdf.dialects import Dialect, Told
+from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
+from replay_kit.logs.reader import Told
 
 # by words in a meaning; without any the flag is good
 _WORDS = (

@@ -13,16 +13,15 @@ import numpy as np
 from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.files.inputs import open_input
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.words.text import count_text
-from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
+from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.quality import deciding, is_failed, worst_flag
 from replay_kit.logs.netcdf.surface import LIGHT, RADAR, depth_of
 from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.payloads import Entry, numbers, stamp
-from replay_kit.logs.reader import unreadable
+from replay_kit.logs.reader import Entries, Told, read_bytes
 
 #: First part of the topic, before the station's name.
 TOPIC = "/radar/radials"
@@ -133,11 +132,7 @@ RADIALS = Dialect("radar-radials", "radials (LLUV)", "", {}, log_of="mission", r
 
 
 def _lines(path: Path) -> Iterator[str]:
-    try:
-        with open_input(path) as file:
-            data = file.read(_MOST + 1)
-    except OSError as error:
-        raise unreadable(path, error) from error
+    data = read_bytes(path, _MOST + 1)
     if len(data) > _MOST:
         raise LogError(
             f"{path}: expected radials of a station of at most {_MOST >> 20} MB; is it the right file?"

@@ -1,14 +1,12 @@
 """Reader of columnar files, NetCDF and text tables, by dialect."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.extensions import additions
-from replay_kit.core.message import Loss, Message
-from replay_kit.logs.blocks import ReadStatistics
-from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Told
+from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
 from replay_kit.logs.netcdf.radials import RADIALS, open_radials
@@ -16,8 +14,7 @@ from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
 from replay_kit.logs.netcdf.text import form_of, open_text
 from replay_kit.logs.netcdf.unknown import PINGS, ROWS, require_no_grid
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
-from replay_kit.logs.payloads import by_variable, gather
-from replay_kit.logs.reader import LogFile
+from replay_kit.logs.reader import LogFile, Told, WholeLog
 
 #: All dialects, in the order in which they are tried; a file of none is of ``PINGS`` or ``ROWS``.
 DIALECTS: tuple[Dialect, ...] = (*GLIDERS, TOTALS, DRIFTERS)
@@ -45,64 +42,28 @@ def dialect_of(
     )
 
 
-class ColumnsReader(LogFile):
-    """Reader of the files of one log in one dialect."""
+def log_of_columns(
+    files: Sequence[NetcdfFile],
+    dialect: Dialect,
+    told: Told,
+    input: int = 0,
+    config: LogConfig | None = None,
+) -> WholeLog:
+    """Return the log of some files in one dialect.
 
-    def __init__(
-        self,
-        files: Sequence[NetcdfFile],
-        dialect: Dialect,
-        input: int = 0,
-        config: LogConfig | None = None,
-        losses: Sequence[Loss] = (),
-        notes: Sequence[str] = (),
-    ) -> None:
-        """Read the files.
+    Args:
+        files: Files of the log in order of time; the first gives its name.
+        dialect: Dialect of the files.
+        told: Findings when the files were opened.
+        input: Position of the log among the run's inputs.
+        config: Settings of log reading.
 
-        Args:
-            files: Files of the log in order of time; the first gives its name.
-            dialect: Dialect of the files.
-            input: Position of the log among the run's inputs.
-            config: Settings of log reading.
-            losses: Damage found when the files were opened.
-            notes: Assumptions made then.
-
-        Raises:
-            LogError: A file cannot be read, or the unit of a variable is unknown.
-        """
-        paths = [path for file in files for path in file.sources or (file.path,)]
-        super().__init__(paths, input, config)
-        self.format = dialect.name
-        self._losses, self._told = losses, Told([*notes])
-        self._entries = (dialect.read or glider)(files, dialect, self._config, self._told)
-        self._gliders = dialect.read is None
-        self.mission = self._told.mission
-        self.statistics.notes = self._notes()
-
-    def messages(self) -> Iterator[Message]:
-        """Yield the messages of the log in order of time; topics depend on the dialect."""
-        self.statistics = ReadStatistics()
-        self.statistics.notes = self._notes()
-        for loss in self._losses:
-            self.statistics.lose(loss.what, loss.offset, loss.bytes)
-        for (topic, reason), count in self._told.skipped.items():
-            self._skip(topic, reason, count)
-        yield from self._by_time(*self._entries())
-        self.statistics.notes = self._notes()
-
-    def is_gliders(self) -> bool:
-        """Return whether the dialect is a glider's."""
-        return self._gliders
-
-    def _notes(self) -> tuple[str, ...]:
-        """Return each note once, with the number of files if several."""
-        alike = gather(self._told.notes).items()
-        return tuple(
-            by_variable(
-                note if len(found) == 1 else f"{note} (in {len(found)} files)"
-                for note, found in alike
-            )
-        )
+    Raises:
+        LogError: A file cannot be read, or the unit of a variable is unknown.
+    """
+    paths = [path for file in files for path in file.sources or (file.path,)]
+    entries = (dialect.read or glider)(files, dialect, config or LogConfig(), told)
+    return WholeLog(paths, dialect.name, told, entries, input, config, dialect.read is None)
 
 
 def open_columns(
@@ -126,7 +87,7 @@ def open_columns(
     opened = [_opened(path, config or LogConfig()) for path in paths]
     dialect = opened[0][1]
     files = [file for file, own in opened if own.name == dialect.name]
-    return ColumnsReader(files, dialect, input, config)
+    return log_of_columns(files, dialect, Told(), input, config)
 
 
 def log_of(path: Path) -> tuple[str, ...] | None:

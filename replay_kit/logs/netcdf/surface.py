@@ -14,10 +14,11 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import Table, are_known, read_values
-from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
+from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.quality import FLAGS, as_qartod, deciding, is_failed, worst_flag
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.payloads import Entry, entries, numbers, stamp
+from replay_kit.logs.reader import Entries, Told
 
 RADAR, _TOTALS = "replay_kit.RadarCurrents", "/radar/totals"
 _FIX, _DRIFTERS = "replay_kit.DrifterFix", "/drifters"

@@ -8,12 +8,11 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.files.inputs import open_input
 from replay_kit.core.message import Loss
 from replay_kit.logs.netcdf.glider_dialects import SLOCUM_BINARY
-from replay_kit.logs.netcdf.reader import ColumnsReader
+from replay_kit.logs.netcdf.reader import log_of_columns
 from replay_kit.logs.netcdf.variables import NetcdfFile
-from replay_kit.logs.reader import unreadable
+from replay_kit.logs.reader import Told, WholeLog, read_bytes
 from replay_kit.logs.slocum.cycles import read_cycles
 from replay_kit.logs.slocum.header import (
     FLIGHT,
@@ -65,11 +64,7 @@ def read_segment(path: Path, lists: SensorLists) -> Segment:
     Raises:
         LogError: The file or its list of sensors cannot be read.
     """
-    try:
-        with open_input(path) as file:
-            stored = file.read()
-    except OSError as error:
-        raise unreadable(path, error) from error
+    stored = read_bytes(path)
     data, lost_at = unpacked(stored)
     header = read_header(path, data)
     sensors, at = lists.sensors(header, data)
@@ -102,7 +97,7 @@ def open_slocum(
     input: int = 0,
     config: LogConfig | None = None,
     wanted: frozenset[str] | None = None,
-) -> ColumnsReader:
+) -> WholeLog:
     """Return the reader of the binary files of one Slocum.
 
     Args:
@@ -140,7 +135,7 @@ def open_slocum(
                 f"{len(lacking)} of {len(names | others)} segments without the file of the {computer} computer"
             )
     parts = [_joined(part, notes) for part in (flight, science) if part]
-    return ColumnsReader(parts, SLOCUM_BINARY, input, config, losses, notes)
+    return log_of_columns(parts, SLOCUM_BINARY, Told(notes, losses=losses), input, config)
 
 
 def glider_of(path: Path) -> tuple[str, ...]:
