@@ -143,7 +143,7 @@ class McapReader(LogFile):
     def _decoded(self, channels: Channels, part: Part, row: Row) -> Message | None:
         """Return a decoded message; None, counted, if undecodable."""
         channel, _, time_ns, publish_ns, start, stop, position = row
-        sink = channels.sinks.get(channel) or channels.sink(channel)
+        sink = channels.sink(channel)
         statistics = self.statistics
         statistics.read[sink.topic] += 1
         decode = sink.decode
@@ -196,7 +196,7 @@ class McapReader(LogFile):
 
     def _raw(self, channels: Channels, part: Part, row: Row) -> RawMessage:
         channel, sequence, log_ns, publish_ns, start, stop, position = row
-        sink = channels.sinks.get(channel) or channels.sink(channel)
+        sink = channels.sink(channel)
         self.statistics.read[sink.topic] += 1
         time_ns = publish_ns if self._clock == "publish" else log_ns
         if self._clock == "header" and callable(sink.decode):
