@@ -219,8 +219,7 @@ class WholeLog(LogFile):
         form: str,
         told: Told,
         entries: Entries,
-        input: int = 0,
-        config: LogConfig | None = None,
+        config: LogConfig | None,
         gliders: bool = False,
     ) -> None:
         """Create the log.
@@ -230,11 +229,10 @@ class WholeLog(LogFile):
             form: Name of the format, as in ``LogReport.format``.
             told: Findings; a pass may change its notes.
             entries: Begins a pass.
-            input: Position of the log among the run's inputs.
             config: Settings of log reading.
             gliders: Whether the files are a glider's.
         """
-        super().__init__(paths, input, config)
+        super().__init__(paths, 0, config)
         self.format, self.mission = form, told.mission
         self._told, self._entries, self._gliders = told, entries, gliders
         self.statistics.notes = self._notes()

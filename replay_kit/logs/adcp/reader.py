@@ -46,14 +46,14 @@ def open_raw_adcp(
 
     Args:
         paths: The file.
-        input: Position of the log among the run's inputs.
+        input: Ignored; the position among the run's inputs is set when the log is opened.
         config: Settings of log reading.
         wanted: Ignored.
 
     Raises:
         LogError: The file cannot be read, has no valid ensemble, or MHKiT is not installed or cannot read it.
     """
-    del wanted
+    del input, wanted
     path, data = paths[0], read_bytes(paths[0])
     records, told = scan(data), Told()
     told.losses = losses_between(records, len(data))
@@ -77,7 +77,7 @@ def open_raw_adcp(
         pings = (_pings(topic, profiles, gps) for topic, _, profiles in streams)
         return [chain(fix_entries(gps.columns), *pings)]
 
-    return WholeLog(paths, "ad2cp" if is_ad2cp else "pd0", told, begin, input, config)
+    return WholeLog(paths, "ad2cp" if is_ad2cp else "pd0", told, begin, config)
 
 
 def _pd0(

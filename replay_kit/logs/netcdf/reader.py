@@ -6,7 +6,7 @@ from typing import Any
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.extensions import additions
-from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect
+from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
 from replay_kit.logs.netcdf.radials import RADIALS, open_radials
@@ -46,8 +46,7 @@ def log_of_columns(
     files: Sequence[NetcdfFile],
     dialect: Dialect,
     told: Told,
-    input: int = 0,
-    config: LogConfig | None = None,
+    config: LogConfig | None,
 ) -> WholeLog:
     """Return the log of some files in one dialect.
 
@@ -55,7 +54,6 @@ def log_of_columns(
         files: Files of the log in order of time; the first gives its name.
         dialect: Dialect of the files.
         told: Findings when the files were opened.
-        input: Position of the log among the run's inputs.
         config: Settings of log reading.
 
     Raises:
@@ -63,7 +61,7 @@ def log_of_columns(
     """
     paths = [path for file in files for path in file.sources or (file.path,)]
     entries = (dialect.read or glider)(files, dialect, config or LogConfig(), told)
-    return WholeLog(paths, dialect.name, told, entries, input, config, dialect.read is None)
+    return WholeLog(paths, dialect.name, told, entries, config, dialect.read is None)
 
 
 def open_columns(
@@ -76,36 +74,38 @@ def open_columns(
 
     Args:
         paths: Files of the log.
-        input: Position of the log among the run's inputs.
+        input: Ignored; the position among the run's inputs is set when the log is opened.
         config: Settings of log reading.
         wanted: Ignored.
 
     Raises:
         LogError: A file cannot be read, or is a forecast.
     """
-    del wanted
-    opened = [_opened(path, config or LogConfig()) for path in paths]
-    dialect = opened[0][1]
-    files = [file for file, own in opened if own.name == dialect.name]
-    return log_of_columns(files, dialect, Told(), input, config)
+    del input, wanted
+    return logs_of_columns(paths, config)[0]
 
 
-def log_of(path: Path) -> tuple[str, ...] | None:
-    """Return the names of a file's dialect and missions, common to all files of its log; None if a mission is one file.
+def logs_of_columns(paths: Sequence[Path], config: LogConfig | None) -> list[LogFile]:
+    """Return the readers of files, of which those of one mission, or of one dialect, are one log.
+
+    Args:
+        paths: Files.
+        config: Settings of log reading.
 
     Raises:
-        LogError: The file cannot be read, or is a forecast.
+        LogError: A file cannot be read, or is a forecast.
     """
-    if form_of(path) in ("seaexplorer", "table"):
-        return "seaexplorer", *missions_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
-    file, dialect = _opened(path, LogConfig(), whole=False)
-    if dialect.log_of == "file":
-        return None
-    return dialect.name, *(missions_of(file, dialect.name) if dialect.log_of == "mission" else ())
+    groups: dict[Any, tuple[Dialect, list[NetcdfFile]]] = {}
+    for path in paths:
+        file, dialect = _opened(path, config or LogConfig())
+        missions = missions_of(file, dialect.name) if dialect.log_of == "mission" else ()
+        key = path if dialect.log_of == "file" else (dialect.name, *missions)
+        groups.setdefault(key, (dialect, []))[1].append(file)
+    return [log_of_columns(files, dialect, Told(), config) for dialect, files in groups.values()]
 
 
-def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFile, Dialect]:
-    """Return the variables of a file that its dialect reads, or only those with its mission, and the dialect."""
+def _opened(path: Path, config: LogConfig) -> tuple[NetcdfFile, Dialect]:
+    """Return the variables of a file that its dialect reads, and the dialect."""
     form = form_of(path)
     if form == "radials":
         return open_radials(path), RADIALS
@@ -123,9 +123,7 @@ def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFi
         found.append(dialect)
         if dialect.by_times:
             return [dialect.chosen(held)["time"]]
-        return (
-            dialect.wanted(held) if whole else [name for name in held if name.lower() in MISSIONS]
-        )
+        return dialect.wanted(held)
 
     file = (
         open_netcdf(path, choose) if form == "netcdf" else open_text(path, choose, form == "table")
