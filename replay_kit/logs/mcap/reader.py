@@ -1,6 +1,5 @@
 """Streaming MCAP reader: one chunk in memory, messages in file or index order, damage counted and skipped."""
 
-import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -69,7 +68,7 @@ class McapReader(LogFile):
             return f"the index holds log times alone, and the clock is {self._clock}"
         self.statistics = ReadStatistics()
         with self._opened() as file:
-            summary = read_summary(file, os.fstat(file.fileno()).st_size)
+            summary = read_summary(file)
             channels = Channels(summary, self._topic)
             decoded = partial(self._decoded, channels)
             return overview_of(file, summary, channels, decoded, self.statistics)
@@ -88,20 +87,17 @@ class McapReader(LogFile):
     def profile(self) -> str | None:
         """Return the profile in the header; None if it is damaged."""
         with self._opened() as file:
-            record = next(file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size))
+            record = next(file_records(file, len(MAGIC)))
         try:
-            return (
-                parse(Header, record.body).profile
-                if record.opcode == Opcode.HEADER and record.whole
-                else None
-            )
+            is_header = record.opcode == Opcode.HEADER and record.whole
+            return parse(Header, record.body).profile if is_header else None
         except RECORD_ERRORS:
             return None
 
     def is_gliders(self) -> bool:
         """Return whether a channel, or without a channel index a message, holds mean currents of dives."""
         with self._opened() as file:
-            schemas = read_summary(file, os.fstat(file.fileno()).st_size).schemas
+            schemas = read_summary(file).schemas
         if schemas:
             return any(schema.name == DIVE_MEAN for schema in schemas.values())
         return any(message.schema == DIVE_MEAN for message in self.messages())
@@ -118,8 +114,7 @@ class McapReader(LogFile):
         self.statistics = ReadStatistics()
         with self._opened() as file:
             self._check_magic(file)
-            size = os.fstat(file.fileno()).st_size
-            summary = read_summary(file, size)
+            summary = read_summary(file)
             channels = Channels(summary, self._topic)
             on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
             scan = Scan(file, summary, channels, self.statistics, on_record)
@@ -128,7 +123,7 @@ class McapReader(LogFile):
             parts = scan.parts()
             if counts is not None:
                 parts = in_time(file, summary.chunks, counts, self.statistics)
-                for record in file_records(file, len(MAGIC), size) if on_extra else ():
+                for record in file_records(file, len(MAGIC)) if on_extra else ():
                     if record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
                         scan.pass_on(record)
             for part in parts:
