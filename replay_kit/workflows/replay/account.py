@@ -62,11 +62,11 @@ class Account:
                 reasons[topic][f"cannot be decoded: {why}"] += count
         for (topic, reason), count in self.counts.skipped.items():
             reasons[topic][reason] += count
-        for counts, why in (
+        for excluded, why in (
             (self.merged.late, "later than the reorder window allows"),
             (self.merged.astray, "its stamp is far from its neighbours'"),
         ):
-            for topic, count in counts.items():
+            for topic, count in excluded.items():
                 reasons[topic][why] += count
         rows = []
         for topic in sorted(read):
