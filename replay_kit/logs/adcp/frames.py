@@ -110,7 +110,11 @@ def _packet(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
     check = at + struct.unpack_from("<H", data, at + 2)[0]
     if check < at + 4 or check + 2 > len(data):
         return None
-    return (check + 2, data[at + 1]) if sums.of(at, check) == _word(data, check) else None
+    return (
+        (check + 2, data[at + 1])
+        if sums.of(at, check) == int.from_bytes(data[check : check + 2], "little")
+        else None
+    )
 
 
 def _ad2cp(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
@@ -127,10 +131,6 @@ def _ad2cp(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
         and sums.of_words(body, body + size) == data_check
     )
     return (body + size, data[at + 2]) if fits else None
-
-
-def _word(data: bytes, at: int) -> int:
-    return data[at] | data[at + 1] << 8
 
 
 class _Sums:
