@@ -190,7 +190,7 @@ def test_a_wrong_type_is_named(call, words):
 
 def test_texts_of_values_are_short(result):
     log = rk.open_log(LOG)
-    assert repr(log) == f"Log {LOG} (mcap, 0.58 MB): messages() reads it"
+    assert repr(log) == f"Log {LOG} (mcap, 0.57 MB): messages() reads it"
     message = next(log.messages())
     assert repr(message).startswith(
         "Message 2018-11-16 00:00:00Z /vehicle/fix (foxglove.LocationFix): timestamp, frame_id, "

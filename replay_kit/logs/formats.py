@@ -2,10 +2,11 @@
 
 import re
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from replay_kit.config.run import LogConfig
 from replay_kit.logs.reader import LogFile
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -26,8 +27,7 @@ class LogFormat:
         endings: Pattern of file names in a folder; empty if a folder's files are ignored.
         unchecked: Part of each message without a checksum; empty if all is covered or the reader counts it.
         grows: Whether it is written message by message, and may grow while it is read.
-        log_of: Returns names common to the files of one log; an empty tuple joins another log of the format, None is a separate log. None
-            for formats of single files.
+        logs: Creates the readers of several files, one per log, from files and configuration; None if each file is a log.
         damaged_by_name: Whether a file with a damaged beginning is recognised by its name.
     """
 
@@ -39,7 +39,7 @@ class LogFormat:
     endings: str = ""
     unchecked: str = ""
     grows: bool = False
-    log_of: str | Callable[[Path], tuple[str, ...] | None] | None = None
+    logs: str | Callable[[Sequence[Path], LogConfig | None], list[LogFile]] | None = None
     damaged_by_name: bool = False
 
     def named(self, path: Path) -> bool:
@@ -88,7 +88,7 @@ FORMATS = (
         magic=rb"CDF[\x01\x02\x05]|\x89HDF",
         endings=r".*\.(nc|nc4|cdf)",
         unchecked=_VALUES,
-        log_of="netcdf.reader:log_of",
+        logs="netcdf.reader:logs_of_columns",
     ),
     LogFormat(
         "seaexplorer",
@@ -97,7 +97,7 @@ FORMATS = (
         recognises=is_seaexplorer,
         endings=r".*\.(gli|pld1)(\.(sub|raw|all))?(\.\d+)?(\.gz)?",
         unchecked=_VALUES,
-        log_of="netcdf.reader:log_of",
+        logs="netcdf.reader:logs_of_columns",
     ),
     LogFormat(
         "slocum",
@@ -107,13 +107,13 @@ FORMATS = (
         magic=rb"(?s:.{3,5})?dbd_label:",
         endings=r".*\.[demnst][bc]d",
         unchecked=_VALUES,
-        log_of="slocum.reader:glider_of",
+        logs="slocum.reader:logs_of_slocums",
         damaged_by_name=True,
     ),
     LogFormat(
         "ad2cp",
         "a raw file of Nortek's ADCPs (AD2CP)",
-        "adcp.reader:RawAdcpReader",
+        "adcp.reader:open_raw_adcp",
         magic=rb"\xa5[\x0a\x0c]",
         endings=r".*\.ad2cp",
         grows=True,
@@ -121,11 +121,11 @@ FORMATS = (
     LogFormat(
         "radials",
         "radials of an HF radar (LLUV)",
-        "radials:RadialsReader",
+        "netcdf.reader:open_columns",
         magic=rb"%CTF:",
         endings=r".*\.ruv",
         unchecked=_VALUES,
-        log_of="radials:station_of",
+        logs="netcdf.reader:logs_of_columns",
     ),
     LogFormat(
         "dataflash",
@@ -155,7 +155,7 @@ FORMATS = (
     LogFormat(
         "pd0",
         "a raw file of Teledyne's ADCPs (PD0)",
-        "adcp.reader:RawAdcpReader",
+        "adcp.reader:open_raw_adcp",
         # a packet of waves may come before the first ensemble
         magic=rb"\x7f[\x7f\x79]",
         recognises="adcp.frames:holds_ensemble",

@@ -5,14 +5,14 @@ Outlier stamps are excluded, and times continue after a jump of a log's clock; s
 
 import heapq
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 from typing import Generic, NamedTuple, Protocol, TypeVar, cast
 
 from replay_kit.core.message import Message, RawMessage
 from replay_kit.core.words.text import time_text
-from replay_kit.logs.shared.clock import doubtful_times
+from replay_kit.logs.stamps import doubtful_times
 
 #: Nearer stamps are no matter of a wrong clock: messages are late by hours where data are buffered [ns].
 FAR_NS = 86_400_000_000_000
@@ -170,42 +170,51 @@ class Source(Protocol[_Read]):
         ...
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Merge(Generic[_T]):
     """Stream of several logs, ordered by (time, input, position).
 
     Each log is sorted on its own: a message waits until one is newer by more than the window. A late message, older than one of the same
     log already yielded, is excluded and counted. Outlier stamps are excluded and counted too, and after a backward jump of a log's clock
-    its times continue (``Settling``). Each iteration reads the logs again.
+    its times continue (``Settling``). Each iteration reads the logs again; the attributes are complete after it.
 
     Attributes:
-        readers: Logs with distinct ``input`` numbers.
-        reorder_window_s: Reorder window [s, in the logs' time].
-        start_ns: First time [ns, UTC], except for latched topics, ``is_latched``; None for no limit.
-        end_ns: Last time [ns, UTC]; the logs are still read to their end, for complete reports.
-        keep_late: Whether late messages are yielded out of order with their own stamps, for complete copies.
+        late: Number of excluded late messages by topic.
+        astray: Number of messages excluded for outlier stamps, by topic.
+        jumps: Jumps of the logs' clocks.
     """
 
-    readers: Sequence[Source[_T]]
-    reorder_window_s: float
-    start_ns: int | None = None
-    end_ns: int | None = None
-    keep_late: bool = False
-    _late: Counter[str] = field(default_factory=Counter, init=False, repr=False)
-    _late_by: list[int] = field(default_factory=lambda: [0], init=False, repr=False)
-    _firsts: list[_T] = field(default_factory=list, init=False, repr=False)
-    _astray: Counter[str] = field(default_factory=Counter, init=False, repr=False)
-    _jumps: list[ClockJump] = field(default_factory=list, init=False, repr=False)
+    def __init__(
+        self,
+        readers: Sequence[Source[_T]],
+        reorder_window_s: float,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        keep_late: bool = False,
+    ) -> None:
+        """Create the stream.
 
-    @property
-    def late(self) -> Mapping[str, int]:
-        """Number of excluded late messages by topic; complete after the iteration."""
-        return dict(self._late)
+        Args:
+            readers: Logs with distinct ``input`` numbers.
+            reorder_window_s: Reorder window [s, in the logs' time].
+            start_ns: First time [ns, UTC], except for latched topics, ``is_latched``; None for no limit.
+            end_ns: Last time [ns, UTC]; the logs are still read to their end, for complete reports.
+            keep_late: Whether late messages are yielded out of order with their own stamps, for complete copies.
+        """
+        self._readers, self._window_ns = readers, round(reorder_window_s * 1e9)
+        self._start_ns, self._end_ns, self._keep_late = start_ns, end_ns, keep_late
+        self._begin()
+
+    def _begin(self) -> None:
+        self.late: Counter[str] = Counter()
+        self.astray: Counter[str] = Counter()
+        self.jumps: tuple[ClockJump, ...] = ()
+        self._late_by_ns = 0
+        self._firsts: list[_T] = []
 
     @property
     def late_by_s(self) -> float:
         """Largest delay of a late message behind the newest before it [s]: a window as long keeps all."""
-        return 1e-9 * self._late_by[0]
+        return 1e-9 * self._late_by_ns
 
     @property
     def doubtful_times(self) -> str:
@@ -215,57 +224,39 @@ class Merge(Generic[_T]):
             (said for one in known if (said := doubtful_times((one[0], one[0]), [one], None))), ""
         )
 
-    @property
-    def astray(self) -> Mapping[str, int]:
-        """Number of messages excluded for outlier stamps, by topic; complete after the iteration."""
-        return dict(self._astray)
-
-    @property
-    def jumps(self) -> tuple[ClockJump, ...]:
-        """Jumps of the logs' clocks; complete after the iteration."""
-        return tuple(self._jumps)
-
     def __iter__(self) -> Iterator[_T]:
-        """Yield the messages from ``start_ns`` to ``end_ns`` inclusive; each iteration reads the logs again."""
-        self._late.clear()
-        self._late_by[0] = 0
-        self._firsts.clear()
-        self._astray.clear()
-        self._jumps.clear()
-        ordered = [self._ordered(reader) for reader in self.readers]
+        """Yield the messages from the first to the last time inclusive; each iteration reads the logs again."""
+        self._begin()
+        ordered = [self._ordered(reader) for reader in self._readers]
         merged = ordered[0] if len(ordered) == 1 else heapq.merge(*ordered, key=_order)
-        yield from (
-            merged
-            if self.start_ns is None and self.end_ns is None
-            else filter(self._wanted, merged)
-        )
+        limited = (self._start_ns, self._end_ns) != (None, None)
+        yield from filter(self._wanted, merged) if limited else merged
 
     def _wanted(self, message: _T) -> bool:
-        if self.end_ns is not None and message.time_ns > self.end_ns:
+        if self._end_ns is not None and message.time_ns > self._end_ns:
             return False
         return (
-            self.start_ns is None or message.time_ns >= self.start_ns or is_latched(message.topic)
+            self._start_ns is None or message.time_ns >= self._start_ns or is_latched(message.topic)
         )
 
     def _ordered(self, reader: Source[_T]) -> Iterator[_T]:
         """Yield one log's messages in order; late ones in the wanted period are counted."""
-        window_ns = round(self.reorder_window_s * 1e9)
         held: list[tuple[int, int, _T]] = []
         newest = yielded = -(2**63)
-        for message in reader.messages() if self.keep_late else self._steady(reader.messages()):
+        for message in reader.messages() if self._keep_late else self._steady(reader.messages()):
             time_ns = message.time_ns
             if newest == -(2**63):
                 self._firsts.append(message)
             if time_ns < yielded:
-                if self.keep_late:
+                if self._keep_late:
                     yield message
                 elif self._wanted(message):
-                    self._late[message.topic] += 1
-                    self._late_by[0] = max(self._late_by[0], newest - time_ns)
+                    self.late[message.topic] += 1
+                    self._late_by_ns = max(self._late_by_ns, newest - time_ns)
                 continue
             heapq.heappush(held, (time_ns, message.position, message))
             newest = max(newest, time_ns)
-            while newest - held[0][0] > window_ns:
+            while newest - held[0][0] > self._window_ns:
                 yielded, _, oldest = heapq.heappop(held)
                 yield oldest
         while held:
@@ -286,10 +277,10 @@ class Merge(Generic[_T]):
     def _kept(self, judged: Iterator[Settled[_T]]) -> Iterator[_T]:
         for message, time_ns, jump in judged:
             if time_ns is None:
-                self._astray[message.topic] += 1
+                self.astray[message.topic] += 1
                 continue
             if jump is not None:
-                self._jumps.append(ClockJump(message.input, jump[0], message.time_ns, jump[1]))
+                self.jumps += (ClockJump(message.input, jump[0], message.time_ns, jump[1]),)
             # both are tuples, whose copy is of their own kind
             yield (
                 message

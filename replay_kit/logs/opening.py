@@ -57,8 +57,6 @@ def open_log(
         LogError: The file is missing, empty, unreadable or of unknown format; the folder holds several logs.
     """
     path = as_path(path, "log")
-    if not path.is_dir():
-        return _opened([path], _format_of(path), input, config, wanted)
     logs = open_logs([path], config, wanted)
     if len(logs) != 1:
         raise LogError(
@@ -86,25 +84,14 @@ def open_logs(
         LogError: See ``open_log``; or a folder holds no log, or glider files of several missions.
     """
     files = [file for path in paths for file in logs_in(Path(path))]
-    groups: dict[tuple[str, ...], list[Path]] = {}
-    formats: dict[tuple[str, ...], LogFormat] = {}
-    for place, file in enumerate(files):
-        form = _format_of(file)
-        names = None
-        if form.log_of is not None and len(files) > 1:
-            names = _function(form.log_of)(file)
-        key = (form.name, str(place)) if names is None else (form.name, "", *names)
-        groups.setdefault(key, []).append(file)
-        formats[key] = form
-    for key in [key for key in groups if key[1:] == ("",)]:
-        # a damaged file more of the log that there is
-        whole = next((other for other in groups if other[:2] == key[:2] and other != key), key)
-        if whole != key:
-            groups[whole] += groups.pop(key)
-    logs = [
-        _opened(group, formats[key], number, config, wanted)
-        for number, (key, group) in enumerate(groups.items())
-    ]
+    groups: dict[LogFormat, list[Path]] = {}
+    for file in files:
+        groups.setdefault(_format_of(file), []).append(file)
+    logs = [log for form, own in groups.items() for log in _opened(own, form, config, wanted)]
+    place = {file: number for number, file in enumerate(files)}
+    logs.sort(key=lambda log: place[log.files[0]])
+    for number, log in enumerate(logs):
+        log.input = number
     if len(logs) > 1 and not several_missions:
         for folder in filter(Path.is_dir, map(Path, paths)):
             require_one_mission(folder, logs)
@@ -206,15 +193,16 @@ def _format_of(path: Path) -> LogFormat:
 
 
 def _opened(
-    files: Sequence[Path],
-    form: LogFormat,
-    input: int,
-    config: LogConfig | None,
-    wanted: frozenset[str] | None,
-) -> LogFile:
-    log: LogFile = _function(form.reader)(files, input, config, wanted)
-    log.unchecked = form.unchecked
-    return log
+    files: Sequence[Path], form: LogFormat, config: LogConfig | None, wanted: frozenset[str] | None
+) -> list[LogFile]:
+    """Return the readers of the files of one format."""
+    if form.logs is None or len(files) == 1:
+        found = [_function(form.reader)([file], 0, config, wanted) for file in files]
+    else:
+        found = _function(form.logs)(files, config)
+    for log in found:
+        log.unchecked = form.unchecked
+    return found
 
 
 def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:

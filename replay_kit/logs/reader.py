@@ -2,29 +2,29 @@
 
 import os
 from abc import abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from heapq import merge
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, BinaryIO, ClassVar
+from typing import BinaryIO, ClassVar
 
 from mcap.records import Attachment, Metadata
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.core.files.inputs import open_input
-from replay_kit.core.message import LogReader, LogReport, Message, RawMessage
+from replay_kit.core.message import LogReader, LogReport, Loss, Message, RawMessage
 from replay_kit.core.words.progress import Progress
+from replay_kit.logs.blocks import Block, ReadStatistics, blocks_of
 from replay_kit.logs.decode.to_json import JsonChannels
-from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics, blocks_of
+from replay_kit.logs.payloads import Entry, by_variable, gather
 
 # Messages between two looks at how much is read.
 _LOOK = 64
 
-#: A message before it has a position: time [ns], topic, schema, payload.
-Entry = tuple[int, str, str, dict[str, Any]]
 #: Called with each attachment and metadata record of a log that is copied.
 OnExtra = Callable[[Attachment | Metadata], None]
 
@@ -106,8 +106,8 @@ class LogFile(AbstractContextManager["LogFile"]):
             LogError: The file cannot be read.
         """
 
-    def overview(self) -> Overview | str:
-        """Return the overview in the log's index, with the first messages of each topic, for a log that takes long to read.
+    def overview(self) -> Block | str:
+        """Return first and last times of each topic, and its first messages, by the log's index; the report counts all messages.
 
         A text states why an index does not suffice; it is empty for formats without one and for logs read whole as quickly.
 
@@ -188,23 +188,85 @@ class LogFile(AbstractContextManager["LogFile"]):
         except OSError as error:
             raise unreadable(self.path, error) from error
 
-    def _by_time(self, entries: Iterable[Entry], *ordered: Iterable[Entry]) -> Iterator[Message]:
-        """Yield the entries of a file read whole in order of time, equal times in the given order.
+
+@dataclass(slots=True)
+class Told:
+    """Findings while the files of a log are read whole.
+
+    Attributes:
+        notes: Assumptions.
+        skipped: Number of unusable messages by topic and reason.
+        losses: Damage.
+        mission: Name of the mission; empty if not stated.
+    """
+
+    notes: list[str] = field(default_factory=list)
+    skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
+    losses: Sequence[Loss] = ()
+    mission: str = ""
+
+
+#: Begins a pass: the messages of files in any order, then further ones, of each in order of time.
+Entries = Callable[[], Sequence[Iterable[Entry]]]
+
+
+class WholeLog(LogFile):
+    """Log whose files are read when it is opened."""
+
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        form: str,
+        told: Told,
+        entries: Entries,
+        config: LogConfig | None,
+        gliders: bool = False,
+    ) -> None:
+        """Create the log.
 
         Args:
-            entries: Entries in any order.
-            ordered: Further entries, each in order of time, evaluated lazily.
+            paths: Files of the log; the first gives its name.
+            form: Name of the format, as in ``LogReport.format``.
+            told: Findings; a pass may change its notes.
+            entries: Begins a pass.
+            config: Settings of log reading.
+            gliders: Whether the files are a glider's.
         """
-        by_time = itemgetter(0)
+        super().__init__(paths, 0, config)
+        self.format, self.mission = form, told.mission
+        self._told, self._entries, self._gliders = told, entries, gliders
+        self.statistics.notes = self._notes()
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the messages of the log in order of time."""
+        self.statistics = ReadStatistics()
+        self.statistics.notes = self._notes()
+        for loss in self._told.losses:
+            self.statistics.lose(loss.what, loss.offset, loss.bytes)
+        for (topic, reason), count in self._told.skipped.items():
+            self.statistics.skip(self._topic(topic), reason, count)
+        by_time, (entries, *ordered) = itemgetter(0), self._entries()
         for position, (time_ns, topic, schema, payload) in enumerate(
             merge(sorted(entries, key=by_time), *ordered, key=by_time)
         ):
             name = self._topic(topic)
             self.statistics.read[name] += 1
             yield Message(time_ns, name, schema, payload, self.input, position)
+        self.statistics.notes = self._notes()
 
-    def _skip(self, topic: str, reason: str, count: int = 1) -> None:
-        self.statistics.skip(self._topic(topic), reason, count)
+    def is_gliders(self) -> bool:
+        """Return whether the files are a glider's."""
+        return self._gliders
+
+    def _notes(self) -> tuple[str, ...]:
+        """Return each note once, with the number of files if several."""
+        alike = gather(self._told.notes).items()
+        return tuple(
+            by_variable(
+                note if len(found) == 1 else f"{note} (in {len(found)} files)"
+                for note, found in alike
+            )
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +289,19 @@ class RawLog:
 def unreadable(path: str | Path, error: OSError) -> LogError:
     """Return the error for an unreadable log."""
     return LogError(f"{path}: cannot be read: {error.strerror}; check the file and its permissions")
+
+
+def read_bytes(path: Path, most: int = -1) -> bytes:
+    """Return the bytes of a file, or at most so many of the first.
+
+    Raises:
+        LogError: It cannot be read.
+    """
+    try:
+        with open_input(path) as file:
+            return file.read(most)
+    except OSError as error:
+        raise unreadable(path, error) from error
 
 
 def reading(

@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing, by hand: ``python -m tests.fuzz atheris NAME --seconds N``; needs the extra ``fuzz``.
+"""Coverage-guided fuzzing, by hand: ``python -m tests.fuzz.guided NAME SECONDS``; needs the extra ``fuzz``.
 
 An input that breaks a parser is written to the working directory as ``crash-*``: mend the parser, and keep the input in ``corpus/NAME``.
 """
@@ -21,7 +21,7 @@ with atheris.instrument_imports(
     from tests.fuzz.parsers import CORPUS, PARSERS
 
 
-def run(name: str | None, seconds: int) -> int:
+def run(name: str, seconds: int) -> int:
     """Fuzz one parser for a time, from its corpus; libFuzzer ends the process."""
     if name not in PARSERS:
         print(f"expected one of {', '.join(PARSERS)}, got {name}", file=sys.stderr)
@@ -37,3 +37,7 @@ def run(name: str | None, seconds: int) -> int:
         atheris.Setup([sys.argv[0], found, str(CORPUS / name), *limits], PARSERS[name])
         atheris.Fuzz()
     return 0
+
+
+if __name__ == "__main__":
+    sys.exit(run(sys.argv[1], int(sys.argv[2])))

@@ -1,17 +1,12 @@
-"""``python -m tests.fuzz hostile``: inputs made to take time or memory, each given to a command in a process of its own.
-
-A command must end with an error of ours, or with what is left.
-"""
+"""What a command takes, in a process of its own, that is given an input made to take time or memory."""
 
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.fuzz.attacks import ATTACKS
 from tests.places import ROOT
 
 #: What a command may take: memory at its peak [MB] and time [s].
@@ -85,34 +80,3 @@ def _peak(status: str) -> float:
     return next(
         (float(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmHWM")), 0.0
     )
-
-
-def run_all(words: str) -> int:
-    """Print a table of those whose names hold some words, and return how many take too much or end with a traceback."""
-    bad = 0
-    for name, attack in ATTACKS.items():
-        if words not in name:
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            arguments = attack(Path(folder))
-            took = measured(arguments, Path(folder))
-        wrong = (
-            took.code is None
-            or "Traceback" in took.said
-            or took.megabytes > MOST_MB
-            or took.seconds > MOST_S
-        )
-        bad += wrong
-        last = " / ".join(" ".join(line.split()) for line in took.said.splitlines() if line.strip())
-        marks = ("annot", "replay-kit:", "skipped", "Damage")
-        told = next(
-            (
-                line.strip()
-                for line in took.said.splitlines()
-                if any(mark in line for mark in marks)
-            ),
-            last[-200:],
-        )[:240]
-        figures = f"{'none' if took.code is None else took.code} | {took.seconds:.1f} s | {took.megabytes:.0f} MB"
-        print(f"| {name} | {figures} | {'BAD ' if wrong else ''}{told} |", flush=True)
-    return bad

@@ -9,7 +9,6 @@ import shutil
 import signal
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
@@ -45,23 +44,6 @@ SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
 _STOPPED, _LONGEST, _ORPHANED = 0.2, 120.0, 10.0
 
 
-@dataclass
-class Killed:
-    """What came of the signals to one command.
-
-    Attributes:
-        kills: Runs that got theirs before they ended.
-        finished: Runs that ended before their instant came, in which the output must be complete.
-        resumed: Signals that left a checkpoint, from which the next run went on.
-        wrong: What is wrong, in words.
-    """
-
-    kills: int
-    finished: int
-    resumed: int
-    wrong: list[str]
-
-
 def make_inputs(folder: Path, pings: int = 30) -> None:
     """Write a small log, and a copy of it, with its ensemble, settings and a result."""
     make_ocean(folder, RunConfig(), pings)
@@ -72,8 +54,8 @@ def make_inputs(folder: Path, pings: int = 30) -> None:
 
 def kill(
     kind: str, folder: Path, count: int, seed: int, sent: signal.Signals = signal.SIGKILL
-) -> Killed:
-    """Give a command a signal so many times, and run it to its end after each.
+) -> list[str]:
+    """Give a command a signal so many times, run it to its end after each, and return what is wrong.
 
     Args:
         kind: One of ``KINDS``.
@@ -92,8 +74,8 @@ def kill(
     _run(command)
     took, whole = time.perf_counter() - begin, _outputs(folder, pattern)
     assert whole, "the command wrote nothing"
-    rng, found = np.random.default_rng(seed), Killed(0, 0, 0, [])
-    while found.kills < count:
+    rng, kills, wrong = np.random.default_rng(seed), 0, list[str]()
+    while kills < count:
         _clear(folder)
         before = {}
         if "--overwrite" in command and rng.random() < 0.5:
@@ -101,26 +83,24 @@ def kill(
             (folder / pattern).write_bytes(_EARLIER)
         instant = rng.uniform(0.0, 1.1 * took)
         met = _signalled(command, instant, sent)
-        found.kills += met
-        found.finished += not met
-        found.resumed += (folder / "run.ck").exists()
+        kills += met
         left, when = _outputs(folder, pattern), f"{kind}, {sent.name} after {instant:.3f} s"
         must_end = sent == signal.SIGSTOP or not met
         # of a fleet some results may be there already
         partly = left.items() <= whole.items() and "*" in pattern
         if left != whole and (must_end or not (left == before or partly)):
-            found.wrong.append(f"{when}: {sorted(left) or 'nothing'} under the final name")
+            wrong.append(f"{when}: {sorted(left) or 'nothing'} under the final name")
         _run(command)
         if _outputs(folder, pattern) != whole:
-            found.wrong.append(f"{when}: the next run gives other bytes")
+            wrong.append(f"{when}: the next run gives other bytes")
         beside = sorted(
             path.name
             for path in (*folder.iterdir(), *folder.glob("fleet/*"))
             if path.name.endswith((".part", ".ck", "unfinished"))
         )
         if beside:
-            found.wrong.append(f"{when}: after the next run there are {', '.join(beside)}")
-    return found
+            wrong.append(f"{when}: after the next run there are {', '.join(beside)}")
+    return wrong
 
 
 def _outputs(folder: Path, pattern: str) -> dict[str, bytes]:

@@ -7,7 +7,6 @@ import json
 import pickle
 import time
 import warnings
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,8 +89,8 @@ def check(own: Own, reader: str, sound: Answer, damage: Mishap) -> tuple[str, st
 
 def sweep(
     count: int, seed: int, folder: Path, slow: int = 1, names: tuple[str, ...] = ()
-) -> Iterator[tuple[str, str, str]]:
-    """Yield kind of file, how it ended, and what is wrong, for that many damages of each kind of file.
+) -> Iterator[str]:
+    """Yield what is wrong, empty for nothing, for that many damages of each kind of file.
 
     Args:
         count: Of damages of each kind; its readers take turns.
@@ -112,7 +111,7 @@ def sweep(
             reader = quick[turn % len(quick)]
             if rare and turn % (slow * len(quick)) == 0:
                 reader = rare[turn // (slow * len(quick)) % len(rare)]
-            yield (own.name, *check(own, reader, sound[reader], mishap(own.data, number, seed)))
+            yield check(own, reader, sound[reader], mishap(own.data, number, seed))[1]
         own.path.write_bytes(own.data)
 
 
@@ -227,25 +226,3 @@ def _result_commands(folder: Path) -> dict[str, Reader]:
         "plan": lambda path: _ran(f"plan {path} {_PLACES} --samples 3 --json -"),
         "verify": lambda path: _ran(f"verify {path} --inputs {path.parent} --json -"),
     }
-
-
-def run_all(count: int, seed: int, names: tuple[str, ...] = ()) -> int:
-    """Print the table of a sweep and what is wrong, and return the number of what is wrong."""
-    import tempfile
-
-    table: dict[str, Counter[str]] = {}
-    wrong = 0
-    with tempfile.TemporaryDirectory() as folder:
-        began = time.perf_counter()
-        for name, ended, words in sweep(count, seed, Path(folder), 10, names):
-            table.setdefault(name, Counter())[ended] += 1
-            if words:
-                wrong += 1
-                print(words, flush=True)
-    kinds = ("refused", "told", "same", "silent", "traceback", "slow")
-    print("| file | damages | " + " | ".join(kinds) + " |\n|---|---|" + "---|" * len(kinds))
-    for name, ends in table.items():
-        cells = " | ".join(str(ends[kind]) for kind in kinds)
-        print(f"| {name} | {ends.total():,} | {cells} |")
-    print(f"seed {seed}, {time.perf_counter() - began:.0f} s: {wrong} bad")
-    return wrong

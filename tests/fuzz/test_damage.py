@@ -1,4 +1,7 @@
-"""A fixed small sample of ``python -m tests.fuzz``."""
+"""Logs and other inputs damaged at random; ``FUZZ_SEED`` is the seed of places and sizes."""
+
+import os
+import resource
 
 import pytest
 
@@ -7,13 +10,23 @@ from tests.fuzz import damage
 from tests.fuzz.subjects import damaged, of_file, subjects, sweep
 from tests.logs.log_samples import tlog
 
+SEED = int(os.environ.get("FUZZ_SEED", "3"))
+#: More memory than this means that something was allocated on a damaged file's word [kB].
+MOST = 300_000
 FILES = damage.logs()
 SAMPLES = [file for file in FILES if file.parent.name == "sample_logs"]
 
 
+@pytest.fixture(autouse=True)
+def small():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    yield
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST
+
+
 def wrong(file, count, folder):
     subject = of_file(file)
-    return [words for number in range(count) for words in damaged(subject, number, 1, folder)]
+    return [words for number in range(count) for words in damaged(subject, number, SEED, folder)]
 
 
 @pytest.mark.parametrize("file", SAMPLES, ids=lambda file: file.name)
@@ -22,9 +35,12 @@ def test_a_damaged_sample_gives_what_is_whole(file, tmp_path):
 
 
 @pytest.mark.skipif(len(FILES) < 100, reason="no shared logs here")
-def test_damaged_shared_logs_give_what_is_whole(tmp_path):
-    some = [file for file in FILES if file.suffix == ".BIN"] + FILES[:: len(FILES) // 24]
-    assert [words for file in some for words in wrong(file, 4, tmp_path)] == []
+@pytest.mark.parametrize(
+    ("every", "count"), [(len(FILES) // 24, 4), pytest.param(1, 128, marks=pytest.mark.full)]
+)
+def test_damaged_shared_logs_give_what_is_whole(tmp_path, every, count):
+    some = [file for file in FILES if file.suffix == ".BIN"] + FILES[::every]
+    assert [words for file in some for words in wrong(file, count, tmp_path)] == []
 
 
 def test_the_oracle_takes_no_frame_whose_message_it_does_not_know():
@@ -47,13 +63,14 @@ def test_every_format_is_damaged(tmp_path):
 
 @pytest.mark.parametrize("name", [form.name for form in FORMATS])
 @pytest.mark.parametrize(
-    ("count", "seed"),
-    [(67, 3), (67, 4), (66, 5), pytest.param(5000, 3, marks=pytest.mark.full)],
+    ("count", "more"), [(67, 0), (67, 1), (66, 2), pytest.param(5000, 0, marks=pytest.mark.full)]
 )
-def test_random_damages_of_every_format(name, count, seed, tmp_path):
-    assert [wrong for _, wrong in sweep(count, seed, tmp_path, (name,)) if wrong] == []
+def test_random_damages_of_every_format(name, count, more, tmp_path):
+    found = sweep(count, SEED + more, tmp_path, (name,))
+    assert [wrong for _, wrong in found if wrong] == []
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_random_damages_of_other_inputs(name, tmp_path):
-    assert [wrong for _, wrong in sweep(10, 3, tmp_path, (name,)) if wrong] == []
+@pytest.mark.parametrize("count", [10, pytest.param(2000, marks=pytest.mark.full)])
+def test_random_damages_of_other_inputs(name, count, tmp_path):
+    assert [wrong for _, wrong in sweep(count, SEED, tmp_path, (name,)) if wrong] == []

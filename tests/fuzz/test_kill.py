@@ -1,4 +1,4 @@
-"""A handful of ``python -m tests.fuzz kill``."""
+"""Signals at random instants to the commands that write."""
 
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -20,12 +20,10 @@ def test_a_command_that_gets_a_signal_leaves_the_same_bytes(tmp_path, kind, sent
     with ProcessPoolExecutor(1, get_context("spawn")) as fresh:
         fresh.submit(make_inputs, tmp_path).result()
         count = 1 if "fleet" in kind else 5
-        found = fresh.submit(kill, kind, tmp_path, count, 1, sent).result()
-    assert found.wrong == []
-    assert found.kills
+        assert fresh.submit(kill, kind, tmp_path, count, 1, sent).result() == []
 
 
 @pytest.mark.full
 def test_an_export_that_is_killed_leaves_the_same_bytes(tmp_path):
     make_inputs(tmp_path, 10)
-    assert kill("export", tmp_path, 1, 2).wrong == []
+    assert kill("export", tmp_path, 1, 2) == []

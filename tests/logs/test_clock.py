@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replay_kit.logs.shared.clock import fit_clock, gps_to_utc, without_spikes
+from replay_kit.logs.mavlink.fit import fit_clock, gps_to_utc, without_spikes
 from tests.command import run_command
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping

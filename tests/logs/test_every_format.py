@@ -81,6 +81,18 @@ def test_what_is_converted_says_the_same(path, form, tmp_path):
 
 
 @each
+def test_a_topic_takes_its_new_name(path, form, tmp_path):
+    first = next(open_log(path).messages()).topic
+    config = LogConfig(remap={first: "/other"})
+    log = open_log(path, 0, config)
+    topics = {message.topic for message in log.messages()}
+    assert first not in topics
+    assert "/other" in topics <= log.report().read.keys()
+    copied = convert([path], tmp_path / "out.mcap", False, config).messages
+    assert copied.keys() - {"mavlink/frames"} == topics
+
+
+@each
 def test_info_and_convert_say_what_no_checksum_covers(path, form, tmp_path):
     log = open_log(path)
     assert log.report().unchecked == {}

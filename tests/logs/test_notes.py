@@ -1,6 +1,6 @@
 """Notes that say the same are one, with the range of their numbers and the names of their variables."""
 
-from replay_kit.logs.shared.payloads import by_variable, gather, short
+from replay_kit.logs.payloads import by_variable, gather, short
 
 
 def test_notes_that_differ_in_numbers_alone_are_one_with_their_ranges():

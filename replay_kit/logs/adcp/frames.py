@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.logs.shared.blocks import ReadStatistics, lose_gaps
+from replay_kit.core.message import Loss
+from replay_kit.logs.blocks import gaps
 
 PD0_MAGIC = b"\x7f\x7f"
 AD2CP_MAGICS = (b"\xa5\x0a", b"\xa5\x0c")
@@ -76,18 +77,18 @@ def _walk(
         at = data.find(magic, after, end)
 
 
-def lose_between(statistics: ReadStatistics, records: Sequence[Record], size: int) -> None:
-    """Record the bytes outside valid records as losses.
+def losses_between(records: Sequence[Record], size: int) -> list[Loss]:
+    """Return the bytes outside valid records as losses.
 
     Args:
-        statistics: Statistics that receive the losses.
         records: Result of ``scan``.
         size: Size of the file [bytes].
     """
     start, end, _ = np.array(records, np.int64).reshape(-1, 3).T
-    last = lose_gaps(statistics, "bad bytes between two valid records, skipped", 0, start, end)
-    if last < size:
-        statistics.lose("at the end: a truncated record or bad bytes, skipped", last, size - last)
+    lost = gaps("bad bytes between two valid records, skipped", 0, start, end)
+    last = int(end[-1]) if end.size else 0
+    rest = Loss("at the end: a truncated record or bad bytes, skipped", last, size - last)
+    return lost + [rest] * (last < size)
 
 
 def _pd0(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
@@ -109,7 +110,11 @@ def _packet(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
     check = at + struct.unpack_from("<H", data, at + 2)[0]
     if check < at + 4 or check + 2 > len(data):
         return None
-    return (check + 2, data[at + 1]) if sums.of(at, check) == _word(data, check) else None
+    return (
+        (check + 2, data[at + 1])
+        if sums.of(at, check) == int.from_bytes(data[check : check + 2], "little")
+        else None
+    )
 
 
 def _ad2cp(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
@@ -126,10 +131,6 @@ def _ad2cp(data: bytes, sums: "_Sums", at: int) -> tuple[int, int] | None:
         and sums.of_words(body, body + size) == data_check
     )
     return (body + size, data[at + 2]) if fits else None
-
-
-def _word(data: bytes, at: int) -> int:
-    return data[at] | data[at + 1] << 8
 
 
 class _Sums:

@@ -11,7 +11,6 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 from replay_kit.logs.adcp.frames import Record
 
@@ -25,32 +24,11 @@ _MOST_NOTED = 9
 _FULL_LEADER, _CENTURY = 66, 57
 #: Least length of the leaders: up to the beams' first cell, and up to the temperature; and with the pressure [bytes].
 _LEAST_FIXED, _LEAST_VARIABLE, _WITH_PRESSURE = 42, 28, 56
-
-
-class Configuration(NamedTuple):
-    """Configuration of an ensemble by its fixed leader; ensembles of equal configuration can be read together.
-
-    Attributes:
-        cells: Number of cells.
-        cell_size: Cell size [cm].
-        first_cell: Distance of the first cell's centre [cm].
-        coordinates: EX: coordinates and transformations, a bit mask.
-        alignment: EA, heading alignment [0.01 degree].
-        declination: EB, magnetic declination [0.01 degree].
-        sensors: Source and availability of sensors, two bit masks.
-        instrument: Firmware and system configuration: frequency, beams, orientation.
-        has_pressure: Whether the variable leader includes the pressure.
-    """
-
-    cells: int
-    cell_size: int
-    first_cell: int
-    coordinates: int
-    alignment: int
-    declination: int
-    sensors: tuple[int, int]
-    instrument: bytes
-    has_pressure: bool
+#: Where the fixed leader has what ensembles that are read together share [bytes]: firmware and system configuration, number of beams and
+#: cells, cell size, coordinates (EX), alignment (EA), declination (EB), sensors and first cell, bandwidth.
+_SETTINGS = ((2, 6), (8, 10), (12, 14), (25, 34), (58, 59))
+#: Those bytes, and whether the variable leader includes the pressure.
+Configuration = tuple[bytes, bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +42,7 @@ class Ensembles:
         notes: Notes on changes of the configuration.
     """
 
-    groups: Mapping[Configuration, tuple[int, ...]]
+    groups: Mapping[Configuration, Sequence[int]]
     parts: Mapping[int, bytes]
     unreadable: Mapping[str, int]
     notes: tuple[str, ...]
@@ -77,7 +55,7 @@ def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
         data: The file.
         records: Its valid ensembles.
     """
-    groups: dict[Configuration, list[int]] = defaultdict(list)
+    groups = defaultdict[Configuration, list[int]](list)
     parts: dict[int, bytes] = {}
     unreadable: Counter[str] = Counter()
     order: list[tuple[int, Configuration]] = []
@@ -93,9 +71,7 @@ def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
     changes = [k for (_, old), (k, new) in pairwise(order) if old != new]
     what = "the instrument's configuration changes, each ping uses its own: from ping"
     notes = (f"{what} {', '.join(map(str, changes[:_MOST_NOTED]))} on",) if changes else ()
-    return Ensembles(
-        {key: tuple(value) for key, value in groups.items()}, parts, dict(unreadable), notes
-    )
+    return Ensembles(groups, parts, unreadable, notes)
 
 
 def _types(data: bytes, record: Record) -> dict[int, bytes]:
@@ -137,24 +113,9 @@ def _missing_types(types: Mapping[int, bytes]) -> str:
 
 
 def _configuration(leader: bytes, variable_size: int) -> Configuration:
-    coordinates, alignment, declination, source, available, first_cell = struct.unpack_from(
-        "<BhhBBH", leader, 25
-    )
-    (cell_size,) = struct.unpack_from("<H", leader, 12)
-    instrument = leader[2:6] + leader[8:9] + leader[58:59]
-    sensors = source, available
-    has_pressure = variable_size >= _WITH_PRESSURE
-    return Configuration(
-        leader[9],
-        cell_size,
-        first_cell,
-        coordinates,
-        alignment,
-        declination,
-        sensors,
-        instrument,
-        has_pressure,
-    )
+    """Return the configuration in a fixed leader: see ``_SETTINGS``."""
+    settings = b"".join(leader[begin:end] for begin, end in _SETTINGS)
+    return settings, variable_size >= _WITH_PRESSURE
 
 
 def _with_full_leader(ensemble: bytes, leader: bytes) -> bytes:

@@ -166,8 +166,8 @@ class Channels:
         #: By encoding and schema: channels of one schema share a decoder.
         self._decoders: dict[tuple[str, str, str, bytes], Decoder | str] = {}
         self._parsed = 0
-        #: Those built so far, by channel; read directly where a call for each message would cost time.
-        self.sinks: dict[int, Sink] = {}
+        #: Those built so far, by channel.
+        self._sinks: dict[int, Sink] = {}
 
     def declare(self, opcode: int, body: bytes) -> None:
         """Add a schema or channel record.
@@ -182,13 +182,13 @@ class Channels:
         if known.get(record.id) != record:
             known[record.id] = record
             self._declared += len(body)
-            self.sinks.clear()
+            self._sinks.clear()
 
     def sink(self, channel_id: int) -> Sink:
         """Return the sink of a channel, declared or not."""
-        found = self.sinks.get(channel_id)
+        found = self._sinks.get(channel_id)
         if found is None:
-            found = self.sinks[channel_id] = self._build(channel_id)
+            found = self._sinks[channel_id] = self._build(channel_id)
         return found
 
     def _build(self, channel_id: int) -> Sink:

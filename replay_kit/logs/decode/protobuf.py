@@ -23,10 +23,6 @@ from replay_kit.logs.decode.budget import (
 
 _Read = Callable[[Any], Any]
 _TIMES = frozenset({"google.protobuf.Timestamp", "google.protobuf.Duration"})
-#: Fields that the converter of a schema has, those of a type again wherever it is written in place of a call: about 1 kB each.
-_MOST_FIELDS = 1 << 14
-#: Fields of a type that is written in place of a call.
-_MOST_IN_PLACE = 16
 
 
 def protobuf_decoder(schema: Schema) -> Callable[[bytes], dict[str, Any]]:
@@ -37,7 +33,7 @@ def protobuf_decoder(schema: Schema) -> Callable[[bytes], dict[str, Any]]:
 
     Raises:
         google.protobuf.message.DecodeError: The schema is no descriptor set.
-        BudgetError: It has too many types or fields.
+        BudgetError: It has too many types.
         KeyError: The descriptor set lacks the schema's type.
         TypeError: The descriptors are inconsistent.
         ValueError: Two of its files have the same name.
@@ -89,54 +85,22 @@ def _converter(descriptor: Descriptor) -> _Read:
     It is compiled from one dict display per type, twice as fast as closures over field names. Names from the log enter the source only as
     quoted strings, or as attributes if they are plain identifiers.
     """
-    text = _Text({}, [])
-    name = text.function(descriptor)
-    scope: dict[str, Any] = {}
-    exec("\n".join(text.lines), scope)
-    function: _Read = scope[name]
-    return function
+    names, lines = dict[str, str](), list[str]()
 
-
-@dataclass(slots=True)
-class _Text:
-    """Source code of a converter under construction.
-
-    Attributes:
-        functions: Full name of a type to the name of its function.
-        lines: The functions, one per line.
-        fields: Number of fields in them.
-    """
-
-    functions: dict[str, str]
-    lines: list[str]
-    fields: int = 0
-
-    def function(self, descriptor: Descriptor) -> str:
+    def function(kind: Descriptor) -> str:
         """Return the name of the function of a type, whose source is added if new; types may be recursive."""
-        if descriptor.full_name not in self.functions:
-            name = self.functions[descriptor.full_name] = f"convert_{len(self.functions)}"
-            self.lines.append(f"def {name}(m): return {self._display(descriptor, 'm')}")
-        return self.functions[descriptor.full_name]
+        if kind.full_name not in names:
+            name = names[kind.full_name] = f"convert_{len(names)}"
+            fields = ", ".join(f"{field.name!r}: {value_of(field)}" for field in kind.fields)
+            if kind.full_name in _TIMES:
+                fields = '"sec": m.seconds, "nsec": m.nanos'
+            lines.append(f"def {name}(m): return {{{fields}}}")
+        return names[kind.full_name]
 
-    def _display(self, descriptor: Descriptor, variable: str) -> str:
-        """Return the source of the dict of a message variable."""
-        if descriptor.full_name in _TIMES:
-            return f'{{"sec": {variable}.seconds, "nsec": {variable}.nanos}}'
-        self.fields += len(descriptor.fields)
-        if self.fields > _MOST_FIELDS:
-            raise BudgetError(f"more than {_MOST_FIELDS} fields of one type and those in it")
-        return (
-            "{"
-            + ", ".join(
-                f"{field.name!r}: {self._value(field, variable)}" for field in descriptor.fields
-            )
-            + "}"
-        )
-
-    def _value(self, field: FieldDescriptor, variable: str) -> str:
+    def value_of(field: FieldDescriptor) -> str:
         """Return the source of a field's value."""
         plain = field.name.isidentifier() and not iskeyword(field.name)
-        value = f"{variable}.{field.name}" if plain else f"getattr({variable}, {field.name!r})"
+        value = f"m.{field.name}" if plain else f"getattr(m, {field.name!r})"
         kind = field.message_type
         if field.is_repeated:
             if kind is None:
@@ -146,24 +110,19 @@ class _Text:
                 return (
                     f"dict({value})"
                     if item is None
-                    else f"{{k: {self.function(item)}(v) for k, v in {value}.items()}}"
+                    else f"{{k: {function(item)}(v) for k, v in {value}.items()}}"
                 )
-            # a display in place of a call, for types of numbers and texts alone
-            each = self._display(kind, "v") if _flat(kind) else f"{self.function(kind)}(v)"
-            return f"[{each} for v in {value}]"
+            return f"[{function(kind)}(v) for v in {value}]"
         if kind is not None:
-            value = f"{self.function(kind)}({value})"
+            value = f"{function(kind)}({value})"
         elif field.containing_oneof is None:
             return value
-        return f"{value} if {variable}.HasField({field.name!r}) else None"
+        return f"{value} if m.HasField({field.name!r}) else None"
 
-
-def _flat(descriptor: Descriptor) -> bool:
-    """Return whether a type has only few number and text fields that are always present."""
-    fields = descriptor.fields
-    return len(fields) <= _MOST_IN_PLACE and not any(
-        field.message_type or field.is_repeated or field.containing_oneof for field in fields
-    )
+    name, scope = function(descriptor), dict[str, Any]()
+    exec("\n".join(lines), scope)
+    converter: _Read = scope[name]
+    return converter
 
 
 _VARINT, _FIXED64, _BYTES, _GROUP, _END, _FIXED32 = range(6)

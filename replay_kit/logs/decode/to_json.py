@@ -10,137 +10,9 @@ import orjson
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message, RawChannel, RawMessage
 
-
-def _object(
-    properties: dict[str, Any], required: tuple[str, ...] | None = None, title: str | None = None
-) -> dict[str, Any]:
-    named = {"title": title} if title else {}
-    return {
-        **named,
-        "type": "object",
-        "properties": properties,
-        "required": list(properties if required is None else required),
-    }
-
-
-def _array(items: Any) -> dict[str, Any]:
-    return {"type": "array", "items": items}
-
-
-_NUMBER = {"type": "number"}
-_INTEGER = {"type": "integer"}
-_STRING = {"type": "string"}
-_BOOLEAN = {"type": "boolean"}
-_NULLABLE = {"type": ["number", "null"]}
-_MAYBE_BOOLEAN = {"type": ["boolean", "null"]}
-_PER_CELL = {"type": ["number", "array", "null"], "items": _NULLABLE}
-_STAMP = _object({"sec": _INTEGER, "nsec": _INTEGER})
-_FIX = _object({"time": _STAMP, "lon": _NUMBER, "lat": _NUMBER})
-_PER_BEAM = {"type": ["array", "null"], "items": _array(_NULLABLE)}
-
-
-def _words(*words: str) -> dict[str, Any]:
-    return {"type": "string", "enum": list(words)}
-
-
-_ADCP_PING = _object(
-    {
-        "stamp": _STAMP,
-        "frame_id": _STRING,
-        "ping": _INTEGER,
-        "dive": _INTEGER,
-        "coordinate_system": _words("beam", "instrument", "ship", "earth"),
-        "reference": _words("earth", "platform"),
-        "orientation": _words("down", "up"),
-        "bin_mapped": _BOOLEAN,
-        "n_cells": _INTEGER,
-        "cell_size": _NUMBER,
-        "bin0_distance": _NUMBER,
-        "transducer_depth": _NULLABLE,
-        "beam_unit_vectors": _PER_BEAM,
-        "velocity": _array(_array(_NULLABLE)),
-        "velocity_std": _PER_CELL,
-        **dict.fromkeys(("amplitude", "correlation", "percent_good"), _PER_BEAM),
-        **dict.fromkeys(
-            (
-                "sound_speed",
-                "temperature",
-                "pressure",
-                "heading",
-                "pitch",
-                "roll",
-                "magnetic_declination",
-            ),
-            _NULLABLE,
-        ),
-        "declination_applied": _MAYBE_BOOLEAN,
-        "bottom_track": {
-            "type": ["object", "null"],
-            "properties": {"velocity": _array(_NULLABLE), "distance": _array(_NULLABLE)},
-        },
-        "platform_velocity": {
-            "type": ["object", "null"],
-            "properties": {"east": _NULLABLE, "north": _NULLABLE, "source": _STRING},
-        },
-        "attitude_convention": _words("teledyne", "nortek"),
-        "tilt_applied": _MAYBE_BOOLEAN,
-        "clock_offset": _NULLABLE,
-        "error_velocity": {"type": ["array", "null"], "items": _NULLABLE},
-        "snr": _PER_BEAM,
-        "noise_floor": _PER_CELL,
-        "derived": _MAYBE_BOOLEAN,
-    },
-    (
-        "stamp",
-        "coordinate_system",
-        "reference",
-        "orientation",
-        "n_cells",
-        "cell_size",
-        "bin0_distance",
-        "velocity",
-    ),
-    "replay_kit.AdcpPing",
-)
-
 #: Schema of the mean current of a dive.
 DIVE_MEAN = "replay_kit.DepthAveragedCurrent"
-_DEPTH_AVERAGED_CURRENT = _object(
-    {
-        "stamp": _STAMP,
-        "dive": _INTEGER,
-        "dac_eastward": _NULLABLE,
-        "dac_northward": _NULLABLE,
-        "error": _NULLABLE,
-        "start_fix": _FIX,
-        "end_fix": _FIX,
-        "duration": _NUMBER,
-        "dac_kind": _STRING,
-    },
-    title=DIVE_MEAN,
-)
-
-_LOCATION_FIX = _object(
-    {
-        "timestamp": _STAMP,
-        "frame_id": _STRING,
-        "latitude": _NUMBER,
-        "longitude": _NUMBER,
-        "altitude": _NUMBER,
-        "position_covariance": {**_array(_NUMBER), "minItems": 9, "maxItems": 9},
-        "position_covariance_type": {"type": "integer", "enum": [0, 1, 2, 3]},
-        "metadata": _array(_object({"key": _STRING, "value": _STRING})),
-    },
-    title="foxglove.LocationFix",
-)
-
-JSON_SCHEMAS: dict[str, dict[str, Any]] = {
-    "replay_kit.AdcpPing": _ADCP_PING,
-    DIVE_MEAN: _DEPTH_AVERAGED_CURRENT,
-    "foxglove.LocationFix": _LOCATION_FIX,
-}
-
-ANY_OBJECT: dict[str, Any] = {"type": "object"}
+_TYPES = {str: "string", bool: "boolean", int: "number", float: "number"}
 
 
 class JsonChannels:
@@ -172,22 +44,33 @@ class JsonChannels:
             time_ns,
             message.input,
             message.position,
-            self._channel(message.topic, message.schema),
+            self._channel(message.topic, message.schema, data),
             sequence,
             time_ns,
             time_ns,
             data,
         )
 
-    def _channel(self, topic: str, schema: str) -> RawChannel:
-        """Return the channel of a topic and schema."""
+    def _channel(self, topic: str, schema: str, data: bytes) -> RawChannel:
+        """Return the channel of a topic and schema, whose first message has these data."""
         channel = self._channels.get((topic, schema))
         if channel is None:
-            text = orjson.dumps(JSON_SCHEMAS.get(schema, ANY_OBJECT))
+            text = orjson.dumps(_described(orjson.loads(data)))
             # a message without a schema's name keeps it that way
             definition = (schema, "jsonschema", text) if schema else None
             channel = self._channels[topic, schema] = RawChannel(0, topic, "json", (), definition)
         return channel
+
+
+def _described(value: Any) -> dict[str, Any]:
+    """Return the JSON schema of a value, without fields that are null and lists of lists, for which viewers have no type."""
+    if isinstance(value, dict):
+        fields = {name: found for name, one in value.items() if (found := _described(one))}
+        return {"type": "object", "properties": fields}
+    if isinstance(value, list):
+        items = _described(value[0]) if value else {}
+        return {"type": "array", "items": items} if items.get("type", "array") != "array" else {}
+    return {"type": _TYPES[type(value)]} if type(value) in _TYPES else {}
 
 
 def _plain(value: Any) -> Any:

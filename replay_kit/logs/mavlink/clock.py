@@ -10,8 +10,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from replay_kit.logs.mavlink.fit import ClockFit, fit_clock
 from replay_kit.logs.mavlink.frames import Frames
-from replay_kit.logs.shared.clock import ClockFit, fit_clock
 
 MESSAGE_ID = dialect.MAVLINK_MSG_ID_SYSTEM_TIME
 #: UTC [microseconds] before the year 2000 is a clock that was never set.

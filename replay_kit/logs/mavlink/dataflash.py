@@ -6,20 +6,21 @@ record counts only if another record or the end of the log follows it. The field
 """
 
 import struct
-from collections.abc import Iterator, Mapping
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from mmap import ACCESS_READ, mmap
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.message import Message
-from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.blocks import ReadStatistics
-from replay_kit.logs.shared.clock import (
+from replay_kit.logs.blocks import ReadStatistics
+from replay_kit.logs.mavlink.fit import (
     ClockFit,
     fit_clock,
     gps_to_utc,
@@ -27,6 +28,7 @@ from replay_kit.logs.shared.clock import (
     spikes_note,
     without_spikes,
 )
+from replay_kit.logs.reader import LogFile
 
 MAGIC = b"\xa3\x95"
 _HEAD, _FMT_TYPE = 3, 0x80
@@ -44,8 +46,6 @@ _FIX_3D = 3
 _GPS_TIME = ("TimeUS", "Status", "GWk", "GMS")
 #: A GPS week in the year 2171, and still within int64 nanoseconds.
 _MAX_WEEK = 10_000
-#: Records of which the times are computed at once.
-_BATCH = 4096
 
 
 @dataclass(frozen=True)
@@ -77,17 +77,30 @@ class Format:
         return layout if self.length == _HEAD + layout.size else None
 
     @cached_property
-    def stamp(self) -> tuple[int, int] | None:
-        """Index and unit [microseconds] of the field with the time since boot; None without one."""
+    def _stamp(self) -> tuple[struct.Struct, int] | None:
+        """Struct up to the field with the time since boot, and its unit [microseconds]; None without one."""
         fields = [*zip(self.columns, self.letters, strict=False)] if self.layout else []
-        stamps = ((("TimeUS", "Q"), 1), (("TimeMS", "I"), 1000))
-        return next(
-            ((fields.index(field), unit) for field, unit in stamps if field in fields), None
-        )
+        for field, unit in ((("TimeUS", "Q"), 1), (("TimeMS", "I"), 1000)):
+            if field in fields:
+                letters = self.letters[: fields.index(field) + 1]
+                return struct.Struct("<" + "".join(_CODES[letter] for letter in letters)), unit
+        return None
 
-    def payload(self, values: tuple[Any, ...]) -> dict[str, Any]:
+    def boot_us(self, data: mmap, at: int) -> int:
+        """Return the time since boot in the record at an offset [microseconds]; -1 without one."""
+        if self._stamp is None:
+            return -1
+        form, unit = self._stamp
+        count: int = form.unpack_from(data, at + _HEAD)[-1]
+        return min(count * unit, _MAX_BOOT_US + 1)
+
+    def values(self, data: mmap | bytes, at: int) -> tuple[Any, ...]:
+        """Return the stored fields of the record at an offset of a log."""
+        return () if self.layout is None else self.layout.unpack_from(data, at + _HEAD)
+
+    def payload(self, data: mmap, at: int) -> dict[str, Any]:
         """Return the fields by name, with the letters' factors applied and texts decoded; FILE data stay bytes."""
-        named, fields = {}, iter(values)
+        named, fields = {}, iter(self.values(data, at))
         for name, letter in zip(self.columns, self.letters, strict=True):
             value: Any = [*islice(fields, 32)] if letter == "a" else next(fields)
             if letter in _DIVISORS:
@@ -102,12 +115,18 @@ class Format:
 FMT = Format(_FMT_TYPE, "FMT", 89, "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))
 
 
-class Record(NamedTuple):
-    """Record: its type, stored fields, and time since boot [microseconds], None if not stated."""
+class Log(NamedTuple):
+    """Records of a file, in its order.
 
-    form: Format
-    values: tuple[Any, ...]
-    boot_us: int | None
+    Attributes:
+        forms: Format of each.
+        offset: Start of each [bytes], shape (n,).
+        boot_us: Stated time since boot of each [microseconds], shape (n,); negative without one.
+    """
+
+    forms: Sequence[Format]
+    offset: NDArray[np.int64]
+    boot_us: NDArray[np.int64]
 
 
 def _declared(values: tuple[Any, ...]) -> Format | None:
@@ -129,15 +148,15 @@ def is_dataflash(head: bytes) -> bool:
     """Return whether the first bytes of a file contain the declaration of a record type."""
     at, mark = -1, MAGIC + bytes([_FMT_TYPE])
     while (at := head.find(mark, at + 1)) >= 0:
-        body = head[at + _HEAD : at + FMT.length]
-        if FMT.layout and len(body) == FMT.layout.size and _declared(FMT.layout.unpack(body)):
+        if at + FMT.length <= len(head) and _declared(FMT.values(head, at)):
             return True
     return False
 
 
-def _records(data: mmap, statistics: ReadStatistics) -> Iterator[Record]:
-    """Yield the records of a log, under the formats declared so far; bytes between them and a truncated last record are losses."""
+def _read(data: mmap, statistics: ReadStatistics) -> Log:
+    """Return the records of a log, under the formats declared before them; bytes between them and a truncated last record are losses."""
     formats, size, at = {_FMT_TYPE: FMT}, len(data), 0
+    forms, offset, boot_us = list[Format](), array("q"), array("q")
 
     def format_at(at: int) -> Format | None:
         """Return the format of the record at an offset; None without a whole record."""
@@ -172,12 +191,13 @@ def _records(data: mmap, statistics: ReadStatistics) -> Iterator[Record]:
             statistics.lose(what, at, end - at)
             at = end
             continue
-        values = form.layout.unpack_from(data, at + _HEAD) if form.layout is not None else ()
-        if form is FMT and (new := _declared(values)) and new.type != _FMT_TYPE:
+        if form is FMT and (new := _declared(form.values(data, at))) and new.type != _FMT_TYPE:
             formats[new.type] = new
-        stamp = form.stamp
-        yield Record(form, values, None if stamp is None else values[stamp[0]] * stamp[1])
+        forms.append(form)
+        offset.append(at)
+        boot_us.append(form.boot_us(data, at))
         at += form.length
+    return Log(forms, np.array(offset, np.int64), np.array(boot_us, np.int64))
 
 
 class DataflashReader(LogFile):
@@ -199,86 +219,64 @@ class DataflashReader(LogFile):
             LogError: The file cannot be read.
         """
         self.statistics = ReadStatistics()
-        clock, stamp_us, notes = self._fit_clock()
-        stamps = _Stamps(stamp_us)
-        records, first = self._records(self.statistics), 0
-        while batch := list(islice(records, _BATCH)):
-            boot_ns = stamps.of([record.boot_us for record in batch]) * 1000
+        with self._opened() as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
+            log = _read(data, self.statistics)
+            clock, note = _clock(log, data)
+            boot_ns, notes = _steady(log)
+            self.statistics.notes = note, *notes
             times = (boot_ns if clock is None else clock.utc(boot_ns)).tolist()
-            for position, (time_ns, record) in enumerate(zip(times, batch, strict=True), first):
-                form = record.form
+            offsets = log.offset.tolist()
+            for position, (form, at, time_ns) in enumerate(
+                zip(log.forms, offsets, times, strict=True)
+            ):
                 topic, schema = self._topic(f"dataflash/{form.name}"), f"dataflash.{form.name}"
                 self.statistics.read[topic] += 1
                 if form.layout is None:
                     why = f"its format {form.letters} of {form.length} bytes does not fit the columns {','.join(form.columns)}"
                     self.statistics.undecodable(topic, why)
                 elif self._wanted is None or schema in self._wanted:
-                    payload = form.payload(record.values)
+                    payload = form.payload(data, at)
                     yield Message(time_ns, topic, schema, payload, self.input, position)
-            first += len(batch)
-            self.statistics.notes = (*notes, *stamps.notes())
-
-    def _records(self, statistics: ReadStatistics) -> Iterator[Record]:
-        with self._opened() as file, mmap(file.fileno(), 0, access=ACCESS_READ) as data:
-            yield from _records(data, statistics)
-
-    def _fit_clock(self) -> tuple[ClockFit | None, int, tuple[str, ...]]:
-        """Return the clock fitted to the log's GPS time, the log's first stamp [microseconds], and notes."""
-        gps, first_us = [], None
-        for form, values, boot_us in self._records(ReadStatistics()):
-            if boot_us is None or boot_us > _MAX_BOOT_US:
-                continue
-            if first_us is None:
-                first_us = boot_us
-            if form.name == "GPS" and set(_GPS_TIME) <= set(form.columns):
-                payload = form.payload(values)
-                stated = [payload[key] for key in _GPS_TIME]
-                if all(isinstance(value, int) for value in stated):
-                    gps.append(stated)
-        boot, status, week, week_ms = np.array(gps or np.empty((0, 4)), dtype=np.int64).T
-        timed = (status >= _FIX_3D) & (week > 0) & (week < _MAX_WEEK)
-        if not timed.any():
-            note = "no GPS time: times count from the vehicle's start, as if that were 1970-01-01"
-            return None, first_us or 0, (note,)
-        fit = fit_clock(boot[timed] * 1000, gps_to_utc(week[timed], week_ms[timed]))
-        ahead = int(leap_seconds(np.array([fit.utc_ns]))[0])
-        note = f"UTC from GPS time less {ahead} leap seconds, fitted to the vehicle's clock: {fit}"
-        return fit, first_us or 0, (note,)
 
 
-class _Stamps:
-    """Times since boot of consecutive records, with counts of implausible stamps; mutable, as records are streamed."""
+def _clock(log: Log, data: mmap) -> tuple[ClockFit | None, str]:
+    """Return the vehicle's clock fitted to the GPS time in a log, None without, and a note."""
+    gps = []
+    for form, at, boot_us in zip(log.forms, log.offset.tolist(), log.boot_us.tolist(), strict=True):
+        if form.name == "GPS" and set(_GPS_TIME) <= set(form.columns) and _is_possible(boot_us):
+            stated = itemgetter(*_GPS_TIME)(form.payload(data, at))
+            if all(isinstance(value, int) for value in stated):
+                gps.append(stated)
+    boot, status, week, week_ms = np.array(gps or np.empty((0, 4)), dtype=np.int64).T
+    timed = (status >= _FIX_3D) & (week > 0) & (week < _MAX_WEEK)
+    if not timed.any():
+        return (
+            None,
+            "no GPS time: times count from the vehicle's start, as if that were 1970-01-01",
+        )
+    fit = fit_clock(boot[timed] * 1000, gps_to_utc(week[timed], week_ms[timed]))
+    ahead = int(leap_seconds(np.array([fit.utc_ns]))[0])
+    note = f"UTC from GPS time less {ahead} leap seconds, fitted to the vehicle's clock: {fit}"
+    return fit, note
 
-    def __init__(self, first_us: int) -> None:
-        """Create the state from the stamp for records before the first stamped one [microseconds]."""
-        self._last = first_us
-        self._backward = 0
-        self._most_us = 0
-        self._impossible = 0
-        self._spikes = 0
 
-    def of(self, stated: list[int | None]) -> NDArray[np.int64]:
-        """Return the stamps of the next records [microseconds]; a record without a stamp takes that of the previous one."""
-        known = [k for k, stamp in enumerate(stated) if stamp is not None and stamp <= _MAX_BOOT_US]
-        self._impossible += len(stated) - stated.count(None) - len(known)
-        stamps, spikes = without_spikes(np.array([stated[k] for k in known], np.int64), self._last)
-        self._spikes += spikes
-        steps = np.diff(stamps, prepend=self._last)
-        self._backward += int(np.count_nonzero(steps < 0))
-        self._most_us = max(self._most_us, -int(steps.min(initial=0)))
-        before = np.searchsorted(known, np.arange(len(stated)), side="right")
-        filled = np.append(self._last, stamps)[before]
-        self._last = int(filled[-1])
-        return filled
+def _is_possible(boot_us: Any) -> Any:
+    return (boot_us >= 0) & (boot_us <= _MAX_BOOT_US)
 
-    def notes(self) -> tuple[str, ...]:
-        """Return notes for the user."""
-        back = f"stamps go backwards, by up to {self._most_us / 1000:.3f} ms"
-        odd = "records with an impossible stamp were given the time of the record before"
-        notes = [
-            f"{n} {what}" for n, what in ((self._backward, back), (self._impossible, odd)) if n
-        ]
-        return (*notes, *([spikes_note(self._spikes)] if self._spikes else []))
+
+def _steady(log: Log) -> tuple[NDArray[np.int64], list[str]]:
+    """Return the times since boot of all records [ns], that of the record before where none is possible, and notes on the stamps."""
+    known = np.flatnonzero(_is_possible(log.boot_us))
+    stamps, spikes = without_spikes(log.boot_us[known], None)
+    steps = np.diff(stamps)
+    back = f"stamps go backwards, by up to {-steps.min(initial=0) / 1000:.3f} ms"
+    odd = "records with an impossible stamp were given the time of the record before"
+    counts = {back: np.sum(steps < 0), odd: np.sum(log.boot_us > _MAX_BOOT_US)}
+    notes = [f"{n} {what}" for what, n in counts.items() if n]
+    # records before the first stamp have its time
+    filled = np.append(stamps[:1] if stamps.size else 0, stamps)
+    at = np.searchsorted(known, np.arange(log.boot_us.size), side="right")
+    return filled[at] * 1000, [*notes, *([spikes_note(spikes)] if spikes else [])]
 
 
 def _text(value: bytes) -> str:

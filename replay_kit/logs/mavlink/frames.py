@@ -14,10 +14,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.logs.shared.blocks import Indices, ReadStatistics, chain, lose_gaps
+from replay_kit.logs.blocks import Indices, ReadStatistics, chain, gaps
 
-#: Read at once [bytes]: large enough for arrays to be efficient, small enough for the processor's cache.
-BLOCK = 2 << 20
+#: Read at once [bytes]: large enough for arrays to be efficient; noise can look like an entry of 280 bytes at every second byte.
+BLOCK = 1 << 20
 _V1, _V2 = dialect.PROTOCOL_MARKER_V1, dialect.PROTOCOL_MARKER_V2
 _SIGNED = dialect.MAVLINK_IFLAG_SIGNED
 _SIGNATURE = 13
@@ -30,8 +30,6 @@ _BEYOND = 9
 #: Microseconds that fit int64 nanoseconds; later stamps are no stamps. Their first byte is 0, their second at most 0x20.
 _MAX_STAMP_US = (2**63 - 1) // 1000
 _ENTRY = re.compile(rb"\x00[\x00-\x20].{6}[\xfd\xfe]", re.DOTALL)
-#: Checksums computed at once: noise can look like an entry at every second byte, and each may be 280 bytes long.
-_AT_ONCE = 1 << 16
 _UNKNOWN = 256
 #: Checksum byte of each message id; the last element is for all ids beyond the known ones.
 _EXTRA = np.full(max(dialect.mavlink_map) + 2, _UNKNOWN, dtype=np.uint16)
@@ -96,9 +94,9 @@ def read_frames(file: BinaryIO, statistics: ReadStatistics) -> Iterator[Frames]:
         data += block
         frames, used = scan(data, offset, at_end)
         gap = "bad bytes between two valid frames, skipped"
-        sound_end = lose_gaps(
-            statistics, gap, sound_end, frames.start + offset, frames.end + offset
-        )
+        for loss in gaps(gap, sound_end, frames.start + offset, frames.end + offset):
+            statistics.lose(loss.what, loss.offset, loss.bytes)
+        sound_end = offset + int(frames.end[-1]) if frames.end.size else sound_end
         yield frames
         data, offset = data[used:], offset + used
     if offset > sound_end:
@@ -156,12 +154,7 @@ def _sound(frames: Frames, size: int, at_end: bool) -> NDArray[np.bool_]:
     check = frames.payload + frames.length
     stated = view[check].astype(np.uint16) | view[check + 1].astype(np.uint16) << 8
     extra = _EXTRA[np.minimum(frames.message_id, _EXTRA.size - 1)]
-    sound = np.zeros(check.size, dtype=np.bool_)
-    for first in range(0, check.size, _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
-        sound[part] = (
-            checksums(view, frames.start[part] + 9, check[part], extra[part]) == stated[part]
-        )
+    sound: NDArray[np.bool_] = checksums(view, frames.start + 9, check, extra) == stated
     for at in np.flatnonzero(extra == _UNKNOWN).tolist():
         end = int(frames.end[at])
         sound[at] = at_end if end == size else _ENTRY.match(frames.data, end, size) is not None

@@ -11,11 +11,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import MAVLINK_FRAMES, LogReport, Message, RawChannel, RawMessage
+from replay_kit.logs.blocks import ReadStatistics
 from replay_kit.logs.mavlink.clock import StartClock, SystemTimes, header_time
+from replay_kit.logs.mavlink.fit import ClockFit, spikes_note, without_spikes
 from replay_kit.logs.mavlink.frames import Frames, read_frames
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.blocks import ReadStatistics
-from replay_kit.logs.shared.clock import ClockFit, spikes_note, without_spikes
 
 Unpack = Callable[[bytes], dict[str, Any]]
 
@@ -33,26 +33,27 @@ def unpacker(message_id: int) -> Unpack:
         tuple(message.fieldnames),
     )
     # on the wire the fields have another order; an array is several values, a text is one
-    if max(message.lengths) > 1 or "char" in message.fieldtypes:
-        ends = [sum(message.lengths[: place + 1]) for place in range(len(names))]
-        wire = [
-            slice(end - n, end) if n > 1 else end - 1
-            for n, end in zip(message.lengths, ends, strict=True)
-        ]
-        places = [(name, wire[order]) for name, order in zip(names, message.orders, strict=True)]
+    ends = [sum(message.lengths[: place + 1]) for place in range(len(names))]
+    wire = [
+        slice(end - n, end) if n > 1 else end - 1
+        for n, end in zip(message.lengths, ends, strict=True)
+    ]
+    # one place more, as of a single one there is no tuple
+    ordered = itemgetter(*(wire[order] for order in message.orders), 0)
+    special = [
+        name
+        for name, kind, order in zip(names, message.fieldtypes, message.orders, strict=True)
+        if kind == "char" or message.lengths[order] > 1
+    ]
 
-        def mixed(payload: bytes) -> dict[str, Any]:
-            values = unpack(payload if len(payload) >= size else payload.ljust(size, b"\0"))
-            return {name: _value(values[place]) for name, place in places}
-
-        return mixed
-    ordered = itemgetter(*message.orders) if len(names) > 1 else tuple
-
-    def numbers(payload: bytes) -> dict[str, Any]:
+    def fields(payload: bytes) -> dict[str, Any]:
         values = unpack(payload if len(payload) >= size else payload.ljust(size, b"\0"))
-        return dict(zip(names, ordered(values), strict=True))
+        found = dict(zip(names, ordered(values), strict=False))
+        for name in special:
+            found[name] = _value(found[name])
+        return found
 
-    return numbers
+    return fields
 
 
 def _value(value: Any) -> Any:

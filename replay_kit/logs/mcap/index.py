@@ -4,7 +4,7 @@ Recorders and tools write topic after topic, or chunks that overlap in time. If 
 window allows, the chunks are read in order of their first times. A file whose clock was set back by more than a day keeps its order.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter
 from typing import BinaryIO
@@ -14,6 +14,7 @@ from mcap.records import ChunkIndex
 from numpy.typing import NDArray
 
 from replay_kit.core.message import Message
+from replay_kit.logs.blocks import Block, ReadStatistics, block_of
 from replay_kit.logs.decode.decoders import Channels
 from replay_kit.logs.mcap.chunk import Part, Row, open_chunk
 from replay_kit.logs.mcap.records import (
@@ -24,7 +25,6 @@ from replay_kit.logs.mcap.records import (
     index_entries,
 )
 from replay_kit.logs.merge import FAR_NS
-from replay_kit.logs.shared.blocks import Overview, ReadStatistics, TopicExtent
 
 #: A file with fewer messages than this, and fewer bytes of them, is read whole in a second or so.
 FEW_MESSAGES, FEW_BYTES = 50_000, 16_000_000
@@ -56,49 +56,56 @@ def overview_of(
     summary: Summary,
     channels: Channels,
     decoded: Callable[[Part, Row], Message | None],
-) -> Overview | str:
-    """Return the overview of an open file, or why its index does not suffice; empty for a file small enough to read whole.
+    statistics: ReadStatistics,
+) -> Block | str:
+    """Return the first and last time of each topic in each chunk, with the first messages of each topic, in order of time.
 
     Args:
-        file: The file.
+        file: The open file.
         summary: Its summary.
         channels: Its channels.
         decoded: Returns a decoded message; None if undecodable.
+        statistics: Statistics that count all messages of the file.
+
+    Returns:
+        The times and messages; or why the index does not suffice, empty for a file small enough to read whole.
     """
-    statistics = summary.statistics
-    if (problem := problem_of(summary)) or statistics is None:
+    stated = summary.statistics
+    if (problem := problem_of(summary)) or stated is None:
         return problem
     size = sum(chunk.uncompressed_size for chunk in summary.chunks)
-    if statistics.message_count < FEW_MESSAGES and size < FEW_BYTES:
+    if stated.message_count < FEW_MESSAGES and size < FEW_BYTES:
         return ""
-    topics: dict[str, TopicExtent] = {}
-    left: dict[int, int] = {}
+    ends, counts = list[tuple[int, str, str]](), Counter[int]()
     first: dict[int, list[ChunkIndex]] = defaultdict(list)
+    messages = list[Message]()
     try:
         for chunk in summary.chunks:
             for number in chunk.message_index_offsets:
                 sink, times = channels.sink(number), index_entries(file, number, chunk)["log_ns"]
-                if times.size:
-                    span = int(times.min()), int(times.max())
-                    extent = TopicExtent(sink.schema, times.size, *span)
-                    known = topics.get(sink.topic)
-                    topics[sink.topic] = extent if known is None else known.joined(extent)
+                counts[number] += times.size
+                spanned = (times.min(), times.max()) if times.size else ()
+                ends += ((int(time), sink.topic, sink.schema) for time in spanned)
                 if callable(sink.decode) and len(first[number]) < _MOST_CHUNKS:
-                    left[number] = _MOST_FIRST
                     first[number].append(chunk)
         some = {chunk.chunk_start_offset: chunk for each in first.values() for chunk in each}
-        messages = list[Message]()
+        left = dict.fromkeys(first, _MOST_FIRST)
         for offset in sorted(some):
             part = _read_chunk(file, some[offset])[0]
             for row in part.rows():
                 if left.get(row[0], 0):
                     left[row[0]] -= 1
                     messages += filter(None, [decoded(part, row)])
+        held = block_of(sorted(ends), tuple(sorted(messages, key=attrgetter("time_ns"))))
     except RECORD_ERRORS as error:
         return f"its index or one of the first chunks is damaged: {error}"
-    sinks = [channels.sink(number) for number in first]
-    undecodable = {sink.topic: sink.decode for sink in sinks if isinstance(sink.decode, str)}
-    return Overview(topics, undecodable, tuple(sorted(messages, key=attrgetter("time_ns"))))
+    statistics.read.clear()
+    for number, count in counts.items():
+        sink = channels.sink(number)
+        statistics.read[sink.topic] += count
+        if isinstance(sink.decode, str):
+            statistics.undecodable(sink.topic, sink.decode, count)
+    return held
 
 
 def _read_chunk(file: BinaryIO, listed: ChunkIndex) -> tuple[Part, bool]:

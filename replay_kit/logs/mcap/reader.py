@@ -1,6 +1,5 @@
 """Streaming MCAP reader: one chunk in memory, messages in file or index order, damage counted and skipped."""
 
-import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -13,6 +12,7 @@ from mcap.records import Attachment, Header, Metadata
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message, RawMessage
+from replay_kit.logs.blocks import Block, ReadStatistics
 from replay_kit.logs.decode.decoders import PAYLOAD_ERRORS, Channels, explain
 from replay_kit.logs.decode.to_json import DIVE_MEAN
 from replay_kit.logs.mcap.chunk import Part, Row
@@ -29,8 +29,7 @@ from replay_kit.logs.mcap.records import (
 )
 from replay_kit.logs.mcap.scan import Scan
 from replay_kit.logs.reader import LogFile, OnExtra
-from replay_kit.logs.shared.blocks import Block, Overview, ReadStatistics
-from replay_kit.logs.shared.clock import header_stamp
+from replay_kit.logs.stamps import header_stamp
 
 _MAX_TIME_NS = 2**63 - 1
 _T = TypeVar("_T")
@@ -63,15 +62,16 @@ class McapReader(LogFile):
         for channels, part in self._parts():
             yield self._block(channels, part, wanted, sampled)
 
-    def overview(self) -> Overview | str:
-        """Return the overview from the index at the end of the file; see ``LogFile.overview``."""
+    def overview(self) -> Block | str:
+        """Return the overview by the index at the end of the file; see ``LogFile.overview``."""
         if self._clock != "log":
             return f"the index holds log times alone, and the clock is {self._clock}"
         self.statistics = ReadStatistics()
         with self._opened() as file:
-            summary = read_summary(file, os.fstat(file.fileno()).st_size)
+            summary = read_summary(file)
             channels = Channels(summary, self._topic)
-            return overview_of(file, summary, channels, partial(self._decoded, channels))
+            decoded = partial(self._decoded, channels)
+            return overview_of(file, summary, channels, decoded, self.statistics)
 
     def raw_messages(self, on_extra: OnExtra | None = None) -> Iterator[RawMessage]:
         """Yield the raw messages; only the clock ``header`` needs decoding.
@@ -87,20 +87,17 @@ class McapReader(LogFile):
     def profile(self) -> str | None:
         """Return the profile in the header; None if it is damaged."""
         with self._opened() as file:
-            record = next(file_records(file, len(MAGIC), os.fstat(file.fileno()).st_size))
+            record = next(file_records(file, len(MAGIC)))
         try:
-            return (
-                parse(Header, record.body).profile
-                if record.opcode == Opcode.HEADER and record.whole
-                else None
-            )
+            is_header = record.opcode == Opcode.HEADER and record.whole
+            return parse(Header, record.body).profile if is_header else None
         except RECORD_ERRORS:
             return None
 
     def is_gliders(self) -> bool:
         """Return whether a channel, or without a channel index a message, holds mean currents of dives."""
         with self._opened() as file:
-            schemas = read_summary(file, os.fstat(file.fileno()).st_size).schemas
+            schemas = read_summary(file).schemas
         if schemas:
             return any(schema.name == DIVE_MEAN for schema in schemas.values())
         return any(message.schema == DIVE_MEAN for message in self.messages())
@@ -117,8 +114,7 @@ class McapReader(LogFile):
         self.statistics = ReadStatistics()
         with self._opened() as file:
             self._check_magic(file)
-            size = os.fstat(file.fileno()).st_size
-            summary = read_summary(file, size)
+            summary = read_summary(file)
             channels = Channels(summary, self._topic)
             on_record = None if on_extra is None else lambda record: on_extra(_extra(file, record))
             scan = Scan(file, summary, channels, self.statistics, on_record)
@@ -127,7 +123,7 @@ class McapReader(LogFile):
             parts = scan.parts()
             if counts is not None:
                 parts = in_time(file, summary.chunks, counts, self.statistics)
-                for record in file_records(file, len(MAGIC), size) if on_extra else ():
+                for record in file_records(file, len(MAGIC)) if on_extra else ():
                     if record.opcode in (Opcode.ATTACHMENT, Opcode.METADATA):
                         scan.pass_on(record)
             for part in parts:
@@ -142,7 +138,7 @@ class McapReader(LogFile):
     def _decoded(self, channels: Channels, part: Part, row: Row) -> Message | None:
         """Return a decoded message; None, counted, if undecodable."""
         channel, _, time_ns, publish_ns, start, stop, position = row
-        sink = channels.sinks.get(channel) or channels.sink(channel)
+        sink = channels.sink(channel)
         statistics = self.statistics
         statistics.read[sink.topic] += 1
         decode = sink.decode
@@ -195,7 +191,7 @@ class McapReader(LogFile):
 
     def _raw(self, channels: Channels, part: Part, row: Row) -> RawMessage:
         channel, sequence, log_ns, publish_ns, start, stop, position = row
-        sink = channels.sinks.get(channel) or channels.sink(channel)
+        sink = channels.sink(channel)
         self.statistics.read[sink.topic] += 1
         time_ns = publish_ns if self._clock == "publish" else log_ns
         if self._clock == "header" and callable(sink.decode):

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from io import BytesIO
+from io import SEEK_END, BytesIO
 from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
@@ -76,17 +76,21 @@ class Record:
 
 
 def file_records(
-    file: BinaryIO, start: int, size: int, bound: Callable[[int], int | None] | None = None
+    file: BinaryIO,
+    start: int,
+    size: int | None = None,
+    bound: Callable[[int], int | None] | None = None,
 ) -> Iterator[Record]:
     """Yield the records of a file up to the first incomplete one, inclusive; the closing magic bytes are none.
 
     Args:
         file: Open log; its position may change between records.
         start: Byte offset of the first record.
-        size: Size of the file [bytes].
+        size: Size of the file, or of its part up to the last record [bytes]; None for all of the file.
         bound: Returns the next known start of a record after an offset; a record that extends beyond it is incomplete.
     """
     offset, crc = start, zlib.crc32(MAGIC)
+    size = file.seek(0, SEEK_END) if size is None else size
     while True:
         file.seek(offset)
         head = file.read(HEAD_SIZE)
@@ -162,13 +166,12 @@ class Summary:
     problem: str = ""
 
     @cached_property
-    def _chunk_starts(self) -> tuple[int, ...]:
-        return tuple(chunk.chunk_start_offset for chunk in self.chunks)
+    def _at(self) -> Mapping[int, ChunkIndex]:
+        return {chunk.chunk_start_offset: chunk for chunk in self.chunks}
 
     def chunk_at(self, offset: int) -> ChunkIndex | None:
         """Return the index entry of the chunk at an offset; None without one."""
-        place = bisect_right(self._chunk_starts, offset) - 1
-        return self.chunks[place] if place >= 0 and self._chunk_starts[place] == offset else None
+        return self._at.get(offset)
 
     def next_offset(self, offset: int) -> int | None:
         """Return the offset of the next record listed in the summary; None without one."""
@@ -176,14 +179,9 @@ class Summary:
         return self.offsets[place] if place < len(self.offsets) else None
 
 
-def read_summary(file: BinaryIO, size: int) -> Summary:
-    """Return the summary section, verified by its checksum if any.
-
-    Args:
-        file: The open log.
-        size: Size of the file [bytes].
-    """
-    length = _FOOTER_SIZE + len(MAGIC)
+def read_summary(file: BinaryIO) -> Summary:
+    """Return the summary section of an open log, verified by its checksum if any."""
+    length, size = _FOOTER_SIZE + len(MAGIC), file.seek(0, SEEK_END)
     file.seek(max(0, size - length))
     tail = file.read(length)
     if (

@@ -14,6 +14,7 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Statistics
 
+from replay_kit.logs.blocks import ReadStatistics
 from replay_kit.logs.decode.decoders import Channels
 from replay_kit.logs.mcap.chunk import (
     CHUNK_HEAD,
@@ -36,7 +37,6 @@ from replay_kit.logs.mcap.records import (
     index_entries,
     parse,
 )
-from replay_kit.logs.shared.blocks import ReadStatistics
 
 #: Bytes of messages outside chunks that are a part.
 _PART = 1 << 20

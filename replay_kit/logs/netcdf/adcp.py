@@ -10,21 +10,13 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.core.words.quantities import metres
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Columns, Table, entries
+from replay_kit.logs.netcdf.columns import Columns, Table
 from replay_kit.logs.netcdf.currents import DiveMean
 from replay_kit.logs.netcdf.variables import NetcdfFile
-from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import PING, number
+from replay_kit.logs.payloads import PING, Entry, entries, number
 
 #: Topics of profiles that were computed from a dive's own pings, and of those of a whole mission.
 INVERTED, PROFILES = "/adcp/inverted", "/adcp/absolute"
-_UNKNOWN = dict.fromkeys(
-    (
-        *("beam_unit_vectors", "velocity_std", "amplitude", "correlation", "percent_good"),
-        *("sound_speed", "temperature", "heading", "pitch", "roll"),
-        *("magnetic_declination", "bottom_track"),
-    )
-)
 # of a profile that was computed from others and begins at the surface, not at the glider: its levels are depths
 _FROM_SURFACE = {
     "reference": "earth",
@@ -40,7 +32,7 @@ _RELATIVE = {"reference": "platform", "bin_mapped": False, "declination_applied"
 def _pings(
     topic: str, columns: Table, cells: tuple[float | None, float], common: Mapping[str, Any]
 ) -> Iterator[Entry]:
-    """Yield the pings of a topic in earth coordinates if nothing else is stated; unknown fields are null.
+    """Yield the pings of a topic in earth coordinates if nothing else is stated.
 
     Args:
         topic: Their topic.
@@ -57,7 +49,6 @@ def _pings(
         "cell_size": cells[0],
         "bin0_distance": cells[1],
         "transducer_depth": 0.0,
-        **_UNKNOWN,
         **common,
     }
     rounded = {"velocity": np.round(columns["velocity"], 6)}

@@ -1,6 +1,6 @@
 """Columns of a file in SI units, and those of a glider as tables: samples along the track, fixes, mean currents, absolute profiles."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import gsw
@@ -9,16 +9,13 @@ from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.dialects import SIZES, Dialect, Told
+from replay_kit.logs.netcdf.dialects import SIZES, Dialect
 from replay_kit.logs.netcdf.quality import remove_bad
 from replay_kit.logs.netcdf.variables import NetcdfFile
-from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import numbers, stamp
+from replay_kit.logs.reader import Told
 
 #: Columns by name; ``time`` and names that end in it hold ns UTC, 0 where unknown.
 Table = dict[str, NDArray[Any]]
-# Rows of which messages are made at once.
-_ROWS = 4096
 # Columns that samples have, known or not.
 _OF_SAMPLES = ("longitude", "latitude", "depth", "declination")
 # degrees north, where no position tells it
@@ -261,31 +258,3 @@ def stacked(tables: Sequence[Table], unknown: float = np.nan) -> Table:
 def are_known(places: Table) -> NDArray[np.bool_]:
     """Return whether both time and position are known, shape (n,)."""
     return np.asarray((places["time"] > 0) & np.isfinite(places["longitude"] + places["latitude"]))
-
-
-def entries(
-    kind: tuple[str, str],
-    time_ns: NDArray[np.int64],
-    columns: Table,
-    rows: NDArray[np.intp],
-    common: Mapping[str, Any],
-    stamped: bool = True,
-) -> Iterator[Entry]:
-    """Yield a message for each of some rows of a table: common fields and its columns, null where not finite.
-
-    Args:
-        kind: Topic and schema of the messages.
-        time_ns: Times of the rows, shape (n,) [ns, UTC].
-        columns: Columns, shape (n, ...); that of the times themselves is left out.
-        rows: Indices of the rows, in the order of the messages.
-        common: Fields of all messages.
-        stamped: Whether the messages have their time as ``stamp``.
-    """
-    own = {key: column for key, column in columns.items() if column is not time_ns}
-    # some rows at once, to limit memory
-    for some in np.split(rows, range(_ROWS, rows.size, _ROWS)):
-        parts = [column[some] for column in own.values()]
-        held = [numbers(part) if part.dtype.kind == "f" else part.tolist() for part in parts]
-        for time, *row in zip(time_ns[some].tolist(), *held, strict=True):
-            payload = {**common, **dict(zip(own, row, strict=True))}
-            yield time, *kind, {"stamp": stamp(time)} | payload if stamped else payload

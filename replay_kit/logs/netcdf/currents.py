@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.observation import Fix
 from replay_kit.logs.netcdf.columns import Columns, Table, are_known, rows_of, stacked
-from replay_kit.logs.netcdf.dialects import Dialect, Told
-from replay_kit.logs.shared.payloads import number, stamp
+from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.payloads import number, stamp
+from replay_kit.logs.reader import Told
 
 # m; less deep is at the surface
 _SURFACE = 3.0

@@ -4,8 +4,7 @@ Names are case-insensitive. The first name of a quantity in a file is read, afte
 """
 
 import re
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -14,7 +13,8 @@ from replay_kit.core.message import NO_MEANS
 from replay_kit.core.words.quantities import metres_per_second
 from replay_kit.logs.netcdf.units import Quantity, quantity_of
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
-from replay_kit.logs.reader import Entry
+from replay_kit.logs.payloads import Entry
+from replay_kit.logs.reader import Entries, Told
 
 Names = Mapping[str, str]
 # not at the surface, nor relative to the vehicle
@@ -23,23 +23,6 @@ _CURRENT = re.compile(r"(?:[a-z]+_)*?(eastward|northward)_sea_water_velocity(?:_
 SIZES, MISSIONS = ("rowsize", "row_size"), ("trajectory", "mission_name")
 
 
-@dataclass(slots=True)
-class Told:
-    """Findings while the files of a log are read.
-
-    Attributes:
-        notes: Assumptions.
-        skipped: Number of unusable messages by topic and reason.
-        mission: Name of the mission; empty if not stated.
-    """
-
-    notes: list[str] = field(default_factory=list)
-    skipped: Counter[tuple[str, str]] = field(default_factory=Counter)
-    mission: str = ""
-
-
-#: Begins a pass: the messages of files in any order, then further ones, of each in order of time.
-Entries = Callable[[], Sequence[Iterable[Entry]]]
 #: Reads the files of one log, in a dialect.
 Read = Callable[[Sequence[NetcdfFile], "Dialect", LogConfig, Told], Entries]
 

@@ -12,17 +12,17 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.message import NO_MEANS
 from replay_kit.core.words.text import count_text
 from replay_kit.logs.netcdf.adcp import INVERTED, PROFILES, absolute_profiles
-from replay_kit.logs.netcdf.columns import Table, are_known, entries, joined, read_columns
+from replay_kit.logs.netcdf.columns import Table, are_known, joined, read_columns
 from replay_kit.logs.netcdf.currents import (
     DiveMean,
     fixes_of,
     mean_currents,
     places_in,
 )
-from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Entries, Told
+from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile
-from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import FIX, fix_entries, location_fix
+from replay_kit.logs.payloads import FIX, Entry, entries, fix_entries, location_fix
+from replay_kit.logs.reader import Entries, Told
 
 _DECIMATED_NS = 60 * 1_000_000_000
 # m; samples of one time that lie farther apart have no depth of their own

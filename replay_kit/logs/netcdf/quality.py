@@ -1,15 +1,16 @@
 """Quality flags of files as QARTOD flags, by the meanings that the files state."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.observation import Flag
-from replay_kit.logs.netcdf.dialects import Dialect, Told
+from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
+from replay_kit.logs.reader import Told
 
 # by words in a meaning; without any the flag is good
 _WORDS = (
@@ -17,6 +18,11 @@ _WORDS = (
     (re.compile(r"bad|fail|miss|unsampled|reject|spike|stuck", re.IGNORECASE), Flag.FAIL),
     (re.compile(r"unknown|not_", re.IGNORECASE), Flag.NOT_EVALUATED),
 )
+# names of flags that sum up all tests, or are an operator's; and of those of single tests
+_SUMS = r"prim|(qc_?)?primary(_?flag)?|qc|qc_?flag|quality_flag|.*aggregate.*|.*operator.*"
+_TESTS = r"q(c_?)?\d{2,3}(_.*)?|.*_qc|.*qartod_.*"
+#: Pattern of both, in lower case.
+FLAGS = f"{_SUMS}|{_TESTS}"
 # rank of a test that was passed: more than one that was not made
 _PASSED = Flag.NOT_EVALUATED + 0.5
 
@@ -83,6 +89,15 @@ def as_qartod(stored: Stored) -> NDArray[np.int8]:
     for value, words in _meanings(stored).items():
         flags[found == value] = _flag(words)
     return flags
+
+
+def deciding(names: Collection[str]) -> list[str]:
+    """Return the names of the flags that decide: those that sum up all tests, without any those of single tests."""
+    summed, tests = (
+        [name for name in names if re.fullmatch(pattern, name, re.IGNORECASE)]
+        for pattern in (_SUMS, _TESTS)
+    )
+    return summed or tests
 
 
 def worst_flag(flags: Sequence[NDArray[np.int8]], shape: tuple[int, ...]) -> NDArray[np.int8]:

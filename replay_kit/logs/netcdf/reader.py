@@ -1,22 +1,20 @@
 """Reader of columnar files, NetCDF and text tables, by dialect."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.extensions import additions
-from replay_kit.core.message import Loss, Message
-from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect, Told
+from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
+from replay_kit.logs.netcdf.radials import RADIALS, open_radials
 from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
 from replay_kit.logs.netcdf.text import form_of, open_text
 from replay_kit.logs.netcdf.unknown import PINGS, ROWS, require_no_grid
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
-from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.blocks import ReadStatistics
-from replay_kit.logs.shared.payloads import by_variable, gather
+from replay_kit.logs.reader import LogFile, Told, WholeLog
 
 #: All dialects, in the order in which they are tried; a file of none is of ``PINGS`` or ``ROWS``.
 DIALECTS: tuple[Dialect, ...] = (*GLIDERS, TOTALS, DRIFTERS)
@@ -44,64 +42,26 @@ def dialect_of(
     )
 
 
-class ColumnsReader(LogFile):
-    """Reader of the files of one log in one dialect."""
+def log_of_columns(
+    files: Sequence[NetcdfFile],
+    dialect: Dialect,
+    told: Told,
+    config: LogConfig | None,
+) -> WholeLog:
+    """Return the log of some files in one dialect.
 
-    def __init__(
-        self,
-        files: Sequence[NetcdfFile],
-        dialect: Dialect,
-        input: int = 0,
-        config: LogConfig | None = None,
-        losses: Sequence[Loss] = (),
-        notes: Sequence[str] = (),
-    ) -> None:
-        """Read the files.
+    Args:
+        files: Files of the log in order of time; the first gives its name.
+        dialect: Dialect of the files.
+        told: Findings when the files were opened.
+        config: Settings of log reading.
 
-        Args:
-            files: Files of the log in order of time; the first gives its name.
-            dialect: Dialect of the files.
-            input: Position of the log among the run's inputs.
-            config: Settings of log reading.
-            losses: Damage found when the files were opened.
-            notes: Assumptions made then.
-
-        Raises:
-            LogError: A file cannot be read, or the unit of a variable is unknown.
-        """
-        paths = [path for file in files for path in file.sources or (file.path,)]
-        super().__init__(paths, input, config)
-        self.format = dialect.name
-        self._losses, self._told = losses, Told([*notes])
-        self._entries = (dialect.read or glider)(files, dialect, self._config, self._told)
-        self._gliders = dialect.read is None
-        self.mission = self._told.mission
-        self.statistics.notes = self._notes()
-
-    def messages(self) -> Iterator[Message]:
-        """Yield the messages of the log in order of time; topics depend on the dialect."""
-        self.statistics = ReadStatistics()
-        self.statistics.notes = self._notes()
-        for loss in self._losses:
-            self.statistics.lose(loss.what, loss.offset, loss.bytes)
-        for (topic, reason), count in self._told.skipped.items():
-            self._skip(topic, reason, count)
-        yield from self._by_time(*self._entries())
-        self.statistics.notes = self._notes()
-
-    def is_gliders(self) -> bool:
-        """Return whether the dialect is a glider's."""
-        return self._gliders
-
-    def _notes(self) -> tuple[str, ...]:
-        """Return each note once, with the number of files if several."""
-        alike = gather(self._told.notes).items()
-        return tuple(
-            by_variable(
-                note if len(found) == 1 else f"{note} (in {len(found)} files)"
-                for note, found in alike
-            )
-        )
+    Raises:
+        LogError: A file cannot be read, or the unit of a variable is unknown.
+    """
+    paths = [path for file in files for path in file.sources or (file.path,)]
+    entries = (dialect.read or glider)(files, dialect, config or LogConfig(), told)
+    return WholeLog(paths, dialect.name, told, entries, config, dialect.read is None)
 
 
 def open_columns(
@@ -114,37 +74,41 @@ def open_columns(
 
     Args:
         paths: Files of the log.
-        input: Position of the log among the run's inputs.
+        input: Ignored; the position among the run's inputs is set when the log is opened.
         config: Settings of log reading.
         wanted: Ignored.
 
     Raises:
         LogError: A file cannot be read, or is a forecast.
     """
-    del wanted
-    opened = [_opened(path, config or LogConfig()) for path in paths]
-    dialect = opened[0][1]
-    files = [file for file, own in opened if own.name == dialect.name]
-    return ColumnsReader(files, dialect, input, config)
+    del input, wanted
+    return logs_of_columns(paths, config)[0]
 
 
-def log_of(path: Path) -> tuple[str, ...] | None:
-    """Return the names of a file's dialect and missions, common to all files of its log; None if a mission is one file.
+def logs_of_columns(paths: Sequence[Path], config: LogConfig | None) -> list[LogFile]:
+    """Return the readers of files, of which those of one mission, or of one dialect, are one log.
+
+    Args:
+        paths: Files.
+        config: Settings of log reading.
 
     Raises:
-        LogError: The file cannot be read, or is a forecast.
+        LogError: A file cannot be read, or is a forecast.
     """
-    if form_of(path) != "netcdf":
-        return "seaexplorer", *missions_of(NetcdfFile(path, {}, {}, ()), "seaexplorer")
-    file, dialect = _opened(path, LogConfig(), whole=False)
-    if dialect.log_of == "file":
-        return None
-    return dialect.name, *(missions_of(file, dialect.name) if dialect.log_of == "mission" else ())
+    groups: dict[Any, tuple[Dialect, list[NetcdfFile]]] = {}
+    for path in paths:
+        file, dialect = _opened(path, config or LogConfig())
+        missions = missions_of(file, dialect.name) if dialect.log_of == "mission" else ()
+        key = path if dialect.log_of == "file" else (dialect.name, *missions)
+        groups.setdefault(key, (dialect, []))[1].append(file)
+    return [log_of_columns(files, dialect, Told(), config) for dialect, files in groups.values()]
 
 
-def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFile, Dialect]:
-    """Return the variables of a file that its dialect reads, or only those with its mission, and the dialect."""
+def _opened(path: Path, config: LogConfig) -> tuple[NetcdfFile, Dialect]:
+    """Return the variables of a file that its dialect reads, and the dialect."""
     form = form_of(path)
+    if form == "radials":
+        return open_radials(path), RADIALS
     found: list[Dialect] = []
 
     def choose(held: Mapping[str, Stored], attributes: Mapping[str, Any]) -> list[str]:
@@ -159,9 +123,7 @@ def _opened(path: Path, config: LogConfig, whole: bool = True) -> tuple[NetcdfFi
         found.append(dialect)
         if dialect.by_times:
             return [dialect.chosen(held)["time"]]
-        return (
-            dialect.wanted(held) if whole else [name for name in held if name.lower() in MISSIONS]
-        )
+        return dialect.wanted(held)
 
     file = (
         open_netcdf(path, choose) if form == "netcdf" else open_text(path, choose, form == "table")

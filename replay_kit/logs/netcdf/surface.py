@@ -13,12 +13,12 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Table, are_known, entries, read_values
-from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
-from replay_kit.logs.netcdf.quality import as_qartod, is_failed, worst_flag
+from replay_kit.logs.netcdf.columns import Table, are_known, read_values
+from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.quality import FLAGS, as_qartod, deciding, is_failed, worst_flag
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
-from replay_kit.logs.reader import Entry
-from replay_kit.logs.shared.payloads import numbers, stamp
+from replay_kit.logs.payloads import Entry, entries, numbers, stamp
+from replay_kit.logs.reader import Entries, Told
 
 RADAR, _TOTALS = "replay_kit.RadarCurrents", "/radar/totals"
 _FIX, _DRIFTERS = "replay_kit.DrifterFix", "/drifters"
@@ -28,9 +28,6 @@ LIGHT = 299.792458
 # MHz of the radars that see farthest, and are taken where no frequency is stated
 _LONG_RANGE = 5.0
 _HOUR = 3600.0
-# flags that sum up all tests, or are an operator's; and those of single tests
-_SUMS = r"prim|(qc_?)?primary(_?flag)?|qc|qc_?flag|quality_flag|.*aggregate.*|.*operator.*"
-_TESTS = r"q(c_?)?\d{2,3}(_.*)?|.*_qc|.*qartod_.*"
 _PARAMETER = re.compile(r"(\d+)\)\s*([^\n]+)")
 # where the parameters of MARACOOS's product stand when nothing describes them: variance [cm2/s2] and decorrelation length [km]
 _VARIANCE, _LENGTH = 7, 5
@@ -107,15 +104,9 @@ def _vectors(
         key: _error(file.variables[chosen[key]], variance, dialect, notes).reshape(shape)
         for key in ("east_error", "north_error")
     }
-    summed, tests = (
-        [
-            as_qartod(stored).reshape(shape)
-            for name, stored in file.variables.items()
-            if re.fullmatch(pattern, name, re.I) and stored.values.size == math.prod(shape)
-        ]
-        for pattern in (_SUMS, _TESTS)
-    )
-    columns["flag"] = worst_flag(summed or tests, shape)
+    held = {n: v for n, v in file.variables.items() if v.values.size == math.prod(shape)}
+    flags = [as_qartod(held[name]).reshape(shape) for name in deciding(held)]
+    columns["flag"] = worst_flag(flags, shape)
     measured = np.isfinite(columns["east"] + columns["north"])
     failed = measured & is_failed(columns["flag"])
     known = measured & ~failed & np.isfinite(columns["east_error"] + columns["north_error"])
@@ -191,7 +182,7 @@ TOTALS = Dialect(
         "north_error": "v_err",
         "parameters": "processing_parameters",
     },
-    beside=f"{_SUMS}|{_TESTS}",
+    beside=FLAGS,
     log_of="all",
     read=_totals,
     by_times=True,

@@ -26,12 +26,14 @@ _HEAD = 1 << 12
 _UNREADABLE = (OSError, EOFError, ValueError, csv.Error, zlib.error)
 
 
-def form_of(path: Path) -> Literal["netcdf", "seaexplorer", "table"]:
-    """Return the form of a columnar file: NetCDF, SeaExplorer text or another text table."""
+def form_of(path: Path) -> Literal["netcdf", "radials", "seaexplorer", "table"]:
+    """Return the form of a columnar file: NetCDF, LLUV, SeaExplorer text or another text table."""
     with open(path, "rb") as file:
         head = file.read(_HEAD)
     if head.startswith((b"CDF", b"\x89HDF")):
         return "netcdf"
+    if head.startswith(b"%CTF:"):
+        return "radials"
     return "seaexplorer" if is_seaexplorer(head) else "table"
 
 
@@ -65,6 +67,9 @@ def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
             left_out += len(some) - len(rows)
             blocks.append(_block(rows, len(at)))
         cells = np.hstack(blocks)
+        if delimiter != "," and b"," in cells.tobytes():
+            # decimal commas
+            cells = np.char.replace(cells, b",", b".")
         if exact and left_out:
             raise ValueError(f"{left_out} rows that are not as long as the names")
     except _UNREADABLE as error:

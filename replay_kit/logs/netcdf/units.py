@@ -27,8 +27,6 @@ _SINCE = re.compile(
 _FIRST_NS, _LAST_NS = 31_536_000 * 10**9, 4_102_444_800 * 10**9
 # of any epoch; more is no time, and does not fit into 64 bits of nanoseconds
 _MOST_MS = 9e12
-# letters of a time to the second without its zone
-_TO_SECONDS = 19
 _EPOCH_SECONDS = (3.5e8, 4.1e9)
 # rad; a mission whose headings all lie below a turn, or whose tilts all lie below a right angle, is in radians
 _TURN, _LEAST_ANGLES = 6.3, 20
@@ -217,10 +215,10 @@ def _seconds_of(texts: Sequence[str]) -> Array:
         for text in texts
     ]
     plain = [text.removesuffix("Z") for text in iso]
-    if {*map(len, plain)} == {_TO_SECONDS}:
-        # NumPy only warns of a zone in a damaged one
-        with suppress(ValueError, UserWarning), warnings.catch_warnings(action="error"):
-            return np.array(plain, "M8[s]").astype(np.float64)
+    # quicker, where all are times without an offset, of which NumPy only warns
+    with suppress(ValueError, Warning), warnings.catch_warnings(action="error"):
+        times = np.array(plain, "M8[us]")
+        return np.where(np.isnat(times), np.nan, 1e-6 * times.astype(np.float64))
     return np.array([*map(_second_of, iso)])
 
 

@@ -18,10 +18,11 @@ from replay_kit.core.observation import Observation, usable
 from replay_kit.core.words.quantities import measured_at
 from replay_kit.core.words.text import some_text
 from replay_kit.logs.netcdf import units
-from replay_kit.logs.netcdf.columns import Table, are_known, entries, read_values, rows_of
-from replay_kit.logs.netcdf.dialects import Dialect, Entries, Told
+from replay_kit.logs.netcdf.columns import Table, are_known, read_values, rows_of
+from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
-from replay_kit.logs.shared.payloads import PING, numbers, stamp
+from replay_kit.logs.payloads import PING, entries, numbers, stamp
+from replay_kit.logs.reader import Entries, Told
 
 TOPIC = "/observations"
 _EXPECTED = "expected a table with the columns time, longitude, latitude, depth [m], u, v and error [m/s], a row a depth"

@@ -12,8 +12,7 @@ from typing import NamedTuple
 import lz4.block  # type: ignore[import-untyped]
 
 from replay_kit.core.errors import LogError
-from replay_kit.core.files.inputs import open_input
-from replay_kit.logs.reader import unreadable
+from replay_kit.logs.reader import read_bytes
 
 #: Endings of the files of the flight and the science computer, in lower case: all sensors before subsets, raw before compressed.
 FLIGHT = (".dbd", ".dcd", ".mbd", ".mcd", ".sbd", ".scd")
@@ -132,9 +131,8 @@ def read_header(path: Path, data: bytes) -> Header:
 def first_header(path: Path) -> Header | None:
     """Return the header of a file, reading only its first bytes; None if that cannot be read."""
     try:
-        with open_input(path) as file:
-            return read_header(path, unpacked(file.read(_BLOCK + 2), 1)[0][:_LARGEST_HEADER])
-    except (LogError, OSError):
+        return read_header(path, unpacked(read_bytes(path, _BLOCK + 2), 1)[0][:_LARGEST_HEADER])
+    except LogError:
         return None
 
 
@@ -189,11 +187,7 @@ class SensorLists:
 
     def _text(self, path: Path) -> bytes:
         if path not in self._texts:
-            try:
-                with open_input(path) as file:
-                    self._texts[path], _ = unpacked(file.read(_LARGEST_LIST), _LARGEST_LIST)
-            except OSError as error:
-                raise unreadable(path, error) from error
+            self._texts[path], _ = unpacked(read_bytes(path, _LARGEST_LIST), _LARGEST_LIST)
         return self._texts[path]
 
 

@@ -1,5 +1,6 @@
 """Reader of Slocum binary files: segments of one glider as two tables, flight and science."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -8,12 +9,11 @@ import numpy as np
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.files.inputs import open_input
 from replay_kit.core.message import Loss
 from replay_kit.logs.netcdf.glider_dialects import SLOCUM_BINARY
-from replay_kit.logs.netcdf.reader import ColumnsReader
+from replay_kit.logs.netcdf.reader import log_of_columns
 from replay_kit.logs.netcdf.variables import NetcdfFile
-from replay_kit.logs.reader import unreadable
+from replay_kit.logs.reader import LogFile, Told, WholeLog, read_bytes
 from replay_kit.logs.slocum.cycles import read_cycles
 from replay_kit.logs.slocum.header import (
     FLIGHT,
@@ -65,11 +65,7 @@ def read_segment(path: Path, lists: SensorLists) -> Segment:
     Raises:
         LogError: The file or its list of sensors cannot be read.
     """
-    try:
-        with open_input(path) as file:
-            stored = file.read()
-    except OSError as error:
-        raise unreadable(path, error) from error
+    stored = read_bytes(path)
     data, lost_at = unpacked(stored)
     header = read_header(path, data)
     sensors, at = lists.sensors(header, data)
@@ -102,19 +98,43 @@ def open_slocum(
     input: int = 0,
     config: LogConfig | None = None,
     wanted: frozenset[str] | None = None,
-) -> ColumnsReader:
+) -> LogFile:
     """Return the reader of the binary files of one Slocum.
 
     Args:
         paths: Binary files.
-        input: Position of the log among the run's inputs.
+        input: Ignored; the position among the run's inputs is set when the log is opened.
         config: Settings of log reading; ``caches`` is the folder of the sensor lists.
         wanted: Ignored.
 
     Raises:
         LogError: No file can be read.
     """
-    del wanted
+    del input, wanted
+    return _log(paths, config)
+
+
+def logs_of_slocums(paths: Sequence[Path], config: LogConfig | None) -> list[LogFile]:
+    """Return the readers of binary files, one per glider.
+
+    Args:
+        paths: Binary files; those whose header cannot be read count as the first glider's.
+        config: See ``open_slocum``.
+
+    Raises:
+        LogError: No file of a glider can be read.
+    """
+    groups = defaultdict[str, list[Path]](list)
+    for path in paths:
+        header = first_header(path)
+        groups["" if header is None else header.vehicle].append(path)
+    if len(groups) > 1 and (damaged := groups.pop("", [])):
+        next(iter(groups.values())).extend(damaged)
+    return [_log(files, config) for files in groups.values()]
+
+
+def _log(paths: Sequence[Path], config: LogConfig | None) -> WholeLog:
+    """Return the reader of the files of one glider."""
     lists = SensorLists(None if config is None or config.caches is None else Path(config.caches))
     segments: list[Segment] = []
     errors: dict[Path, LogError] = {}
@@ -140,13 +160,7 @@ def open_slocum(
                 f"{len(lacking)} of {len(names | others)} segments without the file of the {computer} computer"
             )
     parts = [_joined(part, notes) for part in (flight, science) if part]
-    return ColumnsReader(parts, SLOCUM_BINARY, input, config, losses, notes)
-
-
-def glider_of(path: Path) -> tuple[str, ...]:
-    """Return the name of the glider of a file; empty if the header cannot be read."""
-    header = first_header(path)
-    return () if header is None else (header.vehicle,)
+    return log_of_columns(parts, SLOCUM_BINARY, Told(notes, losses=losses), config)
 
 
 def _without_subsets(paths: Sequence[Path], notes: list[str]) -> list[Path]:

@@ -3,12 +3,10 @@
 import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from functools import cached_property
-from itertools import chain, compress, repeat, zip_longest
+from itertools import compress, repeat, zip_longest
 from operator import itemgetter
 from reprlib import repr as shorten
-from types import MappingProxyType, NoneType
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -41,20 +39,6 @@ class Rows(NamedTuple):
     fixed: Mapping[str, Any] = MappingProxyType({})
 
 
-class Held(tuple[Payload, ...]):
-    """Payloads with their fields as columns."""
-
-    @cached_property
-    def columns(self) -> Mapping[str, Sequence[Any]]:
-        """Values by name if all payloads have the same fields; else empty."""
-        with suppress(*MALFORMED):
-            first = self[0]
-            if len(first) > 1 and {*map(len, self)} == {len(first)}:
-                each = zip(*map(itemgetter(*first), self), strict=True)
-                return dict(zip(first, each, strict=True))
-        return {}
-
-
 def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     """Return messages grouped by log, topic and schema.
 
@@ -69,7 +53,7 @@ def raws_of(messages: Sequence[Message], first: int = 0) -> list[Raw]:
     for (log, topic, schema), at in groups.items():
         times, _, _, payloads, _, ordinals = zip(*[messages[k] for k in at], strict=True)
         time, order, position = np.array([times, at, ordinals], np.int64)
-        found.append(Raw(topic, schema, log, time, order + first, position, Held(payloads)))
+        found.append(Raw(topic, schema, log, time, order + first, position, payloads))
     return found
 
 
@@ -78,7 +62,7 @@ def some(raw: Raw, chosen: Mask) -> Raw:
     if chosen.all():
         return raw
     at_rows = raw.time[chosen], raw.order[chosen], raw.position[chosen]
-    return Raw(raw.topic, raw.schema, raw.input, *at_rows, Held(compress(raw.payloads, chosen)))
+    return Raw(raw.topic, raw.schema, raw.input, *at_rows, tuple(compress(raw.payloads, chosen)))
 
 
 def table(raw: Raw, kind: Kind, at: Any, columns: Columns, fixed: Mapping[str, Any]) -> Table:
@@ -148,19 +132,14 @@ def guarded(read: Callable[[Payload], Any], payload: Payload) -> Any:
 
 def field(payloads: Sequence[Any], path: str) -> Sequence[Any]:
     """Return the values of a field given by a dotted path (``pose.position``); None if missing."""
-    values, alike = payloads, getattr(payloads, "columns", None)
+    values = payloads
     for name in path.split("."):
         try:
-            values = (
-                alike.get(name, [None] * len(values))
-                if alike
-                else [*map(dict.get, values, repeat(name))]
-            )
+            values = [*map(dict.get, values, repeat(name))]
         except TypeError:
             values = [
                 None if one is None or not hasattr(one, "get") else one.get(name) for one in values
             ]
-        alike = None
     return values
 
 
@@ -171,28 +150,16 @@ def stated(payloads: Sequence[Payload], names: str, part: str = "") -> list[Arra
 
 def regular(values: Sequence[Any]) -> Array:
     """Return nested lists as an array, NaN where not finite; a single NaN for ragged or other contents."""
-    flat: Sequence[Any] = values
-    shape = [len(flat)]
     try:
-        # in half of the time that numpy takes for lists in lists
-        while isinstance(flat[0], list):
-            # raises where something else is among them
-            shape += {*map(list.__len__, flat)}
-            flat = [*chain.from_iterable(flat)]
-        plain = np.fromiter(flat, np.float64).reshape(shape)
+        plain = np.array(values, np.float64)
     except MALFORMED:
-        try:
-            plain = np.array(values, np.float64)
-        except MALFORMED:
-            return np.array(np.nan)
+        return np.array(np.nan)
     plain[~np.isfinite(plain)] = np.nan
     return plain
 
 
 def numbers(values: Sequence[Any]) -> Array:
     """Return values as numbers, shape (n,); NaN for others and infinities."""
-    if {*map(type, values)} == {NoneType}:
-        return np.full(len(values), np.nan)
     plain = regular(values)
     return plain if plain.ndim == 1 else np.array([*map(number, values)], np.float64)
 

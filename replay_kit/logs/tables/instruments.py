@@ -33,7 +33,6 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.observation.table import Raw, Table
 from replay_kit.core.words.quantities import metres_per_second
 from replay_kit.logs.tables.columns import (
-    Held,
     Payload,
     by_cell,
     dive_number,
@@ -107,13 +106,13 @@ def pings(
     reasons = [one if isinstance(one, str) else "" for one in payloads]
     counts, place = np.full(n, messages, np.int64), np.full((n, 3), places, np.float64)
     at = [k for k in range(n) if not reasons[k]]
-    held, found = _subset(payloads, at), list[Table]()
+    held, found = [payloads[k] for k in at], list[Table]()
     said = (field(held, name) for name in _LISTS)
-    sizes = [[*map(len, _lists(one))] for one in said if {list, tuple} & {*map(type, one)}]
+    sizes = [[*map(len, _lists(one))] for one in said]
     left = _grouped(at, [*sizes, *(field(held, name) for name in _INSTRUMENT)]) if at else []
     while left:
         at = left.pop()
-        held = _subset(payloads, at)
+        held = [payloads[k] for k in at]
         try:
             columns, fixed = _columns(held, config)
         except (MeasurementError, ValueError, TypeError, OverflowError) as error:
@@ -126,11 +125,6 @@ def pings(
             columns |= {"messages": counts[at], "place": place[at]}
             found.append(table(raw, "ping", np.array(at), columns, fixed))
     return found + unused(raw, reasons, counts)
-
-
-def _subset(payloads: Sequence[Any], at: Sequence[int]) -> Sequence[Any]:
-    """Return some payloads."""
-    return payloads if len(at) == len(payloads) else Held(payloads[k] for k in at)
 
 
 def _grouped(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]:
@@ -147,8 +141,6 @@ def _grouped(at: list[int], columns: Iterable[Sequence[Any]]) -> list[list[int]]
 def _lists(values: Sequence[Any], least: int = 0) -> list[Any]:
     """Return values with empty lists for other types and lists that are too short."""
     kinds = (list, tuple)
-    if not least and {*map(type, values)} <= {*kinds}:
-        return [*values]
     return [one if isinstance(one, kinds) and len(one) >= least else () for one in values]
 
 

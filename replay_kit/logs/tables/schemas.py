@@ -120,13 +120,13 @@ _PLAIN = {**vehicle.SENDING, **vehicle.READERS, **water.READERS}
 _SCHEMAS: Mapping[str, Reader | str] = {
     **{name: _plain(read) for name, read in _PLAIN.items()},
     "replay_kit.AdcpPing": water.adcp_pings,
-    "ds_sensor_msgs.Adcp": water.ds_adcps,
+    "ds_sensor_msgs.Adcp": partial(water.profiles, read=water.ds_adcp),
     "replay_kit.Altimeter": "height above the bottom, not used",
     "replay_kit.Battery": "state of the battery, not used",
     "replay_kit.Waypoint": "where the glider steers for, not where it is",
 }
 _IMC: Mapping[str, Reader] = {
-    "CurrentProfile": water.current_profiles,
+    "CurrentProfile": partial(water.profiles, read=water.current_profile),
     **{name: _plain(read) for name, read in vehicle.IMC.items()},
 }
 _SEPARATORS = re.compile(r"::|[/.]")

@@ -71,17 +71,14 @@ def adcp_pings(raw: Raw, config: MeasurementConfig) -> list[Table]:
     return pings(raw, said, config, places=np.column_stack([*place, depth]))
 
 
-def ds_adcps(raw: Raw, config: MeasurementConfig) -> list[Table]:
-    """Return the tables of ``ds_sensor_msgs/Adcp`` messages."""
-    return pings(raw, [guarded(_ds_adcp, one) for one in raw.payloads], config)
+def profiles(
+    raw: Raw, config: MeasurementConfig, read: Callable[[Payload], Payload | str]
+) -> list[Table]:
+    """Return the tables of profiles of another package, which a function reads as fields of a ping, or the reason for exclusion."""
+    return pings(raw, [guarded(read, one) for one in raw.payloads], config)
 
 
-def current_profiles(raw: Raw, config: MeasurementConfig) -> list[Table]:
-    """Return the tables of ``CurrentProfile`` messages of IMC; those of a Nucleus are counted with their reason."""
-    return pings(raw, [guarded(_current_profile, one) for one in raw.payloads], config)
-
-
-def _ds_adcp(payload: Payload) -> Payload | str:
+def ds_adcp(payload: Payload) -> Payload | str:
     """Return the profile of a ``ds_sensor_msgs/Adcp``, or the reason for exclusion.
 
     A cell holds one vector, or in beam coordinates one vector per beam; zeros mean no solution. Reference and orientation are not stated:
@@ -114,7 +111,7 @@ def _ds_adcp(payload: Payload) -> Payload | str:
     }
 
 
-def _current_profile(payload: Payload) -> Payload | str:
+def current_profile(payload: Payload) -> Payload | str:
     """Return the profile of an IMC message in JSON: velocities relative to the vehicle, cells at stated distances."""
     if "velocity_data" in payload:
         return _NUCLEUS

@@ -20,7 +20,7 @@ from replay_kit.core.observation.table import Columns
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.clock import doubtful_times
+from replay_kit.logs.stamps import doubtful_times
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.logs.tables.suggest import NAMED, sample_key, suggested_entries
 from replay_kit.measurements.observed import begun, blocks, taken
@@ -270,7 +270,7 @@ def _inspect(
         )
     ):
         report = replace(report, notes=(doubt, *report.notes))
-    if reading.overview is None:
+    if reading.sampled is None:
         count_alike(not_used, report, decoded)
     return LogInfo(
         report,

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from replay_kit.core.words.text import count_text
 from replay_kit.logs.opening import pattern
-from replay_kit.logs.shared.payloads import gather
+from replay_kit.logs.payloads import gather
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.results.losses import (
     coded,

@@ -4,15 +4,16 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.message import LogReport
+from replay_kit.logs.blocks import Block
 from replay_kit.logs.merge import FAR_NS, Settled, Settling
 from replay_kit.logs.reader import LogFile
-from replay_kit.logs.shared.blocks import Block, Overview, block_of
 from replay_kit.logs.tables.schemas import may_state
 from replay_kit.logs.tables.suggest import NAMED
 
@@ -171,50 +172,32 @@ class Reading:
 
     Attributes:
         blocks: Blocks of messages; of topics without usable content only one is decoded.
-        overview: Overview from its index; None if all is read.
+        sampled: Number of messages read, where the times are those of the index; None if all are read.
         note: Reason for a slow complete reading; empty otherwise.
     """
 
     blocks: Iterable[Block]
-    overview: Overview | None = None
+    sampled: int | None = None
     note: str = ""
-
-    @property
-    def sampled(self) -> int | None:
-        """Number of messages read; None for all."""
-        return None if self.overview is None else len(self.overview.first)
 
     def completed(
         self, report: LogReport, topics: Mapping[str, TopicInfo]
     ) -> tuple[LogReport, dict[str, TopicInfo]]:
-        """Return the report and the topics with complete message counts, from the index if used.
+        """Return the report with the note, and the topics with message counts; without what the index does not tell if it was used.
 
         Args:
-            report: Report on the messages read.
+            report: Report of the log.
             topics: Topics of the messages read.
         """
-        if self.overview is None:
-            counted = {
-                name: replace(topics.get(name, TopicInfo()), messages=number)
-                for name, number in report.read.items()
-            }
-            return (replace(report, notes=(*report.notes, self.note)) if self.note else report), {
-                **topics,
-                **counted,
-            }
-        known = self.overview.topics
-        undecodable = {
-            topic: (known[topic].messages, why) for topic, why in self.overview.undecodable.items()
+        unknown: dict[str, Any] = {}
+        if self.sampled is not None:
+            unknown = {"late": None, "gap_ns": None, "gap_from_ns": None}
+        counted = {
+            name: replace(topics.get(name, TopicInfo()), messages=number, **unknown)
+            for name, number in report.read.items()
         }
-        report = replace(
-            report,
-            read={name: topic.messages for name, topic in known.items()},
-            undecodable={**report.undecodable, **undecodable},
-        )
-        return report, {
-            name: TopicInfo(topic.schema, topic.messages, topic.first_ns, topic.last_ns, None, None)
-            for name, topic in known.items()
-        }
+        noted = (*report.notes, self.note) if self.note else report.notes
+        return replace(report, notes=noted), {**topics, **counted}
 
 
 def read_log(log: LogFile, full: bool, config: MeasurementConfig) -> Reading:
@@ -229,8 +212,8 @@ def read_log(log: LogFile, full: bool, config: MeasurementConfig) -> Reading:
         LogError: It cannot be read.
     """
     overview = "" if full else log.overview()
-    if isinstance(overview, Overview):
-        return Reading([block_of(list(overview.first))], overview)
+    if isinstance(overview, Block):
+        return Reading([overview], len(overview.messages))
     return Reading(
         log.blocks(partial(_may_state, config)),
         note=f"all of it was read: {overview}" if overview else "",

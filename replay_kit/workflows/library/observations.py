@@ -14,7 +14,7 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.netcdf.surface import RADAR
 from replay_kit.logs.netcdf.unknown import TOPIC, Asked, ping_of, profiles_in_memory
 from replay_kit.logs.netcdf.variables import Stored
-from replay_kit.logs.shared.payloads import PING, number, numbers, stamp
+from replay_kit.logs.payloads import PING, number, numbers, stamp
 from replay_kit.workflows.library.parts import dataset_of, is_table
 
 #: What a person states: a profile, a mean current, a single component.

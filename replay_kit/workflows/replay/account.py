@@ -10,7 +10,7 @@ from replay_kit.core.errors import MeasurementError
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import NO_MEANS, LogReport, Message
 from replay_kit.logs.merge import Merge
-from replay_kit.logs.shared.payloads import gather, short
+from replay_kit.logs.payloads import gather, short
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.step import left_out_rules
 from replay_kit.results.losses import coded, loss_json
@@ -62,11 +62,11 @@ class Account:
                 reasons[topic][f"cannot be decoded: {why}"] += count
         for (topic, reason), count in self.counts.skipped.items():
             reasons[topic][reason] += count
-        for counts, why in (
+        for excluded, why in (
             (self.merged.late, "later than the reorder window allows"),
             (self.merged.astray, "its stamp is far from its neighbours'"),
         ):
-            for topic, count in counts.items():
+            for topic, count in excluded.items():
                 reasons[topic][why] += count
         rows = []
         for topic in sorted(read):

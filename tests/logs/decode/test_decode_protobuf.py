@@ -151,19 +151,3 @@ def test_a_set_of_types_that_hold_nothing_is_refused(made):
         BudgetError, match="more types than 2048, or than one in 16 bytes of the descriptor set"
     ):
         protobuf_decoder(_schema(made()))
-
-
-@pytest.mark.parametrize(("lists", "numbers"), [(1023, 16), (1024, 15)])
-def test_a_type_has_up_to_16384_fields_those_in_lists_each_time(lists, numbers):
-    """Fields of a small type are written into each list of it: 1023 x 16 and 1023, or 1024 x 15 and 1024."""
-    schema = _schema(_file(message_type=[_kind("M", lists, ".t.B"), _kind("B", numbers)]))
-    if lists == 1024:
-        assert protobuf_decoder(schema)(b"\x0a\x02\x08\x07")["a1"] == [
-            {f"a{n}": 7 if n == 1 else 0 for n in range(1, 16)}
-        ]
-    else:
-        with pytest.raises(
-            BudgetError,
-            match="more than 16384 fields of one type and those in it",
-        ):
-            protobuf_decoder(schema)

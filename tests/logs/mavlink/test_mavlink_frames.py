@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from replay_kit.logs.blocks import ReadStatistics, chain
 from replay_kit.logs.mavlink import frames as mavlink_frames
 from replay_kit.logs.mavlink.frames import PADDING, checksums
-from replay_kit.logs.shared.blocks import ReadStatistics, chain
 from tests.logs.log_samples import tlog
 from tests.reference.mavlink import slow_chain, slow_crc
 

@@ -7,6 +7,7 @@ from foxglove import messages as foxglove_messages
 from google.protobuf import descriptor_pb2, message_factory
 from google.protobuf.descriptor_pool import DescriptorPool
 
+from replay_kit.config.run import LogConfig
 from replay_kit.logs.decode.decoders import decode_json
 from tests.logs.log_samples import one_channel_mcap
 from tests.logs.log_samples import read_log as read
@@ -135,10 +136,10 @@ def test_the_reason_is_kept_and_nothing_printed(
     schema,
     reason,
 ):
-    messages, report = read(
-        tmp_path, one_channel_mcap(encoding, schema, [b"\0\1\0\0" + bytes(8)] * 2)
-    )
+    data = one_channel_mcap(encoding, schema, [b"\0\1\0\0" + bytes(8)] * 2)
+    messages, report = read(tmp_path, data, LogConfig(remap={"/x": "/y"}))
     assert messages == []
-    assert report.undecodable["/x"][0] == 2
-    assert reason in report.undecodable["/x"][1]
+    ((topic, (count, why)),) = report.undecodable.items()
+    assert (topic, count) == ("/y", 2)
+    assert reason in why
     assert capsys.readouterr() == ("", "")

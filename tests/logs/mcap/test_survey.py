@@ -9,7 +9,6 @@ from mcap.writer import CompressionType, IndexType, Writer
 from replay_kit.config.run import LogConfig
 from replay_kit.logs.mcap import index
 from replay_kit.logs.mcap.reader import McapReader
-from replay_kit.logs.shared.blocks import Overview, TopicExtent
 from tests.fuzz.mishap import mishap
 from tests.logs.log_samples import json_mcap
 
@@ -88,17 +87,17 @@ def large(monkeypatch):
 def test_an_overview_states_counts_and_times_and_has_first_messages_of_each_topic(
     tmp_path, large, times
 ):
-    found = write(tmp_path, json_mcap(times, CompressionType.ZSTD), remap={"/a": "/c"}).overview()
-    assert isinstance(found, Overview)
+    log = write(tmp_path, json_mcap(times, CompressionType.ZSTD), remap={"/a": "/c"})
+    found = log.overview()
+    assert not isinstance(found, str)
     for first, name in enumerate(("/c", "/b")):
-        stamps = times[first::2]
-        assert found.topics[name] == TopicExtent("test.Number", 150, min(stamps), max(stamps))
-    assert found.messages == 300
+        own = found.time_ns[found.kind == found.kinds.index((name, "test.Number"))]
+        assert (own.min(), own.max()) == (min(times[first::2]), max(times[first::2]))
+    assert (log.report().read, log.report().undecodable) == ({"/c": 150, "/b": 150}, {})
     # four chunks of some five messages each
-    assert 10 < len(found.first) < 40
-    stamps = [message.time_ns for message in found.first]
+    assert 10 < len(found.messages) < 40
+    stamps = [message.time_ns for message in found.messages]
     assert sorted(times[: len(stamps)]) == stamps
-    assert found.undecodable == {}
 
 
 @pytest.mark.parametrize(

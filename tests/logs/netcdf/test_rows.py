@@ -82,6 +82,13 @@ def test_a_table_is_one_of_pings_whatever_its_columns_are_called(tmp_path, names
     assert (said.report.format, said.messages) == ("table", read(table).messages)
 
 
+def test_commas_in_numbers_of_a_table_are_points(tmp_path):
+    table, european = tmp_path / "a.csv", tmp_path / "b.csv"
+    table.write_bytes(PINGS)
+    european.write_bytes(PINGS.replace(b",", b";").replace(b".", b","))
+    assert read(european).messages == read(table).messages
+
+
 def test_values_of_a_table_have_a_depth_each_and_an_error(tmp_path):
     """A mooring, at a place of two dimensions."""
     path, speed = tmp_path / "a.nc", (("time", "cell", "y", "x"), np.full((2, 3, 1, 1), 0.1))

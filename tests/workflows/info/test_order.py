@@ -8,7 +8,7 @@ import pytest
 
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
-from replay_kit.logs.shared.blocks import block_of
+from replay_kit.logs.blocks import blocks_of
 from replay_kit.workflows.info.listing import asks_for_replay, gap_lines
 from replay_kit.workflows.info.reading import Order, TopicInfo
 
@@ -35,7 +35,7 @@ def messages(times_s, topics="a"):
 def ordered(said, size, window_s=1.0):
     order = Order(window_s)
     for begin in range(0, len(said), size):
-        order.add(block_of(said[begin : begin + size]))
+        order.add(*blocks_of(said[begin : begin + size]))
     order.finish()
     return order.topics
 
@@ -93,7 +93,7 @@ def test_a_message_as_old_as_the_window_is_not_late_and_a_nanosecond_more_is():
     for extra, late in ((0, 0), (1, 1)):
         times = [0, 10 * SECOND, 20 * SECOND, 10 * SECOND - extra]
         said = [Message(time, "a", "S", {}, 0, k) for k, time in enumerate(times)]
-        assert ordered(said, 4, 1.0)["a"].late == late
+        assert ordered(said, 4)["a"].late == late
 
 
 @pytest.mark.parametrize("size", [1, 2, 5, 100])

@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 
 PING, FIX = "replay_kit.AdcpPing", "foxglove.LocationFix"
 _NS = 1_000_000_000
+# rows of which messages are made at once
+_ROWS = 4096
+#: A message before it has a position: time [ns], topic, schema, payload.
+Entry = tuple[int, str, str, dict[str, Any]]
 
 
 def stamp(time_ns: int) -> dict[str, int]:
@@ -60,9 +64,7 @@ def location_fix(
     }
 
 
-def fix_entries(
-    columns: Mapping[str, NDArray[Any]],
-) -> Iterator[tuple[int, str, str, dict[str, Any]]]:
+def fix_entries(columns: Mapping[str, NDArray[Any]]) -> Iterator[Entry]:
     """Yield time, topic, schema and payload of each fix at the surface.
 
     Args:
@@ -72,6 +74,34 @@ def fix_entries(
     for time_ns, longitude, latitude, error in zip(*held, strict=True):
         fix = location_fix(time_ns, longitude, latitude, 0.0, False, error)
         yield time_ns, "/vehicle/fix", FIX, fix
+
+
+def entries(
+    kind: tuple[str, str],
+    time_ns: NDArray[np.int64],
+    columns: Mapping[str, NDArray[Any]],
+    rows: NDArray[np.intp],
+    common: Mapping[str, Any],
+    stamped: bool = True,
+) -> Iterator[Entry]:
+    """Yield a message for each of some rows of a table: common fields and its columns, null where not finite.
+
+    Args:
+        kind: Topic and schema of the messages.
+        time_ns: Times of the rows, shape (n,) [ns, UTC].
+        columns: Columns, shape (n, ...); that of the times themselves is left out.
+        rows: Indices of the rows, in the order of the messages.
+        common: Fields of all messages.
+        stamped: Whether the messages have their time as ``stamp``.
+    """
+    own = {key: column for key, column in columns.items() if column is not time_ns}
+    # some rows at once, to limit memory
+    for some in np.split(rows, range(_ROWS, rows.size, _ROWS)):
+        parts = [column[some] for column in own.values()]
+        held = [numbers(part) if part.dtype.kind == "f" else part.tolist() for part in parts]
+        for time, *row in zip(time_ns[some].tolist(), *held, strict=True):
+            payload = {**common, **dict(zip(own, row, strict=True))}
+            yield time, *kind, {"stamp": stamp(time)} | payload if stamped else payload
 
 
 # not within names, such as VelocityBeam1

@@ -1,8 +1,7 @@
-"""Results of reading a log: counts and damage, messages as columns, and the overview from the log's index."""
+"""Results of reading a log: counts and damage, and messages as columns."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -109,26 +108,30 @@ class Block(NamedTuple):
     kinds: tuple[tuple[str, str], ...]
     kind: NDArray[np.intp]
     time_ns: NDArray[np.int64]
-    messages: list[Message]
+    messages: Sequence[Message]
 
 
 def blocks_of(messages: Iterable[Message]) -> Iterator[Block]:
     """Yield blocks of decoded messages."""
     following = iter(messages)
     while batch := list(islice(following, _SIZE)):
-        yield block_of(batch)
+        yield block_of([message[:3] for message in batch], batch)
 
 
-def block_of(messages: list[Message]) -> Block:
-    """Return decoded messages as a block."""
+def block_of(stated: Sequence[tuple[int, str, str]], messages: Sequence[Message]) -> Block:
+    """Return a block.
+
+    Args:
+        stated: Time [ns, UTC], topic and schema of each message.
+        messages: Decoded messages, of these or some of them.
+
+    Raises:
+        OverflowError: A time is past the year 2262.
+    """
     kinds: dict[tuple[str, str], int] = {}
-    kind = [kinds.setdefault((message.topic, message.schema), len(kinds)) for message in messages]
-    return Block(
-        tuple(kinds),
-        np.array(kind, np.intp),
-        np.array([message.time_ns for message in messages], np.int64),
-        messages,
-    )
+    kind = [kinds.setdefault((topic, schema), len(kinds)) for _, topic, schema in stated]
+    times = np.array([time_ns for time_ns, _, _ in stated], np.int64)
+    return Block(tuple(kinds), np.array(kind, np.intp), times, messages)
 
 
 Indices = NDArray[np.signedinteger[Any]]
@@ -152,61 +155,15 @@ def chain(start: Indices, end: Indices) -> Indices:
     return np.flatnonzero(keep)
 
 
-def lose_gaps(
-    statistics: ReadStatistics, what: str, before: int, start: Indices, end: Indices
-) -> int:
-    """Record the bytes between records as losses and return the end of the last record [bytes].
+def gaps(what: str, before: int, start: Indices, end: Indices) -> list[Loss]:
+    """Return the bytes between records as losses.
 
     Args:
-        statistics: Statistics that receive the losses.
         what: Description of the losses.
         before: End of the previous record in the file.
         start: Start of each record in the file, shape (n,), increasing.
         end: End of each record, shape (n,).
     """
-    ends = np.concatenate([[before], end])
-    for gap in np.flatnonzero(start > ends[:-1]).tolist():
-        statistics.lose(what, int(ends[gap]), int(start[gap] - ends[gap]))
-    return int(ends[-1])
-
-
-@dataclass(frozen=True, slots=True)
-class TopicExtent:
-    """Extent of one topic, by the file's index.
-
-    Attributes:
-        schema: Name of its schema.
-        messages: Number of messages.
-        first_ns: Earliest log time [ns].
-        last_ns: Latest log time [ns].
-    """
-
-    schema: str
-    messages: int
-    first_ns: int
-    last_ns: int
-
-    def joined(self, other: "TopicExtent") -> "TopicExtent":
-        """Return the extent of this topic in two parts of the file."""
-        span = min(self.first_ns, other.first_ns), max(self.last_ns, other.last_ns)
-        return TopicExtent(self.schema, self.messages + other.messages, *span)
-
-
-@dataclass(frozen=True, slots=True)
-class Overview:
-    """Overview of a file by its index.
-
-    Attributes:
-        topics: Extents by topic.
-        undecodable: Topic to the reason why it cannot be decoded.
-        first: First messages of each other topic, in order of time.
-    """
-
-    topics: Mapping[str, TopicExtent]
-    undecodable: Mapping[str, str]
-    first: tuple[Message, ...]
-
-    @property
-    def messages(self) -> int:
-        """Number of messages."""
-        return sum(topic.messages for topic in self.topics.values())
+    ends = np.append(before, end)
+    at = np.flatnonzero(start > ends[:-1]).tolist()
+    return [Loss(what, int(ends[k]), int(start[k] - ends[k])) for k in at]

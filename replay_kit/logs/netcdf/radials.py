@@ -4,33 +4,30 @@ import io
 import re
 from array import array
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
+from replay_kit.config.run import LogConfig
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import LogError
-from replay_kit.core.files.inputs import open_input
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from replay_kit.core.message import Message
 from replay_kit.core.words.text import count_text
-from replay_kit.logs.netcdf.quality import is_failed, worst_flag
+from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.quality import deciding, is_failed, worst_flag
 from replay_kit.logs.netcdf.surface import LIGHT, RADAR, depth_of
-from replay_kit.logs.reader import LogFile, unreadable
-from replay_kit.logs.shared.blocks import ReadStatistics
-from replay_kit.logs.shared.payloads import numbers, stamp
+from replay_kit.logs.netcdf.variables import NetcdfFile
+from replay_kit.logs.payloads import Entry, numbers, stamp
+from replay_kit.logs.reader import Entries, Told, read_bytes
 
 #: First part of the topic, before the station's name.
 TOPIC = "/radar/radials"
 _COLUMNS = ("LOND", "LATD", "VELO", "HEAD", "RNGE", "BEAR")
 # spatial and temporal standard deviation, and the accuracy that phased arrays state
 _ERRORS = ("ESPC", "ETMP", "EACC")
-# QARTOD: the primary flag sums up the tests
-_PRIMARY, _TEST = "PRIM", re.compile(r"Q\d{3}|QC\d{2}")
 _KEYS = ("TimeStamp", "Origin", "TransmitCenterFreqMHz", "TableColumnTypes")
 # keys with numbers, how many, and what stands for them where they are not stated
 _NUMBERS = {
@@ -49,75 +46,12 @@ _NEAR = 3.0
 _MOST = 1 << 24
 
 
-class RadialsReader(LogFile):
-    """Reader of the radial files of one station as one log."""
+def open_radials(path: Path) -> NetcdfFile:
+    """Return a file without its columns, with the header's contents as attributes.
 
-    format = "radar-radials"
-
-    def _prepare(self) -> None:
-        """Read the files' headers.
-
-        Raises:
-            LogError: A file cannot be read, or lacks its time, origin, frequency or a column.
-        """
-        self._headers = sorted(
-            map(read_header, self.files), key=lambda each: (each.time_ns, each.path)
-        )
-
-    def messages(self) -> Iterator[Message]:
-        """Yield the radials of each file as a message on ``/radar/radials/STATION``.
-
-        Raises:
-            LogError: The radials of a file do not fit its station or are not in cm/s.
-        """
-        self.statistics = ReadStatistics()
-        lost: Counter[str] = Counter()
-        for position, head in enumerate(self._headers):
-            columns, dropped = _radials(head)
-            name = self._topic(f"{TOPIC}/{head.station}")
-            lost.update(dropped)
-            notes = [f"{count} radials {what}, not used" for what, count in lost.items()]
-            notes += [] if set(_ERRORS) & set(head.names) else [_NO_STATED_ERROR]
-            self.statistics.notes = tuple(f"{head.station}: {note}" for note in notes)
-            self.statistics.read[name] += 1
-            payload = {
-                "stamp": stamp(head.time_ns),
-                "depth": depth_of(head.frequency),
-                "averaged": 60.0 * head.stated["TimeCoverage"][0],
-                "error_length": 0.0,
-                **{key: numbers(values) for key, values in columns.items()},
-            }
-            yield Message(head.time_ns, name, RADAR, payload, self.input, position)
-
-
-class Header(NamedTuple):
-    """Header of a file.
-
-    Attributes:
-        path: The file.
-        station: Name of the station.
-        time_ns: Time of the radials [ns, UTC].
-        stated: Numbers by key: ``Origin``, latitude and longitude of the station [degrees]; ``TransmitCenterFreqMHz``; ``TimeCoverage``,
-            minutes that the radials are averaged over; ``DopplerResolutionHzPerBin``, NaN if not stated.
-        names: Names of the columns.
-        units: Line with their units.
-    """
-
-    path: Path
-    station: str
-    time_ns: int
-    stated: Mapping[str, list[float]]
-    names: list[str]
-    units: str
-
-    @property
-    def frequency(self) -> float:
-        """Frequency of the radar [MHz]."""
-        return self.stated["TransmitCenterFreqMHz"][0]
-
-
-def read_header(path: Path) -> Header:
-    """Return the header of a file.
+    These are the station's name (``deployment_name``), ``time`` [ns, UTC], the line of units (``units``), and lists of numbers by key:
+    ``Origin``, latitude and longitude of the station [degrees]; ``TransmitCenterFreqMHz``; ``TimeCoverage``, minutes that the radials are
+    averaged over; ``DopplerResolutionHzPerBin``, NaN if not stated.
 
     Raises:
         LogError: The file cannot be read, lacks a required key, or one is invalid.
@@ -158,21 +92,47 @@ def read_header(path: Path) -> Header:
         raise LogError(
             f"{path}: TimeStamp: expected six numbers, got {stated['TimeStamp']}"
         ) from error
-    station = (found.get("Site", "").split() or ["unnamed"])[0]
-    return Header(path, station, round(time.timestamp()) * 1_000_000_000, stated, names, units)
+    named = {
+        "deployment_name": (found.get("Site", "").split() or ["unnamed"])[0],
+        "time": round(time.timestamp()) * 1_000_000_000,
+        "units": units,
+    }
+    return NetcdfFile(path, named | stated, {}, tuple(names))
 
 
-def station_of(path: Path) -> tuple[str]:
-    """Return the name of a file's station, common to the files of one log."""
-    return (read_header(path).station,)
+def _read(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
+    """Return a message per file on ``/radar/radials/STATION``, without radials that are over land or fail their flags."""
+    del dialect, config
+    notes, begun = told.notes, len(told.notes)
+
+    def entries() -> Iterator[Entry]:
+        del notes[begun:]
+        lost: Counter[str] = Counter()
+        for file in sorted(files, key=lambda each: (each.attributes["time"], each.path)):
+            columns, dropped = _radials(file)
+            lost.update(dropped)
+            station, time_ns = (file.attributes[name] for name in ("deployment_name", "time"))
+            payload = {
+                "stamp": stamp(time_ns),
+                "depth": depth_of(file.attributes["TransmitCenterFreqMHz"][0]),
+                "averaged": 60.0 * file.attributes["TimeCoverage"][0],
+                "error_length": 0.0,
+                **{key: numbers(values) for key, values in columns.items()},
+            }
+            yield time_ns, f"{TOPIC}/{station}", RADAR, payload
+        notes.extend(f"{station}: {count} radials {what}, not used" for what, count in lost.items())
+        if not {*_ERRORS} & {*file.names}:
+            notes.append(f"{station}: {_NO_STATED_ERROR}")
+
+    return lambda: [(), entries()]
+
+
+#: Radials as LLUV text, which a file's first bytes tell.
+RADIALS = Dialect("radar-radials", "radials (LLUV)", "", {}, log_of="mission", read=_read)
 
 
 def _lines(path: Path) -> Iterator[str]:
-    try:
-        with open_input(path) as file:
-            data = file.read(_MOST + 1)
-    except OSError as error:
-        raise unreadable(path, error) from error
+    data = read_bytes(path, _MOST + 1)
     if len(data) > _MOST:
         raise LogError(
             f"{path}: expected radials of a station of at most {_MOST >> 20} MB; is it the right file?"
@@ -180,25 +140,25 @@ def _lines(path: Path) -> Iterator[str]:
     return (line.decode("latin-1") for line in io.BytesIO(data))
 
 
-def _radials(head: Header) -> tuple[dict[str, Array], Counter[str]]:
+def _radials(file: NetcdfFile) -> tuple[dict[str, Array], Counter[str]]:
     """Return the columns of the usable radials, and counts of the excluded ones."""
-    names, values, left_out = head.names, array("d"), 0
-    for line in _lines(head.path):
+    names, values, left_out = file.names, array("d"), 0
+    for line in _lines(file.path):
         row = [] if line.startswith("%") else line.split()
         left_out += 0 < len(row) != len(names)
         if len(row) == len(names):
             try:
                 values.extend(map(float, row))
             except ValueError as error:
-                raise LogError(f"{head.path}: radials: expected numbers, got {error}") from error
+                raise LogError(f"{file.path}: radials: expected numbers, got {error}") from error
     of = dict(zip(names, np.array(values).reshape(-1, len(names)).T, strict=True))
-    _check_station(head, of)
-    _check_unit(head, of["VELO"])
+    _check_station(file, of)
+    _check_unit(file, of["VELO"])
     n = of["VELO"].size
     errors = [of[name] for name in _ERRORS if name in of] or [np.full(n, _USUAL_ERROR)]
     std = np.fmax.reduce([np.where(each < _NO_ERROR, each, np.nan) for each in errors])
     flag = of.get("VFLG", np.zeros(n)).astype(np.int64)
-    tests = [_PRIMARY] if _PRIMARY in of else [name for name in names if _TEST.fullmatch(name)]
+    tests = deciding(names)
     quality = worst_flag([of[name].astype(np.int8) for name in tests], (n,))
     over_land, failed, unflagged = flag & _OVER_LAND > 0, is_failed(quality), flag == 0
     dropped = {
@@ -221,30 +181,32 @@ def _radials(head: Header) -> tuple[dict[str, Array], Counter[str]]:
     return used, +counts + Counter({"in incomplete lines": left_out})
 
 
-def _check_station(head: Header, of: Mapping[str, Array]) -> None:
+def _check_station(file: NetcdfFile, of: Mapping[str, Array]) -> None:
     """Raise LogError if radials do not lie at their range and bearing from the station in the header."""
-    latitude, longitude = head.stated["Origin"]
+    latitude, longitude = file.attributes["Origin"]
     x, y = to_local(Projection(longitude, latitude), of["LOND"], of["LATD"])
     distance, angle = 1e3 * of["RNGE"], np.deg2rad(of["BEAR"])
     away = np.hypot(x - distance * np.sin(angle), y - distance * np.cos(angle))
     if away.size and float(np.median(away)) > 1e3 * _NEAR:
         raise LogError(
-            f"{head.path}: radials of another station: they lie {np.median(away) / 1e3:.0f} km from their range and bearing about "
-            f"{head.station}; give the original file"
+            f"{file.path}: radials of another station: they lie {np.median(away) / 1e3:.0f} km from their range and bearing about "
+            f"{file.attributes['deployment_name']}; give the original file"
         )
 
 
-def _check_unit(head: Header, speed: Array) -> None:
+def _check_unit(file: NetcdfFile, speed: Array) -> None:
     """Raise LogError if speeds are not in cm/s, by the stated unit or the resolution of the Doppler spectrum."""
-    if _OTHER_UNITS.search(head.units):
+    about = file.attributes
+    if _OTHER_UNITS.search(about["units"]):
         raise LogError(
-            f"{head.path}: radials: expected speeds in cm/s, the file states {head.units.strip('% ')}; convert them first"
+            f"{file.path}: radials: expected speeds in cm/s, the file states {about['units'].strip('% ')}; convert them first"
         )
     # half a radar's wavelength a cycle, in cm
-    resolution = 50.0 * LIGHT / head.frequency * head.stated["DopplerResolutionHzPerBin"][0]
+    wavelength = LIGHT / about["TransmitCenterFreqMHz"][0]
+    resolution = 50.0 * wavelength * about["DopplerResolutionHzPerBin"][0]
     rms = float(np.sqrt(np.mean(speed**2))) if speed.size else np.nan
     if rms < resolution:
         raise LogError(
-            f"{head.path}: radials: expected speeds in cm/s, got {rms:.2f} RMS, less than the {resolution:.1f} cm/s that the radar "
+            f"{file.path}: radials: expected speeds in cm/s, got {rms:.2f} RMS, less than the {resolution:.1f} cm/s that the radar "
             "resolves: they look like knots or m/s; convert them first"
         )
