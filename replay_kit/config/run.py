@@ -78,7 +78,7 @@ class LogConfig(Section):
     remap: Annotated[dict[str, str], Option("OLD=NEW")] = Field(default_factory=dict)
     columns: Annotated[
         dict[
-            Literal["time", "longitude", "latitude", "depth", "u", "v", "error"],
+            Literal["time", "longitude", "latitude", "depth", "height", "u", "v", "error"],
             Annotated[float | str, Field(union_mode="left_to_right")],
         ],
         Option("QUANTITY=COLUMN"),

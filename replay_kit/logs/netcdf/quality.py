@@ -91,6 +91,26 @@ def as_qartod(stored: Stored) -> NDArray[np.int8]:
     return flags
 
 
+def without_bad(
+    file: NetcdfFile, name: str, values: NDArray[Any], notes: list[str]
+) -> NDArray[Any]:
+    """Return the values of a variable, of any shape, with NaN where the flags that decide on it call them bad."""
+    for flag in _flags_of(file, name):
+        bad = flagged_bad(flag, file.variables[flag], "", notes)
+        if bad.size == values.size:
+            values = np.where(bad.reshape(values.shape), np.nan, values)
+    return values
+
+
+def _flags_of(file: NetcdfFile, name: str) -> list[str]:
+    """Return the names of the flags that decide on a variable: its ancillary variables with meanings, else those beside it by name."""
+    held = file.variables
+    named = held[name].text("ancillary_variables").split()
+    stated = [one for one in named if one in held and _meanings(held[one])]
+    beside = [one for one in (f"{name}_QC", f"{name}_qc") if one in held]
+    return deciding(stated) or stated or beside
+
+
 def deciding(names: Collection[str]) -> list[str]:
     """Return the names of the flags that decide: those that sum up all tests, without any those of single tests."""
     summed, tests = (

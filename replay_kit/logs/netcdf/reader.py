@@ -12,7 +12,7 @@ from replay_kit.logs.netcdf.glider_dialects import GLIDERS
 from replay_kit.logs.netcdf.radials import RADIALS, open_radials
 from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
 from replay_kit.logs.netcdf.text import form_of, open_text
-from replay_kit.logs.netcdf.unknown import PINGS, ROWS, require_no_grid
+from replay_kit.logs.netcdf.unknown import NEEDED, PINGS, ROWS, require_no_grid
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import LogFile, Told, WholeLog
 
@@ -116,9 +116,7 @@ def _opened(path: Path, config: LogConfig) -> tuple[NetcdfFile, Dialect]:
         if dialect is None:
             flat = {name: stored for name, stored in held.items() if stored.extents < 3}
             require_no_grid(path, held)
-            asked = (
-                form != "netcdf" or config.columns or len(PINGS.chosen(flat)) == len(PINGS.names)
-            )
+            asked = form != "netcdf" or config.columns or PINGS.chosen(flat).keys() >= NEEDED
             dialect, held = (PINGS, flat) if asked else (ROWS, held)
         found.append(dialect)
         if dialect.by_times:

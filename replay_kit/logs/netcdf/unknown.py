@@ -20,6 +20,7 @@ from replay_kit.core.words.text import some_text
 from replay_kit.logs.netcdf import units
 from replay_kit.logs.netcdf.columns import Table, are_known, read_values, rows_of
 from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.quality import without_bad
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.payloads import PING, entries, numbers, stamp
 from replay_kit.logs.reader import Entries, Told
@@ -27,6 +28,7 @@ from replay_kit.logs.reader import Entries, Told
 TOPIC = "/observations"
 _EXPECTED = "expected a table with the columns time, longitude, latitude, depth [m], u, v and error [m/s], a row a depth"
 _PLACE = ("time", "longitude", "latitude")
+_FLAGGED = ("longitude", "latitude", "depth", "u", "v")
 
 #: By quantity the name of its column, or its value in all rows.
 Asked = Mapping[Any, str | float]
@@ -48,7 +50,7 @@ def _chosen(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]
                 f"logs.columns.{key}: expected a column of {file.path}, one of {some_text(list(held))}, got '{name}'"
             )
         chosen[str(key)] = str(name)
-    if lacking := [key for key in PINGS.names if key not in chosen]:
+    if lacking := sorted(NEEDED - chosen.keys(), key=[*PINGS.names].index):
         raise ConfigError(
             f"{file.path}: {_EXPECTED}; it lacks {', '.join(lacking)}"
             f"{'; state the standard error of each component, it is not guessed' if 'error' in lacking else ''}"
@@ -90,7 +92,12 @@ def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[
         LogError: The unit of the times is unknown.
     """
     file, chosen = _chosen(file, asked)
-    rows = _over_rows(file, chosen, read_values(file, PINGS, chosen, notes))
+    values = read_values(file, PINGS, chosen, notes)
+    for key in _FLAGGED:
+        values[key] = without_bad(file, chosen[key], values[key], notes)
+    rows = _over_rows(file, chosen, values)
+    if "height" in rows:
+        rows["depth"] = rows["depth"] - rows["height"]
     known = are_known(rows)
     good = np.isfinite(rows["depth"] + rows["u"] + rows["v"])
     if (bad := known & good & ~(rows["error"] > 0.0)).any():
@@ -129,7 +136,7 @@ def _over_rows(file: NetcdfFile, chosen: Mapping[str, str], values: Table) -> Ta
     # of a grid, or of columns that have no rows in common
     if len(shape) > 2 or np.prod(shape) > max(own.size for own in values.values()):
         raise ConfigError(f"{file.path}: {_EXPECTED}, got columns over {some_text(order)}")
-    placed = {dim for key in (*_PLACE, "depth") for dim in dims[key]}
+    placed = {dim for key in (*_PLACE, "depth", "height") for dim in dims.get(key, ())}
     if bare := sizes.keys() - placed:
         raise ConfigError(
             f"{file.path}: {chosen['u']} varies along {some_text([*bare])}, {chosen['depth']} does not; "
@@ -189,6 +196,7 @@ PINGS = Dialect(
         "longitude": "longitude lon",
         "latitude": "latitude lat",
         "depth": "depth",
+        "height": "height_above_sensor",
         "u": "eastward_sea_water_velocity u east eastward",
         "v": "northward_sea_water_velocity v north northward",
         "error": "error error_std standard_error",
@@ -200,17 +208,19 @@ PINGS = Dialect(
         "error": "eastward_sea_water_velocity standard_error",
     },
     quantities={
-        "depth": _DEPTH,
+        **dict.fromkeys(("depth", "height"), _DEPTH),
         **dict.fromkeys(("u", "v", "error"), _SPEED),
     },
     units={
         **dict.fromkeys(("longitude", "latitude"), "degrees"),
-        "depth": "m",
+        **dict.fromkeys(("depth", "height"), "m"),
         **dict.fromkeys(("u", "v", "error"), "m/s"),
     },
     beside=".*",
     read=_pings,
 )
+#: Quantities that a table of pings has; cells of a mooring may have heights above the depth of its instrument.
+NEEDED = PINGS.names.keys() - {"height"}
 
 # first part of the topic of rows, before the name of the time variable
 _ROWS_TOPIC = "netcdf/"
@@ -257,13 +267,13 @@ def _read_rows(
         kind, size = stored.values.dtype.kind, stored.values.ndim
         if other == name or "." in other or kind not in "iufb" or size > 2:
             continue
-        values = stored.unpacked()
+        values = without_bad(file, other, stored.unpacked(), said)
         values = values.T if values.ndim == 2 and values.shape[0] != n else values
         if values.ndim in (1, 2) and values.shape[0] == n:
             rows[other] = values
         elif values.ndim < 2 and values.size < n:
             fixed[other] = values
-    hint = _NO_ERROR * (PINGS.names.keys() - PINGS.chosen(file.variables) == {"error"})
+    hint = _NO_ERROR * (NEEDED - PINGS.chosen(file.variables).keys() == {"error"})
     if not rows:
         raise LogError(
             f"{file.path}: {_OTHER}, got no variable along {name} alone: {', '.join(file.variables)}{hint or _NOT_A_LOG}"

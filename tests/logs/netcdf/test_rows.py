@@ -100,9 +100,35 @@ def test_values_of_a_table_have_a_depth_each_and_an_error(tmp_path):
     mooring.assign(depth=("time", [40.0, 41.0])).to_netcdf(path)
     with pytest.raises(LogError, match="u varies along cell, depth does not"):
         read(path, stated)
+    upwards = mooring.assign(
+        depth=("time", [40.0, 41.0]), Height_above_sensor=("cell", [8.0, 16.0, 24.0])
+    )
+    upwards.to_netcdf(path)
+    assert [one.payload["cell_distances"] for one in read(path, stated).messages] == [
+        [16.0, 24.0, 32.0],
+        [17.0, 25.0, 33.0],
+    ]
+    mooring.assign(depth=("time", [40.0, 41.0])).to_netcdf(path)
     said = read(path)
     assert "--columns error=0.05" in said.report.notes[0]
     assert said.messages[0].payload["latitude"] == -40.0
+
+
+@pytest.mark.parametrize("flag", ["u_qc", "u_quality_control", "quality"])
+def test_bins_of_a_table_that_are_flagged_bad_are_not_used(tmp_path, flag):
+    held = {name: ("time", [0.1, 0.2, 0.3]) for name in ("u", "v", "error")}
+    held |= {"longitude": 152.0, "latitude": -40.0, "depth": 9.0}
+    table = xr.Dataset(held, {"time": np.array(["2020", "2021", "2022"], "M8[ns]")})
+    meanings = {"flag_values": [1, 3, 4], "flag_meanings": "good suspect bad"}
+    table[flag] = "time", np.array([1, 4, 3], "i1"), meanings
+    table["u"].attrs["ancillary_variables"] = flag
+    table.to_netcdf(tmp_path / "a.nc")
+    said = read(tmp_path / "a.nc")
+    assert [one.payload["velocity"][0][0] for one in said.messages] == [0.1, None, None]
+    assert "1 x 3 (suspect), not used" in " ".join(said.report.notes)
+    table.drop_vars("error").to_netcdf(tmp_path / "rows.nc")
+    rows = read(tmp_path / "rows.nc").messages
+    assert [one.payload["u"] for one in rows] == [0.1, None, None]
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
