@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from itertools import takewhile
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -84,12 +85,18 @@ def open_logs(
         LogError: See ``open_log``; or a folder holds no log, or glider files of several missions.
     """
     files = [file for path in paths for file in logs_in(Path(path))]
-    groups: dict[LogFormat, list[Path]] = {}
-    for file in files:
-        groups.setdefault(_format_of(file), []).append(file)
-    logs = [log for form, own in groups.items() for log in _opened(own, form, config, wanted)]
-    place = {file: number for number, file in enumerate(files)}
-    logs.sort(key=lambda log: place[log.files[0]])
+    groups: dict[LogFormat, list[int]] = {}
+    for place, file in enumerate(files):
+        groups.setdefault(_format_of(file), []).append(place)
+    found: list[tuple[int, LogFile]] = []
+    for form, places in groups.items():
+        own = [files[place] for place in places]
+        logs = _opened(own, form, config, wanted)
+        # a file may be given twice; of several files the first tells the place
+        if len(logs) < len(own):
+            places = [places[own.index(log.files[0])] for log in logs]
+        found += zip(places, logs, strict=True)
+    logs = [log for _, log in sorted(found, key=itemgetter(0))]
     for number, log in enumerate(logs):
         log.input = number
     if len(logs) > 1 and not several_missions:

@@ -59,6 +59,15 @@ def test_a_folder_that_lacks_logs_is_refused(tmp_path, name, text, words):
         open_logs([tmp_path])
 
 
+def test_logs_keep_the_order_in_which_they_are_given_twice_too(tmp_path):
+    log, dive = tmp_path / "a.mcap", glider_samples.bodc(tmp_path / "b.nc")
+    log.write_bytes(json_mcap(range(3)))
+    given = [log, dive, log, *glider_samples.gliderdac(tmp_path / "c")]
+    found = [(log.files[0], log.input) for log in open_logs(given)]
+    assert found == [(log, 0), (dive, 1), (log, 2), (given[3], 3)]
+    assert [log.files for log in open_logs([dive, log, dive])] == [(dive,), (log,), (dive,)]
+
+
 def test_profiles_of_two_missions_are_two_logs(tmp_path):
     raw = tmp_path / "raw"
     first, second = glider_samples.seaexplorer(raw)

@@ -96,10 +96,10 @@ def logs_of_columns(paths: Sequence[Path], config: LogConfig | None) -> list[Log
         LogError: A file cannot be read, or is a forecast.
     """
     groups: dict[Any, tuple[Dialect, list[NetcdfFile]]] = {}
-    for path in paths:
+    for number, path in enumerate(paths):
         file, dialect = _opened(path, config or LogConfig())
         missions = missions_of(file, dialect.name) if dialect.log_of == "mission" else ()
-        key = path if dialect.log_of == "file" else (dialect.name, *missions)
+        key = number if dialect.log_of == "file" else (dialect.name, *missions)
         groups.setdefault(key, (dialect, []))[1].append(file)
     return [log_of_columns(files, dialect, Told(), config) for dialect, files in groups.values()]
 
