@@ -23,9 +23,6 @@ from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.state import RunState
 from replay_kit.workflows.replay.state_file import StateError, read_state, unusable, write_state
 
-# What stages raise on a state whose parts are of other kinds or sizes.
-_FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
@@ -97,9 +94,7 @@ class States:
     ) -> tuple[Checkpoint, Iterator[Message]]:
         """Return the state in a file, and the messages after it; for errors see ``resume``."""
         stream, self._digest = self._counted(messages), hashlib.sha256()
-        checkpoint = read_state(path, self._identity)
-        if not (isinstance(checkpoint, Checkpoint) and isinstance(checkpoint.state, RunState)):
-            raise unusable(path, "it is not a checkpoint")
+        checkpoint: Checkpoint = read_state(path, self._identity)
         deque(islice(stream, checkpoint.state.messages), 0)
         if self._grows and self._digest.hexdigest() != checkpoint.digest:
             raise unusable(path, "the logs have changed before it")
@@ -116,15 +111,15 @@ class States:
             begin: Writes the head of a result, given the time of its first message [ns, UTC].
 
         Raises:
-            StateError: Earlier output is missing, or the state is invalid.
+            StateError: Earlier output is missing or damaged.
         """
-        try:
-            run.state = checkpoint.state
-            begin(checkpoint.begun_ns)
-            if (writer := run.writer) is not None:
+        run.state = checkpoint.state
+        begin(checkpoint.begun_ns)
+        if (writer := run.writer) is not None:
+            try:
                 writer.resume(writer.path if self._grows else writer.part, checkpoint.writer)
-        except (LogError, *_FOREIGN_STATE) as error:
-            raise unusable(self.path, str(error)) from error
+            except LogError as error:
+                raise unusable(self.path, str(error)) from error
 
     def _counted(self, messages: Iterator[Message]) -> Iterator[Message]:
         """Yield messages after adding them to the digest."""
