@@ -344,10 +344,12 @@ def test_a_file_may_hold_what_is_asked_for(flow, tmp_path):
         for asked in (f"--config {config}", f"{ASK} --arrive 1")
     ]
     assert found[0]["legs"] == found[1]["legs"] != []
-    assert (
-        "--start is missing; expected replay-kit plan FLOW"
-        in run(f"{flow} --goal=152.52,-39.96,0", code=2).output
-    )
+    for given, missing in (
+        ("--goal=152.52,-39.96,0", "--start"),
+        ("--start=152.42,-40,0", "--goal"),
+    ):
+        said = run(f"{flow} {given}", code=2).output
+        assert f"{missing} is missing; expected " in said
     config.write_text("[plan]\nrisky = 0.1\n")
     assert "unknown key 'plan.risky'" in run(f"{flow} {ASK} --config {config}", code=2).output
 
