@@ -265,7 +265,7 @@ def _placed(state: ForecastState, expected: Mixture, dive: Dive) -> DiveForecast
 def forecast_mean(
     state: ForecastState, mean: PathMean, backgrounds: Array | None = None
 ) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after a DAC, and the outcome of its dive; unchanged by a surface drift or a DAC without fixes.
+    """Return the state after a DAC, and the outcome of its dive; unchanged by a DAC without fixes.
 
     Args:
         state: State before it.
@@ -273,7 +273,7 @@ def forecast_mean(
         backgrounds: shape (2, 2) [m/s], true east and north, DAC predicted by the prior and by the estimate before the dive; NaN where
             unknown, None if both are.
     """
-    if mean.kind != "dac" or mean.fixes is None:
+    if mean.fixes is None:
         return state, ()
     if not state.states_means:
         # dives without a mean current are known less well
@@ -334,13 +334,13 @@ def dive_mean(gathered: Gathered, mean: PathMean, backgrounds: Array) -> DiveMea
 
 
 def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
-    """Return the flight of a DAC's dive; None for a surface drift or an unknown velocity through the water.
+    """Return the flight of a DAC's dive; None for an unknown velocity through the water.
 
     Args:
         mean: The DAC.
         dive: Its dive in the form of the model, if known.
     """
-    if mean.kind != "dac" or mean.fixes is None:
+    if mean.fixes is None:
         return None
     dive = dive or dive_mean(Gathered(), mean, _UNKNOWN)
     return flown_dive(
