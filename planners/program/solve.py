@@ -263,6 +263,11 @@ class _Rounds:
             given["walls"] = self.walls.planes(self.flown, _AHEAD + self.extra, straight)
         most, settings = self.start.depths, task.settings
         least = most if settings.depths is None else np.minimum(settings.depths[0], most)
+        if settings.depths is not None:
+            # a leg that passes a goal below the surface goes down to it
+            of_goals = np.array(self.start.goal_legs[:-1], np.intp) - 1
+            np.maximum.at(least, of_goals, task.goals[: of_goals.size, 2])
+            least = np.minimum(least, most)
         angles = (1e-3, inf) if task.is_glide else task.vehicle.angles
         slowest, fastest = task.settings.speeds or (task.vehicle.speed, task.vehicle.speed)
         paces = slowest / task.vehicle.speed, fastest / task.vehicle.speed
@@ -294,9 +299,9 @@ class _Rounds:
         ends, self.angles, depths, missed, rest = np.split(
             x, np.cumsum([2 * n, legs, legs, goals.size])
         )
-        self.ends, self.depths = ends.reshape(n, 2) * KM, depths * KM
-        self.missed, self.beyond = missed.reshape(2, -1, order="F"), float(rest[0])
         # on a limit but for the barrier
+        self.ends, self.depths = ends.reshape(n, 2) * KM, np.clip(depths * KM, least, most)
+        self.missed, self.beyond = missed.reshape(2, -1, order="F"), float(rest[0])
         self.pace = round(float(rest[1]), 5)
         through, lasts, end = (np.asarray(value) for value in asked.result(x, parameters))
         status, iterations = str(told["return_status"]), int(told["iter_count"])

@@ -98,7 +98,7 @@ class Search:
         if best is None or settings.legs is not None:
             return
         while not task.is_late:
-            fewer = self.recut(best, best.count - 1, self.fewest(best, depth))
+            fewer = self.recut(best, best.count - 1, self.fewest(best, depth), depth)
             if fewer is None:
                 break
             best = fewer
@@ -106,7 +106,7 @@ class Search:
             ways[0][1].passed[-1]
         ):
             # legs that bend more often may be quicker beside walls
-            self.recut(best, best.count + 1, least)
+            self.recut(best, best.count + 1, least, depth)
 
     def approach(self, way: Passage, deep: bool, limit: Limit = "") -> None:
         """Try the route with the closest approach to a goal out of reach, with a limited number of legs."""
@@ -130,14 +130,21 @@ class Search:
                 return
         self.attempt(cut(task, "nearest", way, count, LEAST_DIVE))
 
-    def recut(self, best: Solution, count: int, least: int) -> Solution | None:
-        """Return the solution with another number of legs along the same route; None if too few or not better."""
+    def recut(self, best: Solution, count: int, least: int, depth: float) -> Solution | None:
+        """Return the solution with another number of legs along the same route; None if too few or not better.
+
+        Args:
+            best: Solution along the route.
+            count: Number of legs.
+            least: Least number of legs.
+            depth: Greatest depth of the dives [m].
+        """
         task = self.task
         assert best.start is not None
         name = f"{best.start.name.removesuffix(AGAIN)}{AGAIN}"
         if count < least or (name, count) in self.tried:
             return None
-        found = self.attempt(cut(task, name, as_passage(best), count, float(best.start.depths[0])))
+        found = self.attempt(cut(task, name, as_passage(best), count, depth))
         return (
             found
             if is_feasible(task, found) and ranking(task, found) < ranking(task, best)

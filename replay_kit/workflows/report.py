@@ -4,8 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from replay_kit.core.files.atomic import write_whole
 from replay_kit.core.files.paths import check_paths
 from replay_kit.results.mcap.schemas import CONTRACT_VERSION
@@ -67,8 +65,7 @@ def opened(path: Path, made: Outcome | None = None) -> Iterator[Contents]:
     Raises:
         LogError: The file is missing, or is not a result.
     """
-    # of such small products the threads of a library only wait for each other
-    with threadpool_limits(limits=1), sound_result(path) as sound:
+    with sound_result(path) as sound:
         result = read_result(sound.path, made, sound.file)
         notes = (*sound.lines, *(_RECOVERED for _ in sound.losses[:1]), *_version_notes(result))
         yield Contents(result, notes, sound.exit_code)

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from threadpoolctl import threadpool_limits
+
 from replay_kit.core.errors import LogError, ReplayKitError
 from replay_kit.core.files.paths import as_path
 from replay_kit.core.message import Loss
@@ -67,11 +69,14 @@ class Sound:
 def sound_result(path: Path) -> Iterator[Sound]:
     """Yield a result with valid checksums; errors of its readers from lost content name the loss.
 
+    The products of matrices in a result are small: threads of a library would only wait for each other.
+
     Raises:
         LogError: Too little of the file could be recovered.
     """
-    with tempfile.TemporaryDirectory(prefix="replay_kit_") as folder:
-        sound = recover(path, Path(folder))
+    folder = tempfile.TemporaryDirectory(prefix="replay_kit_")
+    with threadpool_limits(limits=1), folder as name:
+        sound = recover(path, Path(name))
         try:
             yield sound
         except (ReplayKitError, *_INCOMPLETE) as error:

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 import xarray as xr
 from mcap.reader import make_reader
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from planners import MissionSettings, waypoints_of
 from planners.clearance import Violation
 from replay_kit import __version__
 from replay_kit.config.run import load_config
+from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.file import load
 from replay_kit.results import difference
 from replay_kit.workflows.planning.areas import read_areas
@@ -89,6 +91,23 @@ def test_its_files_are_whole_when_a_reader_of_its_table_stops_early(flow, tmp_pa
     assert json.loads(answer.read_text())["status"] == "reached"
     with out.open("rb") as file:
         assert make_reader(file).get_summary() is not None
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_plan_is_computed_with_as_many_threads_as_are_asked_for(
+    flow, tmp_path, monkeypatch, threads
+):
+    used, config = set(), tmp_path / "run.toml"
+    config.write_text("[output]\nthreads = 2\n" if threads == 2 else "")
+
+    def counted(*_):
+        used.update(one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas")
+        raise PlanError("counted")
+
+    monkeypatch.setattr("replay_kit.workflows.planning.run.plan_mission", counted)
+    with threadpool_limits(limits=3):
+        run(f"{flow} {ASK} --samples 0 --config {config}", code=3)
+    assert used == {threads}
 
 
 def test_a_plan_says_what_it_was_made_of_and_can_be_made_again(flow, tmp_path):
@@ -344,10 +363,12 @@ def test_a_file_may_hold_what_is_asked_for(flow, tmp_path):
         for asked in (f"--config {config}", f"{ASK} --arrive 1")
     ]
     assert found[0]["legs"] == found[1]["legs"] != []
-    assert (
-        "--start is missing; expected replay-kit plan FLOW"
-        in run(f"{flow} --goal=152.52,-39.96,0", code=2).output
-    )
+    for given, missing in (
+        ("--goal=152.52,-39.96,0", "--start"),
+        ("--start=152.42,-40,0", "--goal"),
+    ):
+        said = run(f"{flow} {given}", code=2).output
+        assert f"{missing} is missing; expected " in said
     config.write_text("[plan]\nrisky = 0.1\n")
     assert "unknown key 'plan.risky'" in run(f"{flow} {ASK} --config {config}", code=2).output
 

@@ -3,7 +3,6 @@
 A damaged file is refused by name with exit code 3, or read with what was lost named and exit code 4, or answers as the sound one does.
 """
 
-import json
 import pickle
 import time
 import warnings
@@ -11,7 +10,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from replay_kit import open_estimate, open_result
@@ -139,7 +137,7 @@ def own_files(folder: Path) -> list[Own]:
         run_until(job, _CONFIG, 60)
     write_memory(place, Memory(said=("a log",) * 40, forecast="ensemble.nc sha256:0"))
     files = {path.name: path for path in place.iterdir() if path.is_file()}
-    run_name, _ = json.loads(np.load(files["run.ck"])["replay-kit state 15"].tobytes())
+    run_name, _ = pickle.loads(files["run.ck"].read_bytes().partition(b"\n")[2])
     commands = _result_commands(folder)
 
     return [

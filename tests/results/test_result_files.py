@@ -150,6 +150,10 @@ def cut_at(end):
 
 BROKEN = {
     "none": (lambda path, run: None, "cannot read the result: No such file"),
+    "a forecast": (
+        lambda path, run: path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(90)),
+        r"out\.mcap: expected a result .*, got a file that is no MCAP; give the file of --out",
+    ),
     "no bytes": (cut_at(0), r"expected a complete result of replay-kit replay"),
     "cut early": (
         cut_at(200),

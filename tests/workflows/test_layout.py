@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +9,9 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 
-from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.run import RunConfig
-from replay_kit.core.plan import Place
 from replay_kit.results.layout.layout import layout_of
-from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke, succeed
-from tests.workflows.replay.interrupted import QUICK, make_ocean
 
-CONFIG = RunConfig(
-    planner=PlannerConfig(kind="glide"),
-    estimator=QUICK,
-)
 #: Panels and the schemas that they show in Foxglove 2 and Lichtblick 1.
 SHOWN = {
     "map": {"foxglove.LocationFix", "foxglove.GeoJSON"},
@@ -39,15 +27,9 @@ SHOWN = {
 }
 
 
-@pytest.fixture(scope="module")
-def result(tmp_path_factory) -> Path:
-    folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30)
-    out = folder / "out.mcap"
-    job = ReplayJob(
-        (folder / "glider.mcap",), folder / "ensemble.nc", out, goal=Place(152.3, -39.8, 150.0)
-    )
-    replay(replace(job, ensemble=(folder / "ensemble.nc",)), CONFIG, planner_of)
-    return out
+@pytest.fixture
+def result(run) -> Path:
+    return run / "out.mcap"
 
 
 def named_paths(layout: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -1,24 +1,17 @@
 """A replay that is fed message by message: what it says at any time, and that asking changes nothing."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import replay_kit as rk
 from replay_kit.core.errors import ConfigError
 from replay_kit.logs.mcap.writer import write_mcap_log
-from tests.workflows.replay.interrupted import QUICK, make_ocean
+from tests.workflows.replay.interrupted import QUICK
 
 SETTINGS = {
     "estimator": QUICK,
     "measurements": {"flight_bias": False},
 }
-
-
-@pytest.fixture(scope="module")
-def ocean(tmp_path_factory) -> Path:
-    return make_ocean(tmp_path_factory.mktemp("ocean"), rk.RunConfig(**SETTINGS), 36)
 
 
 def test_fed_message_by_message_and_asked_after_each_it_ends_with_the_estimate_of_a_replay(ocean):

@@ -12,41 +12,15 @@ from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 from replay_kit import open_result
-from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import LogError
-from replay_kit.core.plan import Place
-from replay_kit.forecast import read_truth
 from replay_kit.results import difference
-from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.verify import _job, verify
-from tests import synthetic
 from tests.command import invoke, succeed
 from tests.workflows.replay.interrupted import QUICK
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory) -> Path:
-    """A folder with a log, an ensemble, and the result of a replay with a goal."""
-    folder = tmp_path_factory.mktemp("run")
-    synthetic.write_ocean(folder, 12)
-    config = RunConfig(planner=PlannerConfig(kind="glide"), estimator=QUICK)
-    make_twin(
-        read_truth(str(folder / "truth.nc"), config.forecast),
-        Twin("glider", 30, 0.05, 1),
-        folder / "glider.mcap",
-    )
-    job = ReplayJob(
-        (folder / "glider.mcap",),
-        folder / "ensemble.nc",
-        folder / "out.mcap",
-        goal=Place(152.3, -39.8, 150.0),
-    )
-    replay(job, config, planner_of)
-    return folder
 
 
 def changed(

@@ -122,7 +122,7 @@ def _plan(config: "RunConfig", outputs: Outputs, known: "Mapping[Path, FlowFile]
     """Plan one mission or one per glider, write the files and return the exit code."""
     from replay_kit.workflows.planning.inputs import planned_on
 
-    with progress():
+    with progress(config.output.threads):
         on = planned_on(config.plan, config.planner, known)
         # the planners, after places that they have no current for
         from replay_kit.workflows.planning.run import make_plans

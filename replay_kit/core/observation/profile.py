@@ -248,6 +248,10 @@ class Profiles:
         """Return a column."""
         return self.columns[name]
 
+    def changed(self, **columns: NDArray[Any]) -> "Profiles":
+        """Return the profiles with other values in some columns."""
+        return Profiles({**self.columns, **columns}, self.topics)
+
     def rows(self, at: Any) -> "Profiles":
         """Return a subset of the profiles."""
         return Profiles({name: column[at] for name, column in self.columns.items()}, self.topics)

@@ -51,9 +51,11 @@ def region_block(
     # a tolerance of some 10 m, because file coordinates are often float32
     inside_x = np.mod(longitude - west + 1e-4, 360.0) <= width + 2e-4
     inside_y = (latitude >= south - 1e-4) & (latitude <= north + 1e-4)
-    inside = inside_y[:, None] & inside_x if longitude.ndim == 1 else inside_x & inside_y
-    rows, found = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-    if rows.size == 0:
+    if longitude.ndim == 2:
+        inside = inside_x & inside_y
+        inside_y, inside_x = (np.asarray(inside.any(axis=axis)) for axis in (1, 0))
+    rows, found = np.flatnonzero(inside_y), np.flatnonzero(inside_x)
+    if rows.size == 0 or found.size == 0:
         return None
     count, columns = longitude.shape[-1], np.arange(found[0], found[-1] + 1)
     gaps = np.diff(found)

@@ -5,7 +5,7 @@ Every fault maps true velocities to logged ones; ``undo`` is its inverse.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Observation
+from replay_kit.core.observation import Profiles
 from replay_kit.logs.tables.columns import number
 from replay_kit.logs.tables.frames import SCHEMA, declination_in
 from replay_kit.measurements.checks.likelihood import UNITS
@@ -71,11 +71,11 @@ class Sounding:
     """Profile with the declination that its message states.
 
     Attributes:
-        observation: Profile as read.
+        profile: Profile as read, alone.
         declination: Magnetic declination [degrees east]; NaN if not stated.
     """
 
-    observation: Observation
+    profile: Profiles
     declination: float
 
 
@@ -90,7 +90,7 @@ class Fault(NamedTuple):
 
     name: str
     advice: str
-    undo: Callable[[Sounding], Observation]
+    undo: Callable[[Sounding], Profiles]
 
 
 def declination_of(message: Message) -> float:
@@ -120,11 +120,11 @@ def direction_faults(soundings: Sequence[Sounding]) -> list[Fault]:
     return faults
 
 
-def _mapped(matrix: Array, sounding: Sounding) -> Observation:
-    return replace(sounding.observation, velocity=sounding.observation.velocity @ matrix.T)
+def _mapped(matrix: Array, sounding: Sounding) -> Profiles:
+    return sounding.profile.changed(velocity=sounding.profile["velocity"] @ matrix.T)
 
 
-def _rotated(turns: float, sounding: Sounding) -> Observation:
+def _rotated(turns: float, sounding: Sounding) -> Profiles:
     """Return a profile rotated clockwise from magnetic to true axes by the declination, if stated."""
     angle = math.radians(turns * np.nan_to_num(sounding.declination))
     cosine, sine = math.cos(angle), math.sin(angle)

@@ -86,6 +86,12 @@ def complete(path: Path) -> Iterator[None]:
             f"{path}: cannot read the result: {error.strerror}; check the path"
         ) from error
     except DAMAGED as error:
+        with path.open("rb") as file:
+            begins = file.read(len(_MAGIC))
+        if begins not in (b"", _MAGIC):
+            raise LogError(
+                f"{path}: expected a result of replay-kit replay or plan, got a file that is no MCAP; give the file of --out"
+            ) from error
         raise LogError(
             f"{path}: expected a complete result of replay-kit replay: {error!r}; replay-kit convert recovers the messages of a partial one"
         ) from error

@@ -7,22 +7,21 @@ import logging
 import os
 import signal
 import uuid
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import (
-    FIRST_COMPLETED,
     CancelledError,
-    Executor,
     Future,
     ProcessPoolExecutor,
-    wait,
+    ThreadPoolExecutor,
+    as_completed,
 )
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread, local
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -33,7 +32,6 @@ from replay_kit.workflows.replay.inputs.provenance import package_versions
 
 #: How long a scheduler, and its first worker, are waited for [s].
 TIMEOUT_S = 20.0
-_Calls = deque[tuple[int, tuple[Any, ...]]]
 
 
 class UnreachableError(ReplayKitError):
@@ -51,16 +49,14 @@ class Workers:
     Attributes:
         name: Description for messages.
         size: Number of simultaneous calls.
-        begun: Starts a number of workers.
-        made: Submits a call to a worker.
+        submit: Gives a call to a worker.
         killed: Errors of a call whose worker died each time.
     """
 
     name: str
     size: int
-    begun: Callable[[int], AbstractContextManager[Executor]]
-    made: Callable[..., Any]
-    killed: tuple[type[Exception], ...] = ()
+    submit: Callable[..., Future[Any]]
+    killed: tuple[type[Exception], ...]
 
     def starmap(
         self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]
@@ -70,73 +66,79 @@ class Workers:
         Raises:
             Exception: The error of the call.
         """
-        done: dict[int, Any] = {}
-        following = 0
-        for number, value, error in self.completed(function, rows):
-            done[number] = value, error
-            while following in done:
-                value, error = done.pop(following)
-                following += 1
-                if error is not None:
-                    raise error
-                yield value
+        with self._begun(function, rows) as calls:
+            yield from map(self._result, calls)
 
     def completed(
-        self, function: Callable[..., Any], calls: Iterable[tuple[Any, ...]]
+        self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]
     ) -> Iterator[tuple[int, Any, Exception | None]]:
         """Yield the number, result and error of each call as soon as it ends.
 
         Raises:
             UnreachableError: The scheduler was lost.
         """
-        waiting, again = _Calls(enumerate(calls)), _Calls()
-        while waiting or again:
-            # which of the calls that were being made killed a worker shows when each is made alone
-            alone = not waiting
-            queue, size = (_Calls([again.popleft()]), 1) if alone else (waiting, self.size)
-            for call, future in self._made(function, queue, size):
-                value, error = _outcome(future)
-                if isinstance(error, BrokenProcessPool) and not alone:
-                    again.append(call)
-                    continue
-                if isinstance(error, CancelledError):
-                    raise UnreachableError(
-                        f"{self.name}: the scheduler was lost; finished results are kept: restart it, and continue with --resume"
-                    )
-                if isinstance(error, (BrokenProcessPool, *self.killed)):
-                    error = LostCallError("the worker died each time; was there enough memory?")
-                yield call[0], value, error
+        with self._begun(function, rows) as calls:
+            for future in as_completed(calls):
+                try:
+                    yield calls[future], self._result(future), None
+                except UnreachableError:
+                    raise
+                except Exception as error:
+                    yield calls[future], None, error
 
-    def _made(
-        self, function: Callable[..., Any], waiting: _Calls, size: int
-    ) -> Iterator[tuple[tuple[int, tuple[Any, ...]], Future[Any]]]:
-        """Yield calls as they end, ``size`` at a time, until none is left or the pool breaks: then the unfinished ones."""
-        running = dict[Future[Any], Any]()
-        with self.begun(size) as pool:
-            while waiting or running:
-                with suppress(BrokenProcessPool):
-                    while waiting and len(running) < size:
-                        future = pool.submit(self.made, function, *waiting[0][1])
-                        running[future] = waiting.popleft()
-                ended, _ = wait(running, return_when=FIRST_COMPLETED)
-                broken = any(isinstance(_outcome(one)[1], BrokenProcessPool) for one in ended)
-                for future in wait(running).done if broken else ended:
-                    yield running.pop(future), future
-                if broken or not ended:
-                    return
+    @contextmanager
+    def _begun(
+        self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]
+    ) -> Iterator[dict[Future[Any], int]]:
+        """Yield submitted calls with their numbers; those that have not begun at the end of the block are given up."""
+        calls = {self.submit(function, *row): number for number, row in enumerate(rows)}
+        try:
+            yield calls
+        finally:
+            for future in calls:
+                future.cancel()
+
+    def _result(self, future: Future[Any]) -> Any:
+        """Return the result of a call, or raise its error."""
+        try:
+            return future.result()
+        except CancelledError as error:
+            raise UnreachableError(
+                f"{self.name}: the scheduler was lost; finished results are kept: restart it, and continue with --resume"
+            ) from error
+        except self.killed as error:
+            raise LostCallError("the worker died each time; was there enough memory?") from error
 
 
 @contextmanager
-def _processes(count: int) -> Iterator[Executor]:
-    """Yield processes of this machine, which end with the block or with this process."""
-    before = set(active_children())
-    pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
+def _processes(count: int) -> Iterator[Callable[..., Future[Any]]]:
+    """Yield a function that submits calls to processes of this machine, which end with the block or with this process.
+
+    A thread waits for each process, so that the death of one concerns its own call alone.
+    """
+    own, ended, before = local(), Event(), set(active_children())
+
+    def called(function: Callable[..., Any], *arguments: Any, repeat: bool = True) -> Any:
+        """Return the result of a call by the process of this thread; one that dies is replaced, and its call repeated once."""
+        if not hasattr(own, "process"):
+            own.process = ProcessPoolExecutor(1, get_context("spawn"), _begin)
+        try:
+            return own.process.submit(_alone, function, *arguments).result()
+        except BrokenProcessPool:
+            del own.process
+            if ended.is_set() or not repeat:
+                raise
+            return called(function, *arguments, repeat=False)
+
+    threads: Any = ThreadPoolExecutor(count)
     try:
-        yield pool
+        yield partial(threads.submit, called)
     finally:
+        ended.set()
+        threads.shutdown(wait=False, cancel_futures=True)
         for process in set(active_children()) - before:
             process.terminate()
-        pool.shutdown(cancel_futures=True)
+        threads.shutdown()
 
 
 def _begin() -> None:
@@ -176,7 +178,9 @@ def open_workers(
         UnreachableError: The scheduler does not answer in time, or has no worker.
     """
     if scheduler is None:
-        yield Workers("this machine", workers or _cores(), _processes, _alone)
+        count = workers or _cores()
+        with _processes(count) as submit:
+            yield Workers("this machine", count, submit, (BrokenProcessPool,))
         return
     if workers is not None:
         raise ConfigError(f"--scheduler {scheduler} has its own workers; omit --workers")
@@ -196,16 +200,12 @@ def open_workers(
     with dask.config.set(settings), _connected(scheduler) as client:
         _check(client, files, out)
         size = sum(client.nthreads().values())
-
-        @contextmanager
-        def begun(_: int) -> Iterator[Executor]:
-            pool = client.get_executor(pure=False)
-            try:
-                yield pool
-            finally:
-                pool.shutdown(wait=False)
-
-        yield Workers(scheduler, size, begun, _synchronous, (distributed.KilledWorker,))
+        pool = client.get_executor(pure=False)
+        try:
+            submit = partial(pool.submit, _synchronous)
+            yield Workers(scheduler, size, submit, (distributed.KilledWorker,))
+        finally:
+            pool.shutdown(wait=False)
 
 
 @contextmanager
@@ -300,14 +300,6 @@ def _size(path: Path) -> int | None:
     if not path.exists():
         return None
     return path.stat().st_size if path.is_file() else 0
-
-
-def _outcome(future: Future[Any]) -> tuple[Any, Exception | None]:
-    """Return the result and the error of a finished call."""
-    try:
-        return future.result(), None
-    except Exception as error:
-        return None, error
 
 
 def _alone(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -17,6 +17,7 @@ from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.checks import DryRun, dry_run
 from replay_kit.workflows.replay.inputs.provenance import (
     file_hash,
+    input_hash,
     package_versions,
     run_settings_toml,
 )
@@ -104,7 +105,7 @@ def _identity(mission: Mission) -> str:
     """Return the SHA-256 of the inputs, goal, settings and versions that a result depends on."""
     job = mission.job
     text = [
-        [(path.name, file_hash(path)) for path in mission.files],
+        [(path.name, input_hash(path)) for path in mission.files],
         [(one.name, len(one.logs)) for one in job.vehicles],
         str(job.goal),
         str(job.truth).rpartition("/")[2],

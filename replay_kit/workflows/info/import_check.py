@@ -7,7 +7,7 @@ log far less likely is reported as a warning, since the ensemble may be wrong in
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from threadpoolctl import threadpool_limits
 
-from replay_kit.config.run import MeasurementConfig, RunConfig
+from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import (
     Finding,
     ForecastError,
@@ -26,22 +26,17 @@ from replay_kit.core.errors import (
     finding_json,
     finding_line,
 )
-from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
-from replay_kit.core.observation import Flag, Observation, Profiles, usable
+from replay_kit.core.observation import Flag, Profiles, usable
 from replay_kit.core.region import around
 from replay_kit.estimator import ReducedBasisEstimator, build
 from replay_kit.estimator.update.screening import screen
-from replay_kit.logs import merge
-from replay_kit.measurements.checks.check import Checked, check
 from replay_kit.measurements.checks.instrument import DEAD
 from replay_kit.measurements.checks.profile import (
     ENSEMBLE,
     REPAIRABLE,
     SURFACE,
     UNIT,
-    EnsembleSpeeds,
-    ensemble_speeds,
 )
 from replay_kit.measurements.checks.slips import (
     Fault,
@@ -49,10 +44,9 @@ from replay_kit.measurements.checks.slips import (
     declination_of,
     direction_faults,
 )
-from replay_kit.measurements.observed import blocks, rows
 from replay_kit.workflows.replay.inputs.checks import check_inputs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.scan import Logs, open_readers
+from replay_kit.workflows.replay.inputs.scan import Logs
 
 # profiles examined, spread over the log: their joint covariance is one matrix
 _MOST_PROFILES = 200
@@ -91,69 +85,38 @@ def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConf
         LogError: A log cannot be opened.
         ConfigError: The settings do not permit a replay.
     """
+    found: list[Sounding] = []
+    declinations: dict[tuple[int, str], float] = defaultdict(lambda: math.nan)
+
+    def note(message: Message) -> None:
+        if math.isfinite(declination := declination_of(message)):
+            declinations[message.input, message.topic] = declination
+
+    def keep(profile: Profiles) -> None:
+        source = profile.source
+        found.append(Sounding(profile, declinations[source.input, source.topic]))
+
     with threadpool_limits(limits=config.output.threads):
         try:
-            forecast = _checked(logs, ensemble, config)
+            job = ReplayJob(tuple(logs), ensemble)
+            checked = check_inputs(job, config, on_message=note, on_profile=keep)
         except (ForecastError, MeasurementError) as error:
             unit = any(finding.name == UNIT for finding in error.findings)
             what = "the directions were" if unit else "the log was"
             return ImportCheck(
                 0, error.findings, note=f"{what} not compared with the ensemble", refusal=error
             )
-        settings, speeds = config.logs, ensemble_speeds(forecast.grid.levels, forecast.velocity)
-        messages = merge(
-            open_readers(logs, config), settings.reorder_window, settings.start_ns, settings.end_ns
-        )
-        found, state = soundings(messages, config.measurements, speeds)
-        if any(finding.name in _GROSS for finding in state.findings):
+        if any(finding.name in _GROSS for finding in checked.findings):
             return ImportCheck(
-                0, state.findings, note="the directions were not compared with the ensemble"
+                0, checked.findings, note="the directions were not compared with the ensemble"
             )
+        forecasts = checked.forecasts
+        forecast, region = forecasts.ensemble, forecasts.region
+        if forecasts.read is not None and region is not None:
+            # a replay would read windows that follow the vehicle
+            forecast = forecasts.read(around(Logs([logs], config).places, region.margin))
         compared = check_import(found, build([forecast], config.estimator))
-        return replace(compared, findings=state.findings + compared.findings)
-
-
-def _checked(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConfig) -> Ensemble:
-    """Return the part of an ensemble around logs, after the checks of a replay; for arguments and errors see there."""
-    forecasts = check_inputs(ReplayJob(tuple(logs), ensemble), config).forecasts
-    if forecasts.read is None or forecasts.region is None:
-        return forecasts.ensemble
-    # a replay would read windows that follow the vehicle
-    return forecasts.read(around(Logs([logs], config).places, forecasts.region.margin))
-
-
-def soundings(
-    messages: Iterable[Message], config: MeasurementConfig, speeds: EnsembleSpeeds | None = None
-) -> tuple[list[Sounding], Checked]:
-    """Return the profiles among messages, each with its stated declination, and the checks of a replay.
-
-    Args:
-        messages: Messages in order of time.
-        config: Settings of observations.
-        speeds: Speeds of the ensemble; None for no comparison.
-
-    Raises:
-        LogError: A log cannot be read.
-    """
-    found: list[Sounding] = []
-    declinations: dict[tuple[int, str], float] = defaultdict(lambda: math.nan)
-    state = Checked()
-
-    def noted() -> Iterator[Message]:
-        """Yield the messages, each after its declination is noted."""
-        for message in messages:
-            declination = declination_of(message)
-            if math.isfinite(declination):
-                declinations[message.input, message.topic] = declination
-            yield message
-
-    for block in blocks(noted(), config):
-        state, block, _ = check(state, block, speeds, config.dead_reckoning == "through_water")
-        for event in rows(block):
-            if isinstance(event, Observation):
-                stated = declinations[event.source.input, event.source.topic]
-                found.append(Sounding(event, stated))
-    return found, state
+        return replace(compared, findings=checked.findings + compared.findings)
 
 
 def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) -> ImportCheck:
@@ -163,14 +126,14 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
         found: Profiles of the log.
         estimator: Estimator of the ensemble.
     """
-    inside = [sounding for sounding in found if _usable(sounding.observation, estimator).size]
+    inside = [sounding for sounding in found if _usable(sounding.profile, estimator).any()]
     if len(inside) < _LEAST_PROFILES:
         return ImportCheck(
             0, (), note=f"fewer than {_LEAST_PROFILES} profiles lie in the ensemble's water"
         )
     chosen = inside[:: math.ceil(len(inside) / _MOST_PROFILES)]
     widened = [_widened(sounding, estimator) for sounding in chosen]
-    logged, _ = _likelihood(estimator, [sounding.observation for sounding in widened])
+    logged, _ = _likelihood(estimator, [sounding.profile for sounding in widened])
     trials = [
         (fault, *_likelihood(estimator, [fault.undo(sounding) for sounding in widened]))
         for fault in direction_faults(widened)
@@ -202,17 +165,15 @@ def _blind_spot(chosen: Sequence[Sounding]) -> str:
 
 def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
     """Return a profile with the estimator's inflated errors where its bins repeat each other."""
-    observation = sounding.observation
-    offered = _offered(observation, _usable(observation, estimator))
+    profile = sounding.profile
+    offered = _offered(profile, _usable(profile, estimator))
     _, (stepped,) = estimator.assimilate(estimator.initial(), [offered])
     factor = math.sqrt(stepped.innovation.error_inflation)
-    return replace(
-        sounding, observation=replace(observation, error_std=factor * observation.error_std)
-    )
+    return replace(sounding, profile=profile.changed(error_std=factor * profile["error_std"]))
 
 
 def _likelihood(
-    estimator: ReducedBasisEstimator, profiles: Sequence[Observation]
+    estimator: ReducedBasisEstimator, profiles: Sequence[Profiles]
 ) -> tuple[float, float]:
     """Return the log density of all profiles under the prior, and the normalised innovation squared per value."""
     trusting = replace(estimator, evidence=None, probability=None)
@@ -224,23 +185,20 @@ def _likelihood(
     return log, nis / dof
 
 
-def _offered(observation: Observation, bins: NDArray[Any]) -> Observation:
-    """Return a profile with the given bins good and all others failed."""
-    flags = np.full(observation.depth.size, Flag.FAIL, np.int8)
-    flags[bins] = Flag.GOOD
-    return replace(observation, flags=flags)
+def _offered(profile: Profiles, good: NDArray[np.bool_]) -> Profiles:
+    """Return a profile with some bins good, shape (1, m), and all others failed."""
+    return profile.changed(flags=np.where(good, Flag.GOOD, Flag.FAIL).astype(np.int8))
 
 
-def _usable(observation: Observation, estimator: ReducedBasisEstimator) -> NDArray[np.intp]:
-    """Return the bins in the ensemble's water that are good, or bad only as a fault could have made them."""
+def _usable(profile: Profiles, estimator: ReducedBasisEstimator) -> NDArray[np.bool_]:
+    """Return which bins in the ensemble's water are good, or bad only as a fault could have made them, shape (1, m)."""
     possible = (
-        (usable(observation.flags) | ((observation.reasons & ~np.int32(REPAIRABLE)) == 0))
-        & np.isfinite(observation.velocity).all(axis=1)
-        & (observation.depth >= 0.0)
+        (usable(profile["flags"]) | ((profile["reasons"] & ~np.int32(REPAIRABLE)) == 0))
+        & np.isfinite(profile["velocity"]).all(axis=2)
+        & (profile["depth"] >= 0.0)
     )
-    offered = Profiles.of([_offered(observation, possible)])
-    (flags,), _ = screen(offered.columns, estimator.grid, relative=False)
-    return np.flatnonzero(flags == Flag.GOOD)
+    flags, _ = screen(_offered(profile, possible).columns, estimator.grid, relative=False)
+    return np.asarray(flags == Flag.GOOD)
 
 
 def import_check_json(found: ImportCheck) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from replay_kit.core.observation.block import Block
 from replay_kit.core.observation.table import Columns
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
+from replay_kit.logs.blocks import Block as RawBlock
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.stamps import doubtful_times
 from replay_kit.logs.tables.schemas import NOT_A_KIND
@@ -26,6 +27,7 @@ from replay_kit.logs.tables.suggest import NAMED, sample_key, suggested_entries
 from replay_kit.measurements.observed import begun, blocks, taken
 from replay_kit.measurements.profiles.pings import NO_POSITION
 from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
+from replay_kit.workflows.replay.inputs.scan import next_block
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,18 +249,25 @@ def _inspect(
                 message = messages[due - since]
                 unknown[sample_key(name, message.payload)] = message.schema, message.payload
 
-    before = stamps_of(log.files)
-    with log:
-        reading = read_log(log, full, config.measurements)
-        for block in reading.blocks:
+    def messages(blocks: Iterable[RawBlock]) -> Iterator[Message]:
+        """Yield the decoded messages of blocks, after all of a block are put in order."""
+        for block in blocks:
             order.add(block)
             decoded.update(message.topic for message in block.messages)
-            take(block.messages)
             advance()
             for message in block.messages:
                 samples.setdefault(message.topic, message)
-        order.finish()
+                yield message
+
+    before = stamps_of(log.files)
+    with log:
+        reading = read_log(log, full, config.measurements)
+        # blocks of a reader may be small, and each costs as much to measure as many messages
+        read = messages(reading.blocks)
+        while together := next_block(read):
+            take(together)
         take((), last=True)
+        order.finish()
         check_unchanged(before)
         report, topics = reading.completed(log.report(), order.topics)
     times = [at for of in topics.values() for at in (of.first_ns, of.last_ns) if at is not None]

@@ -16,6 +16,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, TypedDict, Unpack
 
+from threadpoolctl import threadpool_limits
+
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.as_flown import AsFlown
@@ -302,7 +304,7 @@ def plan(
         start: Start position.
         goal: Goal.
         time: Start time: ISO 8601 text, datetime64 or integer nanoseconds (UTC); None for the estimate's time.
-        settings: See ``replay``; only ``[planner]`` applies.
+        settings: See ``replay``; ``[planner]`` and ``output.threads`` apply.
 
     Raises:
         PlanError: Start or goal is outside the region or on land, or the time outside the forecast.
@@ -312,10 +314,11 @@ def plan(
         raise ConfigError(
             f"estimate: expected a FlowEstimate, got {got}; open one with open_estimate, or take that of a result"
         )
-    config = settings_of(settings).planner.resolved(of_glider=True)
+    config = settings_of(settings)
     start_ns = (estimate.time_ns or 0) if time is None else int(to_time_ns(time))
     query = PlanQuery(place_of(start, "start"), place_of(goal, "goal"), start_ns)
-    return planned(estimate, query, config, None)
+    with threadpool_limits(limits=config.output.threads):
+        return planned(estimate, query, config.planner.resolved(of_glider=True), None)
 
 
 def planned(

@@ -117,9 +117,10 @@ class Live:
         with self._threads.limit(limits=self._run.config.output.threads):
             run = self._run.finished()
             estimate = run.flow_now()
-        # the last dive has ended
-        known, _ = forecast_end(run.of[0].forecasts)
-        query = PlanQuery(place_of(start, "start"), place_of(goal, "goal"), estimate.time_ns or 0)
-        return planned(
-            estimate, query, run.config.planner.resolved(known.states_means), known.as_flown
-        )
+            # the last dive has ended
+            known, _ = forecast_end(run.of[0].forecasts)
+            query = PlanQuery(
+                place_of(start, "start"), place_of(goal, "goal"), estimate.time_ns or 0
+            )
+            config = run.config.planner.resolved(known.states_means)
+            return planned(estimate, query, config, known.as_flown)

@@ -3,10 +3,8 @@
 # xarray, which is slow to load, is needed for a file alone
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
-from itertools import islice
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +13,7 @@ import numpy as np
 from planners.hazards.bottom import Bathymetry
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.files.inputs import exceeds_claim, open_input, unpacking
+from replay_kit.core.files.inputs import exceeds_claim
 from replay_kit.core.geodesy import to_local, unwrap_longitude
 from replay_kit.core.grid import Grid, Projection, Seabed
 from replay_kit.core.region import bounds_of
@@ -59,14 +57,12 @@ _LEVELS = (
     "zeta",
     "ssh",
 )
-_LONGITUDES = ("longitude", "lon", "nav_lon", "lon_rho", "x")
-_LATITUDES = ("latitude", "lat", "nav_lat", "lat_rho", "y")
 # Spacings of a file's points kept beyond the ends of a region.
 _BEYOND = 2.0
 
 
 def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
-    """Return the bottom depth in a NetCDF file; only the surroundings of a region are read.
+    """Return the bottom depth in a NetCDF file or Zarr store; only the surroundings of a region are read.
 
     The variable is found by standard name, or else by name. The attribute ``positive`` decides the sign; without it heights are positive up
     and depths positive down. The default unit is metres. Of water levels at several times the lowest is used. Land in ``mask_rho`` of ROMS
@@ -79,25 +75,12 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     Raises:
         ForecastError: No such variable on longitude and latitude exists, its unit is not a length, or it has no water.
     """
-    import h5py
-    import xarray as xr
+    # loads xarray
+    from replay_kit.forecast.files import opened_file
 
     try:
-        open_input(path).close()
-        # of a root that is damaged h5netcdf leaves a file half open, which is complained of later
-        with h5py.File(path, "r") as file:
-            arrays = [
-                item for item in file.values() if isinstance(item, h5py.Dataset) and item.size
-            ]
-            # axes are read at once, and a chunk with any of its values
-            axes = sum(item.size for item in arrays if item.ndim == 1)
-            claimed = 8 * max(axes, *(math.prod(item.chunks or ()) for item in arrays), 0)
-        if why := exceeds_claim(path, claimed):
-            raise ForecastError(f"{path}: cannot read the bathymetry: {why}; mend the file")
-        with unpacking(claimed):
-            opened = xr.open_dataset(path, engine="h5netcdf", phony_dims="access")
-        with opened:
-            return _in_region(path, opened.squeeze(), region)
+        with opened_file(path) as dataset:
+            return _in_region(path, dataset.squeeze(), region)
     except (
         *(OSError, ValueError, LookupError, RuntimeError, TypeError, OverflowError),
         MemoryError,
@@ -106,23 +89,25 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
 
 
 def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
-    found = next(_named(dataset, (*_DEPTHS, *_HEIGHTS), lambda one: one.ndim == 2), None)
-    axes = [
-        axis
-        for names in (_LONGITUDES, _LATITUDES)
-        for _, axis in islice(_named(dataset, names, partial(_is_axis, found)), 1)
-    ]
-    if found is None or len(axes) < 2:
+    from replay_kit.forecast.names import find_coordinates
+
+    wanted = (*_DEPTHS, *_HEIGHTS)
+    found, names = next(_named(dataset, wanted, lambda one: one.ndim == 2), None), list[str]()
+    if found is not None:
+        dataset = dataset.rename(_degrees(dataset))
+        with suppress(ForecastError):
+            *names, _ = find_coordinates(dataset, dataset[found[1].name].dims, str(path))
+    if found is None or not names:
         there = ", ".join(map(str, dataset.variables))
         raise ForecastError(
-            f"{path}: expected one of {', '.join((*_DEPTHS, *_HEIGHTS))} on longitude and latitude, found {there}"
+            f"{path}: expected one of {', '.join(wanted)} on longitude and latitude, found {there}"
         )
-    wanted, variable = found
-    up, flat = _is_up(path, variable, wanted), axes[0].ndim == 1
+    name, variable = found[0], dataset[found[1].name]
+    axes = [dataset[one] for one in names]
+    up, flat = _is_up(path, variable, name), axes[0].ndim == 1
     dims = (axes[1].dims[0], axes[0].dims[0]) if flat else variable.dims
     variable = variable.transpose(*dims)
     axes = axes if flat else [axis.transpose(*dims) for axis in axes]
-    _check_claim(path, *axes)
     cut = dict(zip(dims, _window(_values(axes[0]), _values(axes[1]), region), strict=True))
     # the cut is what is read
     dataset, variable = dataset.isel(cut), variable.isel(cut)
@@ -154,10 +139,10 @@ def _values(array: xr.DataArray) -> Array:
     return unpacked(array).astype(float)
 
 
-def _check_claim(path: Path, *arrays: xr.DataArray) -> None:
-    """Raise ForecastError for arrays too large to be plausible for the file."""
-    if why := exceeds_claim(path, sum(8 * array.size for array in arrays)):
-        raise ForecastError(f"{path}: cannot read {arrays[0].name}: {why}; mend the file")
+def _check_claim(path: Path, array: xr.DataArray) -> None:
+    """Raise ForecastError for an array too large to be plausible for the file."""
+    if why := exceeds_claim(path, 8 * array.size):
+        raise ForecastError(f"{path}: cannot read {array.name}: {why}; mend the file")
 
 
 def _named(
@@ -183,11 +168,15 @@ def _is_up(path: Path, variable: xr.DataArray, wanted: str) -> bool:
     return positive == "up"
 
 
-def _is_axis(found: tuple[str, xr.DataArray] | None, axis: xr.DataArray) -> bool:
-    """Return whether a variable may be an axis of the found one; x or y only in degrees."""
-    degrees = str(axis.attrs.get("units", "")).lower().startswith("degree")
-    named = degrees or str(axis.name).lower() not in ("x", "y")
-    return found is not None and named and axis.ndim > 0 and {*axis.dims} <= {*found[1].dims}
+def _degrees(dataset: xr.Dataset) -> dict[str, str]:
+    """Return new names of axes that are called x and y, if in degrees."""
+    units = {name: str(dataset[name].attrs.get("units", "")).lower() for name in dataset.variables}
+    usual = (("x", "lon"), ("y", "lat"))
+    return {
+        old: new
+        for old, new in usual
+        if units.get(old, "").startswith("degree") and new not in units
+    }
 
 
 def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array | None:
@@ -210,16 +199,11 @@ def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
         beyond = _BEYOND * max(float(np.median(each)) for each in steps)
         ends.append((float(of_region.min()) - beyond, float(of_region.max()) + beyond))
     (west, east), (south, north) = ends
-    rows = np.arange(len(latitude))
-    if latitude.ndim == 1:
-        # the rows by themselves: on a grid of the world each point is too much
-        rows = np.flatnonzero((latitude >= south) & (latitude <= north))
-        latitude = latitude[rows[:1]]
-    block = region_block(longitude, latitude, (west, south, east, north)) if rows.size else None
+    block = region_block(longitude, latitude, (west, south, east, north))
     if block is None:
         return slice(None), slice(None)
-    columns = parts[0] if len(parts := runs(block[1])) == 1 else block[1]
-    return runs(rows if latitude.ndim == 1 else block[0])[0], columns
+    columns = runs(block[1])
+    return runs(block[0])[0], columns[0] if len(columns) == 1 else block[1]
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
+from threadpoolctl import threadpool_limits
 
 from planners.output.mission import as_plan, legs_table
 from replay_kit.config.plan import PlanRequest
@@ -149,7 +150,8 @@ def plan_again(recorded: Recorded, config: RunConfig, found: Mapping[str, Path],
         ReplayKitError: The record is damaged, or the kind of plan is no longer supported.
     """
     request = checked(recorded_request(recorded.metadata[PLAN_RECORD], found))
-    each = make_plans(request, config.planner, planned_on(request, config.planner)).planned
+    with threadpool_limits(limits=config.output.threads):
+        each = make_plans(request, config.planner, planned_on(request, config.planner)).planned
     if (name := (request.of_glider or "") if request.glider else "") not in each:
         raise PlanError(
             f"{PLAN_RECORD}: expected the plan of a glider, one of {', '.join(each)}, got {request.of_glider}; plan again"

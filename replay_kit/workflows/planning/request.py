@@ -85,7 +85,9 @@ def _check(request: PlanRequest) -> None:
         ConfigError: Two options exclude each other, one needs another, or a value is invalid.
     """
     if not request.goal:
-        raise ConfigError("--goal: expected LON,LAT,DEPTH")
+        raise ConfigError(
+            "--goal is missing; expected --goal LON,LAT,DEPTH, or the result of a replay with a goal"
+        )
     # read once, so that what is wrong with them is said before anything is loaded
     _ = (
         *(

@@ -20,11 +20,7 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message
 from replay_kit.results.mcap.file import Written
 from replay_kit.workflows.replay.run import END, Run
-from replay_kit.workflows.replay.state import RunState
 from replay_kit.workflows.replay.state_file import StateError, read_state, unusable, write_state
-
-# What stages raise on a state whose parts are of other kinds or sizes.
-_FOREIGN_STATE = (TypeError, ValueError, LookupError, AttributeError, ArithmeticError)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,16 +28,21 @@ class Checkpoint:
     """Point at which a run resumes.
 
     Attributes:
-        state: State of all stages.
+        state: State of all stages, as in ``Run.state``.
         begun_ns: Time of the first message [ns, UTC].
         digest: Digest of the messages before, for growing logs.
         writer: State of the result's writer.
     """
 
-    state: RunState
+    state: Mapping[str, Any]
     begun_ns: int
     digest: str
     writer: tuple[Written, float | None]
+
+    @property
+    def last_ns(self) -> int:
+        """Time of the last message [ns, UTC]."""
+        return int(self.state["last_ns"])
 
 
 def run_identity(metadata: Mapping[str, Mapping[str, str]], settings_toml: str) -> str:
@@ -97,13 +98,11 @@ class States:
     ) -> tuple[Checkpoint, Iterator[Message]]:
         """Return the state in a file, and the messages after it; for errors see ``resume``."""
         stream, self._digest = self._counted(messages), hashlib.sha256()
-        checkpoint = read_state(path, self._identity)
-        if not (isinstance(checkpoint, Checkpoint) and isinstance(checkpoint.state, RunState)):
-            raise unusable(path, "it is not a checkpoint")
-        deque(islice(stream, checkpoint.state.messages), 0)
+        checkpoint: Checkpoint = read_state(path, self._identity)
+        deque(islice(stream, checkpoint.state["messages"]), 0)
         if self._grows and self._digest.hexdigest() != checkpoint.digest:
             raise unusable(path, "the logs have changed before it")
-        self._written_ns = checkpoint.state.last_ns
+        self._written_ns = checkpoint.last_ns
         self._ready = checkpoint if self._grows else None
         return checkpoint, stream
 
@@ -116,15 +115,15 @@ class States:
             begin: Writes the head of a result, given the time of its first message [ns, UTC].
 
         Raises:
-            StateError: Earlier output is missing, or the state is invalid.
+            StateError: Earlier output is missing or damaged.
         """
-        try:
-            run.state = checkpoint.state
-            begin(checkpoint.begun_ns)
-            if (writer := run.writer) is not None:
+        run.state = checkpoint.state
+        begin(checkpoint.begun_ns)
+        if (writer := run.writer) is not None:
+            try:
                 writer.resume(writer.path if self._grows else writer.part, checkpoint.writer)
-        except (LogError, *_FOREIGN_STATE) as error:
-            raise unusable(self.path, str(error)) from error
+            except LogError as error:
+                raise unusable(self.path, str(error)) from error
 
     def _counted(self, messages: Iterator[Message]) -> Iterator[Message]:
         """Yield messages after adding them to the digest."""
@@ -149,7 +148,7 @@ class States:
             # where the log of a vehicle ends more of it may come
             ends = [message.time_ns for message in block if message.schema == END]
             before_ns, self._ended = min(ends, default=run.last_ns), bool(ends)
-            while self._waiting and self._waiting[0].state.last_ns + self._window_ns < before_ns:
+            while self._waiting and self._waiting[0].last_ns + self._window_ns < before_ns:
                 self._ready = self._waiting.pop(0)
         digest = self._digest.hexdigest() if self._grows else ""
         checkpoint = Checkpoint(run.state, self._begun_ns, digest, run.writer.state)

@@ -5,7 +5,7 @@ estimate: each has its own messages, checks, counts and plans, and its observati
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from copy import copy
 from operator import itemgetter
@@ -46,7 +46,7 @@ from replay_kit.workflows.replay.stages.publishing import (
     publish_innovations,
     withdraw_windows,
 )
-from replay_kit.workflows.replay.state import OfVehicle, RunState, Setup
+from replay_kit.workflows.replay.state import OfVehicle, Setup
 
 #: Schema of what stands in the stream where the logs of a vehicle end.
 END = "replay_kit.EndOfLogs"
@@ -54,6 +54,17 @@ END = "replay_kit.EndOfLogs"
 _BUFFERED = 4096
 # Mean currents of several vehicles that are assimilated together, where the estimator takes blocks.
 _MEANS_TOGETHER = 8
+# What of a run changes with its messages.
+_STATE = (
+    "current",
+    "of",
+    "_waiting",
+    "_n_waiting",
+    "kept",
+    "next_slices_ns",
+    "messages",
+    "last_ns",
+)
 # where a result is of one vehicle, its name begins nothing
 _ONLY = nullcontext()
 
@@ -66,7 +77,12 @@ class Run:
         clock: Wall time of each stage so far.
         writer: Writer of the result; None writes nothing.
         follow_up: Called with each block of steps and their vehicles.
+        current: Estimator's state.
         of: States of each vehicle.
+        kept: Observations of several vehicles so far, in order; empty for a single one.
+        next_slices_ns: Due time of the next depth slices of each window [ns, UTC].
+        messages: Number of processed messages.
+        last_ns: Time of the last one [ns, UTC].
     """
 
     def __init__(
@@ -91,28 +107,20 @@ class Run:
         self._flown = dict[int, tuple[tuple[FlownDive, ...], PlanningProblem | None]]()
         prior, logs = setups[0].estimator.initial(), setups[0].config.logs
         first = OfVehicle(begun(logs.system, logs.component), Dive(prior))
-        self.state = RunState(prior, (first,) * len(setups))
+        self.current, self.of = prior, [first] * len(setups)
+        self._waiting, self._n_waiting, self.kept = list[Given](), 0, list[Given]()
+        self.next_slices_ns = dict[Hashable, int | None]()
+        self.messages = self.last_ns = 0
 
     @property
-    def state(self) -> RunState:
-        """State kept in a checkpoint."""
-        return RunState(
-            self.current,
-            tuple(self.of),
-            tuple(self._waiting),
-            tuple(self.kept),
-            dict(self.next_slices_ns),
-            self.messages,
-            self.last_ns,
-        )
+    def state(self) -> dict[str, Any]:
+        """State kept in a checkpoint: what changes with messages, by name."""
+        return {name: copy(getattr(self, name)) for name in _STATE}
 
     @state.setter
-    def state(self, state: RunState) -> None:
-        self.current, self.of = state.current, list(state.vehicles)
-        self._waiting, self.kept = list(state.waiting), list(state.kept)
-        self.next_slices_ns = dict(state.next_slices_ns)
-        self.messages, self.last_ns = state.messages, state.last_ns
-        self._n_waiting = sum(self._weight(number, event) for number, event in self._waiting)
+    def state(self, state: Mapping[str, Any]) -> None:
+        for name, value in state.items():
+            setattr(self, name, copy(value))
 
     @property
     def config(self) -> RunConfig:

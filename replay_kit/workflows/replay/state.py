@@ -1,6 +1,5 @@
-"""State of a replay: constant setups of vehicles, and the states of all stages, kept in checkpoints."""
+"""State of a vehicle in a replay: its constant setup, and the states of all stages, kept in checkpoints."""
 
-from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +10,7 @@ from replay_kit.measurements.observed import Stream
 from replay_kit.workflows.replay.events import Events
 from replay_kit.workflows.replay.stages.consistency import MonitoringState
 from replay_kit.workflows.replay.stages.counts import Counts
-from replay_kit.workflows.replay.stages.estimation import Dive, Given
+from replay_kit.workflows.replay.stages.estimation import Dive
 from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.stages.publishing import PublishingState
 from replay_kit.workflows.replay.surfacings.flight_bias import FlightState
@@ -68,26 +67,3 @@ class OfVehicle:
     forecasts: ForecastState = field(default_factory=ForecastState)
     flight: FlightState = field(default_factory=FlightState)
     first_ns: int | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RunState:
-    """State of a run, kept in a checkpoint.
-
-    Attributes:
-        current: Estimator's state.
-        vehicles: States of each vehicle.
-        waiting: Events waiting for a full block.
-        kept: Observations of several vehicles so far, in order; empty for a single one.
-        next_slices_ns: Due time of the next depth slices of each window [ns, UTC].
-        messages: Number of processed messages.
-        last_ns: Time of the last one [ns, UTC].
-    """
-
-    current: Any
-    vehicles: tuple[OfVehicle, ...]
-    waiting: tuple[Given, ...] = ()
-    kept: tuple[Given, ...] = ()
-    next_slices_ns: Mapping[Hashable, int | None] = field(default_factory=dict)
-    messages: int = 0
-    last_ns: int = 0

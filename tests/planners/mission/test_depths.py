@@ -7,7 +7,13 @@ import pytest
 
 from planners import Bathymetry, Glider, MissionSettings, plan_mission
 from replay_kit.core.errors import PlanError
-from tests.planners.flow_samples import eddying_flow, request_between, still_flow
+from tests.planners.flow_samples import (
+    eddying_flow,
+    place,
+    request_between,
+    still_flow,
+    uniform_flow,
+)
 
 SETTINGS = MissionSettings(depth=390.0, surface_time=600.0)
 FLOW = eddying_flow(3, speed=0.2)
@@ -29,6 +35,16 @@ def test_a_range_of_depths_is_no_slower_than_any_depth_in_it():
     depths = [max(leg) for leg in free.yo_depths]
     assert min(depths) >= 150.0
     assert max(depths) <= 390.0
+
+
+def test_a_goal_below_the_surface_is_passed_by_dives_of_a_range():
+    flow = uniform_flow(0.1, -0.1)
+    goals = place(flow, 5e3, -6e3, 200.0), place(flow, 1e3, -3e3, 100.0)
+    asked = replace(request_between(flow, (-6e3, 2e3), (0.0, 0.0), settings=SETTINGS), goals=goals)
+    found = planned(flow, asked, depths=(100.0, 390.0))
+    assert found.status == "reached"
+    assert max(found.yo_depths[found.goal_legs[0] - 1]) >= 200.0
+    assert max(found.closest_approach) < found.settings.tolerance
 
 
 def test_a_range_below_the_bottom_is_refused_with_what_there_is():

@@ -75,8 +75,8 @@ def test_a_call_that_kills_its_worker_is_made_again_and_given_up_and_others_are_
         made = {number: (value, error) for number, value, error in workers.completed(die, CALLS)}
         assert isinstance(made.pop(1)[1], LostCallError)
         assert made == {number: (number, None) for number in (0, 2, 3)}
-    with pytest.raises(MeasurementError, match="one is no number"):
-        list(workers.starmap(refuse, [(0,), (1,)]))
+        with pytest.raises(MeasurementError, match="one is no number"):
+            list(workers.starmap(refuse, [(0,), (1,)]))
 
 
 @pytest.mark.full

@@ -1,6 +1,7 @@
 """Many missions: the bytes of each are those of a replay on its own; what is done is kept, what fails is listed, and the rest goes on."""
 
 import csv
+import hashlib
 import json
 import shutil
 import sys
@@ -95,6 +96,30 @@ def test_what_is_done_is_not_done_again_unless_its_inputs_or_its_result_are_othe
     assert [outcome.kept for outcome in changed] == [True, False]
     assert changed[1].sha256 != first[1].sha256
     assert [outcome.kept for outcome in last(run_fleet(missions, cluster, True))] == [False, False]
+
+
+def test_a_forecast_of_several_missions_is_read_once_for_its_hash(table, tmp_path, monkeypatch):
+    folder, sha256, made = tmp_path / "data", hashlib.sha256, []
+    shutil.copytree(table.parent, folder)
+    forecast = folder / "ensemble.nc"
+
+    class Counted:
+        def __init__(self, data=b""):
+            self.own = sha256(data)
+            self.update, self.digest = self.own.update, self.own.digest
+
+        def hexdigest(self):
+            made.append(self.own.hexdigest())
+            return made[-1]
+
+    monkeypatch.setattr(hashlib, "sha256", Counted)
+    for mission in missions_in(folder / table.name, tmp_path / "out"):
+        assert not run_mission(mission).failed
+    assert made.count(sha256(forecast.read_bytes()).hexdigest()) == 1
+    # another one of the same name is read
+    shutil.copy(folder / "truth.nc", forecast)
+    assert run_mission(mission).failed
+    assert sha256(forecast.read_bytes()).hexdigest() in made
 
 
 def test_a_mission_that_fails_is_listed_with_its_reason_and_the_others_go_on(

@@ -23,13 +23,8 @@ from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.instalments import Instalment, delivered, dives_of
 from tests.places import SAMPLES
-from tests.workflows.follow.delivery import CONFIG, Sea, contents
-from tests.workflows.replay.interrupted import Killed, make_ocean
-
-
-@pytest.fixture(scope="module")
-def ocean(tmp_path_factory) -> Path:
-    return make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 45)
+from tests.workflows.follow.delivery import Sea, contents
+from tests.workflows.replay.interrupted import Killed
 
 
 @pytest.fixture(scope="module")

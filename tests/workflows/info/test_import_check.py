@@ -11,17 +11,13 @@ import numpy as np
 import pytest
 
 from replay_kit.config.run import load_config
-from replay_kit.core.errors import Finding
+from replay_kit.core.errors import Finding, MeasurementError
 from replay_kit.core.message import Message
 from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.measurements.checks.profile import ensemble_speeds
-from replay_kit.measurements.checks.slips import (
-    declination_of,
-    direction_faults,
-)
+from replay_kit.measurements.checks.slips import Sounding, declination_of, direction_faults
 from replay_kit.show.text import SafeConsole
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.info.import_check import (
@@ -30,8 +26,9 @@ from replay_kit.workflows.info.import_check import (
     check_logs,
     import_check_json,
     print_import_check,
-    soundings,
 )
+from replay_kit.workflows.replay.inputs.checks import check_inputs
+from replay_kit.workflows.replay.inputs.job import ReplayJob
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke, succeed
 from tests.measurements.samples import mavlink_frames, ping
@@ -69,16 +66,34 @@ def glider():
     ]
 
 
-def check(messages, fault, estimator) -> ImportCheck:
-    return check_import(soundings(planted(messages, fault), CONFIG.measurements)[0], estimator)
+@pytest.fixture(scope="module")
+def soundings(tmp_path_factory):
+    """A function of messages: their profiles with the declination stated, and the names of what the checks of a replay find."""
+    folder = tmp_path_factory.mktemp("log")
+
+    def of(messages):
+        found, messages = [], list(messages)
+        (stated,) = {declination_of(one) for one in messages if one.topic == "/adcp"} or {math.nan}
+        job = ReplayJob(tuple(written(folder, messages)), SAMPLES / "ensemble.nc")
+        try:
+            findings = check_inputs(
+                job, CONFIG, on_profile=lambda one: found.append(Sounding(one, stated))
+            ).findings
+        except MeasurementError as error:
+            findings = error.findings
+        return found, [finding.name for finding in findings]
+
+    return of
 
 
-def of_replay(messages, fault):
-    """Names of what the checks of a replay find."""
-    ensemble = read_ensemble(SAMPLES / "ensemble.nc", CONFIG.forecast)
-    speeds = ensemble_speeds(ensemble.grid.levels, ensemble.velocity)
-    _, state = soundings(planted(messages, fault), CONFIG.measurements, speeds)
-    return [finding.name for finding in state.findings]
+@pytest.fixture
+def check(soundings, estimator):
+    return lambda messages, fault: check_import(soundings(planted(messages, fault))[0], estimator)
+
+
+@pytest.fixture
+def of_replay(soundings):
+    return lambda messages, fault: soundings(planted(messages, fault))[1]
 
 
 @pytest.mark.parametrize(
@@ -86,12 +101,12 @@ def of_replay(messages, fault):
     [(fault, k % 3) for k, fault in enumerate(PINGS) if "sign" in fault or "declin" in fault],
 )
 def test_a_planted_fault_is_told_as_a_contradiction_with_the_ensemble(
-    surveys, estimator, fault, seed
+    surveys, check, of_replay, fault, seed
 ):
     if fault.startswith("the sign of depth"):
         assert of_replay(surveys[seed], fault) == ["depths above the surface"]
         return
-    (warning,) = check(surveys[seed], fault, estimator).findings
+    (warning,) = check(surveys[seed], fault).findings
     assert (warning.name, warning.severity) == ("log and ensemble contradict each other", "warning")
     assert warning.cause == NAMES[fault]
     # the ensemble alone convicts nobody
@@ -99,18 +114,18 @@ def test_a_planted_fault_is_told_as_a_contradiction_with_the_ensemble(
 
 
 @pytest.mark.parametrize("fault", [fault for fault in PINGS if "speeds" in fault])
-def test_a_planted_unit_is_named_as_a_replay_names_it(surveys, fault):
+def test_a_planted_unit_is_named_as_a_replay_names_it(surveys, of_replay, fault):
     assert of_replay(surveys[0], fault) == ["unit of the velocities"]
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_sound_survey_is_not_accused_and_tells_of_every_fault(surveys, estimator, seed):
-    assert check(surveys[seed], "sound", estimator) == ImportCheck(30, ())
+def test_a_sound_survey_is_not_accused_and_tells_of_every_fault(surveys, check, seed):
+    assert check(surveys[seed], "sound") == ImportCheck(30, ())
 
 
 @pytest.mark.full
-def test_a_sound_glider_is_not_accused_and_cannot_tell_a_declination(glider, estimator):
-    found = check(glider, "sound", estimator)
+def test_a_sound_glider_is_not_accused_and_cannot_tell_a_declination(glider, check):
+    found = check(glider, "sound")
     assert found.findings == ()
     assert {"the declination was not applied", "the declination was applied twice"} <= set(
         found.undetermined
@@ -118,21 +133,22 @@ def test_a_sound_glider_is_not_accused_and_cannot_tell_a_declination(glider, est
 
 
 @pytest.mark.full
-def test_a_fault_in_a_gliders_log_is_named(glider, estimator):
-    (warning,) = check(glider, "both signs are wrong", estimator).findings
+def test_a_fault_in_a_gliders_log_is_named(glider, check, of_replay):
+    (warning,) = check(glider, "both signs are wrong").findings
     assert warning.cause == NAMES["both signs are wrong"]
     assert of_replay(glider, "the sign of depth is wrong: pressure") == ["depths above the surface"]
 
 
-def test_without_a_stated_declination_it_is_said_not_to_be_looked_for(surveys, estimator):
+def test_without_a_stated_declination_it_is_said_not_to_be_looked_for(
+    surveys, soundings, estimator
+):
     assert (
-        "states no magnetic declination"
-        in check_import(soundings(surveys[0], CONFIG.measurements)[0], estimator).note
+        "states no magnetic declination" in check_import(soundings(surveys[0])[0], estimator).note
     )
 
 
-def test_too_few_profiles_and_a_log_elsewhere(surveys, estimator):
-    few = soundings(surveys[0], CONFIG.measurements)[0][:2]
+def test_too_few_profiles_and_a_log_elsewhere(surveys, soundings, estimator):
+    few = soundings(surveys[0])[0][:2]
     assert "fewer than 3" in check_import(few, estimator).note
     assert check_import([], estimator).profiles == 0
 
@@ -140,18 +156,18 @@ def test_too_few_profiles_and_a_log_elsewhere(surveys, estimator):
 @pytest.mark.parametrize(
     "fault", [fault for fault in PINGS if "depth" not in fault and "speeds" not in fault]
 )
-def test_undoing_a_fault_gives_what_was_measured(surveys, fault):
-    sound, _ = soundings(planted(surveys[0][:6], "sound"), CONFIG.measurements)
-    wrong, _ = soundings(planted(surveys[0][:6], fault), CONFIG.measurements)
+def test_undoing_a_fault_gives_what_was_measured(surveys, soundings, fault):
+    sound, _ = soundings(planted(surveys[0][:6], "sound"))
+    wrong, _ = soundings(planted(surveys[0][:6], fault))
     known = [known for known in direction_faults(wrong) if known.name == NAMES[fault]]
     if fault == "sound":
         assert known == []
         return
     for ours, theirs in zip([known[0].undo(sounding) for sounding in wrong], sound, strict=True):
         np.testing.assert_allclose(
-            ours.velocity, theirs.observation.velocity, rtol=1e-9, atol=1e-12
+            ours["velocity"], theirs.profile["velocity"], rtol=1e-9, atol=1e-12
         )
-        np.testing.assert_allclose(ours.error_std, theirs.observation.error_std, rtol=1e-9)
+        np.testing.assert_allclose(ours["error_std"], theirs.profile["error_std"], rtol=1e-9)
 
 
 def test_what_a_ping_says_of_the_declination():

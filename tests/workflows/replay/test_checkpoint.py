@@ -1,14 +1,11 @@
 """Runs that are killed and go on give the bytes of an uninterrupted run; a checkpoint that does not fit is refused."""
 
-import json
 import os
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from replay_kit.config.estimation import TimeConfig
@@ -19,7 +16,6 @@ from replay_kit.core.plan import Place
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.state_file import read_state, write_state
 from tests.workflows.replay.interrupted import (
     QUICK,
     Killed,
@@ -128,7 +124,7 @@ def test_the_caller_s_environment_changes_nothing(ocean, tmp_path, whole):
 
 
 @pytest.mark.parametrize(
-    "what", ["settings", "cut", "flip", "result cut", "result flip", "result gone", "parts"]
+    "what", ["settings", "cut", "flip", "result cut", "result flip", "result gone"]
 )
 def test_a_state_of_another_run_or_damaged_is_told_and_the_run_begins_anew(
     ocean, stopped, whole, what
@@ -140,9 +136,6 @@ def test_a_state_of_another_run_or_damaged_is_told_and_the_run_begins_anew(
     data[2 * len(data) // 5] ^= 4
     if what == "settings":
         config = CONFIG.model_copy(update={"consistency": ConsistencyConfig(on_failure="ignore")})
-    elif what == "parts":
-        name, _ = json.loads(np.load(checkpoint)["replay-kit state 15"].tobytes())
-        write_state(checkpoint, name, replace(read_state(checkpoint, name), state=None))
     elif what.endswith("gone"):
         file.unlink()
     else:

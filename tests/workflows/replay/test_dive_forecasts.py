@@ -134,12 +134,8 @@ def test_how_the_vehicle_flew_comes_of_the_ways_through_the_water_and_not_of_the
     assert after(mean(0)).as_flown is None
 
 
-def test_a_drift_at_the_surface_or_a_mean_without_fixes_is_no_dive():
-    for other in (replace(mean(0), kind="drift"), replace(mean(0), fixes=None)):
-        assert (
-            forecast_mean(ForecastState(), other) == (ForecastState(), ())
-            or after(other).outcomes == ()
-        )
+def test_a_mean_without_fixes_is_no_dive():
+    assert after(replace(mean(0), fixes=None)).outcomes == ()
     assert next_surfacing(ForecastState()) is None
 
 

@@ -134,6 +134,6 @@ def test_beside_profiles_a_mean_current_without_a_correction_has_the_flight_mode
 
 def test_what_has_no_way_through_water_is_used_as_stated():
     _, state = used(map(dive, range(8)))
-    for stated in (replace(dive(8), kind="drift"), replace(dive(8), fixes=None)):
-        assert corrected(state, stated)[1] is stated
+    stated = replace(dive(8), fixes=None)
+    assert corrected(state, stated)[1] is stated
     assert corrected(state, dive(8))[1].corrected is not None

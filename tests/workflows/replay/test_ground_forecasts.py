@@ -116,7 +116,7 @@ def test_an_estimate_of_the_current_makes_the_ellipses_small():
 def test_what_is_taken_from_a_displacement_is_the_mean_along_the_path():
     (current,) = currents(1)
     state, _ = followed(mission([current]), estimate([current]))
-    mean = forecast_end(state)[0].ground.last.mean
+    mean = forecast_end(state)[0].last.mean
     along = slow.mean_along([0.0, 0.4 * SECONDS, SECONDS], [0.0, 300.0, 0.0], LEVELS, current)
     np.testing.assert_allclose(mean.backgrounds[0], along, atol=2e-3)
     np.testing.assert_allclose(mean.velocity, WAY + along, atol=2e-4)

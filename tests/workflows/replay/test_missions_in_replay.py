@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,7 +38,7 @@ from tests.command import invoke, succeed
 from tests.results import result_samples
 from tests.synthetic_flow import constant, growing
 from tests.workflows.replay.given import position
-from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, make_ocean, often, run_until
+from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, often, run_until
 
 PLANNER = PlannerConfig(
     kind="mission", when="surfacing", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0
@@ -50,11 +49,6 @@ CONFIG = RunConfig(
     output=OutputConfig(interval=7200.0),
 )
 GOAL = Place(152.42, -39.66, 0.0)
-
-
-@pytest.fixture(scope="module")
-def ocean(tmp_path_factory) -> Path:
-    return make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 40)
 
 
 def run(ocean, out, config=CONFIG, goal=GOAL):

@@ -52,7 +52,7 @@ def mean_current():
 
 
 def given(supports_path_means):
-    return fed(run_of(Recorder(supports_path_means)), [PROFILE, mean_current(), PROFILE]).state
+    return fed(run_of(Recorder(supports_path_means)), [PROFILE, mean_current(), PROFILE])
 
 
 class Published:
@@ -94,8 +94,8 @@ def test_windows_that_were_left_are_published_once_and_forgotten():
     run = run_of(windowed(of, TINY, pings[0], 25_000.0, QUICK))
     run.writer = MagicMock()
     for ping in pings:
-        state = fed(run, [ping], last=False).state
-        assert state.current.left == state.vehicles[0].dive.start.left == ()
+        state = fed(run, [ping], last=False)
+        assert state.current.left == state.of[0].dive.start.left == ()
     run.finish()
     numbers = [call.args[0] for call in run.writer.window.call_args_list]
     assert numbers == list(range(1, run.current.number))
@@ -105,13 +105,13 @@ def test_windows_that_were_left_are_published_once_and_forgotten():
 def test_an_estimator_that_supports_path_means_is_given_them_in_order():
     run = given(True)
     assert [isinstance(each, PathMean) for each in run.current] == [False, True, False]
-    assert run.vehicles[0].counts.notes() == []
+    assert run.of[0].counts.notes() == []
 
 
 def test_another_is_not_and_the_report_counts_them():
     run = given(False)
     assert [len(each) for each in run.current] == [1, 1]
-    assert run.vehicles[0].counts.unsupported == {"dac": 1}
+    assert run.of[0].counts.unsupported == {"dac": 1}
 
 
 def test_a_group_counts_as_its_profiles_do():

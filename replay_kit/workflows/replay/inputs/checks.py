@@ -6,7 +6,7 @@ A dry run also estimates memory and time of a replay.
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -16,7 +16,8 @@ from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import ConfigError
+from replay_kit.core.errors import ConfigError, Finding
+from replay_kit.core.message import Message
 from replay_kit.core.observation import Measurement, Profiles, usable
 from replay_kit.core.region import inside
 from replay_kit.core.words.progress import silent
@@ -40,16 +41,25 @@ class CheckedInputs:
         profiles: Number of profiles in the logs.
         used: Number of profiles with a usable bin in the region.
         first: First of these, as many as are assimilated together.
+        findings: Contradictions within the logs of the first vehicle.
     """
 
     forecasts: Forecasts
     profiles: int
     used: int
     first: tuple[Profiles, ...]
+    findings: tuple[Finding, ...]
+
+
+def _ignore(_: Any) -> None: ...
 
 
 def check_inputs(
-    job: ReplayJob, config: RunConfig, planner_of: PlannerFactory | None = None
+    job: ReplayJob,
+    config: RunConfig,
+    planner_of: PlannerFactory | None = None,
+    on_message: Callable[[Message], None] = _ignore,
+    on_profile: Callable[[Profiles], None] = _ignore,
 ) -> CheckedInputs:
     """Return the usable inputs of a replay; reads the logs completely.
 
@@ -57,18 +67,27 @@ def check_inputs(
         job: The replay.
         config: Settings of the replay.
         planner_of: Factory of the planner for a job with a goal; None leaves the goal unchecked.
+        on_message: Called with each message, before the profiles that it completes.
+        on_profile: Called with each profile after the checks, usable or not.
 
     Raises:
         ReplayKitError: The replay would refuse the inputs.
     """
     logs = logs_of(job, config)
     forecasts = forecasts_of(job, config, logs)
-    screen = (_Screen if config.estimator.name == OWN else _OfProfiles)(forecasts)
+    screen = (_Screen if config.estimator.name == OWN else _OfProfiles)(forecasts, on_profile)
     job = replace(job, out=None, truth=None)
     run, inputs = prepare(job, config, planner_of, silent, forecasts, screen, logs)
-    deque(inputs.played(run), 0)
+
+    def messages() -> Iterator[Message]:
+        for message in inputs.messages():
+            on_message(message)
+            yield message
+
+    deque(inputs.played(run, messages()), 0)
     useless_of(run, inputs)
-    return CheckedInputs(forecasts, screen.profiles, screen.used, tuple(screen.first))
+    findings = run.of[0].monitoring.findings
+    return CheckedInputs(forecasts, screen.profiles, screen.used, tuple(screen.first), findings)
 
 
 class _Screen(Estimator[None]):
@@ -77,8 +96,8 @@ class _Screen(Estimator[None]):
     supports_path_means = True
     block_size = ReducedBasisEstimator.block_size
 
-    def __init__(self, forecasts: Forecasts) -> None:
-        self._forecasts = forecasts
+    def __init__(self, forecasts: Forecasts, on_profile: Callable[[Profiles], None]) -> None:
+        self._forecasts, self._on_profile = forecasts, on_profile
         self.profiles, self.used, self.first = 0, 0, list[Profiles]()
 
     def initial(self) -> None:
@@ -94,6 +113,7 @@ class _Screen(Estimator[None]):
             accepted = one.is_used or _in_later_window(one, self._forecasts)
             found.append(Stepped(event, None, None, replace(one.unused(0), accepted=accepted)))
             if isinstance(event, Profiles):
+                self._on_profile(event)
                 self.profiles, self.used = self.profiles + 1, self.used + accepted
                 if accepted and len(self.first) < self.block_size:
                     self.first.append(event)

@@ -4,13 +4,14 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core import __version__
 from replay_kit.core.errors import ConfigError
-from replay_kit.core.files.inputs import open_input
+from replay_kit.core.files.inputs import Stamp, open_input, stamps_of
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.plan import Place
@@ -35,9 +36,30 @@ _PACKAGES = ("numpy", "scipy", "casadi", "pyproj", "foxglove-sdk", "mcap", "pyma
 
 def file_hash(path: Path) -> str:
     """Return the SHA-256 of a file, or of all files of a store in the order of their names."""
+    return _hash_of(_parts(path))
+
+
+def input_hash(path: Path) -> str:
+    """Return ``file_hash`` of an input, computed once in a process as long as the file has the same stamp.
+
+    Missions of a fleet share forecasts of gigabytes, and a mission that is followed is replayed with the same one.
+    """
+    parts = _parts(path)
+    return _known_hash(parts, tuple(stamps_of(parts).values()))
+
+
+def _parts(path: Path) -> tuple[Path, ...]:
+    return (*sorted(p for p in path.rglob("*") if p.is_file()),) if path.is_dir() else (path,)
+
+
+@lru_cache(maxsize=256)
+def _known_hash(parts: tuple[Path, ...], stamps: tuple[Stamp, ...]) -> str:
+    return _hash_of(parts)
+
+
+def _hash_of(parts: Iterable[Path]) -> str:
     digest = hashlib.sha256()
-    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
-    for part in files:
+    for part in parts:
         with open_input(part) as stream:
             while block := stream.read(_BLOCK):
                 digest.update(block)
@@ -46,7 +68,7 @@ def file_hash(path: Path) -> str:
 
 def named_hash(path: Path) -> str:
     """Return the name of an input and its SHA-256, as results record them."""
-    return f"{path.name} sha256:{file_hash(path)}"
+    return f"{path.name} sha256:{input_hash(path)}"
 
 
 def run_metadata(
@@ -71,7 +93,7 @@ def run_metadata(
         ConfigError: Two logs hold the same bytes.
     """
     grid = ensemble.grid
-    hashes = [file_hash(path) for path in logs]
+    hashes = [input_hash(path) for path in logs]
     for i, digest in enumerate(hashes):
         if digest in hashes[:i]:
             raise ConfigError(f"{logs[i]}: identical to {logs[hashes.index(digest)]}; remove one")

@@ -13,7 +13,7 @@ from replay_kit.logs.opening import in_folder, logs_in
 from replay_kit.results.vehicles import RESERVED
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
-from replay_kit.workflows.replay.inputs.provenance import file_hash
+from replay_kit.workflows.replay.inputs.provenance import input_hash
 from replay_kit.workflows.replay.inputs.scan import Logs, open_readers
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -57,7 +57,7 @@ def _in_order(vehicle: Vehicle) -> Vehicle:
     """Return a vehicle with its logs in the order of a folder with them, then of content, however given."""
     if len(vehicle.logs) < 2:
         return vehicle
-    logs = sorted(vehicle.logs, key=lambda path: (in_folder(path), file_hash(path)))
+    logs = sorted(vehicle.logs, key=lambda path: (in_folder(path), input_hash(path)))
     return replace(vehicle, logs=tuple(logs))
 
 
@@ -74,7 +74,7 @@ def _check_contents(vehicles: Sequence[Vehicle]) -> None:
     held: dict[str, tuple[str, Path]] = {}
     for one in vehicles:
         for path in (file for log in one.logs for file in logs_in(log)):
-            name, other = held.setdefault(file_hash(path), (one.name, path))
+            name, other = held.setdefault(input_hash(path), (one.name, path))
             if name != one.name:
                 raise ConfigError(
                     f"{path} of {one.name}: identical to {other} of {name}; a log is of one vehicle: leave one of them out"

@@ -237,7 +237,7 @@ def conclusions(
         return (), ("no consistency check was made (consistency.on_failure)",)
     found, blind = state.findings, []
     fast = sum(count for (_, reason), count in counts.skipped.items() if reason == TOO_FAST)
-    used = sum(mean.kind == "dac" for mean in state.means)
+    used = len(state.means)
     if fast > 2 * used and not any(finding.name == SCALE for finding in found):
         found += (findings.too_fast(TOO_FAST, fast, fast + used),)
     thrown = {topic: n for (topic, reason), n in counts.skipped.items() if reason == THROWN}

@@ -118,7 +118,7 @@ def assimilate(
                     dives[vehicle] = Dive(before, some.dive)
                 start = dives[vehicle].start
                 std, of_dive = None, None if against is None else against(start)
-                if isinstance(some, PathMean) and some.kind == "dac":
+                if isinstance(some, PathMean):
                     # profiles of the dive itself make the estimate surer than it was before the dive
                     known = innovation
                     if start is not before:

@@ -39,11 +39,11 @@ def check_file(estimator: Any, means: Iterable[PathMean]) -> FileCheck:
 
     Args:
         estimator: Estimator with the prior; the check is empty if that is not a single Gaussian of weights.
-        means: DACs of dives; others are ignored.
+        means: DACs of dives.
     """
     if not isinstance(estimator, ReducedBasisEstimator):
         return FileCheck()
-    dives = [mean for mean in means if mean.kind == "dac" and estimator.usable(mean)]
+    dives = [*filter(estimator.usable, means)]
     if len(dives) < _LEAST_DIVES:
         return FileCheck()
     measured, predicted, covariance, variance = _under_prior(

@@ -1,4 +1,4 @@
-"""Predicted surfacings for a log without DACs, from the displacements between fixes of earlier dives.
+"""Dives between fixes, from whose displacements surfacings are predicted in a log without DACs.
 
 A dive's mean velocity over ground is the sum of its velocity through the water and the current, which no flight model separates here. The
 estimate predicts the current before the dive, halfway along a dive like the last one. The remainder of earlier dives is their velocity
@@ -8,9 +8,8 @@ instead.
 A dive is concluded when the next one begins, as its DAC may be logged until then.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -20,12 +19,11 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Profiles, VehicleState
-from replay_kit.core.surfacing import Basis, DiveForecast, DiveOutcome, forecast_place
-from replay_kit.estimator.next_dive.process import FIXES_STD, DiveMean, MeanCurrentProcess
+from replay_kit.core.surfacing import Basis, forecast_place
+from replay_kit.estimator.next_dive.process import FIXES_STD, DiveMean
 from replay_kit.measurements.means import Path, Spot, begun, extended, path_mean
 from replay_kit.measurements.track.surfacings import SurfacingState, detect_surfacing
 from replay_kit.workflows.replay.events import Track
-from replay_kit.workflows.replay.surfacings.outcomes import Before
 
 _NO_DEPTH = np.empty(0)
 _NOWHERE = {
@@ -34,9 +32,6 @@ _NOWHERE = {
     "latitude": _NO_DEPTH,
     "depth": _NO_DEPTH,
 }
-_PROCESS = MeanCurrentProcess(n_backgrounds=1)
-#: Returns the estimate for a time [ns, UTC].
-FlowAt = Callable[[int], FlowEstimate]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,108 +59,117 @@ class Ahead:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LastDive:
-    """Last dive of a vehicle.
+class Dive:
+    """Finished dive.
 
     Attributes:
         mean: The dive in the form of the model.
-        depth: shape (m,) [m], along its path.
-        weight: shape (m,), fraction of time around each depth; sums to one.
-        number: Number of the dive.
+        fixes: Fixes before and after it.
+        number: Number of the dive; 0 if unknown.
         basis: Basis of its prediction.
-        flown: Flight through the water; None if the estimate does not cover it.
+        flown: Flight through the water; None if unknown.
+        path: Depths along its path and fractions of time around them, which sum to one, each shape (m,); empty if not needed.
     """
 
     mean: DiveMean
-    depth: Array
-    weight: Array
+    fixes: tuple[Fix, Fix]
     number: int
-    basis: Basis
+    basis: Basis = "mean_currents"
     flown: FlownDive | None = None
+    path: tuple[Array, Array] = (_NO_DEPTH, _NO_DEPTH)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GroundState:
-    """State of the predictions from displacements.
+class Between:
+    """Positions of a log without DACs since the last dive.
 
     Attributes:
-        before: Knowledge before the next dive.
         detection: Detection of surfacings.
         latest: Last fix at the surface; None before the first.
         path: Path since the fix before the dive; None at the surface.
         ahead: Current predicted before the dive; None outside the estimate.
         surfaced: Path of a dive, its last fix and its number, 0 if unknown, until all observations of that time have arrived.
-        last: Last dive; None before the first.
-        concluded: Outcome of the last dive, until the next one begins.
     """
 
-    before: Before = field(default_factory=lambda: Before(_PROCESS))
     detection: SurfacingState = field(default_factory=SurfacingState)
     latest: VehicleState | None = None
     path: Path | None = None
     ahead: Ahead | None = None
     surfaced: tuple[Path, VehicleState, int] | None = None
-    last: LastDive | None = None
-    concluded: DiveOutcome | None = None
+
+    def is_over(self, event: VehicleState | Profiles) -> bool:
+        """Return whether all observations of the last dive's end have arrived before an event."""
+        return self.surfaced is not None and _first_ns(event) > self.surfaced[1].time_ns
 
 
-def ground_step(
-    state: GroundState,
-    event: Any,
-    flow_at: FlowAt,
-    surface_depth: float,
-) -> tuple[GroundState, tuple[DiveOutcome, ...]]:
-    """Return the state after an event, and the outcome of the last dive when the next one begins.
+def watched(
+    state: Between, event: VehicleState | Profiles, surface_depth: float
+) -> tuple[Between, bool]:
+    """Return the state after the surfacing that an event shows, if any, and whether a dive begins.
 
     Args:
-        state: State before it.
-        event: Position or observation, in log order.
-        flow_at: Estimate before the event.
+        state: State before the event.
+        event: Position or profile, in log order.
         surface_depth: Depth above which the vehicle is at the surface [m].
     """
-    if not isinstance(event, VehicleState | Profiles):
-        return state, ()
-    first_ns = int(event["time"][0]) if isinstance(event, Profiles) else event.time_ns
-    if state.surfaced is not None and first_ns > state.surfaced[1].time_ns:
-        state = concluded(state)
     detection, end = detect_surfacing(state.detection, event, surface_depth)
     begins = _in_dive(detection) and (end is not None or not _in_dive(state.detection))
     if end is not None:
         # a dive's profiles may have waited for the fix after it
-        number = detection.dive if first_ns <= end.time_ns else state.detection.dive
-        surfaced = (
-            None
-            if state.path is None or end.time_ns <= state.path.start.time
-            else (state.path, end, number)
-        )
-        state = replace(state, path=None, surfaced=surfaced)
-    outcomes: tuple[DiveOutcome, ...] = ()
-    if begins:
-        state = concluded(state)
-        outcomes = () if state.concluded is None else (state.concluded,)
-        state = _begun(state, flow_at)
-    latest, path = _moved(state, event, surface_depth)
-    return replace(state, detection=detection, latest=latest, path=path), outcomes
+        number = detection.dive if _first_ns(event) <= end.time_ns else state.detection.dive
+        path = state.path
+        ended = None if path is None or end.time_ns <= path.start.time else (path, end, number)
+        state = replace(state, path=None, surfaced=ended)
+    return replace(state, detection=detection), begins
 
 
-def adrift(state: GroundState, track: Track, surface_depth: float) -> GroundState | None:
-    """Return the state after fixes at the surface between dives, see ``ground_step``; None for other events."""
+def dived(state: Between, flow: FlowEstimate, last: Dive | None) -> Between:
+    """Return the state at the beginning of a dive from the last fix.
+
+    Args:
+        state: State at the surface.
+        flow: Estimate at the time of the last fix.
+        last: Last dive.
+    """
+    assert state.latest is not None
+    return replace(state, path=begun(_spot(state.latest)), ahead=ahead_of(state.latest, flow, last))
+
+
+def moved(state: Between, event: VehicleState | Profiles, surface_depth: float) -> Between:
+    """Return the state after a position, or after the depth of a profile's first bin if positions have none."""
+    path = state.path
+    if isinstance(event, Profiles):
+        if path is None or path.reckoned:
+            return state
+        known = event["depth"][0][np.isfinite(event["depth"][0])]
+        if not known.size:
+            return state
+        return replace(state, path=extended(path, _NOWHERE, known.min(keepdims=True)))
+    if not event.dead_reckoned and not event.depth > surface_depth:
+        return replace(state, latest=event)
+    if path is None:
+        return state
+    more = {name: np.array([part]) for name, part in _row(event)}
+    return replace(state, path=extended(path, more, _NO_DEPTH))
+
+
+def adrift(state: Between, track: Track, surface_depth: float) -> Between | None:
+    """Return the state after fixes at the surface between dives; None for other positions."""
     below = track.columns["dead_reckoned"].any() or (track.columns["depth"] > surface_depth).any()
     if below or state.surfaced is not None or _in_dive(state.detection):
         return None
     return replace(state, detection=replace(state.detection, fix=track[-1]), latest=track[-1])
 
 
-def concluded(state: GroundState) -> GroundState:
-    """Return the state after the last dive, if ended, with its outcome and the updated model."""
-    if state.surfaced is None:
-        return state
+def surfaced(state: Between, last: Dive | None) -> Dive:
+    """Return the dive that has ended; ``last`` is the one before it."""
+    assert state.surfaced is not None
     path, end, number = state.surfaced
     mean = path_mean(path, _spot(end), (0.0, 0.0), 0.0)
     depth, weight = mean["path_depth"], mean["weight"]
     start, fix = (Fix(at.time, at.longitude, at.latitude) for at in (path.start, _spot(end)))
     seconds, velocity = over_ground(start, fix)
-    current = _current(state, depth, weight)
+    current, basis = predicted(state.ahead, last, depth, weight)
     dive = DiveMean(
         time_ns=(start.time_ns + fix.time_ns) // 2,
         seconds=seconds,
@@ -174,22 +178,9 @@ def concluded(state: GroundState) -> GroundState:
         backgrounds=current[None],
         position_std=FIXES_STD,
     )
-    basis = _basis(state)
-    flown = (
-        flown_dive(seconds, velocity - current, depth, path.deepest)
-        if state.ahead is not None
-        else None
-    )
-    number = number or state.before.known.dives + 1
-    before, outcome = state.before.after(dive, (start, fix), number, basis)
-    return replace(
-        state,
-        before=before,
-        surfaced=None,
-        ahead=None,
-        last=LastDive(dive, depth, weight, number, basis, flown),
-        concluded=outcome,
-    )
+    known = state.ahead is not None
+    flown = flown_dive(seconds, velocity - current, depth, path.deepest) if known else None
+    return Dive(dive, (start, fix), number, basis, flown, (depth, weight))
 
 
 def over_ground(start: Fix, end: Fix) -> tuple[float, Array]:
@@ -197,32 +188,6 @@ def over_ground(start: Fix, end: Fix) -> tuple[float, Array]:
     seconds = (end.time_ns - start.time_ns) * 1e-9
     frame = Projection(start.longitude, start.latitude)
     return seconds, np.array(to_local(frame, end.longitude, end.latitude)) / seconds
-
-
-def next_ground_surfacing(
-    state: GroundState, flow: FlowEstimate, longer: float = 1.0
-) -> DiveForecast | None:
-    """Return the predicted next surfacing after a dive like the last one; None before the first dive.
-
-    Args:
-        state: State after all dives.
-        flow: Estimate.
-        longer: Duration and depth relative to the last dive.
-    """
-    if state.last is None or state.latest is None:
-        return None
-    last, fix = state.last, state.latest
-    state = replace(state, ahead=_ahead(state, flow))
-    current, seconds = _current(state, longer * last.depth, last.weight), longer * last.mean.seconds
-    coming = replace(
-        last.mean,
-        time_ns=fix.time_ns + int(0.5e9 * seconds),
-        seconds=seconds,
-        backgrounds=current[None],
-    )
-    return state.before.forecast(
-        coming, Fix(fix.time_ns, fix.longitude, fix.latitude), last.number + 1, _basis(state)
-    )
 
 
 def _row(position: VehicleState) -> Iterator[tuple[str, float]]:
@@ -238,53 +203,29 @@ def _in_dive(detection: SurfacingState) -> bool:
     return detection.submerged or not detection.reported
 
 
-def _begun(state: GroundState, flow_at: FlowAt) -> GroundState:
-    """Return the state at the beginning of a dive from the last fix."""
-    state = replace(state, concluded=None, path=None)
-    if (fix := state.latest) is None:
-        return state
-    return replace(state, path=begun(_spot(fix)), ahead=_ahead(state, flow_at(fix.time_ns)))
+def _first_ns(event: VehicleState | Profiles) -> int:
+    return int(event["time"][0]) if isinstance(event, Profiles) else event.time_ns
 
 
-def _moved(
-    state: GroundState, event: VehicleState | Profiles, surface_depth: float
-) -> tuple[VehicleState | None, Path | None]:
-    """Return fix and path after a position, or after the depth of a profile's first bin if positions have none."""
-    latest, path = state.latest, state.path
-    if isinstance(event, Profiles):
-        if path is not None and not path.reckoned:
-            known = event["depth"][0][np.isfinite(event["depth"][0])]
-            path = extended(path, _NOWHERE, known.min(keepdims=True)) if known.size else path
-    elif not event.dead_reckoned and not event.depth > surface_depth:
-        latest = event
-    elif path is not None:
-        path = extended(path, {name: np.array([part]) for name, part in _row(event)}, _NO_DEPTH)
-    return latest, path
-
-
-def _ahead(state: GroundState, flow: FlowEstimate) -> Ahead | None:
-    """Return the current predicted halfway along a dive like the last one from the last fix; None outside the estimate."""
-    assert state.latest is not None
-    place = state.latest.longitude, state.latest.latitude
-    if state.last is not None:
-        place = forecast_place(
-            Fix(0, *place), 0.5 * state.last.mean.seconds, state.last.mean.velocity
-        )
+def ahead_of(fix: VehicleState, flow: FlowEstimate, last: Dive | None) -> Ahead | None:
+    """Return the current predicted halfway along a dive like the last one from a fix; None outside the estimate."""
+    place = fix.longitude, fix.latitude
+    if last is not None:
+        place = forecast_place(Fix(0, *place), 0.5 * last.mean.seconds, last.mean.velocity)
     east, north = to_local(flow.grid.projection, *place)
     if not inside_grid(flow.grid, east, north):
         return None
     return Ahead(flow.levels, flow.velocity(east, north, flow.levels, true_axes=True))
 
 
-def _current(state: GroundState, depth: Array, weight: Array) -> Array:
-    """Return the predicted mean current over depths, shape (2,) [m/s].
+def predicted(
+    ahead: Ahead | None, last: Dive | None, depth: Array, weight: Array
+) -> tuple[Array, Basis]:
+    """Return the predicted mean current over depths, shape (2,) [m/s], and its basis.
 
     Outside the estimate it is the current of the last dive, or NaN before the first.
     """
-    if state.ahead is not None:
-        return state.ahead.mean(depth, weight)
-    return np.full(2, np.nan) if state.last is None else np.asarray(state.last.mean.backgrounds[0])
-
-
-def _basis(state: GroundState) -> Basis:
-    return "displacements" if state.ahead is None else "estimate"
+    if ahead is not None:
+        return ahead.mean(depth, weight), "estimate"
+    known = np.full(2, np.nan) if last is None else np.asarray(last.mean.backgrounds[0])
+    return known, "displacements"

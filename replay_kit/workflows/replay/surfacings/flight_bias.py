@@ -58,9 +58,9 @@ class FlightState:
 def corrected(state: FlightState, mean: PathMean) -> tuple[FlightState, PathMean]:
     """Return the state after a DAC, and the DAC, corrected if earlier dives determine a correction.
 
-    A DAC without fixes or velocity through the water, or a surface drift, is unchanged.
+    A DAC without fixes or velocity through the water is unchanged.
     """
-    if mean.kind != "dac" or mean.fixes is None:
+    if mean.fixes is None:
         return state, mean
     dive = dive_mean(state.gathered, mean, np.empty((0, 2)))
     if not mean.beside_profiles:

@@ -4,7 +4,7 @@ A dive's velocity through the water is that of its flight model after the dive; 
 log without DACs dives are predicted from displacements (``displacements.py``).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,29 +14,42 @@ from replay_kit.core.arrays import Array, replace
 from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.local import LocalCurrent
-from replay_kit.core.observation import PathMean, Profiles, usable
-from replay_kit.core.surfacing import DiveForecast, DiveOutcome, usual_seconds
+from replay_kit.core.observation import Fix, PathMean, Profiles, VehicleState, usable
+from replay_kit.core.surfacing import (
+    SHARES,
+    DiveForecast,
+    DiveOutcome,
+    ellipse_of,
+    forecast_place,
+    usual_seconds,
+)
 from replay_kit.estimator.next_dive.local import local_step
-from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess
+from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
+from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
 from replay_kit.workflows.replay.events import Track
 from replay_kit.workflows.replay.stages.estimation import Assimilation
 from replay_kit.workflows.replay.surfacings.displacements import (
-    FlowAt,
-    GroundState,
+    Between,
+    Dive,
     adrift,
-    concluded,
-    ground_step,
-    next_ground_surfacing,
+    ahead_of,
+    dived,
+    moved,
     over_ground,
+    predicted,
+    surfaced,
+    watched,
 )
-from replay_kit.workflows.replay.surfacings.outcomes import Before
 
 # The ensemble alone, and the estimate before the dive.
 _BACKGROUNDS = 2
 _UNKNOWN = np.full((_BACKGROUNDS, 2), np.nan)
-_PROCESS = MeanCurrentProcess(n_backgrounds=_BACKGROUNDS)
+_BY_MEANS = MeanCurrentProcess(n_backgrounds=_BACKGROUNDS)
+_BY_FIXES = MeanCurrentProcess(n_backgrounds=1)
 # m; cells in which a dive's profiles are averaged
 _CELL = 10.0
+#: Returns the estimate for a time [ns, UTC].
+FlowAt = Callable[[int], FlowEstimate]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,32 +97,46 @@ class ForecastState:
     """State of the predicted surfacings.
 
     Attributes:
-        before: Knowledge before the next dive.
-        gathered: Profiles of the dive.
-        last: DAC of the last dive; None before the first.
-        ground: State for a log without a DAC so far.
+        between: Positions since the last dive, for a log without a DAC so far; None after one.
+        model: State of the model after the dives so far; None before the first, as it is large.
+        persistence: Baseline prediction, as in the last dive.
+        last: Last dive; None before the first.
+        pending: Outcome of the last dive between fixes, until the next one begins, as its DAC may be logged until then.
         outcomes: Outcomes of the dives so far.
-        local: State of the local correction; None before the first dive.
         dives: Flight of each dive with known flight.
+        gathered: Profiles of the dive.
+        local: State of the local correction; None before the first dive.
     """
 
-    before: Before = field(default_factory=lambda: Before(_PROCESS))
-    gathered: Gathered = field(default_factory=Gathered)
-    last: DiveMean | None = None
-    ground: GroundState = field(default_factory=GroundState)
+    between: Between | None = field(default_factory=Between)
+    model: ProcessState | None = None
+    persistence: Persistence = field(default_factory=Persistence)
+    last: Dive | None = None
+    pending: DiveOutcome | None = None
     outcomes: tuple[DiveOutcome, ...] = ()
-    local: LocalCurrent | None = None
     dives: tuple[FlownDive, ...] = ()
+    gathered: Gathered = field(default_factory=Gathered)
+    local: LocalCurrent | None = None
 
     @property
     def states_means(self) -> bool:
         """Whether the log has stated a DAC."""
-        return self.before.state is not None
+        return self.between is None
 
     @property
     def as_flown(self) -> AsFlown | None:
         """Median flight parameters of the dives; None without any."""
         return AsFlown.of(self.dives)
+
+    @property
+    def process(self) -> MeanCurrentProcess:
+        """Model of dives."""
+        return _BY_MEANS if self.between is None else _BY_FIXES
+
+    @property
+    def known(self) -> ProcessState:
+        """State of the model; its initial state before the first dive."""
+        return self.process.initial() if self.model is None else self.model
 
 
 def forecast_step(
@@ -128,14 +155,13 @@ def forecast_step(
         flow_at: Function of the estimate before the event at a time [ns, UTC].
         surface_depth: Depth above which the vehicle is at the surface [m].
     """
-    ended: tuple[DiveOutcome, ...] = ()
-    if not state.states_means:
-        ground = ground_step(state.ground, event, flow_at, surface_depth)
-        state, ended = _with_ground(state, *ground)
     if isinstance(event, PathMean):
         state = _beside_estimate(state, event, assimilation)
         known = None if assimilation is None else _backgrounds(event, assimilation)
         return forecast_mean(state, event, known)
+    ended: tuple[DiveOutcome, ...] = ()
+    if isinstance(event, VehicleState | Profiles):
+        state, ended = _between_fixes(state, event, flow_at, surface_depth)
     if isinstance(event, Profiles) and (more := state.gathered.after(event)) is not state.gathered:
         state = replace(state, gathered=more)
     return state, ended
@@ -145,37 +171,101 @@ def forecast_track(
     state: ForecastState, track: Track, surface_depth: float
 ) -> ForecastState | None:
     """Return the state after consecutive positions without effect on predictions; None if ``forecast_step`` must process each."""
-    if state.states_means:
+    if state.between is None:
         return state
-    ground = adrift(state.ground, track, surface_depth)
-    return None if ground is None else replace(state, ground=ground)
+    between = adrift(state.between, track, surface_depth)
+    return None if between is None else replace(state, between=between)
 
 
 def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
     """Return the state at the end of a log, and the outcome of a last dive without a DAC."""
-    ground = concluded(state.ground)
-    return _with_ground(state, ground, () if ground.concluded is None else (ground.concluded,))
+    return _told(_concluded(state))
 
 
-def _with_ground(
-    state: ForecastState, ground: GroundState, ended: tuple[DiveOutcome, ...]
+def _between_fixes(
+    state: ForecastState, event: VehicleState | Profiles, flow_at: FlowAt, surface_depth: float
 ) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after a step of the predictions from displacements, and the outcome of a finished dive."""
-    if not ended:
-        return (state if ground is state.ground else replace(state, ground=ground)), ()
-    state = replace(state, ground=ground, outcomes=(*state.outcomes, *ended))
-    return (state if ground.last is None else _with_dive(state, ground.last.flown)), ended
+    """Return the state after a position or profile, and the outcome of the last dive when the next one begins."""
+    if state.between is None:
+        return state, ()
+    if state.between.is_over(event):
+        state = _concluded(state)
+    ended: tuple[DiveOutcome, ...] = ()
+    between, begins = watched(state.between or Between(), event, surface_depth)
+    if begins:
+        state, ended = _told(_concluded(replace(state, between=between)))
+        between = state.between or between
+        if (fix := between.latest) is not None:
+            between = dived(between, flow_at(fix.time_ns), state.last)
+    return replace(state, between=moved(between, event, surface_depth)), ended
 
 
-def _with_dive(state: ForecastState, dive: FlownDive | None) -> ForecastState:
-    """Return the state with the flight of a dive; unchanged for None."""
-    return state if dive is None else replace(state, dives=(*state.dives, dive))
+def _concluded(state: ForecastState) -> ForecastState:
+    """Return the state after the last dive between fixes, if ended, with its outcome and the updated model."""
+    if state.between is None or state.between.surfaced is None:
+        return state
+    dive = surfaced(state.between, state.last)
+    dive = replace(dive, number=dive.number or state.known.dives + 1)
+    between = replace(state.between, surfaced=None, ahead=None)
+    return replace(_scored(state, dive), between=between)
+
+
+def _scored(state: ForecastState, dive: Dive) -> ForecastState:
+    """Return the state after a dive, with its predicted end and the score as pending outcome."""
+    mean, last = dive.mean, state.persistence.velocity
+    expected = state.process.forecast(state.known, mean)
+    off = np.nan if last is None else float(np.hypot(*(mean.velocity - last)))
+    outcome = DiveOutcome(
+        forecast=_placed(state, expected, dive),
+        fix=Fix(*dive.fixes[1]),
+        log_score=expected.log_density(mean.velocity),
+        persistence_log_score=state.persistence.log_density(mean.velocity),
+        persistence_distance=off * mean.seconds,
+    )
+    return replace(
+        state,
+        model=state.process.step(state.known, mean),
+        persistence=state.persistence.after(mean.velocity),
+        last=dive,
+        pending=outcome,
+    )
+
+
+def _told(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
+    """Return the state with the pending outcome among the others, and this outcome."""
+    if (outcome := state.pending) is None:
+        return state, ()
+    flown = () if state.last is None or state.last.flown is None else (state.last.flown,)
+    outcomes, dives = (*state.outcomes, outcome), (*state.dives, *flown)
+    return replace(state, pending=None, outcomes=outcomes, dives=dives), (outcome,)
+
+
+def _placed(state: ForecastState, expected: Mixture, dive: Dive) -> DiveForecast:
+    """Return the predicted end of a dive after its first fix."""
+    start, seconds = dive.fixes[0], dive.mean.seconds
+    longitude, latitude = forecast_place(start, seconds, dive.mean.way + expected.mean)
+    cov = seconds**2 * expected.cov
+    inner, outer = (
+        ellipse_of(longitude, latitude, cov, radius) for radius in expected.radii(SHARES)
+    )
+    return DiveForecast(
+        dive=dive.number,
+        earlier=state.known.dives,
+        start=start,
+        time_ns=start.time_ns + round(seconds * 1e9),
+        longitude=longitude,
+        latitude=latitude,
+        inner=inner,
+        outer=outer,
+        persistence_radius=state.persistence.radius(SHARES[1]) * seconds,
+        basis=dive.basis,
+    )
 
 
 def forecast_mean(
     state: ForecastState, mean: PathMean, backgrounds: Array | None = None
 ) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after a DAC, and the outcome of its dive; unchanged by a surface drift or a DAC without fixes.
+    """Return the state after a DAC, and the outcome of its dive; unchanged by a DAC without fixes.
 
     Args:
         state: State before it.
@@ -183,20 +273,14 @@ def forecast_mean(
         backgrounds: shape (2, 2) [m/s], true east and north, DAC predicted by the prior and by the estimate before the dive; NaN where
             unknown, None if both are.
     """
-    if mean.kind != "dac" or mean.fixes is None:
+    if mean.fixes is None:
         return state, ()
+    if not state.states_means:
+        # dives without a mean current are known less well
+        fresh = ForecastState(None)
+        state = replace(fresh, outcomes=state.outcomes, gathered=state.gathered, local=state.local)
     dive = dive_mean(state.gathered, mean, _UNKNOWN if backgrounds is None else backgrounds)
-    before, outcome = state.before.after(dive, mean.fixes, mean.dive)
-    # dives without a mean current are known less well
-    known = state if state.states_means else replace(state, dives=())
-    after = replace(
-        _with_dive(known, flown_of(mean, dive)),
-        before=before,
-        last=dive,
-        ground=GroundState(),
-        outcomes=(*state.outcomes, outcome),
-    )
-    return after, (outcome,)
+    return _told(_scored(state, Dive(dive, mean.fixes, mean.dive, flown=flown_of(mean, dive))))
 
 
 def next_surfacing(
@@ -210,20 +294,28 @@ def next_surfacing(
         depth: Commanded depth of the next dive [m], with the vertical speed of the last one; None for the last one's depth.
     """
     longer = 1.0 if depth is None or not state.dives else depth / state.dives[-1].depth
-    if not state.states_means and flow is not None:
-        return next_ground_surfacing(state.ground, flow, longer)
-    if state.last is None:
+    if (last := state.last) is None:
         return None
-    last, fix = state.last, state.outcomes[-1].fix
-    seconds = longer * usual_seconds(state.outcomes)
+    if state.between is None:
+        fix, basis, backgrounds = last.fixes[1], last.basis, _UNKNOWN
+        seconds = longer * usual_seconds(state.outcomes)
+    else:
+        if flow is None or (at := state.between.latest) is None:
+            return None
+        fix = Fix(at.time_ns, at.longitude, at.latitude)
+        depths, weight = last.path
+        ahead = ahead_of(at, flow, last)
+        current, basis = predicted(ahead, last, longer * depths, weight)
+        seconds, backgrounds = longer * last.mean.seconds, current[None]
     coming = replace(
-        last,
+        last.mean,
         time_ns=fix.time_ns + int(0.5e9 * seconds),
         seconds=seconds,
-        backgrounds=_UNKNOWN,
+        backgrounds=backgrounds,
         inverted=None,
     )
-    return state.before.forecast(coming, fix, state.outcomes[-1].forecast.dive + 1)
+    dive = Dive(coming, (fix, fix), last.number + 1, basis)
+    return _placed(state, state.process.forecast(state.known, coming), dive)
 
 
 def dive_mean(gathered: Gathered, mean: PathMean, backgrounds: Array) -> DiveMean:
@@ -242,13 +334,13 @@ def dive_mean(gathered: Gathered, mean: PathMean, backgrounds: Array) -> DiveMea
 
 
 def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
-    """Return the flight of a DAC's dive; None for a surface drift or an unknown velocity through the water.
+    """Return the flight of a DAC's dive; None for an unknown velocity through the water.
 
     Args:
         mean: The DAC.
         dive: Its dive in the form of the model, if known.
     """
-    if mean.kind != "dac" or mean.fixes is None:
+    if mean.fixes is None:
         return None
     dive = dive or dive_mean(Gathered(), mean, _UNKNOWN)
     return flown_dive(
