@@ -56,14 +56,8 @@ _BUFFERED = 4096
 _MEANS_TOGETHER = 8
 # What of a run changes with its messages.
 _STATE = (
-    "current",
-    "of",
-    "_waiting",
-    "_n_waiting",
-    "kept",
-    "next_slices_ns",
-    "messages",
-    "last_ns",
+    *("current", "of", "_waiting", "_n_waiting", "kept"),
+    *("next_slices_ns", "messages", "last_ns"),
 )
 # where a result is of one vehicle, its name begins nothing
 _ONLY = nullcontext()
