@@ -234,8 +234,12 @@ def _opened_store(path: Path) -> xr.Dataset:
     # its import takes longer than those of a command that reads NetCDF alone
     import zarr
 
-    _check_coordinates(path, [array.shape for _, array in zarr.open_group(path, mode="r").arrays()])
-    return _opened(path, "zarr", consolidated=None)
+    with warnings.catch_warnings():
+        # of what else lies in the store
+        warnings.filterwarnings("ignore", "Object at .* is not recognized")
+        arrays = zarr.open_group(path, mode="r").arrays()
+        _check_coordinates(path, [array.shape for _, array in arrays])
+        return _opened(path, "zarr", consolidated=None)
 
 
 def _opened(source: Any, engine: str, **options: Any) -> xr.Dataset:

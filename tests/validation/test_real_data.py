@@ -28,7 +28,7 @@ def test_each_dive_is_predicted_better_from_the_dives_before_than_by_the_ensembl
     summary, _ = replay(ReplayJob((log,), DATA / "qg" / "climatology.nc"), config)
     assert [row["dive"] for row in summary.by_dive] == [*range(100, 105)]
     for row in summary.by_dive[1:]:
-        assert row.rms_innovation_predicted < row.rms_innovation_prior
+        assert row["rms_innovation_predicted"] < row["rms_innovation_prior"]
 
 
 @pytest.mark.full

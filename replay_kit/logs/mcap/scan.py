@@ -286,13 +286,16 @@ class Scan:
                 self._verified = stated == record.crc and not self._damaged
                 if stated not in (0, record.crc) and not self._damaged:
                     what = "the checksum of the data section does not match: messages outside chunks may be wrong"
-                    self._lose(what, at, at)
+                    # a record of a damaged kind is stepped over, whatever it held
+                    self._lose(what, at, at, None)
             elif record.opcode == Opcode.STATISTICS and self._lost is not None:
                 count = parse(Statistics, record.body).message_count
                 if count != self._position + self._lost:
                     missing = max(0, count - self._position - self._lost)
                     what = f"the file states {count} messages, {self._position} were found"
-                    self._lose(what, at, at, None if self._summary.problem else missing)
+                    # no file holds more messages than bytes: such a number is damaged itself
+                    is_known = not self._summary.problem and missing < self._size
+                    self._lose(what, at, at, missing if is_known else None)
         except RECORD_ERRORS:
             self._lose("the end of the file is damaged: all messages are used", at, record.end)
 
