@@ -293,7 +293,7 @@ class Scan:
                 if count != self._position + self._lost:
                     missing = max(0, count - self._position - self._lost)
                     what = f"the file states {count} messages, {self._position} were found"
-                    # no file holds more messages than bytes: such a number is damaged itself
+                    # more messages than the file has bytes: the number itself is damaged, or of no use
                     is_known = not self._summary.problem and missing < self._size
                     self._lose(what, at, at, missing if is_known else None)
         except RECORD_ERRORS:

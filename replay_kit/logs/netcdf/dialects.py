@@ -23,6 +23,11 @@ _CURRENT = re.compile(r"(?:[a-z]+_)*?(eastward|northward)_sea_water_velocity(?:_
 SIZES, MISSIONS = ("rowsize", "row_size"), ("trajectory", "mission_name")
 
 
+def flag_names(name: str) -> tuple[str, str]:
+    """Return the names under which the quality flags of a variable stand beside it."""
+    return f"{name}_QC", f"{name}_qc"
+
+
 #: Reads the files of one log, in a dialect.
 Read = Callable[[Sequence[NetcdfFile], "Dialect", LogConfig, Told], Entries]
 
@@ -104,7 +109,7 @@ class Dialect:
         chosen = set(found.values())
         if self.read is None and not {"dac_east", "dac_north"} <= found.keys():
             chosen |= {name for name, stored in held.items() if self._may_be_mean(name, stored)}
-        chosen |= {name + suffix for name in chosen for suffix in ("_QC", "_qc")}
+        chosen |= {flag for name in chosen for flag in flag_names(name)}
         always = (*SIZES, *MISSIONS)
         return [
             name

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.observation import Flag
-from replay_kit.logs.netcdf.dialects import Dialect
+from replay_kit.logs.netcdf.dialects import Dialect, flag_names
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored
 from replay_kit.logs.reader import Told
 
@@ -46,7 +46,7 @@ def remove_bad(
     for key, name in chosen.items():
         # flags of a quantity of their own, or those beside a variable
         part = key.removesuffix("_flag") if key.endswith("_flag") else ""
-        own = {name + suffix for suffix in ("_QC", "_qc")} & file.variables.keys()
+        own = {*flag_names(name)} & file.variables.keys()
         masked = [f"{part}_east", f"{part}_longitude"] if part else [key]
         for flag in [name] if part else sorted(own - {*chosen.values()}):
             bad = flagged_bad(flag, file.variables[flag], dialect.flag_meanings, told.notes)
@@ -107,7 +107,7 @@ def _flags_of(file: NetcdfFile, name: str) -> list[str]:
     held = file.variables
     named = held[name].text("ancillary_variables").split()
     stated = [one for one in named if one in held and _meanings(held[one])]
-    beside = [one for one in (f"{name}_QC", f"{name}_qc") if one in held]
+    beside = [one for one in flag_names(name) if one in held]
     return deciding(stated) or stated or beside
 
 
