@@ -7,6 +7,7 @@ import logging
 import os
 import signal
 import uuid
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import (
     CancelledError,
@@ -66,8 +67,18 @@ class Workers:
         Raises:
             Exception: The error of the call.
         """
-        with self._begun(function, rows) as calls:
-            yield from map(self._result, calls)
+        calls = deque[Future[Any]]()
+        try:
+            for row in rows:
+                # arguments and results may be large: few are held at once
+                calls.append(self.submit(function, *row))
+                if len(calls) == 2 * self.size:
+                    yield self._result(calls.popleft())
+            while calls:
+                yield self._result(calls.popleft())
+        finally:
+            for future in calls:
+                future.cancel()
 
     def completed(
         self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]
@@ -77,26 +88,15 @@ class Workers:
         Raises:
             UnreachableError: The scheduler was lost.
         """
-        with self._begun(function, rows) as calls:
-            for future in as_completed(calls):
-                try:
-                    yield calls[future], self._result(future), None
-                except UnreachableError:
-                    raise
-                except Exception as error:
-                    yield calls[future], None, error
-
-    @contextmanager
-    def _begun(
-        self, function: Callable[..., Any], rows: Iterable[tuple[Any, ...]]
-    ) -> Iterator[dict[Future[Any], int]]:
-        """Yield submitted calls with their numbers; those that have not begun at the end of the block are given up."""
+        # what has not begun when the caller leaves is given up with the workers
         calls = {self.submit(function, *row): number for number, row in enumerate(rows)}
-        try:
-            yield calls
-        finally:
-            for future in calls:
-                future.cancel()
+        for future in as_completed(calls):
+            try:
+                yield calls[future], self._result(future), None
+            except UnreachableError:
+                raise
+            except Exception as error:
+                yield calls[future], None, error
 
     def _result(self, future: Future[Any]) -> Any:
         """Return the result of a call, or raise its error."""
