@@ -23,7 +23,7 @@ _CURRENT = re.compile(r"(?:[a-z]+_)*?(eastward|northward)_sea_water_velocity(?:_
 SIZES, MISSIONS = ("rowsize", "row_size"), ("trajectory", "mission_name")
 
 
-def flag_names(name: str) -> tuple[str, str]:
+def flag_names(name: str) -> Sequence[str]:
     """Return the names under which the quality flags of a variable stand beside it."""
     return f"{name}_QC", f"{name}_qc"
 

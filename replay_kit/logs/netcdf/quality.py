@@ -46,9 +46,12 @@ def remove_bad(
     for key, name in chosen.items():
         # flags of a quantity of their own, or those beside a variable
         part = key.removesuffix("_flag") if key.endswith("_flag") else ""
-        own = {*flag_names(name)} & file.variables.keys()
         masked = [f"{part}_east", f"{part}_longitude"] if part else [key]
-        for flag in [name] if part else sorted(own - {*chosen.values()}):
+        for flag in (
+            [name]
+            if part
+            else sorted({*flag_names(name)} & file.variables.keys() - {*chosen.values()})
+        ):
             bad = flagged_bad(flag, file.variables[flag], dialect.flag_meanings, told.notes)
             if part and bad.any():
                 of_fix = ("/vehicle/fix", "GPS fix")
@@ -107,8 +110,7 @@ def _flags_of(file: NetcdfFile, name: str) -> list[str]:
     held = file.variables
     named = held[name].text("ancillary_variables").split()
     stated = [one for one in named if one in held and _meanings(held[one])]
-    beside = [one for one in flag_names(name) if one in held]
-    return deciding(stated) or stated or beside
+    return deciding(stated) or stated or [one for one in flag_names(name) if one in held]
 
 
 def deciding(names: Collection[str]) -> list[str]:

@@ -28,7 +28,6 @@ from replay_kit.logs.reader import Entries, Told
 TOPIC = "/observations"
 _EXPECTED = "expected a table with the columns time, longitude, latitude, depth [m], u, v and error [m/s], a row a depth"
 _PLACE = ("time", "longitude", "latitude")
-_FLAGGED = ("longitude", "latitude", "depth", "u", "v")
 
 #: By quantity the name of its column, or its value in all rows.
 Asked = Mapping[Any, str | float]
@@ -50,7 +49,7 @@ def _chosen(file: NetcdfFile, asked: Asked) -> tuple[NetcdfFile, dict[str, str]]
                 f"logs.columns.{key}: expected a column of {file.path}, one of {some_text(list(held))}, got '{name}'"
             )
         chosen[str(key)] = str(name)
-    if lacking := sorted(NEEDED - chosen.keys(), key=[*PINGS.names].index):
+    if lacking := [key for key in PINGS.names if key in NEEDED - chosen.keys()]:
         raise ConfigError(
             f"{file.path}: {_EXPECTED}; it lacks {', '.join(lacking)}"
             f"{'; state the standard error of each component, it is not guessed' if 'error' in lacking else ''}"
@@ -93,7 +92,7 @@ def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[
     """
     file, chosen = _chosen(file, asked)
     values = read_values(file, PINGS, chosen, notes)
-    for key in _FLAGGED:
+    for key in ("longitude", "latitude", "depth", "u", "v"):
         values[key] = without_bad(file, chosen[key], values[key], notes)
     rows = _over_rows(file, chosen, values)
     if "height" in rows:
