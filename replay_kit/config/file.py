@@ -93,6 +93,9 @@ def explain(
         else:
             said, got = item["msg"].removeprefix("Value error, "), _SHORT.repr(item["input"])
             line = f"'{key}': {said}" if said.startswith(got) else f"'{key}': {said}, got {got}"
+            # an error of a whole table names its key itself
+            if item["type"] == "value_error" and isinstance(item["input"], Mapping):
+                line = f"[{key}] {said}"
         found["options" if path is None or _is_given(options, item["loc"]) else str(path)].append(
             line
         )

@@ -138,6 +138,10 @@ class PlanRequest(Section):
         if self.mooring is None:
             return None
         radius, hours = numbers(self.mooring, "--mooring", "RADIUS,HOURS")
+        if min(radius, hours) <= 0.0:
+            raise ConfigError(
+                f"--mooring: expected a radius and a duration above 0, got {self.mooring}"
+            )
         return radius, hours
 
     @property

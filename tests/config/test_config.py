@@ -4,6 +4,7 @@ from dataclasses import replace
 import pytest
 
 from replay_kit.config.file import Section
+from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.as_flown import AsFlown
@@ -162,12 +163,18 @@ def test_numbers_outside_their_bounds_are_refused(load, section, key, value):
             r"unknown key 'a19'; known here: .*; and 3 more$",
         ),
         (f"{'a' * 100_000}=1", r"unknown key 'a{200}';"),
+        ("[planner]\nsamples=2", r": \[planner\] samples: .* three or more, got 2$"),
     ],
 )
 def test_a_configuration_made_to_hurt_ends_with_a_short_error(load, text, words):
     with pytest.raises(ConfigError, match=words) as error:
         load(text)
     assert len(str(error.value)) < 5000
+
+
+def test_a_mooring_of_no_hours_is_refused_by_the_name_of_its_option():
+    with pytest.raises(ConfigError, match="--mooring: .* above 0, got 5000,0"):
+        _ = PlanRequest(mooring="5000,0").mooring_numbers
 
 
 FLOWN = AsFlown(speed=0.21, glide_angle_deg=57.0, depth=980.0, duration=6000.0, dives=5)
