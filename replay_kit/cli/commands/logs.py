@@ -91,20 +91,23 @@ def info(
         if ensemble:
             from replay_kit.forecast import describe_ensemble
             from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
-            from replay_kit.workflows.info.import_check import (
-                check_logs,
-                import_check_json,
-                print_import_check,
-            )
-            from replay_kit.workflows.replay.inputs.scan import Logs
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             if not logs and config.forecast.region is None and addresses_in(ensemble):
                 write_json(json_file, print_price(ensemble, config, console_beside(json_file)))
                 return 0
             files = local_ensemble(ensemble, logs, config)
-            # as a replay of the logs would read it
-            near_ns = Logs([logs], config).ahead()[1] if logs else None
+            near_ns = None
+            if logs:
+                from replay_kit.workflows.info.import_check import (
+                    check_logs,
+                    import_check_json,
+                    print_import_check,
+                )
+                from replay_kit.workflows.replay.inputs.scan import Logs
+
+                # as a replay of the logs would read it
+                near_ns = Logs([logs], config).ahead()[1]
             forecast = describe_ensemble(files, config.forecast, near_ns)
             check = check_logs(logs, files, config) if logs else None
     console = console_beside(json_file, suggest)
