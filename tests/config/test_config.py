@@ -173,7 +173,7 @@ def test_a_configuration_made_to_hurt_ends_with_a_short_error(load, text, words)
 
 
 def test_a_mooring_of_no_hours_is_refused_by_the_name_of_its_option():
-    with pytest.raises(ConfigError, match="--mooring: .* above 0, got 5000,0"):
+    with pytest.raises(ConfigError, match=r"--mooring: .* above 0, got 5000,0"):
         _ = PlanRequest(mooring="5000,0").mooring_numbers
 
 
