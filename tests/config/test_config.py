@@ -4,7 +4,6 @@ from dataclasses import replace
 import pytest
 
 from replay_kit.config.file import Section
-from replay_kit.config.plan import PlanRequest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.as_flown import AsFlown
@@ -172,9 +171,10 @@ def test_a_configuration_made_to_hurt_ends_with_a_short_error(load, text, words)
     assert len(str(error.value)) < 5000
 
 
-def test_a_mooring_of_no_hours_is_refused_by_the_name_of_its_option():
+def test_a_mooring_of_no_hours_is_refused_by_the_name_of_its_option(load):
+    plan = load("[plan]\nmooring = '5000,0'\n").plan
     with pytest.raises(ConfigError, match=r"--mooring: .* above 0, got 5000,0"):
-        _ = PlanRequest(mooring="5000,0").mooring_numbers
+        _ = plan.mooring_numbers
 
 
 FLOWN = AsFlown(speed=0.21, glide_angle_deg=57.0, depth=980.0, duration=6000.0, dives=5)
