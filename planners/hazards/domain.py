@@ -15,8 +15,6 @@ from replay_kit.core.plan import Place
 
 #: Depths of dives at most, in those of the deepest level.
 BEYOND = 2.0
-# Depths are compared to a millimetre, so that a path that ends on the surface or on the deepest level is inside.
-_DEPTH_MARGIN = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,21 +56,6 @@ class Region:
         return np.clip(
             np.searchsorted(self.grid.levels, depth, side="right") - 1, 0, self.grid.levels.size - 1
         )
-
-    def inside_outline(self, points: Array) -> NDArray[np.bool_]:
-        """Return a mask of the horizontal points, shape (..., 2) [m], within the grid's outline."""
-        return inside_grid(self.grid, points[..., 0], points[..., 1])
-
-    def inside(self, points: Array) -> NDArray[np.bool_]:
-        """Return a mask of the points, shape (n, 3) [m], within the outline, the surface and the greatest depth."""
-        depth_fits = (points[:, 2] >= -_DEPTH_MARGIN) & (
-            points[:, 2] <= self.deepest + _DEPTH_MARGIN
-        )
-        return depth_fits & self.inside_outline(points[:, :2])
-
-    def allowed(self, points: Array) -> NDArray[np.bool_]:
-        """Return a mask of the points, shape (n, 3) [m], that are inside and wet."""
-        return self.inside(points) & self.wet(points)
 
 
 def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
