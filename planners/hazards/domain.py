@@ -48,14 +48,9 @@ class Region:
 
     def wet(self, points: Array) -> NDArray[np.bool_]:
         """Return a mask of the points, shape (n, 3) [m], in water: the nearest grid point is wet at the last level at or above them."""
-        wet = self.grid.wet.reshape(self.grid.levels.size, -1)
-        return np.asarray(wet[self.level_at(points[:, 2]), nearest(self.grid, points[:, :2])])
-
-    def level_at(self, depth: Array) -> NDArray[np.intp]:
-        """Return the number of the last level at or above depths, shape (n,) [m]; 0 above all levels."""
-        return np.clip(
-            np.searchsorted(self.grid.levels, depth, side="right") - 1, 0, self.grid.levels.size - 1
-        )
+        levels, at = self.grid.levels, nearest(self.grid, points[:, :2])
+        last = np.clip(np.searchsorted(levels, points[:, 2], "right") - 1, 0, levels.size - 1)
+        return np.asarray(self.grid.wet.reshape(levels.size, -1)[last, at])
 
 
 def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:

@@ -302,9 +302,12 @@ def with_odds(plan: MissionPlan, odds: MissionOdds, arrive: float, risk: float) 
         text += arrival_text(plan, odds.arrival_median, odds.arrival_90_percent)
     text += violations_text(violating, odds.violations)
     # shares of a few samples are rounded by the last bit
-    if violating > risk + 1e-9 and status == "reached":
+    arrives = odds.reached >= arrive - 1e-9
+    # the radius within which a flight arrives may be more than the tolerance, and a steered flight may yet meet what the plan misses
+    status = "reached" if status == "unreachable" and arrives else status
+    if status == "reached" and violating > risk + 1e-9:
         status, text = "unsafe", f"{text}, more than the {100.0 * risk:.0f} % accepted"
-    elif odds.reached < arrive - 1e-9 and status == "reached":
+    elif status == "reached" and not arrives:
         status, text = "uncertain", f"{text}; {100.0 * arrive:.0f} % are required"
     statistics = {**plan.statistics, "arrive": arrive}
     message = f"{text}. In the mean current: {plan.message}"

@@ -92,10 +92,10 @@ def explain(
             line = f"unknown key '{key}'; known here: {', '.join(known)}"
         else:
             said, got = item["msg"].removeprefix("Value error, "), _SHORT.repr(item["input"])
-            line = f"'{key}': {said}" if said.startswith(got) else f"'{key}': {said}, got {got}"
-            # an error of a whole table names its key itself
-            if item["type"] == "value_error" and isinstance(item["input"], Mapping):
-                line = f"[{key}] {said}"
+            line = f"'{key}': {said}"
+            # of a whole table the error names what it is of
+            if not (said.startswith(got) or isinstance(item["input"], Mapping)):
+                line += f", got {got}"
         found["options" if path is None or _is_given(options, item["loc"]) else str(path)].append(
             line
         )

@@ -257,7 +257,7 @@ def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
         (
             "--depart 2026-01-01T12:00Z,2026-01-02T00:00Z,0h",
             2,
-            "--depart: expected a step above 0, got '0h'",
+            "--depart: expected a duration above 0, got '0h'",
         ),
         ("--depart 2026-01-01T12:00Z,2026-01-02T00:00Z", 2, "--depart: expected T0,T1,STEP"),
         (
