@@ -139,7 +139,7 @@ class PlanRequest(Section):
             return None
         radius, hours = numbers(self.mooring, "--mooring", "RADIUS,HOURS")
         if min(radius, hours) <= 0.0:
-            raise ConfigError(f"--mooring: expected two above 0, got {self.mooring}")
+            raise ConfigError(f"--mooring: expected numbers above 0, got {self.mooring}")
         return radius, hours
 
     @property
@@ -189,7 +189,7 @@ def departures_of(text: str) -> tuple[int, ...]:
             f"--depart: expected T0,T1,STEP as in 2026-05-01T00:00Z,2026-05-03T00:00Z,12h, got '{text}'"
         )
     first, last = (_time(part, "--depart") for part in parts[:2])
-    step_ns = max(1, round(1e9 * _duration(parts[2], "--depart")))
+    step_ns = round(1e9 * _duration(parts[2], "--depart")) or 1
     if last < first:
         raise ConfigError(
             f"--depart: expected the first departure before the last, got '{parts[0]}' and '{parts[1]}'; swap them"

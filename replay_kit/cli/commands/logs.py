@@ -67,7 +67,7 @@ def info(
     suggest, json_file = outputs.suggest, outputs.json_file
     if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
         raise ConfigError(
-            "--suggest and --json: only one of them can have standard output; give the other a file"
+            "--suggest and --json: only one can have standard output; give the other a file"
         )
     if not logs and not ensemble:
         raise ConfigError("info: expected a log, or a forecast with --ensemble")
@@ -86,7 +86,7 @@ def info(
 
     with progress() as advance:
         found = inspect_logs(logs, config, advance, full)
-        forecast = check = None
+        forecast = check = near_ns = None
         # the libraries that read a forecast take longer to load than a log's index to read
         if ensemble:
             from replay_kit.forecast import describe_ensemble
@@ -97,7 +97,6 @@ def info(
                 write_json(json_file, print_price(ensemble, config, console_beside(json_file)))
                 return 0
             files = local_ensemble(ensemble, logs, config)
-            near_ns = None
             if logs:
                 from replay_kit.workflows.info.import_check import (
                     check_logs,
