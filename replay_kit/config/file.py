@@ -33,7 +33,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
     if len(data) > _LARGEST:
         raise ConfigError(
-            f"{path}: expected a configuration of at most {_LARGEST} bytes; is it the right file?"
+            f"{path}: expected a configuration of at most {_LARGEST} bytes; the right file?"
         )
     # tomllib lets through what Python says of numbers and nesting that are too long
     try:
