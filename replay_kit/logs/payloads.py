@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 PING, FIX = "replay_kit.AdcpPing", "foxglove.LocationFix"
+#: Schema of the mean current of a dive.
+DIVE_MEAN = "replay_kit.DepthAveragedCurrent"
 _NS = 1_000_000_000
 # rows of which messages are made at once
 _ROWS = 4096

@@ -10,8 +10,6 @@ import orjson
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import Message, RawChannel, RawMessage
 
-#: Schema of the mean current of a dive.
-DIVE_MEAN = "replay_kit.DepthAveragedCurrent"
 _TYPES = {str: "string", bool: "boolean", int: "number", float: "number"}
 
 

@@ -21,13 +21,12 @@ from replay_kit.logs.netcdf.currents import (
 )
 from replay_kit.logs.netcdf.dialects import MISSIONS, Dialect
 from replay_kit.logs.netcdf.variables import NetcdfFile
-from replay_kit.logs.payloads import FIX, Entry, entries, fix_entries, location_fix
+from replay_kit.logs.payloads import DIVE_MEAN, FIX, Entry, entries, fix_entries, location_fix
 from replay_kit.logs.reader import Entries, Told
 
 _DECIMATED_NS = 60 * 1_000_000_000
 # m; samples of one time that lie farther apart have no depth of their own
 _ONE_DEPTH = 5.0
-_DAC = "replay_kit.DepthAveragedCurrent"
 
 
 def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
@@ -78,7 +77,7 @@ def glider(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, tol
         chain(
             fix_entries(fixes),
             _positions(samples, means, fixes, dialect),
-            ((mean.end.time_ns, "/dac", _DAC, mean.payload | of) for mean in means),
+            ((mean.end.time_ns, "/dac", DIVE_MEAN, mean.payload | of) for mean in means),
             pings,
         ),
         *(_instrument(topic, samples) for topic in _INSTRUMENTS),

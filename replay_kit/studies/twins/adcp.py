@@ -5,7 +5,7 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import Flag, Observation, Reason, Source
+from replay_kit.core.observation import Observation
 from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Pings, random_places
 
@@ -93,20 +93,9 @@ def _observations(
     places: tuple[Array, Array], depth: Array, velocity: Array, error_std: float
 ) -> tuple[Observation, ...]:
     """Return profiles, one a minute, at longitudes and latitudes, from velocities of shape (n, depths, 2), NaN where missing."""
-    missing = np.asarray(~np.isfinite(velocity).all(axis=2))
     return tuple(
-        Observation(
-            time_ns=EPOCH_NS + _INTERVAL_NS * k,
-            longitude=float(longitude),
-            latitude=float(latitude),
-            depth=depth,
-            velocity=velocity[k],
-            error_std=np.full(depth.size, error_std),
-            reference="earth",
-            flags=np.where(missing[k], Flag.MISSING, Flag.GOOD).astype(np.int8),
-            reasons=np.where(missing[k], Reason.MISSING, Reason.NONE).astype(np.int32),
-            dive=0,
-            source=Source(0, "/adcp", k, EPOCH_NS + _INTERVAL_NS * k),
+        Observation.profile(
+            EPOCH_NS + _INTERVAL_NS * k, lon, lat, depth, each[:, 0], each[:, 1], error_std
         )
-        for k, (longitude, latitude) in enumerate(zip(*places, strict=True))
+        for k, (lon, lat, each) in enumerate(zip(*places, velocity, strict=True))
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
-from replay_kit.core.observation import VehicleState
+from replay_kit.logs.payloads import DIVE_MEAN, FIX, PING, location_fix, number, stamp
 from replay_kit.studies.twins.adcp import BIN0_DISTANCE, CELL_SIZE, N_CELLS, measure
 from replay_kit.studies.twins.field import Field
 from replay_kit.studies.twins.vehicle import NS_PER_S, Dive, Mission, Pings
@@ -40,26 +40,12 @@ class Flight:
     def messages(self) -> Iterator[Message]:
         """Yield the log's messages in order of time: at equal times position, mean current of a dive, ping."""
         entries: list[tuple[int, int, str, str, dict[str, Any]]] = []
-        for position in self.mission.positions:
-            entries.append(
-                (
-                    position.time_ns,
-                    0,
-                    position.source.topic,
-                    "foxglove.LocationFix",
-                    _location_fix(position),
-                )
-            )
+        for at in self.mission.positions:
+            place = at.time_ns, at.longitude, at.latitude, at.depth
+            fix = location_fix(*place, at.dead_reckoned, math.nan)
+            entries.append((at.time_ns, 0, at.source.topic, FIX, fix))
         for dive in self.mission.dives:
-            entries.append(
-                (
-                    dive.end.time_ns,
-                    1,
-                    "/dac",
-                    "replay_kit.DepthAveragedCurrent",
-                    _depth_averaged_current(dive),
-                )
-            )
+            entries.append((dive.end.time_ns, 1, "/dac", DIVE_MEAN, _depth_averaged_current(dive)))
         entries += self._pings()
         entries.sort(key=lambda entry: entry[:2])
         for ordinal, (time_ns, _, topic, schema, payload) in enumerate(entries):
@@ -68,11 +54,11 @@ class Flight:
     def _pings(self) -> Iterator[tuple[int, int, str, str, dict[str, Any]]]:
         """Yield the pings as logged by the instrument, with times and order among messages of equal time."""
         latitudes = {position.time_ns: position.latitude for position in self.mission.positions}
-        for number, time_ns in enumerate(self.mission.pings.time_ns.tolist()):
+        for k, time_ns in enumerate(self.mission.pings.time_ns.tolist()):
             ping = _adcp_ping(
-                self.mission.pings, number, self.noise, self.measured[number], latitudes[time_ns]
+                self.mission.pings, k, self.noise, self.measured[k], latitudes[time_ns]
             )
-            yield time_ns, 2, "/adcp", "replay_kit.AdcpPing", ping
+            yield time_ns, 2, "/adcp", PING, ping
 
 
 def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Generator) -> Flight:
@@ -87,33 +73,13 @@ def measured_on(mission: Mission, field: Field, noise: float, rng: np.random.Gen
     return Flight(field, mission, noise, measure(field, mission.pings, noise, rng))
 
 
-def _stamp(time_ns: int) -> dict[str, int]:
-    return {"sec": time_ns // NS_PER_S, "nsec": time_ns % NS_PER_S}
-
-
-def _location_fix(position: VehicleState) -> dict[str, Any]:
-    return {
-        "timestamp": _stamp(position.time_ns),
-        "frame_id": "vehicle",
-        "latitude": position.latitude,
-        "longitude": position.longitude,
-        "altitude": -position.depth,
-        "position_covariance": [0.0] * 9,
-        "position_covariance_type": 0,
-        "metadata": [
-            {"key": "depth", "value": f"{position.depth:.3f}"},
-            {"key": "dead_reckoned", "value": "true" if position.dead_reckoned else "false"},
-        ],
-    }
-
-
 def _depth_averaged_current(dive: Dive) -> dict[str, Any]:
     fixes = (
-        {"time": _stamp(fix.time_ns), "lon": fix.longitude, "lat": fix.latitude}
+        {"time": stamp(fix.time_ns), "lon": fix.longitude, "lat": fix.latitude}
         for fix in (dive.start, dive.end)
     )
     return {
-        "stamp": _stamp(dive.end.time_ns),
+        "stamp": stamp(dive.end.time_ns),
         "dive": dive.number,
         "dac_eastward": round(dive.current[0], 6),
         "dac_northward": round(dive.current[1], 6),
@@ -125,20 +91,20 @@ def _depth_averaged_current(dive: Dive) -> dict[str, Any]:
 
 
 def _adcp_ping(
-    pings: Pings, number: int, noise: float, velocity: Array, latitude: float
+    pings: Pings, ordinal: int, noise: float, velocity: Array, latitude: float
 ) -> dict[str, Any]:
     pressure = (
-        float(gsw.p_from_z(-pings.depth[number], latitude)) if pings.depth[number] > 0.0 else 0.0
+        float(gsw.p_from_z(-pings.depth[ordinal], latitude)) if pings.depth[ordinal] > 0.0 else 0.0
     )
     # a tenth of the millimetre per second that instruments resolve, so that the numbers stay short
     cells = [
-        [*(_number(component) for component in cell), None]
+        [*(number(component) for component in cell), None]
         for cell in np.round(velocity, 4).tolist()
     ]
     return {
-        "stamp": _stamp(int(pings.time_ns[number])),
+        "stamp": stamp(int(pings.time_ns[ordinal])),
         "frame_id": "adcp",
-        "ping": number,
+        "ping": ordinal,
         "coordinate_system": "earth",
         "reference": "earth",
         "orientation": "down",
@@ -157,14 +123,10 @@ def _adcp_ping(
         "sound_speed": 1500.0,
         "temperature": None,
         "pressure": round(pressure, 3),
-        "heading": round(float(pings.heading_deg[number]), 2),
-        "pitch": float(pings.pitch_deg[number]),
+        "heading": round(float(pings.heading_deg[ordinal]), 2),
+        "pitch": float(pings.pitch_deg[ordinal]),
         "roll": 0.0,
         "magnetic_declination": None,
         "declination_applied": True,
         "bottom_track": None,
     }
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -14,12 +14,11 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.netcdf.surface import RADAR
 from replay_kit.logs.netcdf.unknown import TOPIC, Asked, ping_of, profiles_in_memory
 from replay_kit.logs.netcdf.variables import Stored
-from replay_kit.logs.payloads import PING, number, numbers, stamp
+from replay_kit.logs.payloads import DIVE_MEAN, PING, number, numbers, stamp
 from replay_kit.workflows.library.parts import dataset_of, is_table
 
 #: What a person states: a profile, a mean current, a single component.
 Stated = Observation | PathMean | LinearMeasurement
-_MEAN = "replay_kit.DepthAveragedCurrent"
 # s; as long as tides keep their direction, so that their error is counted once
 _AVERAGED = 11_178.0
 
@@ -77,7 +76,7 @@ def _of_table(value: Any, name: str, columns: Asked) -> list[Observation]:
 
 def _message(each: Stated, position: int) -> Message:
     if isinstance(each, PathMean):
-        topic, schema, payload = "/dac", _MEAN, _mean(each)
+        topic, schema, payload = "/dac", DIVE_MEAN, _mean(each)
     elif isinstance(each, LinearMeasurement):
         topic, schema, payload = "/components", RADAR, _component(each)
     else:
