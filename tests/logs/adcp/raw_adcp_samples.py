@@ -47,19 +47,11 @@ class Survey:
     n: int = 30
 
 
-def write(folder: Path, data: bytes) -> Path:
-    """Return the path of a file that holds the data."""
-    path = folder / "survey.pd0"
-    path.write_bytes(data)
-    return path
-
-
 def adcp_messages(path: Path) -> tuple[list[Message], list[Message]]:
     """Return a log's pings and fixes."""
     messages = list(open_log(path).messages())
-    return [m for m in messages if m.topic == "/adcp"], [
-        m for m in messages if m.topic == "/vehicle/fix"
-    ]
+    pings, fixes = ([m for m in messages if m.topic == at] for at in ("/adcp", "/vehicle/fix"))
+    return pings, fixes
 
 
 def vectors() -> Array:

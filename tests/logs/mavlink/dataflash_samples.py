@@ -6,17 +6,8 @@ from typing import Any
 from replay_kit.logs.mavlink.dataflash import FMT, Format
 
 _CODES = {
-    "a": "32h",
-    "n": "4s",
-    "N": "16s",
-    "Z": "64s",
-    "M": "B",
-    "g": "e",
-    "c": "h",
-    "C": "H",
-    "e": "i",
-    "E": "I",
-    "L": "i",
+    **{"a": "32h", "n": "4s", "N": "16s", "Z": "64s", "M": "B", "g": "e"},
+    **{"c": "h", "C": "H", "e": "i", "E": "I", "L": "i"},
 }
 # name, number, letters, columns
 _DECLARED = """
@@ -36,32 +27,27 @@ _TYPES = {
 }
 
 
+def packing(letters: str) -> str:
+    """The letters of ``struct`` for those of a format."""
+    return "<" + "".join(_CODES.get(letter, letter) for letter in letters)
+
+
 def form(name: str) -> Format:
     """The format of one of the kinds above."""
     number, letters, columns = _TYPES[name]
-    length = 3 + struct.calcsize("<" + "".join(_CODES.get(letter, letter) for letter in letters))
+    length = 3 + struct.calcsize(packing(letters))
     return Format(number, name, length, letters, tuple(columns.split(",")))
 
 
 def record(kind: Format, *values: Any) -> bytes:
     """A record: the values as they are stored, text as bytes."""
-    return (
-        b"\xa3\x95"
-        + bytes((kind.type,))
-        + struct.pack("<" + "".join(_CODES.get(letter, letter) for letter in kind.letters), *values)
-    )
+    return b"\xa3\x95" + bytes((kind.type,)) + struct.pack(packing(kind.letters), *values)
 
 
 def declaration(kind: Format) -> bytes:
     """The FMT record of a kind."""
-    return record(
-        FMT,
-        kind.type,
-        kind.length,
-        kind.name.encode(),
-        kind.letters.encode(),
-        ",".join(kind.columns).encode(),
-    )
+    texts = (text.encode() for text in (kind.name, kind.letters, ",".join(kind.columns)))
+    return record(FMT, kind.type, kind.length, *texts)
 
 
 def declarations() -> bytes:

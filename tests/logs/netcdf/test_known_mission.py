@@ -73,11 +73,6 @@ def changed(write, change, path):
 
 
 def _lower(variables):
-    """Names and dimensions in lower case, and the mean current at the fixes as well."""
-    for name, to in (("WATERCURRENTS_U", 0), ("WATERCURRENTS_V", 1)):
-        dims, values, attributes = variables[name]
-        means = 100.0 * np.repeat([made.mean(0)[to], made.mean(1)[to]], len(values) // 2)
-        variables[name] = dims, means, attributes
     return {
         name.lower(): (tuple(map(str.lower, dims)), *held)
         for name, (dims, *held) in variables.items()
@@ -99,15 +94,10 @@ def _packed(variables):
     return variables
 
 
-def _times(characters):
-    def change(variables):
-        dims, time, _ = variables["time"]
-        texts = np.array([f"{np.datetime64(round(t), 's')}Z" for t in time], "S20")
-        if characters:
-            dims, texts = (*dims, "n_char"), texts.view("S1").reshape(len(texts), 20)
-        return variables | {"time": (dims, texts, {})}
-
-    return change
+def _characters(variables):
+    dims, time, _ = variables["time"]
+    texts = np.array([f"{np.datetime64(round(t), 's')}Z" for t in time], "S20")
+    return variables | {"time": ((*dims, "n_char"), texts.view("S1").reshape(-1, 20), {})}
 
 
 def _as_pyglider(variables):
@@ -178,8 +168,7 @@ _STATED_ONCE = "2 profiles of 118 samples: values stated once"
 VARIANTS = {
     "lower case": Form("og1", made.bodc, _lower),
     "packed": Form("og1", made.bodc, _packed),
-    "characters": Form("socib", made.socib, _times(True)),
-    "texts": Form("socib", made.socib, _times(False)),
+    "characters": Form("socib", made.socib, _characters),
     "numbers in texts": Form("socib", made.socib, _texts),
     "decimal degrees": Form("slocum", _plain_slocum),
     # a report at the surface is of the dive between samples at the surface
@@ -378,9 +367,9 @@ def test_unlisted_names_are_known_by_their_standard_names(tmp_path, form):
 
 def test_unlisted_names_without_standard_names_are_candidates(tmp_path):
     _stated("bodc", tmp_path, ("", ""), ("final_a", "final_b"))
-    synthetic.dataset(3, 8, (6, 10), np.array([5.0, 100.0]), west=-30.1, south=39.9).to_netcdf(
-        tmp_path / "ensemble.nc", engine="h5netcdf"
-    )
+    levels = np.array([5.0, 100.0])
+    sea = synthetic.dataset(3, 8, (6, 10), levels, west=-30.1, south=39.9)
+    sea.to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
     info = run_command(tmp_path, "info a.nc")
     replayed = run_command(tmp_path, "replay a.nc --ensemble ensemble.nc -o out.mcap")
     assert replayed.returncode == 3
