@@ -13,7 +13,6 @@ from replay_kit.forecast import read_ensemble
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 N_MEMBERS = 3
-PACKING = 0.00061037018951994385
 _CMEMS = (
     {"standard_name": "eastward_sea_water_velocity"},
     {"standard_name": "northward_sea_water_velocity"},
@@ -236,11 +235,16 @@ def save(ds, path, **encoding):
 
 
 def saved(files, folder):
-    """Write datasets by name into a folder, and return it."""
-    for name, ds in files.items():
+    """Write datasets by name, or one alone, into a folder, and return it."""
+    for name, ds in {"e.nc": files}.items() if isinstance(files, xr.Dataset) else files.items():
         (folder / name).parent.mkdir(exist_ok=True)
         save(ds, folder / name)
     return folder
+
+
+def row(files, words, **settings):
+    """Return files, words that are said of them, and settings as parameters of a test."""
+    return files, words, settings
 
 
 def dated(ds, times):

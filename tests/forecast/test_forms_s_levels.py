@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_truth
-from replay_kit.forecast.describe import describe_ensemble, open_extent
+from replay_kit.forecast.describe import describe_ensemble
 from tests.forecast import forms
 from tests.forecast.forms import N_MEMBERS, noted, read_with, refused, save, true_components
 
@@ -212,19 +212,3 @@ def test_the_deepest_levels_alone_say_nothing_of_the_water_above_them(tmp_path):
     # the only level of 4,100 m of water is 3,935 m deep
     read = read_truth(one, ForecastConfig(levels=(3930.0,)))
     assert_array_equal(read.grid.wet[0], known.grid.wet[0] & (h == 4100.0))
-
-
-def test_a_patch_of_deep_water_alone_is_of_the_first_level_asked_for(tmp_path):
-    for k in range(2):
-        save(deep_sea(slice(0, 3), k), tmp_path / f"mem{k}.nc")
-    with open_extent(tmp_path, ForecastConfig(levels=(3900.0, 4000.0)), None) as found:
-        assert_array_equal(found.patch(found.box).grid.levels, [3900.0])
-        latitude, cell = found.layout.points[1], max(found.step)
-        assert found.box[1::2] == pytest.approx(
-            (latitude.min() - cell, latitude.max() + cell), abs=0.01 * cell
-        )
-    with (
-        open_extent(tmp_path, ForecastConfig(), None) as found,
-        pytest.raises(ForecastError, match="no level is near 0 m"),
-    ):
-        found.patch(found.box)

@@ -36,36 +36,32 @@ def runs(start: str) -> xr.Dataset:
     "start", [pytest.param("time", marks=pytest.mark.full), "forecast_reference_time"]
 )
 def test_lags_of_a_store_of_runs(tmp_path, asker, start):
-    ds = runs(start)
-    ds.to_netcdf(tmp_path / "runs.nc", engine="h5netcdf")
-    config = ForecastConfig(members="lags", time="2018-11-14T00:00Z", levels=(5.0,))
-    found = read_ensemble(tmp_path / "runs.nc", config)
-    assert found.n_members == 5
+    ds, runs_file = runs(start), tmp_path / "runs.nc"
+    ds.to_netcdf(runs_file, engine="h5netcdf")
+
+    def read(path, **changes):
+        settings = {"members": "lags", "time": "2018-11-14T00:00Z", "levels": (5.0,)} | changes
+        return read_ensemble(path, ForecastConfig(**settings))
+
+    found = read(runs_file)
     assert found.members[0].endswith("started 2018-11-10T00:00")
-    for k in range(5):
-        np.testing.assert_allclose(
-            found.velocity[k], (1 + 0.1 * k - 0.01 * (4 - k)) / 0.96 * found.velocity[0], rtol=1e-6
-        )
+    factors = [(1 + 0.1 * k - 0.01 * (4 - k)) / 0.96 for k in range(5)]
+    for velocity, factor in zip(found.velocity, factors, strict=True):
+        np.testing.assert_allclose(velocity, factor * found.velocity[0], rtol=1e-6)
     with serving(Files(zarr_objects(ds, zarr_format=2))) as files:
         span = {"start": "2018-11-14T00:00Z", "end": "2018-11-14T06:00Z"}
         part = asker(files.url, members="lags", logs=span)
-        file = asker.state.fetched.files[0]
+        (file,) = asker.state.fetched.files
         # of the newest start, although the log is of another time
         asker(files.url, members="lags", lead=1.0, logs=span)
-    box = {"region": (153.0, -39.5, 154.5, -38.5), "time": None, "lead": 1.0}
-    ahead = [
-        read_ensemble(path, config.model_copy(update=box))
-        for path in (tmp_path / "runs.nc", asker.state.fetched.files[0])
-    ]
-    assert ahead[0].time_ns == ahead[1].time_ns == found.time_ns + 86_400 * 10**9
-    np.testing.assert_array_equal(ahead[0].velocity, ahead[1].velocity)
-    with pytest.raises(ForecastError, match="lead 4 of the newest run is valid 2018-11-18"):
-        read_ensemble(tmp_path / "runs.nc", config.model_copy(update=box | {"lead": 4.0}))
     # the last start's first leads, the first start's last ones
     assert dict(part.sizes)[start] == 5
-    again = read_ensemble(
-        file,
-        config.model_copy(update={"region": (153.0, -39.5, 154.5, -38.5)}),
-    )
-    assert again.n_members == 5
-    assert again.time_ns == found.time_ns
+    box = {"region": (153.0, -39.5, 154.5, -38.5)}
+    again = read(file, **box)
+    assert (again.n_members, again.time_ns) == (5, found.time_ns)
+    ahead = box | {"time": None, "lead": 1.0}
+    ours, theirs = (read(path, **ahead) for path in (asker.state.fetched.files[0], runs_file))
+    assert ours.time_ns == theirs.time_ns == found.time_ns + 86_400 * 10**9
+    np.testing.assert_array_equal(ours.velocity, theirs.velocity)
+    with pytest.raises(ForecastError, match="lead 4 of the newest run is valid 2018-11-18"):
+        read(runs_file, **ahead | {"lead": 4.0})
