@@ -9,14 +9,12 @@ from replay_kit.core.geodesy import (
     distance,
     grid_bearing_of_true_north,
     heading_deg,
-    inside_grid,
     rotate_to_geographic,
     rotate_to_local,
     to_geographic,
     to_local,
 )
 from replay_kit.core.grid import Projection
-from tests import synthetic
 
 CENTRE = Projection(152.5, -40.0)
 
@@ -51,10 +49,3 @@ def test_the_bearing_of_true_north_of_no_place_and_of_places_that_are_not_number
 def test_headings_are_clockwise_from_north():
     found = heading_deg([0, 1, 0, -1, -1e-9], [1, 0, -1, 0, 1])
     np.testing.assert_allclose(found, [0, 90, 180, 270, 360], atol=1e-6)
-
-
-def test_inside_the_outline_of_a_grid():
-    grid = synthetic.ensemble().grid
-    assert inside_grid(grid, grid.east, grid.north).all()
-    assert not inside_grid(grid, 1.2 * grid.east[:, -1], grid.north[:, -1]).any()
-    assert not inside_grid(grid, 0.0, 1.2 * grid.north.max())

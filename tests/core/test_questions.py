@@ -33,10 +33,8 @@ def result(tmp_path_factory):
 
 DOORS = {
     "velocity_at": lambda result, depth: result.estimate.velocity_at(*PLACE, depth),
-    "at a time": lambda result, depth: result.estimate.velocity_at(*PLACE, depth, "2018-11-16"),
-    "result": lambda result, depth: result.velocity_at(*PLACE, depth),
+    "result": lambda result, depth: result.velocity_at(*PLACE, depth, "2018-11-16"),
     "to_xarray": lambda result, depth: result.estimate.to_xarray(**AXES, depth=[5.0, depth]),
-    "to_pandas": lambda result, depth: result.estimate.to_pandas(**AXES, depth=[depth]),
     "along": lambda result, depth: result.estimate.along(
         {"longitude": [153.1] * 2, "latitude": -40.25, "depth": [5.0, depth]}
     ),

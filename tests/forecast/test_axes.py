@@ -12,7 +12,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.estimator.basis.modes import build_basis
 from replay_kit.forecast import describe_ensemble
-from replay_kit.forecast.grids.axes import divergent_share, geostrophic_flow
+from replay_kit.forecast.grids.axes import geostrophic_flow
 from tests.forecast import forms
 from tests.forecast.forms import noted, read_with, save
 from tests.places import DATA, needs
@@ -81,19 +81,6 @@ def test_below_a_degree_nothing_is_asked(tmp_path):
     ).check
     assert 0.2 < check.angle < 1.0
     assert (check.residual, check.phase) == (None, None)
-
-
-def test_the_share_of_a_divergent_flow_is_all_and_of_a_rotation_none():
-    east, north = np.meshgrid(np.arange(30.0) * 4e3, np.arange(25.0) * 4e3)
-    wet = np.ones(east.shape, bool)
-    wet[:4, :6] = False
-    x, y = 2 * np.pi * east / 4e4, 2 * np.pi * north / 4e4
-    gradient = (np.cos(x) * np.sin(y) + 1j * np.sin(x) * np.cos(y))[None]
-    rotation = (-np.sin(x) * np.cos(y) + 1j * np.cos(x) * np.sin(y))[None]
-    assert divergent_share(east, north, rotation, wet) < 0.01
-    assert divergent_share(east, north, gradient, wet) > 0.8
-    # of both together, half of the variance is divergent
-    assert divergent_share(east, north, gradient + rotation, wet) == pytest.approx(0.5, abs=0.1)
 
 
 def test_geostrophic_flow_goes_round_a_high_clockwise_in_the_north():

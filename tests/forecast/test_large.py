@@ -6,6 +6,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.testing import assert_array_equal
 
 from replay_kit.config.run import EstimatorConfig, ForecastConfig
@@ -77,6 +78,20 @@ def test_a_full_disk_is_told_before_anything_is_read(nothing_fits, monkeypatch):
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(ReplayKitError, match=r"needs 0\.0 GB.*No space left.*TMPDIR"):
         arrays.large_array((10, 100), np.dtype(np.float32))
+
+
+def test_a_small_part_of_a_large_curvilinear_grid_is_read(tmp_path):
+    y, x = np.mgrid[:1000, :1000]
+    noise = np.random.default_rng(1).normal(0.0, 0.05, (2, *x.shape)).astype(np.float32)
+    dims = ("member", "y", "x")
+    held = {name: (dims, noise, {"units": "m s-1"}) for name in ("uo", "vo")}
+    held["nav_lon"] = dims[1:], -20.0 + 0.01 * x + 3e-4 * y
+    held["nav_lat"] = dims[1:], 30.0 + 0.01 * y - 2e-4 * x
+    encoding = {name: {"zlib": True, "complevel": 1} for name in held}
+    xr.Dataset(held).to_netcdf(path := tmp_path / "e.nc", encoding=encoding)
+    read = read_with(path, region=(-15.0, 35.0, -14.5, 35.5))
+    assert read.velocity.shape[0] == 2
+    assert read.grid.east.size < 4000
 
 
 def refused_early(paths, message, **config):

@@ -187,12 +187,6 @@ def test_members_of_one_file_at_times_of_another(tmp_path):
     assert_array_equal(read_with(tmp_path, near_ns=near).velocity, series[2].velocity)
 
 
-def test_files_of_several_members_each_add_up(tmp_path):
-    parts = {"a.nc": SEA.isel(member=slice(5)), "b.nc": SEA.isel(member=slice(5, 8))}
-    read = read_with(saved(parts, tmp_path))
-    assert_array_equal(read.velocity, synthetic.ensemble().velocity)
-
-
 @pytest.mark.parametrize("member", [{}, {"member": 0}])
 def test_daily_files_are_those_of_their_days(tmp_path, member):
     one = forms.known().isel(member, drop=True)

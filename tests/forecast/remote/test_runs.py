@@ -7,6 +7,7 @@ import xarray as xr
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.forecast import read_ensemble
+from tests.forecast.forms import in_turn
 from tests.forecast.remote.conftest import sea
 from tests.forecast.remote.servers import Files, serving, zarr_objects
 
@@ -16,20 +17,10 @@ pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is current
 def runs(start: str) -> xr.Dataset:
     """Five runs a day apart, each of six leads a day apart; the current grows with the start and falls with the lead."""
     one = sea(times=1).isel(time=0, member=0, drop=True)
-    first = np.datetime64("2018-11-10T00", "ns")
-    each = [
-        xr.concat([one * (1 + 0.1 * k - 0.01 * lead) for lead in range(6)], "lead")
-        for k in range(5)
-    ]
-    ds = xr.concat(each, start).assign_coords(
-        {
-            start: (start, first + np.arange(5) * np.timedelta64(1, "D")),
-            "lead": ("lead", np.arange(6), {"units": "days", "standard_name": "forecast_period"}),
-        }
-    )
-    for name in ("uo", "vo"):
-        ds[name].attrs = one[name].attrs
-    return ds
+    days = np.datetime64("2018-11-10T00", "ns") + np.arange(5) * np.timedelta64(1, "D")
+    about = {"units": "days", "standard_name": "forecast_period"}
+    leads = [[one * (1 + 0.1 * k - 0.01 * lead) for lead in range(6)] for k in range(5)]
+    return in_turn([in_turn(each, np.arange(6), "lead", **about) for each in leads], days, start)
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,15 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from tests.reference import frames as slow
+from tests.reference.adcp_records import nortek_sum
 
 FIRST_CELL, CELL, N_CELLS, ANGLE = 2.0, 1.0, 12, 20.0
 START = datetime(2019, 6, 2, 4, 0, tzinfo=UTC)
 CLOCK_BEHIND = timedelta(hours=8)  # the instrument runs on local time, a day earlier
 LATITUDE, LONGITUDE = 48.0, -123.0
 METRES_PER_DEGREE = 111_200.0
+# of Teledyne, convex, towards the transducer
+BEAMS = slow.janus_vectors(ANGLE)
 _MISSING = -32768
 _SYSTEMS = {"beam": 0, "instrument": 1, "ship": 2, "earth": 3}
 
@@ -52,12 +55,6 @@ def adcp_messages(path: Path) -> tuple[list[Message], list[Message]]:
     messages = list(open_log(path).messages())
     pings, fixes = ([m for m in messages if m.topic == at] for at in ("/adcp", "/vehicle/fix"))
     return pings, fixes
-
-
-def vectors() -> Array:
-    """Return Teledyne's convex beams, towards the transducer."""
-    s, c = np.sin(np.deg2rad(ANGLE)), np.cos(np.deg2rad(ANGLE))
-    return np.array([[s, 0, c], [-s, 0, c], [0, -s, c], [0, s, c]])
 
 
 def pd0(survey: Survey) -> bytes:
@@ -104,14 +101,6 @@ def nortek_record(kind: int, content: bytes, long: bool = False) -> bytes:
         + struct.pack("<H", nortek_sum(content))
     )
     return head + struct.pack("<H", nortek_sum(head)) + content
-
-
-def nortek_sum(content: bytes) -> int:
-    """Return the checksum of a record's head or content."""
-    total = 0xB58C
-    for k in range(0, len(content) - 1, 2):
-        total += content[k] + 256 * content[k + 1]
-    return (total + (256 * content[-1] if len(content) % 2 else 0)) & 0xFFFF
 
 
 def _fixed_leader(survey: Survey) -> bytes:
@@ -179,8 +168,8 @@ def _in_system(survey: Survey, beams: Array) -> Array:
 
 
 def _velocity(survey: Survey) -> bytes:
-    along = vectors() @ _rotation(survey).T
-    stretch = np.abs(along[:, 2]) / vectors()[:, 2]
+    along = BEAMS @ _rotation(survey).T
+    stretch = np.abs(along[:, 2]) / BEAMS[:, 2]
     rows = []
     for cell in range(survey.cells):
         distance = (FIRST_CELL + survey.cell * cell) * stretch
@@ -197,7 +186,7 @@ def _velocity(survey: Survey) -> bytes:
 
 
 def _bottom_track(survey: Survey) -> bytes:
-    beams = -(vectors() @ _rotation(survey).T) @ np.array(survey.vessel)
+    beams = -(BEAMS @ _rotation(survey).T) @ np.array(survey.vessel)
     velocity = np.round(1000.0 * _in_system(survey, beams)).astype("<i2").tobytes()
     distance = struct.pack("<4H", *[round(100 * survey.bottom)] * 4)
     return (

@@ -42,13 +42,6 @@ def test_units(unit, key, value, expected, note):
     assert notes == ([] if note is None else [f"x: {note}"])
 
 
-def test_degrees_and_minutes_south_and_west():
-    notes: list[str] = []
-    stored = _stored([-4530.0, 1015.6, 69_696_969.0])
-    found = units.in_si("lat", stored, units.quantity_of("gps_latitude"), notes, "nmea")
-    np.testing.assert_allclose(found, [-45.5, 10.26, np.nan], atol=1e-12)
-
-
 _2023 = 1_672_531_200.0
 
 
