@@ -18,7 +18,6 @@ import numpy as np
 import xarray as xr
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
-from scipy.io import netcdf_file
 
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import LogError, ReplayKitError
@@ -133,7 +132,7 @@ def subjects(folder: Path) -> list[Subject]:
         "mcap zstd": json_mcap(times, CompressionType.ZSTD),
         "mcap lz4": json_mcap(times, CompressionType.LZ4),
         "mcap one chunk": json_mcap(times, chunk_size=1 << 20),
-        "mcap unchunked": json_mcap(times, use_chunking=False, data_crcs=True),
+        "mcap unchunked": json_mcap(times, use_chunking=False, enable_data_crcs=True),
         **{name: make(folder) for name, make in SOUND.items()},
         "netcdf 3": _classic(folder / "classic").read_bytes(),
     }
@@ -352,13 +351,7 @@ def _refused_or_read(read: Callable[[Path], object], name: str) -> Check:
 
 def _classic(path: Path) -> Path:
     """Return a NetCDF-3 file with a row for each second."""
-    with netcdf_file(path, "w") as file:
-        file.createDimension("time", 50)
-        for name, values, units in (
-            ("time", np.arange(50.0), "seconds since 2020-01-01"),
-            ("speed", np.linspace(0.0, 1.0, 50), "m s-1"),
-        ):
-            variable = file.createVariable(name, "d", ("time",))
-            variable[:] = values
-            variable.units = units
+    speed = "time", np.linspace(0.0, 1.0, 50), {"units": "m s-1"}
+    time = "time", np.arange(50.0), {"units": "seconds since 2020-01-01"}
+    xr.Dataset({"speed": speed}, {"time": time}).to_netcdf(path, engine="scipy")
     return path

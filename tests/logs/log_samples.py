@@ -23,26 +23,17 @@ def json_mcap(
     times_ns: Sequence[int],
     compression: CompressionType = CompressionType.NONE,
     chunk_size: int = 400,
-    use_chunking: bool = True,
-    data_crcs: bool = False,
+    **options: Any,
 ) -> bytes:
-    """Return an MCAP file of JSON messages ``{"n": 0}``, ``{"n": 1}``, ... on /a and /b in turn."""
+    """Return an MCAP file of JSON messages ``{"n": 0}``, ``{"n": 1}``, ... on /a and /b in turn; options are those of its writer."""
     out = BytesIO()
-    writer = Writer(
-        out,
-        chunk_size=chunk_size,
-        compression=compression,
-        use_chunking=use_chunking,
-        enable_data_crcs=data_crcs,
-    )
+    writer = Writer(out, chunk_size=chunk_size, compression=compression, **options)
     writer.start()
     schema = writer.register_schema("test.Number", "jsonschema", b"{}")
     channels = [writer.register_channel(topic, "json", schema) for topic in ("/a", "/b")]
     for n, time_ns in enumerate(times_ns):
         payload = orjson.dumps({"n": n, "text": "x" * 20})
-        writer.add_message(
-            channels[n % 2], log_time=time_ns, data=payload, publish_time=time_ns + 7, sequence=n
-        )
+        writer.add_message(channels[n % 2], time_ns, payload, time_ns + 7, n)
     writer.finish()
     return out.getvalue()
 

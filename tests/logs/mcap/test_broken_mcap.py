@@ -16,7 +16,7 @@ from tests.logs.log_samples import read_log as read
 
 TIMES = [k * SECOND for k in range(1, 41)]
 CHUNKED = json_mcap(TIMES)
-PLAIN = json_mcap(TIMES, use_chunking=False, data_crcs=True)
+PLAIN = json_mcap(TIMES, use_chunking=False, enable_data_crcs=True)
 CHUNKS = record_offsets(CHUNKED, Opcode.CHUNK)
 END = record_offsets(CHUNKED, Opcode.DATA_END)[0]
 THIRD, THIRD_HOLDS = CHUNKS[2], set(range(11, 17))

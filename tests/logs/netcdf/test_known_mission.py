@@ -21,18 +21,6 @@ from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read
 from tests.logs.slocum import slocum_samples as slocum
 
-VELOCITY = np.array([0.3, -0.1, 0.05])
-_FORE, _SIDE = np.deg2rad([47.5, 25.0])
-#: Of Nortek's head, from the instrument: fore, to starboard, aft, to port.
-BEAMS = np.array(
-    [
-        [np.sin(_FORE), 0.0, np.cos(_FORE)],
-        [0.0, -np.sin(_SIDE), np.cos(_SIDE)],
-        [-np.sin(_FORE), 0.0, np.cos(_FORE)],
-        [0.0, np.sin(_SIDE), np.cos(_SIDE)],
-    ]
-)
-
 
 class Form(NamedTuple):
     """A form of the mission: its format, its writer, and what changes its variables.
@@ -313,7 +301,7 @@ def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path):
 
 
 def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
-    said = read(made.midas(tmp_path / "sea063_M22.ad2cp.nc", VELOCITY, BEAMS))
+    said = read(made.midas(tmp_path / "sea063_M22.ad2cp.nc"))
     assert said.report.format == "midas"
     assert said.noted("looks up by its accelerometer")
     track = [m for m in read(made.bodc(tmp_path / "track.nc")).messages if m.topic != "/dac"]
@@ -322,7 +310,7 @@ def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
     assert [ping.reference for ping in pings] == ["platform", "platform"]
     for ping, heading in zip(pings, (35.0, 45.0), strict=True):
         # x points along the heading, y to its left, for an instrument that looks up
-        turned = (VELOCITY[0] + 1j * VELOCITY[1]) * np.exp(1j * np.deg2rad(90.0 - heading))
+        turned = (made.SEEN[0] + 1j * made.SEEN[1]) * np.exp(1j * np.deg2rad(90.0 - heading))
         np.testing.assert_allclose(ping.velocity, [[turned.real, turned.imag]] * 5, atol=1e-5)
     # up from 33 dbar
     np.testing.assert_allclose(pings[0].depth, 32.7 - np.arange(2.0, 12.0, 2.0), atol=0.2)
