@@ -28,6 +28,7 @@ from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.fuzz import damage
 from tests.fuzz.mishap import Mishap, mishap
+from tests.logs.adcp.raw_adcp_samples import Survey, pd0
 from tests.logs.log_samples import json_mcap, record_offsets
 from tests.logs.slocum import slocum_samples
 from tests.logs.sound import SOUND
@@ -140,6 +141,7 @@ def subjects(folder: Path) -> list[Subject]:
         f"{name} without end": files[name][: record_offsets(files[name], Opcode.DATA_END)[0]]
         for name in ("mcap", "mcap zstd", "mcap unchunked")
     }
+    files["pd0 changed"] = files["pd0"] + pd0(Survey(n=4, cells=4, cell=2.0, system="earth"))
     files["slocum compressed"] = slocum_samples.compressed(files["slocum"])
     found = []
     for name, data in files.items():
