@@ -92,9 +92,7 @@ def _columns(
 
 # Bytes to which a chunk of a few values unpacks.
 _ENDLESS = 2_000_000_000
-_WAVES = np.sin(np.arange(5000.0)).astype("f4").tobytes()
 GLIDER = "time depth latitude longitude ctd_depth log_gps_time"
-_DRIFTER = "time latitude longitude drogue_status"
 _RADAR = "time lat lon u v u_err v_err"
 _AXES = {"lat": (-41.0, -39.0), "lon": (151.0, 154.0), "depth": (0.0, 500.0)}
 
@@ -219,7 +217,6 @@ BOMBS: dict[str, Attack] = {
     ),
     "NetCDF glider: 5 GB of zeros": _columns(GLIDER, (200_000_000,), (5_000_000,)),
     "NetCDF glider: a chunk of 2 GB": _columns(GLIDER, (1000,), (1000,), _ENDLESS),
-    "drifters: 32 MB of zeros": _columns(_DRIFTER, (1_000_000,), (1_000_000,)),
     "radar: axes of a million points": _columns(_RADAR, (2, 10, 10), (1, 10, 10), axis=1_000_000),
     "NetCDF glider: times since the year 10^9": _columns(
         GLIDER, (1000,), (1000,), since="seconds since 1000000000-01-01"
@@ -237,7 +234,6 @@ BOMBS: dict[str, Attack] = {
         field({"member": 3, "depth": 2, "lat": 8, "lon": 8}, chunk=_ENDLESS)
     ),
     "forecast: chunks of 2 GB in Zarr": _replayed(_store),
-    "bathymetry: 30 MB that repeat": _bottom(field({"lat": 1900, "lon": 1900}, _WAVES)),
     "bathymetry: a chunk of 2 GB": _bottom(field({"lat": 20, "lon": 20}, chunk=_ENDLESS)),
     "areas: 100,000 nested lists": _areas(
         "areas.json", lambda: _AREA + b"[" * 100_000 + b"]" * 100_000 + b"}"

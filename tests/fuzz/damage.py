@@ -192,15 +192,13 @@ def bursts(data: bytes) -> list[Piece]:
     found = []
     for at, end, kind in slow_records(data, nortek=True):
         what = None
-        if kind == _BURST:
+        # a burst
+        if kind == 0x15:
             cells = struct.unpack_from("<H", data, at + 40)[0] & 1023
             values = np.frombuffer(data, "<i2", 4 * cells, at + 86)
             what = _none_if_missing(values.reshape(4, cells).T)
         found.append((at, end, what))
     return found
-
-
-_BURST = 0x15
 
 
 def _none_if_missing(values: np.ndarray) -> list[list[int | None]]:

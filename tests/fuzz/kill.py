@@ -144,7 +144,7 @@ def _signalled(command: str, instant: float, sent: signal.Signals) -> bool:
     """Run a command and send it a signal after so many seconds; return whether it came before its end."""
     child = _started(command)
     time.sleep(instant)
-    if _ended(child):
+    if os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None:
         with suppress(ChildProcessError):
             os.waitpid(child, 0)
         return False
@@ -164,7 +164,3 @@ def _signalled(command: str, instant: float, sent: signal.Signals) -> bool:
             time.sleep(0.01)
     signal.alarm(0)
     return True
-
-
-def _ended(child: int) -> bool:
-    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None

@@ -22,17 +22,11 @@ KINDS = (
     "NetCDF ensemble: grid of 10^10 cells",
     "NetCDF glider: 2 billion samples",
 )
-# sound as well, and as large as what it holds
-LARGE = ("drifters: 32 MB of zeros", "bathymetry: 30 MB that repeat")
 
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[] if name in KINDS else pytest.mark.full)
-        for name in ATTACKS
-        if name not in LARGE
-    ],
+    [pytest.param(name, marks=[] if name in KINDS else pytest.mark.full) for name in ATTACKS],
 )
 def test_a_hostile_input_ends_soon_and_small(tmp_path, name):
     took = measured(ATTACKS[name](tmp_path), tmp_path)
