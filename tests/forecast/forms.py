@@ -39,14 +39,12 @@ def lonlat(west=10.0, south=40.0, shape=(7, 8), step=0.1):
     return west + step * np.arange(shape[1]), south + step * np.arange(shape[0])
 
 
-def standard(u, v, longitude, latitude, names=("uo", "vo"), attrs=_CMEMS, levels=LEVELS):
+def standard(u, v, longitude, latitude, levels=LEVELS):
     """A file with members, depth, latitude and longitude."""
     dims = ("member", "depth", "latitude", "longitude")
+    parts = zip(("uo", "vo"), (u, v), _CMEMS, strict=True)
     return xr.Dataset(
-        {
-            name: (dims, part, {"units": "m s-1", **own})
-            for name, part, own in zip(names, (u, v), attrs, strict=True)
-        },
+        {name: (dims, part, {"units": "m s-1", **own}) for name, part, own in parts},
         {
             "depth": ("depth", levels, {"units": "m", "positive": "down"}),
             "latitude": latitude,
@@ -71,14 +69,14 @@ def in_turn(parts, times, dim="time", **attrs):
     return ds.assign_coords({dim: (dim, times, attrs)})
 
 
-def rotated(angle_deg=44.0, shape=(14, 16), cell=0.05, centre=(5.0, 60.0)):
+def rotated(angle_deg=44.0, shape=(14, 16), cell=0.05):
     """Longitude and latitude at fractional indices of a grid turned against true east, and its angle there [radians]."""
     turn = np.exp(1j * np.deg2rad(angle_deg))
 
     def at(j, i):
         place = ((i - shape[1] / 2) + 1j * (j - shape[0] / 2)) * cell * turn
-        latitude = centre[1] + place.imag
-        return centre[0] + place.real / np.cos(np.deg2rad(latitude)), latitude
+        latitude = 60.0 + place.imag
+        return 5.0 + place.real / np.cos(np.deg2rad(latitude)), latitude
 
     return at
 

@@ -50,10 +50,10 @@ def test_levels_move_with_a_tide_as_their_transform_says(tmp_path, transform, he
     assert_allclose(u[0], np.broadcast_to(expected, u[0].shape), atol=1e-5)
 
 
-def members(folder, numbers=(0, 1), shape=(8, 9), change=lambda ds, mask: ds, **options):
+def members(folder, numbers=(0, 1), change=lambda ds, mask: ds, **options):
     """Write the members of a small sea, a file each; return their files."""
-    at = forms.rotated(shape=shape, cell=0.02)
-    made = [(k, *forms.roms(at, shape, k, **options)) for k in numbers]
+    at = forms.rotated(shape=(8, 9), cell=0.02)
+    made = [(k, *forms.roms(at, (8, 9), k, **options)) for k in numbers]
     return [save(change(ds, mask), folder / f"mem{k}.nc") for k, ds, mask in made]
 
 

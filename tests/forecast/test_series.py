@@ -19,19 +19,16 @@ from tests.forecast.test_members import lagged
 DAY, START = 86_400 * 10**9, int(np.datetime64("2020-01-01", "ns").astype(np.int64))
 
 
-def with_leads(
-    path, leads=(0.0, 2.0, 5.0), reference="2020-01-01T00:00:00", units="days", holes=False
-):
+def with_leads(path, leads=(0.0, 2.0, 5.0), reference="2020-01-01", holes=False):
     """The synthetic ensemble, stronger at each lead."""
     parts = [synthetic.dataset() * (1.0 + 0.5 * k) for k in range(len(leads))]
-    ds = forms.in_turn(parts, np.array(leads), "lead", units=units, standard_name="forecast_period")
+    about = {"units": "days", "standard_name": "forecast_period"}
+    ds = forms.in_turn(parts, np.array(leads), "lead", **about)
     if reference:
         ds["forecast_reference_time"] = np.datetime64(reference, "ns")
-    if holes:
-        ds["uo"][1, :, :, 0, 0] = np.nan
-        ds["vo"][1, :, :, 0, 0] = np.nan
-    ds.to_netcdf(path, engine="scipy")
-    return path
+    for name in ("uo", "vo") if holes else ():
+        ds[name][1, :, :, 0, 0] = np.nan
+    return forms.save(ds, path)
 
 
 @pytest.fixture(scope="module")

@@ -44,9 +44,9 @@ SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
 _STOPPED, _LONGEST, _ORPHANED = 0.2, 120.0, 10.0
 
 
-def make_inputs(folder: Path, pings: int = 30) -> None:
+def make_inputs(folder: Path) -> None:
     """Write a small log, and a copy of it, with its ensemble, settings and a result."""
-    make_ocean(folder, RunConfig(), pings)
+    make_ocean(folder, RunConfig(), 30)
     shutil.copy(folder / "glider.mcap", folder / "second.mcap")
     (folder / "run.toml").write_text(_SETTINGS)
     _run(f"replay {_INPUTS} -o {{0}}/whole.mcap".format(folder))

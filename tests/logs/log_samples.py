@@ -64,11 +64,9 @@ def one_channel_mcap(
     return out.getvalue()
 
 
-def tlog_entry(
-    stamp_us: int, message: Any, version: int = 2, system: int = 1, component: int = 1
-) -> bytes:
+def tlog_entry(stamp_us: int, message: Any, version: int = 2, system: int = 1) -> bytes:
     """Return one entry of a telemetry log."""
-    sender = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+    sender = dialect.MAVLink(None, srcSystem=system, srcComponent=1)
     return stamp_us.to_bytes(8, "big") + bytes(message.pack(sender, force_mavlink1=version == 1))
 
 
@@ -77,9 +75,10 @@ def attitude(boot_ms: int) -> Any:
     return dialect.MAVLink_attitude_message(boot_ms, 0.1, -0.2, 1.5, 0.0, 0.0, 0.25)
 
 
-def tlog(n: int, start_us: int = 1_700_000_000_000_000) -> list[bytes]:
+def tlog(n: int) -> list[bytes]:
     """Return the entries of a telemetry log, one a second."""
-    return [tlog_entry(start_us + 1_000_000 * k, attitude(k), version=1 + k % 2) for k in range(n)]
+    stamps = (1_700_000_000_000_000 + 1_000_000 * k for k in range(n))
+    return [tlog_entry(stamp, attitude(k), 1 + k % 2) for k, stamp in enumerate(stamps)]
 
 
 def read_log(
