@@ -52,9 +52,7 @@ def make_inputs(folder: Path) -> None:
     _run(f"replay {_INPUTS} -o {{0}}/whole.mcap".format(folder))
 
 
-def kill(
-    kind: str, folder: Path, count: int, seed: int, sent: signal.Signals = signal.SIGKILL
-) -> list[str]:
+def kill(kind: str, folder: Path, count: int, seed: int, sent: signal.Signals) -> list[str]:
     """Give a command a signal so many times, run it to its end after each, and return what is wrong.
 
     Args:

@@ -147,13 +147,12 @@ def subjects(folder: Path) -> list[Subject]:
     for name, data in files.items():
         (folder / "sound").write_bytes(data)
         make = _CHECKS.get(name.split()[0], lambda *_: _uncovered)
-        in_c = name.startswith("netcdf")
-        found.append(Subject(name, data, make(data, folder / "sound"), in_c))
+        check = make(data, folder / "sound")
+        found.append(Subject(name, data, check, name.startswith("netcdf")))
     return found + _inputs(folder)
 
 
-def _mcap(data: bytes, path: Path) -> Check:
-    del path
+def _mcap(data: bytes, _: Path) -> Check:
     sound = damage.sound_messages(data)
     # of a channel whose record is lost the topic is not known
     every, covered = Counter(one.said[1:] for one in sound), any(one.checked for one in sound)
@@ -199,8 +198,7 @@ def _covered(walk: Callable[[bytes], list[damage.Piece]], read: Read, needed: in
         needed: Number of pieces at the beginning without which the file may be refused; they say nothing themselves.
     """
 
-    def make(data: bytes, path: Path) -> Check:
-        del path
+    def make(data: bytes, _: Path) -> Check:
         sound = walk(data)
         every = Counter(repr(what) for _, _, what in sound if what is not None)
 
@@ -256,9 +254,8 @@ def _dataflash(data: bytes, path: Path) -> Check:
     return check
 
 
-def _uncovered(harm: Mishap, path: Path) -> list[str]:
+def _uncovered(_: Mishap, path: Path) -> list[str]:
     """Return what is wrong with a log without checksums: it is read to its end or refused, and says that nothing covers it."""
-    del harm
     try:
         log = open_log(path)
         read = sum(1 for _ in log.messages())
@@ -323,8 +320,7 @@ def _of_store(store: Path, place: Path) -> Check:
     """Return the check of one file of a forecast's store, which is sound again after it."""
     sound = place.read_bytes()
 
-    def check(harm: Mishap, path: Path) -> list[str]:
-        del path
+    def check(harm: Mishap, _: Path) -> list[str]:
         try:
             return _refused_or_read(lambda _: read_ensemble(store, ForecastConfig()), "")(
                 harm, place

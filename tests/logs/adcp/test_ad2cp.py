@@ -135,9 +135,8 @@ def content(record):
 
 def test_modes_of_unequal_numbers_are_streams_of_their_own(tmp_path):
     lines = content(TEXT).split(b"\r\n")
-    averaging = [
-        line.replace(b"BURST", b"AVG") + b",AI=30,BW=25" for line in lines if b"BURST,ROWS" in line or b"GETBURST" in line
-    ]  # fmt: skip
+    burst_lines = [line for line in lines if line.startswith((b"GETXFBURST", b"GETBURST"))]
+    averaging = [line.replace(b"BURST", b"AVG") + b",AI=30,BW=25" for line in burst_lines]
     text = nortek_record(samples.TEXT, b"\r\n".join([lines[0], *averaging, *lines[1:]]))
     bursts = [burst(Survey(), k) for k in range(7)]
     averages = [content(burst(Survey(water=(0.1, 0.1, 0.0)), k)) for k in (1, 4)]
