@@ -33,7 +33,6 @@ def result(tmp_path_factory):
 
 DOORS = {
     "velocity_at": lambda result, depth: result.estimate.velocity_at(*PLACE, depth),
-    "result": lambda result, depth: result.velocity_at(*PLACE, depth, "2018-11-16"),
     "to_xarray": lambda result, depth: result.estimate.to_xarray(**AXES, depth=[5.0, depth]),
     "along": lambda result, depth: result.estimate.along(
         {"longitude": [153.1] * 2, "latitude": -40.25, "depth": [5.0, depth]}

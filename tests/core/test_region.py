@@ -100,3 +100,5 @@ def test_what_touches_the_antimeridian_has_no_part_beyond(west, kept):
         wanted = np.subtract(coordinates, [west - kept, 0.0])
         np.testing.assert_array_equal(moved["coordinates"], wanted)
     assert cut("MultiPoint", [[181.0, 2.0], [179.0, 2.0]])["coordinates"][0] == [-179.0, 2.0]
+    within = feature("LineString", [[-180.0, 0.0], [179.9, 0.0]], {})
+    assert cut_at_antimeridian(within) is within

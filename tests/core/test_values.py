@@ -22,13 +22,11 @@ SOURCE = Source(0, "/adcp", 1, TIME_NS)
     ("found", "text"),
     [
         (time_text(TIME_NS), "2023-11-14 22:13:20Z"),
-        (time_text(None), "no time"),
         (span_text([3.0, np.nan, -0.123456, np.inf], 2), "-0.12..3"),
         (span_text([5.00001, 5.0]), "5"),
         (span_text([]), "unknown"),
         (place_text(-61.8, 16.1), "61.8000 W, 16.1000 N"),
         (place_text(152.61236, -40.0), "152.6124 E, 40.0000 S"),
-        (some_text("abcdef"), "a, b, c, d, e, f"),
         (some_text("abc", 1), "a and 2 more"),
     ],
 )

@@ -1,0 +1,39 @@
+"""Notes that say the same are one, with the range of their numbers and the names of their variables."""
+
+from replay_kit.logs.payloads import by_variable, gather, short
+
+
+def test_notes_that_differ_in_numbers_alone_are_one_with_their_ranges():
+    notes = [
+        "m: declination 9.5 degrees",
+        "x: VelocityBeam1 of 3",
+        "m: declination -1.2 degrees",
+        "m: declination 10.25 degrees",
+    ]
+    assert gather([*notes, "x: VelocityBeam2 of 3"]) == {
+        "m: declination -1.2 to 10.25 degrees": [notes[0], notes[2], notes[3]],
+        "x: VelocityBeam1 of 3": [notes[1]],
+        "x: VelocityBeam2 of 3": ["x: VelocityBeam2 of 3"],
+    }
+
+
+def test_variables_read_are_never_merged():
+    notes = ["read as depth: x 1", "read as depth: x 2"]
+    assert gather(notes) == {note: [note] for note in notes}
+
+
+def test_what_is_said_of_several_variables_is_said_once():
+    notes = ["lon: no unit", "mean current: 2", "lat: no unit", "depth: computed", "plain"]
+    assert by_variable(notes) == [
+        "lon, lat: no unit",
+        "mean current: 2",
+        "depth: computed",
+        "plain",
+    ]
+
+
+def test_the_variables_read_are_counted_in_a_summary():
+    assert (
+        short("read as time: t, depth: z")
+        == "2 variables were read by their names, which replay-kit info lists"
+    )
