@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from replay_kit.core import arrays
-from replay_kit.core.observation import Innovation, Source
+from replay_kit.core.observation import Innovation, PathMean, Source
 from replay_kit.core.words import quantities
 from replay_kit.core.words.progress import announce, called_by, counted, each_call, shown_by
 from replay_kit.core.words.text import csv_cell, place_text, some_text, span_text, time_text
@@ -22,11 +22,13 @@ SOURCE = Source(0, "/adcp", 1, TIME_NS)
     ("found", "text"),
     [
         (time_text(TIME_NS), "2023-11-14 22:13:20Z"),
+        (time_text(None), "no time"),
         (span_text([3.0, np.nan, -0.123456, np.inf], 2), "-0.12..3"),
         (span_text([5.00001, 5.0]), "5"),
         (span_text([]), "unknown"),
         (place_text(-61.8, 16.1), "61.8000 W, 16.1000 N"),
         (place_text(152.61236, -40.0), "152.6124 E, 40.0000 S"),
+        (some_text("abcdef"), "a, b, c, d, e, f"),
         (some_text("abc", 1), "a and 2 more"),
     ],
 )
@@ -80,7 +82,11 @@ def test_names_of_a_unit(of, value, names):
     assert {getattr(quantities, of)(name) for name in names.split("|")} == {value}
 
 
-def test_innovations_say_what_they_are():
+def test_measurements_say_what_they_are():
+    two, depth, when = np.full(2, 0.5), np.array([0.0, 300.0]), np.array([0, 1])
+    path = PathMean(TIME_NS, when, two, two, depth, two, (0.1234, -0.05), 0.02, "dac", 7, SOURCE)
+    words = "2 points, 0..300 m deep\n  u 0.123, v -0.050 +- 0.020 m/s (true axes)"
+    assert repr(path).endswith(words)
     off, flags = np.array([[0.3, np.nan], [-0.4, np.nan]]), np.ones(2, np.int8)
     rest = (off, off, off / 2.0, off, 3.21, 2, True, 1.0, flags, np.zeros(2, np.int32), 7, SOURCE)
     innovation = Innovation(TIME_NS, np.array([10.0, 20.0]), *rest)
