@@ -43,6 +43,12 @@ def found_by(path: Path, checker: str = "cf:1.11", least: int = 1, at_least: int
     ]
 
 
+@pytest.fixture(scope="module")
+def complaints() -> Callable[[Path], list[str]]:
+    """Return a function that gives what the checker finds wrong in a file; exports are checked by it too."""
+    return found_by
+
+
 def messages(result: Result) -> list[str]:
     """Return what a check that did not pass says; one that passed may say how."""
     passed, total = (
