@@ -32,19 +32,18 @@ def test_a_dive_that_goes_down_and_up_alone_or_is_not_known_shows_nothing(way, d
 
 
 def test_how_a_vehicle_flew_is_the_median_of_its_dives_in_the_digits_in_which_it_is_said():
-    stated = ((3600.0, 20.0), (7000.0, 984.0), (7200.0, 986.0))
-    dives = [FlownDive(*each, 0.2, 0.1) for each in stated]
+    stated = ((3600.0, 20.0, math.nan), (7000.0, 984.0, 2000.0), (7200.0, 986.0, math.nan))
+    dives = [FlownDive(*each, 0.2, 0.1, radius=radius) for *each, radius in stated]
     flown = AsFlown.of(dives)
     assert flown.vertical == pytest.approx(0.1, abs=0.001)
     assert flown == replace(flown, speed=0.22, glide_angle_deg=27.0, depth=980.0, duration=7000.0)
-    assert (flown.dives, flown.surface_time, flown.radius) == (3, None, None)
-    for dive, radius in ((1, 2000.0), (2, math.nan)):
-        dives[dive] = replace(dives[dive], radius=radius)
-    flown = AsFlown.of(dives)
-    assert flown.radius == 2000.0
-    assert AsFlown.of(dives[:1]).depth == 20.0
+    assert (flown.dives, flown.surface_time, flown.radius) == (3, None, 2000.0)
+    alone = AsFlown.of(dives[:1])
+    assert (alone.depth, alone.radius, alone.speed_std) == (20.0, None, None)
+    assert "single dive" in alone.notes()[0]
     assert AsFlown.of([]) is None
-    assert AsFlown.in_metadata({AS_FLOWN: flown.to_record()}) == flown
+    for each in (flown, alone):
+        assert AsFlown.in_metadata({AS_FLOWN: each.to_record()}) == each
     assert AsFlown.in_metadata({"replay_kit.forecast": {}}) is None
     for damaged in ({"speed": "0.2"}, flown.to_record() | {"dives": "many"}):
         with pytest.raises(LogError, match=r"replay_kit\.as_flown: expected numbers"):
@@ -60,20 +59,17 @@ def test_the_spread_of_the_dives_is_that_of_a_normal_distribution_whatever_one_o
     assert flown.speed_std == pytest.approx(0.02, rel=0.1)
     assert flown.duration_std == pytest.approx(300.0, rel=0.1)
     assert flown.depth_std == 0.0
-    alone = AsFlown.of(dives[:1])
-    assert (alone.speed_std, alone.surface_time) == (None, None)
-    assert "single dive" in alone.notes()[0]
-    assert AsFlown.in_metadata({AS_FLOWN: alone.to_record()}) == alone
 
 
 def test_the_time_at_the_surface_is_between_dives_that_follow_each_other():
-    begins = [10**18 + round(k * 7800e9) for k in (0, 1, 2, 9, 10)]
-    dives = [FlownDive(7200.0, 500.0, 0.2, 0.1, begin) for begin in begins]
-    assert AsFlown.of(dives).surface_time == pytest.approx(600.0)
-    assert "10 min" in AsFlown.of(dives).notes()[0]
+    def apart(seconds):
+        begins = (10**18 + round(k * seconds * 1e9) for k in (0, 1, 2, 9, 10))
+        return AsFlown.of([FlownDive(7200.0, 500.0, 0.2, 0.1, begin) for begin in begins])
+
+    assert apart(7800.0).surface_time == pytest.approx(600.0)
+    assert "10 min" in apart(7800.0).notes()[0]
     # the fix that ends a dive begins the next one
-    shared = [replace(one, begin_ns=10**18 + round(k * 7200e9)) for k, one in enumerate(dives)]
-    assert AsFlown.of(shared).surface_time is None
+    assert apart(7200.0).surface_time is None
 
 
 @pytest.mark.parametrize(("speed", "plausible"), [(0.0, False), (0.17, True), (2.0, False)])

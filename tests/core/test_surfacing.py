@@ -34,9 +34,9 @@ def outcomes_of(rng, count, too_small):
     made = []
     for k in range(count):
         cov = np.diag(rng.uniform(100.0, 900.0, 2) ** 2)
-        inner, outer = (ellipse_of(10.0, 60.0, cov, radius) for radius in RADII)
+        ellipses = (ellipse_of(10.0, 60.0, cov, radius) for radius in RADII)
         start = Fix(k * DIVE_NS, 10.0, 60.0)
-        forecast = DiveForecast(k, k, start, start.time_ns + DIVE_NS, 10.0, 60.0, inner, outer, nan)
+        forecast = DiveForecast(k, k, start, start.time_ns + DIVE_NS, 10.0, 60.0, *ellipses, nan)
         off = too_small * np.sqrt(np.diag(cov)) * rng.standard_normal(2)
         at = (float(part) for part in to_geographic(Projection(10.0, 60.0), *off))
         made.append(DiveOutcome(forecast, Fix((k + 1) * DIVE_NS, *at), 0.0, 0.0, 0.0))
@@ -69,8 +69,7 @@ def test_later_surfacings_count_more_and_few_do_not_calibrate():
     mixed, alike = (calibrated(coming, part).factor for part in (before + later, before + after))
     assert mixed > alike > 1.0
     few = calibrated(coming, after[: CALIBRATING - 1])
-    assert few.outer == coming.outer
-    assert (few.scored, isnan(few.factor)) == (CALIBRATING - 1, True)
+    assert (few.outer, few.scored, isnan(few.factor)) == (coming.outer, CALIBRATING - 1, True)
     # as many are enough where they are not long ago
     assert isnan(calibrated(coming, after[:CALIBRATING]).factor)
     assert calibrated(after[CALIBRATING].forecast, after[:CALIBRATING]).factor > 1.5
@@ -82,11 +81,8 @@ def test_the_outline_of_an_ellipse_is_where_the_ellipse_ends():
     np.testing.assert_array_equal(outline[0], outline[-1])
     centre = np.array(to_local(projection, 5.1, 62.05))
     for scale, inside in ((0.99, True), (1.01, False)):
-        places = to_geographic(projection, *(centre + scale * (outline - centre)).T)
-        assert all(
-            ellipse.holds(float(lon), float(lat)) is inside
-            for lon, lat in zip(*places, strict=True)
-        )
+        places = np.transpose(to_geographic(projection, *(centre + scale * (outline - centre)).T))
+        assert {ellipse.holds(*place) for place in places.tolist()} == {inside}
 
 
 def test_a_record_is_the_density_of_what_came_with_errors_scaled_by_those_so_far():
@@ -104,28 +100,24 @@ def test_a_record_is_the_density_of_what_came_with_errors_scaled_by_those_so_far
 def test_habit_and_plan_are_judged_by_the_surfacings_that_both_predicted():
     hour = 3600 * 10**9
     # a vehicle that goes east at 20 cm/s in dives of four hours, half an hour apart
-    fixes = [
+    ends = [
         [Fix(int((4.5 * k + end) * hour), 5.0 + 0.04 * (k + end / 4.0), 62.0) for end in (0, 4)]
         for k in range(5)
     ]
-    dives = [
-        SimpleNamespace(forecast=SimpleNamespace(start=start), fix=fix) for start, fix in fixes
-    ]
+    dives = [SimpleNamespace(forecast=SimpleNamespace(start=one), fix=fix) for one, fix in ends]
     assert records(dives, ()) == (0, 0.0, 0.0)
     assert usual_seconds(dives[:4]) == 4 * 3600.0
 
-    def planned(east):
-        return [
-            surfacing_outcome(0, Surfacing(fix.time_ns, fix.longitude + east, 62.0), fix)
-            for _, fix in fixes[2:]
-        ]
+    def planned(east, late=0):
+        for _, fix in ends[2:]:
+            planned = Surfacing(fix.time_ns, fix.longitude + east, 62.0)
+            yield surfacing_outcome(0, planned, fix._replace(time_ns=fix.time_ns + late))
 
-    (count, habit, wrong), (_, _, right) = (records(dives, planned(east)) for east in (0.02, 0.0))
+    (count, habit, wrong), (_, _, right) = (records(dives, [*planned(x)]) for x in (0.02, 0.0))
     assert count == 3
     assert habit > wrong < right
     # 20 minutes more or less of the way over ground beside 3 cm/s of the dive
-    stated = [[np.hypot(0.03 * 14400.0, np.hypot(*apart(*fixes[0])) / 12.0), 1200.0]] * 3
+    stated = [[np.hypot(0.03 * 14400.0, np.hypot(*apart(*ends[0])) / 12.0), 1200.0]] * 3
     assert habit == pytest.approx(record(np.zeros(3), np.zeros(3), np.array(stated)), abs=1e-3)
     # a surfacing of another dive is none of them
-    later = [replace(one, time_ns=one.time_ns + 2 * hour) for one in planned(0.0)]
-    assert records(dives, later)[0] == 0
+    assert records(dives, [*planned(0.0, 2 * hour)])[0] == 0

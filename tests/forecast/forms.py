@@ -13,7 +13,6 @@ from replay_kit.forecast import read_ensemble
 
 LEVELS = np.array([5.0, 60.0, 150.0, 300.0])
 N_MEMBERS = 3
-PACKING = 0.00061037018951994385
 _CMEMS = (
     {"standard_name": "eastward_sea_water_velocity"},
     {"standard_name": "northward_sea_water_velocity"},
@@ -40,14 +39,12 @@ def lonlat(west=10.0, south=40.0, shape=(7, 8), step=0.1):
     return west + step * np.arange(shape[1]), south + step * np.arange(shape[0])
 
 
-def standard(u, v, longitude, latitude, names=("uo", "vo"), attrs=_CMEMS, levels=LEVELS):
+def standard(u, v, longitude, latitude, levels=LEVELS):
     """A file with members, depth, latitude and longitude."""
     dims = ("member", "depth", "latitude", "longitude")
+    parts = zip(("uo", "vo"), (u, v), _CMEMS, strict=True)
     return xr.Dataset(
-        {
-            name: (dims, part, {"units": "m s-1", **own})
-            for name, part, own in zip(names, (u, v), attrs, strict=True)
-        },
+        {name: (dims, part, {"units": "m s-1", **own}) for name, part, own in parts},
         {
             "depth": ("depth", levels, {"units": "m", "positive": "down"}),
             "latitude": latitude,
@@ -72,14 +69,14 @@ def in_turn(parts, times, dim="time", **attrs):
     return ds.assign_coords({dim: (dim, times, attrs)})
 
 
-def rotated(angle_deg=44.0, shape=(14, 16), cell=0.05, centre=(5.0, 60.0)):
+def rotated(angle_deg=44.0, shape=(14, 16), cell=0.05):
     """Longitude and latitude at fractional indices of a grid turned against true east, and its angle there [radians]."""
     turn = np.exp(1j * np.deg2rad(angle_deg))
 
     def at(j, i):
         place = ((i - shape[1] / 2) + 1j * (j - shape[0] / 2)) * cell * turn
-        latitude = centre[1] + place.imag
-        return centre[0] + place.real / np.cos(np.deg2rad(latitude)), latitude
+        latitude = 60.0 + place.imag
+        return 5.0 + place.real / np.cos(np.deg2rad(latitude)), latitude
 
     return at
 
@@ -94,69 +91,52 @@ def along_grid(at, j, i, depth, member):
     return turned.real, turned.imag
 
 
+_SPEED = {"units": "meter second-1"}
+
+
 def roms(at, shape, member, transform=2, packed=False):
     """A ROMS file at one time: C-grid, terrain-following levels, mask, land in a corner; packed without a fill value if asked."""
-    ny, nx = shape
     s = (np.arange(40) + 0.5) / 40 - 1.0
-    c = (1.0 - np.cosh(3.0 * s)) / (np.cosh(3.0) - 1.0)
-    hc = 20.0
+    c, hc = (1.0 - np.cosh(3.0 * s)) / (np.cosh(3.0) - 1.0), 20.0
+
+    def bed(j, i):
+        return 400.0 + 10.0 * i, 0.3 * np.sin(0.3 * j + member)
 
     def depths(j, i):
-        h = 400.0 + 10.0 * np.asarray(i) + 0.0 * np.asarray(j)
-        zeta = 0.3 * np.sin(0.3 * np.asarray(j) + member)
-        s_, c_ = (axis.reshape(-1, *(1,) * h.ndim) for axis in (s, c))
+        (h, zeta), (s_, c_) = bed(j, i), (axis[:, None, None] for axis in (s, c))
         if transform == 1:
             z0 = hc * (s_ - c_) + c_ * h
-            return -(z0 + zeta * (1.0 + z0 / h)), h, zeta
-        return -(zeta + (zeta + h) * (hc * s_ + c_ * h) / (hc + h)), h, zeta
+            return -(z0 + zeta * (1.0 + z0 / h))
+        return -(zeta + (zeta + h) * (hc * s_ + c_ * h) / (hc + h))
 
-    j, i = np.meshgrid(np.arange(ny, dtype=float), np.arange(nx, dtype=float), indexing="ij")
-    u = along_grid(at, j[:, 1:], i[:, 1:] - 0.5, depths(j[:, 1:], i[:, 1:] - 0.5)[0], member)[0]
-    v = along_grid(at, j[1:] - 0.5, i[1:], depths(j[1:] - 0.5, i[1:])[0], member)[1]
+    j, i = np.mgrid[: float(shape[0]), : float(shape[1])]
     mask = np.ones(shape)
     mask[:4, :5] = 0.0
-    mask_u, mask_v = mask[:, 1:] * mask[:, :-1], mask[1:] * mask[:-1]
-    longitude, latitude = at(j, i)
-    _, h, zeta = depths(j, i)
+    faces = {"u": (np.s_[:, 1:], np.s_[:, :-1], 0.0, 0.5), "v": (np.s_[1:], np.s_[:-1], 0.5, 0.0)}
+    (longitude, latitude), (h, zeta) = at(j, i), bed(j, i)
     rho, time = ("eta_rho", "xi_rho"), "ocean_time"
-    ds = xr.Dataset(
-        {
-            "u": (
-                (time, "s_rho", "eta_u", "xi_u"),
-                (u * mask_u)[None],
-                {"units": "meter second-1"},
-            ),
-            "v": (
-                (time, "s_rho", "eta_v", "xi_v"),
-                (v * mask_v)[None],
-                {"units": "meter second-1"},
-            ),
-            "zeta": ((time, *rho), zeta[None]),
-            "h": (rho, h),
-            "mask_rho": (rho, mask),
-            "mask_u": (("eta_u", "xi_u"), mask_u),
-            "mask_v": (("eta_v", "xi_v"), mask_v),
-            "lon_rho": (rho, longitude),
-            "lat_rho": (rho, latitude),
-            # some writers give those of u the standard names too, and some leave them 0
-            "lon_u": (("eta_u", "xi_u"), 0.0 * longitude[:, 1:], {"standard_name": "longitude"}),
-            "lat_u": (("eta_u", "xi_u"), 0.0 * latitude[:, 1:], {"standard_name": "latitude"}),
-            "angle": (rho, np.full(shape, 0.5)),
-            "Cs_r": ("s_rho", c),
-            "hc": ((), hc),
-            "Vtransform": ((), transform),
-        },
-        {"s_rho": ("s_rho", s), time: (time, np.array(["2020-01-01"], "M8[ns]"))},
-    )
-    if packed:
-        for name in ("u", "v"):
-            # as NCO packs with a fill value that 16 bits cannot hold: land is 0, which stands for the offset
-            values = ds[name].values
-            numbers = np.where(values == 0.0, 0, np.round((values - 0.125) / 2e-5)).astype("i2")
-            attrs = {"units": "meter second-1", "scale_factor": 2e-5, "add_offset": 0.125}
-            ds[name] = xr.Variable(ds[name].dims, numbers, attrs)
-        ds = ds.drop_vars(["mask_rho", "mask_u", "mask_v"])
-    return ds, mask
+    held = {"zeta": ((time, *rho), zeta[None]), "Cs_r": ("s_rho", c), "hc": hc}
+    centres = {"h": h, "mask_rho": mask, "lon_rho": longitude, "lat_rho": latitude}
+    held |= {name: (rho, values) for name, values in centres.items()}
+    held |= {"angle": (rho, np.full(shape, 0.5)), "Vtransform": transform}
+    for k, (name, (here, before, dj, di)) in enumerate(faces.items()):
+        places, plane = (j[here] - dj, i[here] - di), (f"eta_{name}", f"xi_{name}")
+        along = along_grid(at, *places, depths(*places), member)[k]
+        wet = mask[here] * mask[before]
+        held[name] = (time, "s_rho", *plane), (along * wet)[None], _SPEED
+        held[f"mask_{name}"] = plane, wet
+        # some writers give these the standard names too, and some leave them 0
+        for axis in ("longitude", "latitude"):
+            held[f"{axis[:3]}_{name}"] = plane, 0.0 * wet, {"standard_name": axis}
+    stamps = np.array(["2020-01-01"], "M8[ns]")
+    ds = xr.Dataset(held, {"s_rho": ("s_rho", s), time: (time, stamps)})
+    for name in faces if packed else ():
+        # as NCO packs with a fill value that 16 bits cannot hold: land is 0, which stands for the offset
+        values = ds[name].values
+        numbers = np.where(values == 0.0, 0, np.round((values - 0.125) / 2e-5)).astype("i2")
+        packing = {"scale_factor": 2e-5, "add_offset": 0.125}
+        ds[name] = xr.Variable(ds[name].dims, numbers, _SPEED | packing)
+    return ds.drop_vars([name for name in ds if "mask" in name]) if packed else ds, mask
 
 
 _OF_NEMO = ("time_counter", "deptht", "y", "x")
@@ -236,11 +216,16 @@ def save(ds, path, **encoding):
 
 
 def saved(files, folder):
-    """Write datasets by name into a folder, and return it."""
-    for name, ds in files.items():
+    """Write datasets by name, or one alone, into a folder, and return it."""
+    for name, ds in {"e.nc": files}.items() if isinstance(files, xr.Dataset) else files.items():
         (folder / name).parent.mkdir(exist_ok=True)
         save(ds, folder / name)
     return folder
+
+
+def row(files, words, **settings):
+    """Return files, words that are said of them, and settings as parameters of a test."""
+    return files, words, settings
 
 
 def dated(ds, times):

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import ForecastConfig
-from replay_kit.forecast import field, files, read_ensemble, read_series
+from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.forecast.describe import describe_ensemble
 from tests import synthetic
 from tests.forecast import forms
@@ -15,6 +15,7 @@ from tests.forecast.forms import (
     noted,
     read_with,
     refused,
+    row,
     save,
     saved,
     true_components,
@@ -37,6 +38,10 @@ def of(factor, *at):
     return ONE.assign(
         {name: (factor * part).assign_attrs(part.attrs) for name, part in ONE.items()}
     )
+
+
+def made(files, factors, second="", **settings):
+    return files, factors, second, settings
 
 
 def lagged(runs=3, length=6):
@@ -98,76 +103,78 @@ ARCHIVE = of([1.0, 50.0, 2.0, 50.0, 6.0, 10.0], *range(6)).assign_coords(
 NAMES = ("r{}i1p1f1.nc", "ens0{}/uv.nc", "run{}/uv.nc", "a_m0{}.nc", "00{}iORCA.nc", "c{}.nc")
 THREE = {f"mem{k}.nc": of(1.0 + k) for k in range(3)}
 
-#: Files by name, settings, factors of the members, and the label of the second.
+SHIFTED = of([1.0, 2.0], 0, 1)
+
+#: Files by name, factors of the members, the label of the second, and settings.
 ROWS = [
-    *((THREE, {"members": rule}, [1, 2, 3], "mem1.nc") for rule in (None, "files")),
-    *((THREE, {"members": f"files:mem{n}"}, [1, 2, 3], "mem1.nc") for n in (r"0*(\d+)", r"\d+")),
+    *(made(THREE, [1, 2, 3], "mem1.nc", members=rule) for rule in (None, "files")),
+    *(made(THREE, [1, 2, 3], "mem1.nc", members=f"files:mem{n}") for n in (r"0*(\d+)", r"\d+")),
     # numbers in names count, and do not sort as text
-    ({f"mem{k}.nc": of(k) for k in (10, 2, 1)}, {}, [1, 2, 10], "mem2.nc"),
+    made({f"mem{k}.nc": of(k) for k in (10, 2, 1)}, [1, 2, 10], "mem2.nc"),
     *(
-        ({name.format(k): of(1.0 + k) for k in range(3)}, {"members": "files"}, [1, 2, 3], "")
+        made({name.format(k): of(1.0 + k) for k in range(3)}, [1, 2, 3], members="files")
         for name in NAMES
     ),
-    (
+    made(
         {f"{'ab'[k]}_{n}.nc": of(1.0 + k)[[n]] for k in range(2) for n in ("uo", "vo")},
-        {"members": "files"},
         [1, 2],
         "b_uo.nc + b_vo.nc",
+        members="files",
     ),
     # the last day that all hold is day 5 of the first
-    (lagged(), {"members": "lags"}, [6, 12, 18], "fc1.nc started 2020-01-02T00:00"),
-    (lagged(), {"members": "lags", "time": "2020-01-04"}, [4, 8, 12], ""),
-    *((producer(*row), {}, [1, 2, 3], "") for row in PRODUCERS),
-    (
+    made(lagged(), [6, 12, 18], "fc1.nc started 2020-01-02T00:00", members="lags"),
+    made(lagged(), [4, 8, 12], members="lags", time="2020-01-04"),
+    *(made(producer(*each), [1, 2, 3]) for each in PRODUCERS),
+    made(
         {"a.nc": ARCHIVE},
-        {"members": "times:15d"},
         [8, 9, 13],
         "a.nc 2019-01-25T00:00Z, as an anomaly about 2020-01-15T00:00Z",
+        members="times:15d",
     ),
-    ({"a.nc": ARCHIVE}, {"members": "times:16d", "time": "2019-01-25"}, [-2.5, 6.5], ""),
+    made({"a.nc": ARCHIVE}, [-2.5, 6.5], members="times:16d", time="2019-01-25"),
 ]
 
 
-@pytest.mark.parametrize(("made", "settings", "factors", "second"), ROWS)
-def test_members_of_files_by_rule_or_by_their_form(tmp_path, made, settings, factors, second):
-    read = read_with(saved(made, tmp_path), **settings)
+@pytest.mark.parametrize(("files", "factors", "second", "settings"), ROWS)
+def test_members_of_files_by_rule_or_by_their_form(tmp_path, files, factors, second, settings):
+    read = read_with(saved(files, tmp_path), **settings)
     expected = np.array(factors, float)[:, None, None, None, None] * UNIT
     assert_allclose(read.velocity, expected, atol=1e-12)
     assert second in read.members[1]
     rule = str(settings.get("members")).partition(":")[0]
-    lags = len({str(part.get("time", "")) for part in made.values()}) > 1
+    lags = len({str(part.get("time", "")) for part in files.values()}) > 1
     assert read.made_from == (rule if rule in ("lags", "times") else "lags" * lags)
     for words in {"lags": ["underdispersive"], "times": [" fields within 1"]}.get(rule, []):
         assert noted(read, words)
 
 
-#: Files by name, settings, and words of the refusal.
+#: Files by name, words of the refusal, and settings.
 NONE = [
-    (lagged(2, 1), {"members": "lags"}, r"they hold 2020-01-01T00:00: 2020-01-01T00:00Z to"),
+    row(lagged(2, 1), "they hold 2020-01-01T00:00: 2020-01-01T00:00Z to", members="lags"),
     # the last time of each is the first of the next
-    (
+    row(
         {f"part{k}/his.nc": of([1.0, 2.0], k, k + 1) for k in range(3)},
-        {},
         "no member dimension; .*--members lags",
     ),
     *(
-        ({"a.nc": of([1.0, 2.0], 0, 1), "b.nc": other}, {}, "no member dimension; .*models")
+        row({"a.nc": SHIFTED, "b.nc": other}, "no member dimension; .*models")
         for other in (
-            of([1.0, 2.0], 0, 1).isel(lat=slice(1, None)),
-            of([1.0, 2.0], 0, 1).assign_attrs(source="another model"),
+            SHIFTED.isel(lat=slice(1, None)),
+            SHIFTED.assign_attrs(source="another model"),
         )
     ),
-    (
+    row(
         {"a.nc": ARCHIVE},
-        {"members": "times:3d", "time": "2018-07-01"},
-        r"0 fields within 3 days of the season of 2018-07-01T00:00Z; at least 2 are needed: widen",
+        "0 fields within 3 days of the season of 2018-07-01T00:00Z; at least 2 are needed: widen",
+        members="times:3d",
+        time="2018-07-01",
     ),
 ]
 
 
-@pytest.mark.parametrize(("made", "settings", "words"), NONE)
-def test_files_that_are_no_members_are_refused(tmp_path, made, settings, words):
-    refused(words, saved(made, tmp_path), **settings)
+@pytest.mark.parametrize(("files", "words", "settings"), NONE)
+def test_files_that_are_no_members_are_refused(tmp_path, files, words, settings):
+    refused(words, saved(files, tmp_path), **settings)
 
 
 def test_members_of_one_file_at_times_of_another(tmp_path):
@@ -180,34 +187,23 @@ def test_members_of_one_file_at_times_of_another(tmp_path):
     assert_array_equal(read_with(tmp_path, near_ns=near).velocity, series[2].velocity)
 
 
-def test_files_of_several_members_each_add_up(tmp_path):
-    parts = {"a.nc": SEA.isel(member=slice(5)), "b.nc": SEA.isel(member=slice(5, 8))}
-    read = read_with(saved(parts, tmp_path))
-    assert_array_equal(read.velocity, synthetic.ensemble().velocity)
-
-
 @pytest.mark.parametrize("member", [{}, {"member": 0}])
-def test_daily_files_are_opened_when_they_are_used(tmp_path, monkeypatch, member):
-    opened, one = [], forms.known().isel(member, drop=True)
-
-    def noting(path):
-        opened.append(path.name)
-        return files.opened_file(path)
-
-    monkeypatch.setattr(field, "opened_file", noting)
+def test_daily_files_are_those_of_their_days(tmp_path, member):
+    one = forms.known().isel(member, drop=True)
     for k in range(4):
         # as of most producers, without a calendar
         ds = forms.in_turn([one * (1.0 + k)], [k], units="days since 2020-01-01")
         ds.to_netcdf(tmp_path / f"day{k}.nc", engine="h5netcdf")
-    last = ForecastConfig(time="2020-01-03T06:00Z")
-    found = describe_ensemble(tmp_path, last).ensemble
-    assert opened == ["day0.nc", "day2.nc"]
-    first = describe_ensemble(tmp_path, ForecastConfig()).ensemble
-    assert_allclose(found.velocity, 3.0 * first.velocity)
+    first, third = (
+        describe_ensemble(tmp_path, ForecastConfig(time=time)).ensemble
+        for time in (None, "2020-01-03T06:00Z")
+    )
+    assert_allclose(third.velocity, 3.0 * first.velocity)
     # of another form by their standard names alone
     for name, axis in (("uo", "x"), ("vo", "y")):
         ds[name].attrs["standard_name"] = f"sea_water_{axis}_velocity"
     ds.assign_coords(time=days(2)).to_netcdf(tmp_path / "day2.nc", engine="h5netcdf")
+    last = ForecastConfig(time="2020-01-03T06:00Z")
     assert describe_ensemble(tmp_path, last).check.axes == "grid"
 
 

@@ -11,9 +11,9 @@ from replay_kit.core.flow.dataset import write_grid
 from replay_kit.estimator import build
 from replay_kit.forecast import read_ensemble, read_truth
 from tests import synthetic
-from tests.forecast.forms import noted, read_with, refused, save
+from tests.forecast.forms import noted, read_with, save
 
-PLAIN = ForecastConfig()
+PLAIN, DAY_NS = ForecastConfig(), 86_400 * 10**9
 
 
 def assert_is(read, seed=0):
@@ -25,28 +25,19 @@ def test_region_and_levels_cut(tmp_path):
     read = read_with(path, region=(152.1, -39.9, 152.31, -39.7), levels=(0.0, 140.0, 160.0))
     assert read.grid.longitude.shape == (3, 3)
     assert_array_equal(read.grid.levels, [5.0, 150.0])
-    refused(r"no grid point inside the region.*152\.0", path, region=(10.0, 50.0, 12.0, 52.0))
 
 
 def test_chooses_a_lead_and_a_time(tmp_path):
     ds = xr.concat([synthetic.dataset(seed=k) for k in range(3)], dim="lead")
-    ds = ds.assign_coords(
-        lead=("lead", [0.0, 2.0, 4.0], {"standard_name": "forecast_period", "units": "days"})
-    )
-    path = save(ds, tmp_path / "leads.nc")
+    about = {"standard_name": "forecast_period", "units": "days"}
+    path = save(ds.assign_coords(lead=("lead", [0.0, 2.0, 4.0], about)), tmp_path / "leads.nc")
     assert_is(read_with(path, lead=2.2), 1)
-    times = (
-        ds.drop_vars("lead")
-        .rename(lead="time")
-        .assign_coords(time=np.array(["2020-01-01", "2020-01-03", "2020-01-05"], "datetime64[ns]"))
-    )
-    path = save(times, tmp_path / "times.nc")
-    start = int(np.datetime64("2020-01-01", "ns").astype(np.int64))
-    assert_is(read_with(path, near_ns=start + 5 * 86_400 * 10**9), 2)
-    chosen = read_with(path, time="2020-01-03", near_ns=start)
-    assert_is(chosen, 1)
-    late = read_with(path, near_ns=start + 10 * 86_400 * 10**9)
-    assert noted(late, "6.0 days before the log begins")
+    days = np.array(["2020-01-01", "2020-01-03", "2020-01-05"], "datetime64[ns]")
+    path = save(ds.rename(lead="time").assign_coords(time=days), tmp_path / "times.nc")
+    start = int(days[0].astype(np.int64))
+    assert_is(read_with(path, near_ns=start + 5 * DAY_NS), 2)
+    assert_is(read_with(path, time="2020-01-03", near_ns=start), 1)
+    assert noted(read_with(path, near_ns=start + 10 * DAY_NS), "6.0 days before the log begins")
 
 
 def test_placing_moves_the_grid_and_says_so(tmp_path):
@@ -62,15 +53,16 @@ def test_truth_of_one_field_or_of_a_named_member(tmp_path):
     ds = synthetic.dataset()
     path = save(ds, tmp_path / "e.nc")
     single = save(ds.isel(member=3, drop=True), tmp_path / "t.nc")
-    expected = synthetic.ensemble().velocity[3:4]
-    assert_allclose(read_truth(f"{path}#3", PLAIN).velocity, expected, atol=1e-15)
-    assert_allclose(read_truth(str(single), PLAIN).velocity, expected, atol=1e-15)
-    with pytest.raises(ForecastError, match="name the one"):
-        read_truth(str(path), PLAIN)
-    with pytest.raises(ForecastError, match="no member '99'"):
-        read_truth(f"{path}#99", PLAIN)
-    with pytest.raises(ForecastError, match="no member dimension"):
-        read_truth(f"{single}#1", PLAIN)
+    for given in (f"{path}#3", str(single)):
+        expected = synthetic.ensemble().velocity[3:4]
+        assert_allclose(read_truth(given, PLAIN).velocity, expected, atol=1e-15)
+    for given, words in (
+        (path, "name the one"),
+        (f"{path}#99", "no member '99'"),
+        (f"{single}#1", "no member dimension"),
+    ):
+        with pytest.raises(ForecastError, match=words):
+            read_truth(str(given), PLAIN)
 
 
 def test_the_grid_that_a_replay_writes_can_be_a_truth(tmp_path):

@@ -5,12 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import h5py
-import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from tests.forecast.forms import unwritten_stores
-from tests.fuzz.bombs import BOMBS, Attack, info_of, replay_of
-from tests.logs.adcp.raw_adcp_samples import nortek_sum
+from tests.fuzz.bombs import BOMBS, GLIDER, Attack, field, info_of, replay_of
+from tests.reference.adcp_records import nortek_sum
 
 #: Makes the bytes: each only for its own attack, as many are tens of megabytes.
 Text = Callable[[], bytes]
@@ -33,53 +32,22 @@ def _toml(text: Text) -> Attack:
     return attack
 
 
-def _netcdf(make: Callable[[h5py.File], object], *options: str) -> Attack:
-    def attack(folder: Path) -> list[str]:
-        with h5py.File(folder / "file.nc", "w") as file:
-            make(file)
-        return ["info", *options, str(folder / "file.nc")]
-
-    return attack
+def _ensemble(side: int, kind: object) -> Attack:
+    """Return the description of an ensemble whose velocities take no room in the file."""
+    make = field({"member": 4, "depth": 2, "lat": side, "lon": side}, None, kind=kind)
+    return lambda folder: ["info", "--ensemble", str(make(folder))]
 
 
 def _zarr(folder: Path) -> list[str]:
     return ["info", "--ensemble", *map(str, unwritten_stores(folder, (80, 3059, 4322)))]
 
 
-def _grid(
-    file: h5py.File, sizes: tuple[int, ...] = (4, 2, 50_000, 50_000), kind: object = "f4"
-) -> None:
-    """Write an ensemble whose velocities take no room in the file."""
-    dims = ("member", "depth", "lat", "lon")
-    for name, size in zip(dims, sizes, strict=True):
-        axis = file.create_dataset(name, data=np.linspace(1.0, 50.0, size), compression="gzip")
-        axis.make_scale(name)
-    for name in ("u", "v"):
-        values = file.create_dataset(
-            name, shape=sizes, dtype=kind, chunks=tuple(min(size, 1000) for size in sizes)
-        )
-        for axis, dim in zip(values.dims, dims, strict=True):
-            axis.attach_scale(file[dim])
-
-
-def _objects(file: h5py.File) -> None:
-    _grid(file, (4, 2, 5, 5), h5py.string_dtype())
-
-
-def _glider_grid(file: h5py.File) -> None:
-    file.attrs["platform"] = "Seaglider"
-    for name in (
-        "time",
-        "depth",
-        "latitude",
-        "longitude",
-        "eng_depth",
-        "log_gps_time",
-        "log_gps_lat",
-        "log_gps_lon",
-        "ctd_depth",
-    ):
-        file.create_dataset(name, shape=(2_000_000_000,), dtype="f8", chunks=(100_000,))
+def _glider(folder: Path) -> list[str]:
+    with h5py.File(folder / "file.nc", "w") as file:
+        file.attrs["platform"] = "Seaglider"
+        for name in f"{GLIDER} eng_depth log_gps_lat log_gps_lon".split():
+            file.create_dataset(name, shape=(2_000_000_000,), dtype="f8", chunks=(100_000,))
+    return ["info", str(folder / "file.nc")]
 
 
 def _tlog() -> bytes:
@@ -104,10 +72,10 @@ ATTACKS: dict[str, Attack] = {
     "TOML: key of 5,000 parts": _toml(lambda: b".".join([b"a"] * 5000) + b"=1"),
     "TOML: integer of 5,000 digits": _toml(lambda: b"[output]\nthreads=" + b"9" * 5000),
     "TOML: 30 MB": _toml(lambda: b"[output]\n" + b"# comment\n" * 3_000_000),
-    "NetCDF ensemble: grid of 10^10 cells": _netcdf(_grid, "--ensemble"),
-    "NetCDF ensemble: velocities are texts": _netcdf(_objects, "--ensemble"),
+    "NetCDF ensemble: grid of 10^10 cells": _ensemble(50_000, "f4"),
+    "NetCDF ensemble: velocities are texts": _ensemble(5, h5py.string_dtype()),
     "Zarr ensemble: 17 GB that were never written": _zarr,
-    "NetCDF glider: 2 billion samples": _netcdf(_glider_grid),
+    "NetCDF glider: 2 billion samples": _glider,
     "MAVLink: 500,000 frames cut short": info_of("log.tlog", _tlog),
     "PD0: 400,000 headers of 65 kB": info_of("log.pd0", _pd0),
     "AD2CP: a million headers of 65 kB": info_of("log.ad2cp", _ad2cp),

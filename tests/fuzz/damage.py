@@ -21,8 +21,8 @@ from replay_kit.core.message import LogReport
 from replay_kit.logs import open_log
 from replay_kit.logs.mavlink.reader import TlogReader
 from replay_kit.logs.mcap.reader import McapReader
-from tests.logs.adcp.raw_adcp_samples import nortek_sum
 from tests.places import ROOT
+from tests.reference.adcp_records import slow_records
 
 #: Topic, log time, publish time, sequence, payload.
 Said = tuple[str, int, int, int, bytes]
@@ -175,41 +175,30 @@ def read_pings(path: Path) -> tuple[list[Any], LogReport]:
 
 def ensembles(data: bytes) -> list[Piece]:
     """Return the PD0 ensembles of any bytes: start, end, and velocities [mm/s]."""
-    found, at = [], 0
-    while (at := data.find(b"\x7f\x7f", at)) >= 0:
-        size = int.from_bytes(data[at + 2 : at + 4], "little")
-        body, check = data[at : at + size], data[at + size : at + size + 2]
-        end = at + 1
-        if size > 8 and len(check) == 2 and sum(body) & 0xFFFF == int.from_bytes(check, "little"):
+    found = []
+    for at, end, kind in slow_records(data, nortek=False):
+        body = data[at:end]
+        if kind == 0:
             offsets = struct.unpack_from(f"<{body[5]}H", body, 6)
             blocks = {body[place : place + 2]: place for place in offsets}
-            cells, end = body[blocks[b"\x00\x00"] + 9], at + size + 2
+            cells = body[blocks[b"\x00\x00"] + 9]
             values = np.frombuffer(body, "<i2", 4 * cells, blocks[b"\x00\x01"] + 2)
             found.append((at, end, _none_if_missing(values.reshape(cells, 4))))
-        at = end
     return found
 
 
 def bursts(data: bytes) -> list[Piece]:
     """Return the AD2CP records of any bytes: start, end, and a burst's velocities in beam coordinates [mm/s]; None of other records."""
-    found, at = [], 0
-    while (at := data.find(b"\xa5\x0a", at)) >= 0 and at + 10 <= len(data):
-        head = data[at : at + 10]
-        size, check, head_check = struct.unpack_from("<HHH", head, 4)
-        body, end = data[at + 10 : at + 10 + size], at + 1
-        fits = nortek_sum(head[:8]) == head_check and len(body) == size
-        if fits and nortek_sum(body) == check:
-            what, end = None, at + 10 + size
-            if head[2] == _BURST:
-                cells = struct.unpack_from("<H", body, 30)[0] & 1023
-                values = np.frombuffer(body, "<i2", 4 * cells, 76)
-                what = _none_if_missing(values.reshape(4, cells).T)
-            found.append((at, end, what))
-        at = end
+    found = []
+    for at, end, kind in slow_records(data, nortek=True):
+        what = None
+        # a burst
+        if kind == 0x15:
+            cells = struct.unpack_from("<H", data, at + 40)[0] & 1023
+            values = np.frombuffer(data, "<i2", 4 * cells, at + 86)
+            what = _none_if_missing(values.reshape(4, cells).T)
+        found.append((at, end, what))
     return found
-
-
-_BURST = 0x15
 
 
 def _none_if_missing(values: np.ndarray) -> list[list[int | None]]:

@@ -44,17 +44,15 @@ SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
 _STOPPED, _LONGEST, _ORPHANED = 0.2, 120.0, 10.0
 
 
-def make_inputs(folder: Path, pings: int = 30) -> None:
+def make_inputs(folder: Path) -> None:
     """Write a small log, and a copy of it, with its ensemble, settings and a result."""
-    make_ocean(folder, RunConfig(), pings)
+    make_ocean(folder, RunConfig(), 30)
     shutil.copy(folder / "glider.mcap", folder / "second.mcap")
     (folder / "run.toml").write_text(_SETTINGS)
     _run(f"replay {_INPUTS} -o {{0}}/whole.mcap".format(folder))
 
 
-def kill(
-    kind: str, folder: Path, count: int, seed: int, sent: signal.Signals = signal.SIGKILL
-) -> list[str]:
+def kill(kind: str, folder: Path, count: int, seed: int, sent: signal.Signals) -> list[str]:
     """Give a command a signal so many times, run it to its end after each, and return what is wrong.
 
     Args:
@@ -144,7 +142,7 @@ def _signalled(command: str, instant: float, sent: signal.Signals) -> bool:
     """Run a command and send it a signal after so many seconds; return whether it came before its end."""
     child = _started(command)
     time.sleep(instant)
-    if _ended(child):
+    if os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None:
         with suppress(ChildProcessError):
             os.waitpid(child, 0)
         return False
@@ -164,7 +162,3 @@ def _signalled(command: str, instant: float, sent: signal.Signals) -> bool:
             time.sleep(0.01)
     signal.alarm(0)
     return True
-
-
-def _ended(child: int) -> bool:
-    return os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None

@@ -48,20 +48,18 @@ class Answer:
 Reader = Callable[[Path], Answer]
 
 
-@dataclass(frozen=True)
 class Own:
-    """One of our own kinds of files: its bytes, the name that its readers want, and the commands or functions that read it."""
+    """One of our own kinds of files: its name, path and bytes, and the commands or functions that read it."""
 
-    name: str
-    data: bytes
-    path: Path
-    readers: dict[str, Reader]
+    def __init__(self, name: str, path: Path, readers: dict[str, Reader]) -> None:
+        self.name, self.path, self.readers = name, path, readers
+        self.data = path.read_bytes()
 
 
-def check(own: Own, reader: str, sound: Answer, damage: Mishap) -> tuple[str, str]:
-    """Return how reading a damaged file ended (refused, told, same, silent, traceback, slow), and what is wrong, empty for nothing."""
+def check(own: Own, reader: str, sound: Answer, damage: Mishap) -> str:
+    """Return what is wrong with the reading of a damaged file, empty for nothing."""
     if damage.data == own.data:
-        return "same", ""
+        return ""
     # a new file: arrays of the one before may be mapped
     own.path.unlink()
     own.path.write_bytes(damage.data)
@@ -71,22 +69,18 @@ def check(own: Own, reader: str, sound: Answer, damage: Mishap) -> tuple[str, st
     except ReplayKitError as error:
         # its own name or that of a copy; and what a user can do
         named = own.path.stem in str(error) or own.path.parent.name in str(error)
-        fine = error.exit_code == 3 and named
-        return ("refused", "") if fine else ("silent", f"{name}: refused by {error}")
+        return "" if error.exit_code == 3 and named else f"{name}: refused by {error}"
     except Exception as error:
-        return "traceback", f"{name}: {type(error).__name__}: {error}"
+        return f"{name}: {type(error).__name__}: {error}"
     if (seconds := time.process_time() - began) > MOST_S:
-        return "slow", f"{name}: {seconds:.0f} s"
-    if found.told and found.code in (0, 4):
-        return "told", ""
-    if found.code == 3:
-        return "refused", ""
+        return f"{name}: {seconds:.0f} s"
     same = (found.code, found.content) == (sound.code, sound.content)
-    return ("same", "") if same else ("silent", f"{name}: exit {found.code}: {found.said[-300:]}")
+    fine = same or found.code == 3 or (found.told and found.code in (0, 4))
+    return "" if fine else f"{name}: exit {found.code}: {found.said[-300:]}"
 
 
 def sweep(
-    count: int, seed: int, folder: Path, slow: int = 1, names: tuple[str, ...] = ()
+    count: int, seed: int, folder: Path, slow: int = 1, names: tuple[str, ...] = KINDS
 ) -> Iterator[str]:
     """Yield what is wrong, empty for nothing, for that many damages of each kind of file.
 
@@ -95,78 +89,52 @@ def sweep(
         seed: Of places and sizes.
         folder: Where files are made.
         slow: Readers that take seconds take their turn this many times more rarely; with 0 they are left out.
-        names: Kinds of files; all when empty.
+        names: Kinds of files.
     """
     for own in own_files(folder):
-        if names and own.name not in names:
+        if own.name not in names:
             continue
-        own.path.write_bytes(own.data)
         quick = [name for name in own.readers if name not in _SLOW]
-        rare = [name for name in own.readers if name in _SLOW and slow]
-        sound = {name: own.readers[name](own.path) for name in (*quick, *rare)}
-        for number in range(count):
-            turn = number // len(DAMAGES)
-            reader = quick[turn % len(quick)]
-            if rare and turn % (slow * len(quick)) == 0:
-                reader = rare[turn // (slow * len(quick)) % len(rare)]
-            yield check(own, reader, sound[reader], mishap(own.data, number, seed))[1]
+        readers = quick * slow + sorted(own.readers.keys() & _SLOW) if slow else quick
+        turns = [readers[number // len(DAMAGES) % len(readers)] for number in range(count)]
+        sound = {reader: own.readers[reader](own.path) for reader in set(turns)}
+        for number, reader in enumerate(turns):
+            yield check(own, reader, sound[reader], mishap(own.data, number, seed))
         own.path.write_bytes(own.data)
 
 
 # A second and more each.
-_SLOW = ("report", "plot", "plan", "plan --json", "verify")
+_SLOW = {"report", "plot", "plan", "verify"}
 
 
 def own_files(folder: Path) -> list[Own]:
     """Return a sound file of each of our own kinds, made in a folder."""
     ocean = folder / "ocean"
-    ocean.mkdir()
+    place, out, plan = ocean / "kept", ocean / "out.mcap", ocean / "plan.mcap"
+    place.mkdir(parents=True)
     make_ocean(ocean, _CONFIG, 30)
-    out, place = ocean / "out.mcap", ocean / "kept"
-    place.mkdir()
     run = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --modes 4 -q"
-    _done(f"replay {run} --goal 152.3,-39.8,100 --save-estimate {place}/flow.nc -o {out}")
-    _done(f"plan {out} {_PLACES} --samples 3 -o {ocean}/plan.mcap -q")
-    job = ReplayJob(
-        (ocean / "glider.mcap",),
-        ocean / "ensemble.nc",
-        ocean / "again.mcap",
-        checkpoint=place / "run.ck",
-    )
+    for line in (
+        f"replay {run} --goal 152.3,-39.8,100 --save-estimate {place}/flow.nc -o {out}",
+        f"plan {out} {_PLACES} --samples 3 -o {plan} -q",
+    ):
+        done = invoke(line)
+        assert done.exit_code in (0, 6), done.output
+    state, inputs = place / "run.ck", ((ocean / "glider.mcap",), ocean / "ensemble.nc")
     with pytest.raises(Killed):
-        run_until(job, _CONFIG, 60)
+        run_until(ReplayJob(*inputs, ocean / "again.mcap", checkpoint=state), _CONFIG, 60)
     write_memory(place, Memory(said=("a log",) * 40, forecast="ensemble.nc sha256:0"))
-    files = {path.name: path for path in place.iterdir() if path.is_file()}
-    run_name, _ = pickle.loads(files["run.ck"].read_bytes().partition(b"\n")[2])
+    run_name, _ = pickle.loads(state.read_bytes().partition(b"\n")[2])
     commands = _result_commands(folder)
-
+    of_plan = {name: commands[name] for name in ("report", "export", "convert", "info")}
+    replay = _called(lambda path: pickle.dumps(read_state(path, run_name)))
     return [
-        Own("estimate", files["flow.nc"].read_bytes(), files["flow.nc"], _ESTIMATE),
-        Own("result", out.read_bytes(), out, commands),
-        Own(
-            "plan",
-            (ocean / "plan.mcap").read_bytes(),
-            ocean / "plan.mcap",
-            {name: commands[name] for name in ("report", "export", "convert", "info")},
-        ),
-        Own(
-            "state",
-            files["run.ck"].read_bytes(),
-            files["run.ck"],
-            {"replay": lambda path: Answer(0, False, "", pickle.dumps(read_state(path, run_name)))},
-        ),
-        Own(
-            "memory",
-            files["mission"].read_bytes(),
-            files["mission"],
-            {"follow": lambda path: Answer(0, False, "", read_memory(path.parent))},
-        ),
+        Own("estimate", place / "flow.nc", _ESTIMATE),
+        Own("result", out, commands),
+        Own("plan", plan, of_plan),
+        Own("state", state, {"replay": replay}),
+        Own("memory", place / "mission", {"follow": _called(lambda at: read_memory(at.parent))}),
     ]
-
-
-def _done(line: str) -> None:
-    done = invoke(line)
-    assert done.exit_code in (0, 6), done.output
 
 
 def _ran(line: str, made: Path | None = None) -> Answer:
@@ -185,26 +153,28 @@ def _content(path: Path) -> object:
         return [(m.topic, m.log_ns, m.data) for m in log.raw_messages()]
 
 
-def _opened(path: Path) -> Answer:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        result = open_result(path)
-        tables = [getattr(result, name).to_csv() for name in ("fixes", "observations", "plans")]
-        velocity = result.velocity_at(152.2, -39.9, 50.0)
-    said = " ".join(str(one.message) for one in caught)
-    return Answer(0, bool(said), said, (tables, repr(velocity)))
+def _called(read: Callable[[Path], object]) -> Reader:
+    """Return the reading by a function, whose warnings tell of a loss."""
+
+    def called(path: Path) -> Answer:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            content = read(path)
+        return Answer(0, bool(caught), " ".join(str(one.message) for one in caught), content)
+
+    return called
 
 
-def _flow(path: Path) -> Answer:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        flow = open_estimate(path)
-        content = repr(flow.velocity_at(152.2, -39.9, 50.0))
-    return Answer(0, bool(caught), "", content)
+def _opened(path: Path) -> object:
+    result = open_result(path)
+    tables = [getattr(result, name).to_csv() for name in ("fixes", "observations", "plans")]
+    return tables, repr(result.velocity_at(152.2, -39.9, 50.0))
 
 
 _ESTIMATE: dict[str, Reader] = {
-    "open_estimate": _flow,
+    "open_estimate": _called(
+        lambda path: repr(open_estimate(path).velocity_at(152.2, -39.9, 50.0))
+    ),
     "plan": lambda path: _ran(f"plan {path} {_PLACES} --samples 3 --json -"),
 }
 
@@ -214,7 +184,7 @@ def _result_commands(folder: Path) -> dict[str, Reader]:
     made = {kind: folder / f"made.{kind}" for kind in ("csv", "nc", "html", "svg", "mcap")}
     o = {kind: f"--overwrite -o {path}" for kind, path in made.items()}
     return {
-        "open_result": _opened,
+        "open_result": _called(_opened),
         "status": lambda path: _ran(f"status {path} --json -"),
         "export": lambda path: _ran(f"export {path} {o['csv']}", made["csv"]),
         "convert": lambda path: _ran(f"convert {path} {o['mcap']}", made["mcap"]),

@@ -12,7 +12,7 @@ from replay_kit.core.errors import ConfigError, ForecastError, LogError
 from replay_kit.forecast import read_ensemble
 from replay_kit.logs import open_log
 from replay_kit.logs.decode.decoders import decode_json
-from tests.logs.adcp.raw_adcp_samples import nortek_sum
+from tests.reference.adcp_records import nortek_sum
 
 CORPUS = Path(__file__).parent / "corpus"
 

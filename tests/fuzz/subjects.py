@@ -18,7 +18,6 @@ import numpy as np
 import xarray as xr
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType
-from scipy.io import netcdf_file
 
 from replay_kit.config.run import ForecastConfig, load_config
 from replay_kit.core.errors import LogError, ReplayKitError
@@ -29,6 +28,7 @@ from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
 from tests.fuzz import damage
 from tests.fuzz.mishap import Mishap, mishap
+from tests.logs.adcp.raw_adcp_samples import Survey, pd0
 from tests.logs.log_samples import json_mcap, record_offsets
 from tests.logs.slocum import slocum_samples
 from tests.logs.sound import SOUND
@@ -133,7 +133,7 @@ def subjects(folder: Path) -> list[Subject]:
         "mcap zstd": json_mcap(times, CompressionType.ZSTD),
         "mcap lz4": json_mcap(times, CompressionType.LZ4),
         "mcap one chunk": json_mcap(times, chunk_size=1 << 20),
-        "mcap unchunked": json_mcap(times, use_chunking=False, data_crcs=True),
+        "mcap unchunked": json_mcap(times, use_chunking=False, enable_data_crcs=True),
         **{name: make(folder) for name, make in SOUND.items()},
         "netcdf 3": _classic(folder / "classic").read_bytes(),
     }
@@ -141,18 +141,18 @@ def subjects(folder: Path) -> list[Subject]:
         f"{name} without end": files[name][: record_offsets(files[name], Opcode.DATA_END)[0]]
         for name in ("mcap", "mcap zstd", "mcap unchunked")
     }
+    files["pd0 changed"] = files["pd0"] + pd0(Survey(n=4, cells=4, cell=2.0, system="earth"))
     files["slocum compressed"] = slocum_samples.compressed(files["slocum"])
     found = []
     for name, data in files.items():
         (folder / "sound").write_bytes(data)
         make = _CHECKS.get(name.split()[0], lambda *_: _uncovered)
-        in_c = name.startswith("netcdf")
-        found.append(Subject(name, data, make(data, folder / "sound"), in_c))
+        check = make(data, folder / "sound")
+        found.append(Subject(name, data, check, name.startswith("netcdf")))
     return found + _inputs(folder)
 
 
-def _mcap(data: bytes, path: Path) -> Check:
-    del path
+def _mcap(data: bytes, _: Path) -> Check:
     sound = damage.sound_messages(data)
     # of a channel whose record is lost the topic is not known
     every, covered = Counter(one.said[1:] for one in sound), any(one.checked for one in sound)
@@ -198,8 +198,7 @@ def _covered(walk: Callable[[bytes], list[damage.Piece]], read: Read, needed: in
         needed: Number of pieces at the beginning without which the file may be refused; they say nothing themselves.
     """
 
-    def make(data: bytes, path: Path) -> Check:
-        del path
+    def make(data: bytes, _: Path) -> Check:
         sound = walk(data)
         every = Counter(repr(what) for _, _, what in sound if what is not None)
 
@@ -255,9 +254,8 @@ def _dataflash(data: bytes, path: Path) -> Check:
     return check
 
 
-def _uncovered(harm: Mishap, path: Path) -> list[str]:
+def _uncovered(_: Mishap, path: Path) -> list[str]:
     """Return what is wrong with a log without checksums: it is read to its end or refused, and says that nothing covers it."""
-    del harm
     try:
         log = open_log(path)
         read = sum(1 for _ in log.messages())
@@ -322,8 +320,7 @@ def _of_store(store: Path, place: Path) -> Check:
     """Return the check of one file of a forecast's store, which is sound again after it."""
     sound = place.read_bytes()
 
-    def check(harm: Mishap, path: Path) -> list[str]:
-        del path
+    def check(harm: Mishap, _: Path) -> list[str]:
         try:
             return _refused_or_read(lambda _: read_ensemble(store, ForecastConfig()), "")(
                 harm, place
@@ -352,13 +349,7 @@ def _refused_or_read(read: Callable[[Path], object], name: str) -> Check:
 
 def _classic(path: Path) -> Path:
     """Return a NetCDF-3 file with a row for each second."""
-    with netcdf_file(path, "w") as file:
-        file.createDimension("time", 50)
-        for name, values, units in (
-            ("time", np.arange(50.0), "seconds since 2020-01-01"),
-            ("speed", np.linspace(0.0, 1.0, 50), "m s-1"),
-        ):
-            variable = file.createVariable(name, "d", ("time",))
-            variable[:] = values
-            variable.units = units
+    speed = "time", np.linspace(0.0, 1.0, 50), {"units": "m s-1"}
+    time = "time", np.arange(50.0), {"units": "seconds since 2020-01-01"}
+    xr.Dataset({"speed": speed}, {"time": time}).to_netcdf(path, engine="scipy")
     return path

@@ -21,9 +21,3 @@ def test_a_command_that_gets_a_signal_leaves_the_same_bytes(tmp_path, kind, sent
         fresh.submit(make_inputs, tmp_path).result()
         count = 1 if "fleet" in kind else 5
         assert fresh.submit(kill, kind, tmp_path, count, 1, sent).result() == []
-
-
-@pytest.mark.full
-def test_an_export_that_is_killed_leaves_the_same_bytes(tmp_path):
-    make_inputs(tmp_path, 10)
-    assert kill("export", tmp_path, 1, 2) == []

@@ -23,26 +23,17 @@ def json_mcap(
     times_ns: Sequence[int],
     compression: CompressionType = CompressionType.NONE,
     chunk_size: int = 400,
-    use_chunking: bool = True,
-    data_crcs: bool = False,
+    **options: Any,
 ) -> bytes:
-    """Return an MCAP file of JSON messages ``{"n": 0}``, ``{"n": 1}``, ... on /a and /b in turn."""
+    """Return an MCAP file of JSON messages ``{"n": 0}``, ``{"n": 1}``, ... on /a and /b in turn; options are those of its writer."""
     out = BytesIO()
-    writer = Writer(
-        out,
-        chunk_size=chunk_size,
-        compression=compression,
-        use_chunking=use_chunking,
-        enable_data_crcs=data_crcs,
-    )
+    writer = Writer(out, chunk_size=chunk_size, compression=compression, **options)
     writer.start()
     schema = writer.register_schema("test.Number", "jsonschema", b"{}")
     channels = [writer.register_channel(topic, "json", schema) for topic in ("/a", "/b")]
     for n, time_ns in enumerate(times_ns):
         payload = orjson.dumps({"n": n, "text": "x" * 20})
-        writer.add_message(
-            channels[n % 2], log_time=time_ns, data=payload, publish_time=time_ns + 7, sequence=n
-        )
+        writer.add_message(channels[n % 2], time_ns, payload, time_ns + 7, n)
     writer.finish()
     return out.getvalue()
 
@@ -73,11 +64,9 @@ def one_channel_mcap(
     return out.getvalue()
 
 
-def tlog_entry(
-    stamp_us: int, message: Any, version: int = 2, system: int = 1, component: int = 1
-) -> bytes:
+def tlog_entry(stamp_us: int, message: Any, version: int = 2, system: int = 1) -> bytes:
     """Return one entry of a telemetry log."""
-    sender = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+    sender = dialect.MAVLink(None, srcSystem=system, srcComponent=1)
     return stamp_us.to_bytes(8, "big") + bytes(message.pack(sender, force_mavlink1=version == 1))
 
 
@@ -86,9 +75,10 @@ def attitude(boot_ms: int) -> Any:
     return dialect.MAVLink_attitude_message(boot_ms, 0.1, -0.2, 1.5, 0.0, 0.0, 0.25)
 
 
-def tlog(n: int, start_us: int = 1_700_000_000_000_000) -> list[bytes]:
+def tlog(n: int) -> list[bytes]:
     """Return the entries of a telemetry log, one a second."""
-    return [tlog_entry(start_us + 1_000_000 * k, attitude(k), version=1 + k % 2) for k in range(n)]
+    stamps = (1_700_000_000_000_000 + 1_000_000 * k for k in range(n))
+    return [tlog_entry(stamp, attitude(k), 1 + k % 2) for k, stamp in enumerate(stamps)]
 
 
 def read_log(

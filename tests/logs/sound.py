@@ -13,12 +13,6 @@ from tests.logs.surface_samples import write_radials
 PINGS = b"time,longitude,latitude,depth,u,v,error\n" + b"2018-11-16,152.1,-39.9,9,.1,.1,.05\n" * 9
 
 
-def _pd0() -> bytes:
-    vessel = raw_adcp_samples.Survey(n=8, cells=6)
-    changed = raw_adcp_samples.Survey(n=8, cells=4, cell=2.0, system="earth")
-    return b"".join(raw_adcp_samples.ensemble(vessel if k < 4 else changed, k) for k in range(8))
-
-
 def _radials(folder: Path) -> bytes:
     write_radials(folder / "made.ruv", (0.1, 0.0))
     return (folder / "made.ruv").read_bytes()
@@ -37,5 +31,5 @@ SOUND: Mapping[str, Callable[[Path], bytes]] = {
     "dataflash": lambda _: b"".join(dataflash(12)),
     "table": lambda _: PINGS,
     "tlog": lambda _: b"".join(tlog(40)),
-    "pd0": lambda _: _pd0(),
+    "pd0": lambda _: raw_adcp_samples.pd0(raw_adcp_samples.Survey(n=4, cells=6)),
 }

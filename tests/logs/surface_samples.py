@@ -6,7 +6,7 @@ import xarray as xr
 _HEADER = """%CTF: 1.00
 %FileType: LLUV rdls "RadialMap"
 %Site: MADE ""
-%TimeStamp: 2019 01 01  0{hour} 00 00
+%TimeStamp: 2019 01 01  00 00 00
 %TimeCoverage: 75.000 Minutes
 %Origin:  {origin[1]}  {origin[0]}
 %DopplerResolutionHzPerBin: 0.001953125
@@ -19,9 +19,7 @@ START = np.datetime64("2019-01-01T00:00:00", "ns")
 _NAMES = "LOND LATD VELU VELV VFLG ESPC ETMP RNGE BEAR VELO HEAD"
 
 
-def write_radials(
-    path, current, origin=(152.0, -39.8), hour=0, unit="cm/s", names=_NAMES, change=None
-):
+def write_radials(path, current, origin=(152.0, -39.8), unit="cm/s", names=_NAMES, change=None):
     """Write the radials of a current, (east, north) [m/s], that a station sees on the eastern side; the last is over land.
 
     ``change`` takes the number of a radial and its columns, and returns columns that differ.
@@ -47,15 +45,14 @@ def write_radials(
         }
         row |= {} if change is None else change(k, row)
         rows.append(" " + " ".join(f"{row[name]:.10g}" for name in names.split()))
-    head = _HEADER.format(hour=hour, origin=origin, unit=unit, names=names)
+    head = _HEADER.format(origin=origin, unit=unit, names=names)
     path.write_text(head + "\n".join(rows) + "\n%TableEnd:\n%%\n%TableType: rads rad1\n")
 
 
-def totals(current, hours=3, n=(12, 14), west=152.0, south=-40.0, step=0.03, noise=0.0, seed=1):
+def totals(current, hours=3, west=152.0, south=-40.0):
     """Return hourly totals of a current (east, north) [m/s], with one vector of questionable quality and one missing."""
-    rng = np.random.default_rng(seed)
-    shape = (hours, 1, *n)
-    u, v = (100.0 * (each + noise * rng.standard_normal(shape)) for each in current)
+    shape = (hours, 1, 12, 14)
+    u, v = (np.full(shape, 100.0 * each) for each in current)
     error = np.full(shape, 0.25)
     error[:, :, 0, 0] = 0.9
     u[:, :, 0, 1] = np.nan
@@ -65,28 +62,25 @@ def totals(current, hours=3, n=(12, 14), west=152.0, south=-40.0, step=0.03, noi
     parameters = "parameters", [300.0, 2.0, 3.0, 0.02, 10.0, 10.0, 400.0, 66.0]
     axes = {
         "time": START + np.arange(hours) * np.timedelta64(1, "h"),
-        "lat": south + step * np.arange(n[0]),
-        "lon": west + step * np.arange(n[1]),
+        "lat": south + 0.03 * np.arange(12),
+        "lon": west + 0.03 * np.arange(14),
     }
     about = {"platform": "HF Radar 13 MHz Network"}
     return xr.Dataset(variables | {"processing_parameters": parameters}, axes, about)
 
 
-def drifters(velocity=(0.2, 0.0), lost_after=99, n=9, west=152.1, south=-39.8):
+def drifters(velocity=(0.2, 0.0), lost_after=99, west=152.1, south=-39.8):
     """Return the six-hourly track of one drifter with a current (east, north) [m/s], and of one that has lost its drogue."""
-    hours = 6.0 * np.arange(n)
-    east, north = (3600.0 * hours * each for each in velocity)
+    seconds = 21600.0 * np.arange(9)
+    east, north = (seconds * each for each in velocity)
     longitude = west + east / (111.32e3 * np.cos(np.deg2rad(south)))
-    latitude = south + north / 111.2e3
     lost = [START + np.timedelta64(int(6 * lost_after), "h"), START - np.timedelta64(1, "D")]
-    time = START + (hours * 3600).astype("timedelta64[s]")
-    return xr.Dataset(
-        {
-            "rowsize": ("traj", [n, n]),
-            "ID": ("traj", np.array([101, 102])),
-            "drogue_lost_date": ("traj", np.array(lost)),
-            "longitude": ("obs", np.tile(longitude, 2)),
-            "latitude": ("obs", np.tile(latitude, 2)),
-        },
-        {"time": ("obs", np.tile(time, 2))},
-    )
+    time = START + seconds.astype("timedelta64[s]")
+    held = {
+        "rowsize": ("traj", [9, 9]),
+        "ID": ("traj", np.array([101, 102])),
+        "drogue_lost_date": ("traj", np.array(lost)),
+        "longitude": ("obs", np.tile(longitude, 2)),
+        "latitude": ("obs", np.tile(south + north / 111.2e3, 2)),
+    }
+    return xr.Dataset(held, {"time": ("obs", np.tile(time, 2))})

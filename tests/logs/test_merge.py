@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
-from replay_kit.logs.merge import ClockJump
 from tests.reference.stamps import DAY, corrected
 
 SECOND = 1_000_000_000
@@ -85,27 +84,10 @@ def test_the_window_alone_is_held():
 
 
 def test_what_comes_once_counts_before_the_start():
-    topics = [
-        "/tf_static",
-        "/adcp",
-        "/vehicle/config",
-        "mavlink/1/1/PARAM_VALUE",
-        "/adcp",
-        "/tf_static",
-        "/adcp",
-    ]
-    log = Recorded([position * SECOND for position in range(7)], 0, topics)
-    given = [
-        (message.position, message.topic)
-        for message in merge([log], 0.0, start_ns=4 * SECOND, end_ns=5 * SECOND)
-    ]
-    assert given == [
-        (0, "/tf_static"),
-        (2, "/vehicle/config"),
-        (3, "mavlink/1/1/PARAM_VALUE"),
-        (4, "/adcp"),
-        (5, "/tf_static"),
-    ]
+    topics = ["/tf_static", "/adcp", "/vehicle/config", "mavlink/1/1/PARAM_VALUE", "/adcp"]
+    log = Recorded([position * SECOND for position in range(7)], 0, [*topics, topics[0], "/adcp"])
+    given = merge([log], 0.0, start_ns=4 * SECOND, end_ns=5 * SECOND)
+    assert [message.position for message in given] == [0, 2, 3, 4, 5]
 
 
 @quick
@@ -122,38 +104,17 @@ START = 20_000 * DAY
 YEAR_2200 = 84_006 * DAY
 
 
-def steady(n, start=START):
-    return [start + k * SECOND for k in range(n)]
-
-
 def streamed(stamps):
-    """Return the time of each message, by its place in the log, and the jumps; a window so wide that none is late."""
+    """Return the time of each message, by its place in the log; a window so wide that none is late."""
     merged = merge([Recorded(stamps)], 1e12)
     times: list[int | None] = [None] * len(stamps)
     for message in merged:
         times[message.position] = message.time_ns
     assert sum(merged.astray.values()) == times.count(None)
     assert merged.late == {}
-    return times, merged.jumps
-
-
-def test_after_a_clock_jumps_back_no_message_is_late_and_times_continue():
-    stamps = steady(50) + steady(70, START - 30 * DAY)
-    merged = merge([Recorded(stamps)], 1.0)
-    last = START + 49 * SECOND
-    assert [m.time_ns for m in merged] == steady(50) + steady(70, last)
-    offset = last - (START - 30 * DAY)
-    assert (merged.jumps, merged.late, merged.astray) == (
-        (ClockJump(0, last, START - 30 * DAY, offset),),
-        {},
-        {},
-    )
-    assert str(merged.jumps[0]) == (
-        "the clock jumps from 2024-10-04 00:00:49Z to 2024-09-04 00:00:00Z: the messages after it are a new segment, "
-        "30.001 days were added to their stamps"
-    )
     # a second pass finds the same
-    assert [m.time_ns for m in merged] == steady(50) + steady(70, last)
+    assert sorted(message.time_ns for message in merged) == sorted(filter(None, times))
+    return times
 
 
 steps = st.lists(
@@ -178,4 +139,4 @@ def test_as_the_slow_twin(steps, strays):
     for k, step in enumerate(steps):
         time += step
         stamps.append(strays.get(k, time))
-    assert streamed(stamps)[0] == corrected(stamps)
+    assert streamed(stamps) == corrected(stamps)

@@ -3,9 +3,9 @@
 import struct
 
 
-def slow_records(data: bytes) -> list[tuple[int, int, int]]:
-    """Return start, end and kind of the records of PD0 or AD2CP, whichever the file begins with."""
-    if data[:2] in (b"\xa5\x0a", b"\xa5\x0c"):
+def slow_records(data: bytes, nortek: bool) -> list[tuple[int, int, int]]:
+    """Return start, end and kind of the records of PD0, whose ensembles are of kind 0, or of AD2CP."""
+    if nortek:
         return _walk(data, 0, len(data), _ad2cp)
     found, ended = [], 0
     for record in [*_walk(data, 0, len(data), _pd0), None]:
@@ -60,10 +60,11 @@ def _ad2cp(data: bytes, at: int) -> tuple[int, int]:
         return 0, 0
     size, check, head_check = struct.unpack_from("<HHH" if length == 10 else "<IHH", data, at + 4)
     head, body = data[at : at + length - 2], data[at + length : at + length + size]
-    sound = len(body) == size and _nortek(head) == head_check and _nortek(body) == check
+    sound = len(body) == size and nortek_sum(head) == head_check and nortek_sum(body) == check
     return (at + length + size, data[at + 2]) if sound else (0, 0)
 
 
-def _nortek(part: bytes) -> int:
+def nortek_sum(part: bytes) -> int:
+    """Return the checksum of the head or content of an AD2CP record."""
     even = part if len(part) % 2 == 0 else part[:-1] + b"\0" + part[-1:]
     return (0xB58C + sum(struct.unpack(f"<{len(even) // 2}H", even))) % 65536

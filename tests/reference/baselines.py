@@ -6,17 +6,14 @@ import numpy as np
 import scipy.integrate
 import scipy.linalg
 
+from tests.reference.dense import hats
 from tests.reference.estimator import kalman_update
-
-
-def hat(depth, levels, z):
-    """The piecewise-linear function of level z, constant above the first and below the last level."""
-    return float(np.interp(depth, levels, np.eye(len(levels))[z]))
 
 
 def member_at(slices, levels, at_place, depth):
     """One member, shape (Z, 2N), interpolated to a point: from the nodes by a matrix, shape (2, 2N), and by hats in depth."""
-    return sum(hat(depth, levels, z) * (at_place @ slices[z]) for z in range(len(levels)))
+    shares = hats(depth, levels)
+    return sum(share * (at_place @ one) for share, one in zip(shares, slices, strict=True))
 
 
 def design_of_members(members, levels, at_place, depths):

@@ -20,54 +20,34 @@ def kernel_3d(a, b, lengths, speed):
 def dense_kernel(points, nodes, lengths, speed):
     """Blocks of points against nodes; both (n, 3) ordered by level; within a level all east, then all north."""
 
-    def order(n_points, levels):
-        per_level = n_points // levels
-        return [
-            (z * per_level + i, c)
-            for z in range(levels)
-            for c in range(2)
-            for i in range(per_level)
+    def ordered(places):
+        levels = [places[places[:, 2] == level] for level in np.unique(places[:, 2])]
+        return [(place, c) for level in levels for c in range(2) for place in level]
+
+    return np.array(
+        [
+            [kernel_3d(point, node, lengths, speed)[c, d] for node, d in ordered(nodes)]
+            for point, c in ordered(points)
         ]
-
-    def levels_of(p):
-        return len(np.unique(p[:, 2]))
-
-    rows, columns = order(len(points), levels_of(points)), order(len(nodes), levels_of(nodes))
-    out = np.empty((len(rows), len(columns)))
-    for r, (i, c) in enumerate(rows):
-        for s, (j, d) in enumerate(columns):
-            out[r, s] = kernel_3d(points[i], nodes[j], lengths, speed)[c, d]
-    return out
+    )
 
 
 def paper_basis(members, nodes, levels, lengths, speed, n_modes):
     """Latents of the full kernel, SVD of their level slices, weights of every member; members (E, Z, 2N)."""
-    n_members, n_levels, size = members.shape
     points = np.array([[x, y, z] for z in levels for x, y in nodes])
     kernel = dense_kernel(points, points, lengths, speed)
-    latents = np.array([np.linalg.solve(kernel, member.ravel()) for member in members]).reshape(
-        n_members, n_levels, size
-    )
-    columns = latents.reshape(-1, size).T
+    latents = [np.linalg.solve(kernel, member.ravel()) for member in members]
+    latents = np.reshape(latents, members.shape)
+    columns = latents.reshape(-1, members.shape[2]).T
     modes = np.linalg.svd(columns, full_matrices=False)[0][:, :n_modes]
-    weights = np.array(
-        [[modes.T @ latents[e, z] for z in range(n_levels)] for e in range(n_members)]
-    )
-    return modes, weights, points
+    return modes, latents @ modes, points
 
 
 def design_matrix(place, depths, points, modes, n_levels, first_level, lengths, speed):
     """H = K(x, data) blockdiag(U .. U) for the bins of one profile: all east, then all north."""
-    blocks = np.zeros((n_levels * modes.shape[0], n_levels * modes.shape[1]))
-    for z in range(n_levels):
-        blocks[
-            z * modes.shape[0] : (z + 1) * modes.shape[0],
-            z * modes.shape[1] : (z + 1) * modes.shape[1],
-        ] = modes
-    rows = [
-        dense_kernel(np.array([[*place, max(depth, first_level)]]), points, lengths, speed) @ blocks
-        for depth in depths
-    ]
+    blocks = np.kron(np.eye(n_levels), modes)
+    at = [np.array([[*place, max(depth, first_level)]]) for depth in depths]
+    rows = [dense_kernel(one, points, lengths, speed) @ blocks for one in at]
     return np.vstack([[row[c] for row in rows] for c in range(2)])
 
 
@@ -87,23 +67,17 @@ def kalman_update(mean, cov, design, value, noise_cov):
 def correlation_length(members, east, north, wet):
     """Standard deviation over the gradient's, pair of neighbours by pair; ``members`` of shape (E, 2, Z, J, I)."""
     anomalies = members - members.mean(axis=0)
-    values = np.moveaxis(anomalies, (2, 3, 4), (0, 1, 2))[wet]
     slopes = []
     for dj, di in ((1, 0), (0, 1)):
         of_direction = []
-        for z, j, i in np.argwhere(wet):
-            if j + dj < wet.shape[1] and i + di < wet.shape[2] and wet[z, j + dj, i + di]:
-                distance = np.hypot(
-                    east[j + dj, i + di] - east[j, i], north[j + dj, i + di] - north[j, i]
-                )
-                of_direction += list(
-                    (
-                        (anomalies[:, :, z, j + dj, i + di] - anomalies[:, :, z, j, i]) / distance
-                    ).ravel()
-                    ** 2
-                )
+        for z, j, i in np.argwhere(wet[:, : wet.shape[1] - dj, : wet.shape[2] - di]):
+            here, there = (j, i), (j + dj, i + di)
+            if wet[z][there]:
+                apart = np.hypot(east[there] - east[here], north[there] - north[here])
+                rise = anomalies[:, :, z, *there] - anomalies[:, :, z, *here]
+                of_direction += ((rise / apart) ** 2).ravel().tolist()
         slopes.append(np.mean(of_direction))
-    return np.sqrt(np.mean(np.square(values)) / np.mean(slopes))
+    return np.sqrt(np.mean(np.square(anomalies[:, :, wet])) / np.mean(slopes))
 
 
 def tapered(nodes, radius, taper):
@@ -132,15 +106,8 @@ def hybrid_covariance(fields, modes, nodes, share, shift, radius, taper):
             copies.append(copy @ (modes @ projector).T * np.sqrt(counts / 6 / (n_members - 1)))
     copies = np.array(copies)
     sample = np.einsum("czn,cym->znym", copies, copies)
-    by_depth = np.array(
-        [
-            [
-                np.sum((copies[:, z] @ projector.T) * (copies[:, y] @ projector.T))
-                for y in range(n_levels)
-            ]
-            for z in range(n_levels)
-        ]
-    )
+    weights = copies @ projector.T
+    by_depth = np.einsum("czr,cyr->zy", weights, weights)
     localised = np.zeros_like(sample)
     weight = tapered(nodes, radius, taper)
     for function in np.linalg.eigh(by_depth)[1].T:

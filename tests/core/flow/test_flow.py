@@ -99,30 +99,29 @@ def test_samples_have_the_moments_of_the_estimate_and_the_correlation_of_the_pro
 
 
 def test_a_covariance_without_full_rank_has_samples_and_one_that_is_no_number_has_none():
-    flow = changing()
+    def known(p):
+        return replace(changing(), unknowns=replace(changing().unknowns, p=p))
+
     half = np.random.default_rng(1).standard_normal((7, 2))
-    low = replace(flow, unknowns=replace(flow.unknowns, p=half @ half.T))
-    root = low.unknowns.root
+    root = known(half @ half.T).unknowns.root
     np.testing.assert_allclose(root @ root.T, 1.7 * half @ half.T, atol=1e-12)
-    certain = replace(flow, unknowns=replace(flow.unknowns, p=np.zeros((7, 7))))
-    np.testing.assert_allclose(certain.sample(1, 0)[0].latent, flow.latent, atol=1e-12)
-    broken = replace(flow, unknowns=replace(flow.unknowns, p=np.full((7, 7), np.nan)))
+    (certain,) = known(np.zeros((7, 7))).sample(1, 0)
+    np.testing.assert_allclose(certain.latent, changing().latent, atol=1e-12)
     with pytest.raises(EstimatorError, match="covariance is not a number everywhere"):
-        broken.sample(3, 0)
+        known(np.full((7, 7), np.nan)).sample(3, 0)
 
 
 def test_before_its_last_observation_an_estimate_stays_and_a_constant_one_is_of_its_own_time():
-    flow, still = changing(), changing(times=1)
+    flow, still, forecast = changing(), changing(times=1), changing(time_ns=None)
     np.testing.assert_array_equal(flow.at(TIME_NS - HOUR).latent, flow.latent)
     assert flow.at(TIME_NS - HOUR).time_ns == flow.last_observation_ns == TIME_NS
     assert (still.process, still.last_observation_ns) == (None, None)
-    assert [still.at(TIME_NS + hours * HOUR) is still for hours in (-7, 30)] == [True, True]
-    through = still.sample_through([TIME_NS, TIME_NS + HOUR], 1, 3)[0]
-    np.testing.assert_array_equal(through[0].latent, through[1].latent)
-    forecast = changing(time_ns=None)
-    for hours in (-7, 9):
-        later = forecast.at(TIME_NS + hours * HOUR)
-        assert later.time_ns == TIME_NS + hours * HOUR
+    first, second = still.sample_through([TIME_NS, TIME_NS + HOUR], 1, 3)[0]
+    np.testing.assert_array_equal(first.latent, second.latent)
+    for time_ns in (TIME_NS - 7 * HOUR, TIME_NS + 9 * HOUR):
+        assert still.at(time_ns) is still
+        later = forecast.at(time_ns)
+        assert later.time_ns == time_ns
         np.testing.assert_array_equal(later.unknowns.p, forecast.unknowns.p)
 
 

@@ -16,6 +16,7 @@ from replay_kit.forecast.remote import apart, servers
 from replay_kit.workflows import fetch
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from tests import synthetic
+from tests.forecast.forms import in_turn
 
 pytest.importorskip("aiohttp", reason="the extra 'remote' is not installed")
 
@@ -26,16 +27,9 @@ BOX = "153,-39.5,154.5,-38.5"
 def sea(times: int = 4, shape: tuple[int, int] = (30, 40), step: float = 0.1) -> xr.Dataset:
     """An ensemble at several times, as float32, without encodings."""
     one = synthetic.dataset(seed=2, n_members=3, shape=shape, step=step)
-    start = np.datetime64("2018-11-15T00", "ns")
-    each = [one.assign(uo=(1 + 0.1 * k) * one.uo, vo=(1 + 0.1 * k) * one.vo) for k in range(times)]
-    ds = xr.concat(
-        each, "time", data_vars="all", coords="minimal", compat="override", join="override"
-    )
-    for name in ("uo", "vo"):
-        ds[name] = ds[name].astype("f4").assign_attrs(one[name].attrs)
-    return ds.assign_coords(
-        time=("time", start + np.arange(times) * np.timedelta64(24, "h"), {"standard_name": "time"})
-    )
+    days = np.datetime64("2018-11-15T00", "ns") + np.arange(times) * np.timedelta64(24, "h")
+    each = [one * (1 + 0.1 * k) for k in range(times)]
+    return in_turn(each, days, standard_name="time").astype("f4")
 
 
 @pytest.fixture

@@ -42,6 +42,15 @@ class Files:
         return Counter(self.asked)
 
 
+_BROKEN = b'Error {\n code=500;\n message="out of order";\n};'
+#: Status and body in place of an answer, by fault.
+_ANSWERS = {
+    "500": (500, _BROKEN),
+    "403": (403, _BROKEN),
+    "html": (200, b"<!DOCTYPE html><html><body>Please log in</body></html>"),
+}
+
+
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     files: Files
@@ -66,11 +75,8 @@ class _Handler(BaseHTTPRequestHandler):
         if fault == "redirect":
             self._head(302, 0, {"Location": files.redirect})
             return
-        if fault in ("500", "403"):
-            self._send(int(fault), b'Error {\n code=500;\n message="out of order";\n};', whole)
-            return
-        if fault == "html":
-            self._send(200, b"<!DOCTYPE html><html><body>Please log in</body></html>", whole)
+        if fault in _ANSWERS:
+            self._send(*_ANSWERS[fault], whole)
             return
         objects = files.objects
         data = objects(path) if callable(objects) else objects.get(path.partition("?")[0])

@@ -33,10 +33,19 @@ def objects():
 
 @pytest.fixture(scope="module")
 def grids():
-    """Answers of griddap."""
+    """Answers of griddap, each of which it is asked for once."""
     needs("xpublish_erddap")
+
+    @cache
+    def answer(path):
+        try:
+            with urlopen(f"{url.rsplit('/', 2)[0]}/{path}") as given:
+                return given.read()
+        except HTTPError:
+            return None
+
     with griddap(sea()) as url:
-        yield _from(url, 2)
+        yield answer
 
 
 @pytest.fixture
@@ -48,8 +57,14 @@ def served(request, objects):
     return objects, "", re.compile(r"[uv]o/\d")
 
 
-@pytest.mark.parametrize("fault", ["close", "cut", "500", "403", "html", "short", "redirect"])
-@pytest.mark.parametrize("served", ["zarr", "griddap"], indirect=True)
+@pytest.mark.parametrize(
+    ("served", "fault"),
+    [
+        *(("zarr", fault) for fault in ("close", "cut", "500", "403", "html", "short", "redirect")),
+        *(("griddap", fault) for fault in ("cut", "500", "html", "short")),
+    ],
+    indirect=["served"],
+)
 def test_a_faulty_server_is_an_error_in_words(asker, served, fault, monkeypatch):
     answers, path, values = served
     # xarray waits half a minute in all
@@ -90,39 +105,32 @@ def test_a_login_goes_to_its_own_server_and_is_shown_nowhere(asker, objects):
             assert "s3cret" not in text
 
 
-def test_a_page_and_nothing_at_all(asker):
+def test_what_is_no_store_is_named(asker, objects):
     page = b"<!DOCTYPE html><html><title>Login</title></html>"
-    with serving(Files(lambda path: page)) as files:
-        assert "got a web page" in refused(asker, files.url + "/x")
-    with serving(Files({})) as files:
-        assert "expected a Zarr store with consolidated metadata" in refused(asker, files.url)
-    assert "the server cannot be reached: Connection refused" in refused(
-        asker, "http://127.0.0.1:1/x"
-    )
+    unlisted = {key: value for key, value in objects.items() if key != ".zmetadata"}
+    for held, words in (
+        (lambda path: page, "got a web page"),
+        ({}, "expected a Zarr store with consolidated metadata"),
+        (unlisted, "without consolidated metadata"),
+    ):
+        with serving(Files(held)) as files:
+            assert words in refused(asker, files.url)
+    words = refused(asker, "http://127.0.0.1:1/x")
+    assert "the server cannot be reached: Connection refused" in words
 
 
-def test_a_store_that_cannot_be_listed_is_named(asker):
-    ds = {
-        key: value
-        for key, value in zarr_objects(sea(), zarr_format=2).items()
-        if key != ".zmetadata"
-    }
-    with serving(Files(ds)) as files:
-        assert "without consolidated metadata" in refused(asker, files.url)
-
-
-def test_more_than_is_allowed_is_refused_by_the_size_of_the_chunks_that_are_touched(asker):
+def test_more_than_is_allowed_is_refused_by_the_size_of_the_chunks_that_are_touched(
+    asker, monkeypatch
+):
+    box = "153,-39.2,153.2,-39"
     with serving(Files(zarr_objects(sea(), zarr_format=2))) as files:
-        words = refused(asker, files.url, "153,-39.2,153.2,-39", max_download=0.4)
+        words = refused(asker, files.url, box, max_download=0.4)
         assert ": 0.4614 MB to download, more than --max-download 0.4 MB; choose less" in words
         assert not [path for path in files.asked if re.match(r"[uv]o/\d", path)]
-        asker(files.url, "153,-39.2,153.2,-39", max_download=0.5)
-
-
-def test_a_chunk_larger_than_memory_is_refused(asker, monkeypatch):
-    monkeypatch.setattr(servers, "_MOST", 1e5)
-    with serving(Files(zarr_objects(sea(), zarr_format=2))) as files:
-        assert "a chunk of uo takes 0.2304 MB in memory" in refused(asker, files.url)
+        asker(files.url, box, max_download=0.5)
+        monkeypatch.setattr(servers, "_MOST", 1e5)
+        with pytest.raises(ForecastError, match=r"a chunk of uo takes 0\.2304 MB in memory"):
+            asker(files.url)
 
 
 def test_a_call_apart_gives_its_value_its_progress_and_its_error():
@@ -163,20 +171,6 @@ def test_a_forecast_is_fetched_in_a_process_of_its_own(tmp_path, objects, fault,
             assert not list(tmp_path.glob("*.nc"))
         else:
             assert fetch.fetch(request).files[0].parent == tmp_path
-
-
-def _from(url, depth=1):
-    """Return what another server answers, the last parts of its address before what is asked for; each answer is asked for once."""
-
-    @cache
-    def objects(path):
-        try:
-            with urlopen(f"{url.rsplit('/', depth)[0]}/{path}") as answer:
-                return answer.read()
-        except HTTPError:
-            return None
-
-    return objects
 
 
 def test_an_address_is_kept_as_it_was_given():

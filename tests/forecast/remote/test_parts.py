@@ -1,5 +1,6 @@
 """Which part of a forecast is received, and its pieces: properties."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,33 +25,25 @@ pytestmark = pytest.mark.filterwarnings("ignore:Consolidated metadata is current
     st.integers(1, 200),
 )
 def test_pieces_hold_each_value_once_and_divide_no_chunk(axes, size):
-    dims = [f"d{k}" for k in range(len(axes))]
-    parts, shape = {}, [length for length, _, _ in axes]
-    for dim, (length, _, data) in zip(dims, axes, strict=True):
+    shape, chunks, draws = zip(*axes, strict=True)
+    dims, parts = [f"d{k}" for k in range(len(axes))], {}
+    for dim, length, data in zip(dims, shape, draws, strict=True):
         start = data.draw(st.integers(0, length - 1))
         parts[dim] = np.arange(start, data.draw(st.integers(start + 1, length)))
     values = np.arange(float(np.prod(shape))).reshape(shape)
-    chunks = tuple(chunk for _, chunk, _ in axes)
     served = SimpleNamespace(ds=xr.Dataset({"u": (dims, values)}), chunks=lambda name: chunks)
-    cut, most = Cut(served, parts, ("u",), ("u",)), module._PIECE
-    found, chunks_seen = np.full([part.size for part in parts.values()], np.nan), []
-    try:
-        module._PIECE = size
-        for source, target in cut.pieces("u"):
+    found, seen = np.full([part.size for part in parts.values()], np.nan), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "_PIECE", size)
+        for source, target in Cut(served, parts, ("u",), ("u",)).pieces("u"):
             assert np.isnan(found[target]).all()
             found[target] = values[source]
-            ends = [
-                range(part.start // chunk, (part.stop - 1) // chunk + 1)
-                for part, chunk in zip(source, chunks, strict=True)
-            ]
-            chunks_seen += [
-                tuple(at) for at in np.stack(np.meshgrid(*ends), -1).reshape(-1, len(dims))
-            ]
-    finally:
-        module._PIECE = most
+            indices = (range(part.start, part.stop) for part in source)
+            of = [{at // n for at in own} for own, n in zip(indices, chunks, strict=True)]
+            seen += product(*of)
     # the slow twin: the whole at once
     np.testing.assert_array_equal(found, values[np.ix_(*parts.values())])
-    assert len(chunks_seen) == len(set(chunks_seen))
+    assert len(seen) == len(set(seen))
 
 
 @pytest.mark.parametrize("cell", [(7, 8), (4, 5), (1, 8), (11, 13)])

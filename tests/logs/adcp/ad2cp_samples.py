@@ -53,45 +53,28 @@ def text() -> bytes:
     """Return the record with the configuration."""
     s, c = 1 / (2 * np.sin(np.deg2rad(ANGLE))), 1 / (2 * np.cos(np.deg2rad(ANGLE)))
     rows = [[s, 0, -s, 0], [0, -s, 0, s], [c, 0, c, 0], [0, c, 0, c]]
-    matrix = ",".join(f"M{i + 1}{j + 1}={rows[i][j]:.6f}" for i in range(4) for j in range(4))
+    matrix = ",".join(f"M{i + 1}{j + 1}={rows[i][j]:.6f}" for i, j in np.ndindex(4, 4))
+    beams = (
+        f"BEAMCFGLIST,BEAM={k},THETA={ANGLE:.2f},PHI=0.00,FREQ=500,BW=25,BRD=1,HWBEAM={k},ZNOM=100.00"
+        for k in (1, 2, 3, 4)
+    )
     lines = (
-        'GETCLOCKSTR,TIME="2024-05-01 06:30:00"',
         'ID,STR="Signature500",SN=100259',
         f'GETBURST,NC={N_CELLS},NB=4,CS={CELL:.3f},BD={BLANK:.3f},CY="BEAM",PL=0.0,SR=1,NS=1,VR=4.50,VP=0.000,DF=3,NPING=1',
         "GETPLAN,MIAVG=600,AVG=0,BURST=1,MIBURST=1800,SA=35.0",
         f"GETXFBURST,ROWS=4,COLS=4,{matrix}",
-        *(
-            f"BEAMCFGLIST,BEAM={k},THETA={ANGLE:.2f},PHI=0.00,FREQ=500,BW=25,BRD=1,HWBEAM={k},ZNOM=100.00"
-            for k in (1, 2, 3, 4)
-        ),
+        *beams,
         "GETUSER,POFF=9.50,DECL=3.50,HX=0,HY=0,HZ=0",
     )
     return nortek_record(TEXT, b"\x10" + "\r\n".join(lines).encode() + b"\r\n\x00")
 
 
-def _clock(when: datetime) -> bytes:
-    ticks = when.microsecond // 100
-    return struct.pack(
-        "<6BH",
-        when.year - 1900,
-        when.month - 1,
-        when.day,
-        when.hour,
-        when.minute,
-        when.second,
-        ticks,
-    )
-
-
 def _head(survey: Survey, when: datetime, config: int, beams_cy: int, offset: int) -> bytes:
-    angles = (round(100 * survey.heading), round(100 * survey.pitch), round(100 * survey.roll))
-    sensors = struct.pack("<HhIHhh", 15000, 1200, 45_000, *angles)
-    return (
-        struct.pack("<BBHI", 3, offset, config, 100259)
-        + _clock(when)
-        + sensors
-        + struct.pack("<H", beams_cy)
-    )
+    year, month, *rest = when.timetuple()[:6]
+    clock = struct.pack("<6BH", year - 1900, month - 1, *rest, when.microsecond // 100)
+    angles = (round(100 * each) for each in (survey.heading, survey.pitch, survey.roll))
+    sensors = struct.pack("<HhIHhhH", 15000, 1200, 45_000, *angles, beams_cy)
+    return struct.pack("<BBHI", 3, offset, config, 100259) + clock + sensors
 
 
 def _status(survey: Survey) -> int:
@@ -104,38 +87,25 @@ def burst(survey: Survey, k: int) -> bytes:
     head = _head(survey, START + timedelta(seconds=k), 0b11101111, beams_cy, 76)
     rest = struct.pack("<HHBbH6hhHHbb", 1000, 50, 60, 0, 150, *[0] * 6, 3000, 0, 0, -3, 0)
     tail = struct.pack("<hhHHII", 0, 0, 0, 0, _status(survey), k + 1)
-    relative = in_system(survey, np.array(survey.water) - np.array(survey.platform), survey.system)
-    velocity = (
-        np.repeat(np.round(1000 * relative)[:, None], N_CELLS, axis=1).astype("<i2").tobytes()
-    )
-    return nortek_record(
-        BURST,
-        head + rest + tail + velocity + bytes([120] * 4 * N_CELLS) + bytes([95] * 4 * N_CELLS),
-    )
+    relative = in_system(survey, np.subtract(survey.water, survey.platform), survey.system)
+    velocity = np.repeat(np.round(1000 * relative), N_CELLS).astype("<i2").tobytes()
+    levels = bytes([120] * 4 * N_CELLS + [95] * 4 * N_CELLS)
+    return nortek_record(BURST, head + rest + tail + velocity + levels)
 
 
 def bottom(survey: Survey, k: int, offset: int = 78) -> bytes:
     """Return a bottom-track record, shortly after a ping; its data begin at an offset that it states."""
     beams_cy = 4 << 12 | SYSTEMS.index(survey.bottom_system) << 10
-    head = _head(
-        survey, START + timedelta(seconds=k) + survey.bottom_after, 0b1100101111, beams_cy, offset
-    )
+    when = START + timedelta(seconds=k) + survey.bottom_after
+    head = _head(survey, when, 0b1100101111, beams_cy, offset)
     rest = struct.pack("<HHBBH6hIHHbb", 0, 50, 0, 0, 150, *[0] * 6, 5000, 0, 0, survey.scaling, 0)
     tail = struct.pack("<hhIII", 0, 0, 0, _status(survey), k + 1) + bytes(offset - 78)
-    seen = (
-        np.round(
-            10.0**-survey.scaling
-            * in_system(survey, -np.array(survey.platform), survey.bottom_system)
-        )
-        .astype(int)
-        .tolist()
-    )
+    along = in_system(survey, -np.array(survey.platform), survey.bottom_system)
+    seen = np.round(10.0**-survey.scaling * along).astype(int).tolist()
     if survey.missing_beam is not None:
         seen[survey.missing_beam] = -32768
-    return nortek_record(
-        BOTTOM,
-        head + rest + tail + struct.pack("<4i4i4H", *seen, *survey.distance_mm, *survey.merit),
-    )
+    data = struct.pack("<4i4i4H", *seen, *survey.distance_mm, *survey.merit)
+    return nortek_record(BOTTOM, head + rest + tail + data)
 
 
 def ad2cp(survey: Survey, n: int = 5) -> bytes:

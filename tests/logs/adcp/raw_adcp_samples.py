@@ -3,6 +3,7 @@
 import struct
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,15 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.message import Message
 from replay_kit.logs import open_log
 from tests.reference import frames as slow
+from tests.reference.adcp_records import nortek_sum
 
 FIRST_CELL, CELL, N_CELLS, ANGLE = 2.0, 1.0, 12, 20.0
 START = datetime(2019, 6, 2, 4, 0, tzinfo=UTC)
 CLOCK_BEHIND = timedelta(hours=8)  # the instrument runs on local time, a day earlier
 LATITUDE, LONGITUDE = 48.0, -123.0
 METRES_PER_DEGREE = 111_200.0
+# of Teledyne, convex, towards the transducer
+BEAMS = slow.janus_vectors(ANGLE)
 _MISSING = -32768
 _SYSTEMS = {"beam": 0, "instrument": 1, "ship": 2, "earth": 3}
 
@@ -47,25 +51,11 @@ class Survey:
     n: int = 30
 
 
-def write(folder: Path, data: bytes) -> Path:
-    """Return the path of a file that holds the data."""
-    path = folder / "survey.pd0"
-    path.write_bytes(data)
-    return path
-
-
 def adcp_messages(path: Path) -> tuple[list[Message], list[Message]]:
     """Return a log's pings and fixes."""
     messages = list(open_log(path).messages())
-    return [m for m in messages if m.topic == "/adcp"], [
-        m for m in messages if m.topic == "/vehicle/fix"
-    ]
-
-
-def vectors() -> Array:
-    """Return Teledyne's convex beams, towards the transducer."""
-    s, c = np.sin(np.deg2rad(ANGLE)), np.cos(np.deg2rad(ANGLE))
-    return np.array([[s, 0, c], [-s, 0, c], [0, -s, c], [0, s, c]])
+    pings, fixes = ([m for m in messages if m.topic == at] for at in ("/adcp", "/vehicle/fix"))
+    return pings, fixes
 
 
 def pd0(survey: Survey) -> bytes:
@@ -76,23 +66,14 @@ def pd0(survey: Survey) -> bytes:
 def ensemble(survey: Survey, k: int) -> bytes:
     """Return one ensemble with its checksum."""
     types = [_fixed_leader(survey), _variable_leader(survey, k)[: survey.leader]]
-    types += [_velocity(survey)] if survey.profile else []
-    types += [
-        struct.pack("<H", kind) + bytes([value]) * 4 * survey.cells
-        for kind, value in ((0x0200, 128), (0x0300, 100), (0x0400, 100))
-        if survey.profile
-    ]
+    if survey.profile:
+        levels = ((0x0200, 128), (0x0300, 100), (0x0400, 100))
+        values = (struct.pack("<H", of) + bytes([each]) * 4 * survey.cells for of, each in levels)
+        types += [_velocity(survey), *values]
     types += [_bottom_track(survey)] if survey.bottom_track else []
     types += [_gga(survey, k)] if survey.gps else []
-    offsets = 6 + 2 * len(types) + np.cumsum([0, *(len(part) for part in types)])
-    header = struct.pack(
-        f"<2sHBB{len(types)}H",
-        b"\x7f\x7f",
-        int(offsets[-1]) + 2,
-        0,
-        len(types),
-        *offsets[:-1].tolist(),
-    )
+    *offsets, end = accumulate(map(len, types), initial=6 + 2 * len(types))
+    header = struct.pack(f"<2sHBB{len(types)}H", b"\x7f\x7f", end + 2, 0, len(types), *offsets)
     body = header + b"".join(types) + b"\x00\x00"
     return body + struct.pack("<H", sum(body) & 0xFFFF)
 
@@ -114,43 +95,16 @@ def nortek_record(kind: int, content: bytes, long: bool = False) -> bytes:
     return head + struct.pack("<H", nortek_sum(head)) + content
 
 
-def nortek_sum(content: bytes) -> int:
-    """Return the checksum of a record's head or content."""
-    total = 0xB58C
-    for k in range(0, len(content) - 1, 2):
-        total += content[k] + 256 * content[k + 1]
-    return (total + (256 * content[-1] if len(content) % 2 else 0)) & 0xFFFF
-
-
 def _fixed_leader(survey: Survey) -> bytes:
     turned = 0b111 if survey.system in ("ship", "earth") else 0b010
-    sizes = (1, 100 * survey.cell, 100, 1, 64, 5, 0, 2000, 0, 1, 0)
-    head = struct.pack(
-        "<H5BBBB",
-        0,
-        *survey.firmware,
-        0b00001011 | (0x80 if survey.up else 0),
-        0x41,
-        0,
-        0,
-        4,
-        survey.cells,
-    )
-    setup = struct.pack("<HHHBBBBH3B", *(int(value) for value in sizes))
-    coordinates = struct.pack(
-        "<Bhh", _SYSTEMS[survey.system] << 3 | turned, 0, round(100 * survey.stated_declination)
-    )
-    sensors = struct.pack(
-        "<BBHH2BBBH", 0b01111101, 0b00011101, int(100 * FIRST_CELL), 100, 1, 5, 50, 0, 20
-    )
-    return (
-        head
-        + setup
-        + coordinates
-        + sensors
-        + bytes(8)
-        + struct.pack("<HBBIB", 0, 255, 0, 1234, int(ANGLE))
-    )
+    system = 0b00001011 | (0x80 if survey.up else 0)
+    head = struct.pack("<H9B", 0, *survey.firmware, system, 0x41, 0, 0, 4, survey.cells, 1)
+    cell = round(100 * survey.cell)
+    setup = struct.pack("<BHHBBBBH3B", 0, cell, 100, 1, 64, 5, 0, 2000, 0, 1, 0)
+    coordinates = _SYSTEMS[survey.system] << 3 | turned, 0, round(100 * survey.stated_declination)
+    sensors = 0b01111101, 0b00011101, int(100 * FIRST_CELL), 100, 1, 5, 50, 0, 20
+    rest = struct.pack("<BhhBBHH2BBBH", *coordinates, *sensors)
+    return head + setup + rest + bytes(8) + struct.pack("<HBBIB", 0, 255, 0, 1234, int(ANGLE))
 
 
 def _variable_leader(survey: Survey, k: int) -> bytes:
@@ -173,30 +127,21 @@ def _in_system(survey: Survey, beams: Array) -> Array:
     """Return beam velocities, shape (4,), as the instrument would store them in its coordinate system."""
     if survey.system == "beam":
         return beams
-    solved = slow.janus(beams, ANGLE, True)
+    *own, error = slow.janus(beams, ANGLE, True)
     if survey.system == "instrument":
-        return solved
-    magnetic_east = (
-        slow.about(2, survey.declination - survey.stated_declination)
-        @ _rotation(survey)
-        @ solved[:3]
-    )
-    if survey.system == "ship":
-        magnetic_east = slow.about(2, survey.heading) @ _rotation(survey) @ solved[:3]
-    return np.array([*magnetic_east, solved[3]])
+        return np.array([*own, error])
+    off = survey.declination - survey.stated_declination
+    turn = slow.about(2, survey.heading if survey.system == "ship" else off)
+    return np.array([*(turn @ _rotation(survey) @ own), error])
 
 
 def _velocity(survey: Survey) -> bytes:
-    along = vectors() @ _rotation(survey).T
-    stretch = np.abs(along[:, 2]) / vectors()[:, 2]
+    along = BEAMS @ _rotation(survey).T
+    stretch = np.abs(along[:, 2]) / BEAMS[:, 2]
     rows = []
     for cell in range(survey.cells):
-        distance = (FIRST_CELL + survey.cell * cell) * stretch
-        water = (
-            np.array(survey.water)
-            + distance[:, None] * np.array(survey.shear)
-            - np.array(survey.vessel)
-        )
+        distance = (FIRST_CELL + survey.cell * cell) * stretch[:, None]
+        water = np.subtract(survey.water, survey.vessel) + distance * np.array(survey.shear)
         row = np.round(1000.0 * _in_system(survey, np.sum(along * water, axis=1)))
         if survey.bad_beam is not None and cell == 3:
             row[survey.bad_beam] = _MISSING
@@ -205,27 +150,18 @@ def _velocity(survey: Survey) -> bytes:
 
 
 def _bottom_track(survey: Survey) -> bytes:
-    beams = -(vectors() @ _rotation(survey).T) @ np.array(survey.vessel)
+    beams = -(BEAMS @ _rotation(survey).T) @ np.array(survey.vessel)
     velocity = np.round(1000.0 * _in_system(survey, beams)).astype("<i2").tobytes()
-    distance = struct.pack("<4H", *[round(100 * survey.bottom)] * 4)
-    return (
-        struct.pack("<H", 0x0600)
-        + bytes(14)
-        + distance
-        + velocity
-        + bytes([255] * 4 + [90] * 4 + [100] * 4)
-        + bytes(26 + 7 + 4 + 4)
-    )
+    distance = struct.pack("<H14x4H", 0x0600, *[round(100 * survey.bottom)] * 4)
+    return distance + velocity + bytes([255] * 4 + [90] * 4 + [100] * 4) + bytes(41)
 
 
 def _gga(survey: Survey, k: int) -> bytes:
+    east, north = (speed * k / METRES_PER_DEGREE for speed in survey.vessel[:2])
+    latitude = LATITUDE + north
+    longitude = LONGITUDE + east / np.cos(np.deg2rad(LATITUDE))
     when = START + timedelta(seconds=k)
-    latitude = LATITUDE + survey.vessel[1] * k / METRES_PER_DEGREE
-    longitude = LONGITUDE + survey.vessel[0] * k / (
-        METRES_PER_DEGREE * np.cos(np.deg2rad(LATITUDE))
-    )
-    sentence = b"$GPGGA," + when.strftime("%H%M%S.00,").encode()
     position = struct.pack("<dcdc", latitude, b"N", -longitude, b"W")
     rest = struct.pack("<BBffcfcfH", 2, 8, 1.0, 0.0, b"M", 0.0, b"M", 0.0, 0)
-    content = sentence + position + rest
+    content = b"$GPGGA," + when.strftime("%H%M%S.00,").encode() + position + rest
     return struct.pack("<HHHd", 0x2022, 104, len(content) + 8, 0.0) + content

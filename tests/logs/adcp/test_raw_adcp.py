@@ -3,51 +3,43 @@
 import struct
 import sys
 from datetime import timedelta
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from replay_kit.core.errors import LogError
-from replay_kit.logs import open_log
 from replay_kit.logs.adcp.frames import AD2CP_TEXT, scan
 from replay_kit.logs.adcp.gps import clock_offset, declination_at
 from replay_kit.measurements import observations
 from tests.logs.adcp import raw_adcp_samples as samples
-from tests.logs.adcp.raw_adcp_samples import Survey, adcp_messages, write
+from tests.logs.adcp.raw_adcp_samples import Survey, pd0
+from tests.logs.log_samples import SECOND
+from tests.logs.log_samples import read_log as read
 from tests.reference.adcp_records import slow_records
 
-SECOND = 1_000_000_000
 START_NS = int(samples.START.timestamp()) * SECOND
-
-
-def _profiles(folder, survey):
-    return list(observations(open_log(write(folder, samples.pd0(survey))).messages()))
+SHEARED = (0.02, -0.01, 0.0)
 
 
 @pytest.mark.parametrize(
     "survey",
     [
-        Survey(shear=(0.02, -0.01, 0.0)),
+        Survey(shear=SHEARED),
         Survey(bad_beam=2),
         Survey(up=True),
-        Survey(shear=(0.02, -0.01, 0.0), system="instrument"),
+        Survey(shear=SHEARED, system="instrument"),
         Survey(system="ship"),
         Survey(system="earth"),
         Survey(system="earth", stated_declination=15.8),
     ],
-    ids=lambda survey: (
-        f"{survey.system}, {survey.shear[0]}, {survey.bad_beam}, {survey.up}, {survey.stated_declination}"
-    ),
 )
 def test_a_vessels_file_gives_the_current_over_the_ground(tmp_path, survey):
-    profiles = _profiles(tmp_path, survey)
+    profiles = list(observations(read(tmp_path, pd0(survey))[0]))
     assert len(profiles) == survey.n
     profile = profiles[15]
     distance = samples.FIRST_CELL + samples.CELL * np.arange(samples.N_CELLS)
-    np.testing.assert_allclose(
-        profile.depth, 0.7 + (-distance if survey.up else distance), atol=1e-9
-    )
+    down = -distance if survey.up else distance
+    np.testing.assert_allclose(profile.depth, 0.7 + down, atol=1e-9)
     truth = np.array(survey.water) + distance[:, None] * np.array(survey.shear)
     # a millimetre per second of rounding in each beam, twice; the model's declination is within 0.1 degree of the survey's
     # cells that no beam reaches for the tilt are missing, at the far end only
@@ -60,10 +52,9 @@ def test_a_vessels_file_gives_the_current_over_the_ground(tmp_path, survey):
 
 
 def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
-    log = open_log(write(tmp_path, samples.pd0(Survey(bottom_track=False))))
-    pings, _ = adcp_messages(Path(log.path))
-    assert not any("platform_velocity" in ping.payload for ping in pings)
-    profiles = list(observations(log.messages()))
+    messages, _ = read(tmp_path, pd0(Survey(bottom_track=False)))
+    assert not any("platform_velocity" in m.payload for m in messages)
+    profiles = list(observations(messages))
     assert {profile.reference for profile in profiles} == {"earth"}
     for profile in profiles:
         assert profile.platform_velocity == pytest.approx((1.5, 0.8), abs=3.0 * profile.common_std)
@@ -72,47 +63,40 @@ def test_without_bottom_track_the_vessels_velocity_is_that_of_its_gps(tmp_path):
 
 
 def test_gps_sets_the_clock_right_over_midnight(tmp_path):
-    pings, fixes = adcp_messages(write(tmp_path, samples.pd0(Survey())))
+    messages, _ = read(tmp_path, pd0(Survey()))
+    pings, fixes = ([m for m in messages if m.topic == at] for at in ("/adcp", "/vehicle/fix"))
     assert pings[3].payload["clock_offset"] == samples.CLOCK_BEHIND.total_seconds()
-    assert (
-        [m.time_ns for m in pings]
-        == [START_NS + k * SECOND for k in range(30)]
-        == [m.time_ns for m in fixes]
-    )
-    assert fixes[0].payload["latitude"] == pytest.approx(samples.LATITUDE)
-    assert fixes[0].payload["longitude"] == pytest.approx(samples.LONGITUDE)
-    pings, _ = adcp_messages(write(tmp_path, samples.pd0(Survey(gps=False))))
-    assert pings[0].payload["clock_offset"] is None
-    assert pings[0].time_ns == START_NS - samples.CLOCK_BEHIND // timedelta(seconds=1) * SECOND
+    for each in (pings, fixes):
+        assert [m.time_ns for m in each] == [START_NS + k * SECOND for k in range(30)]
+    place = fixes[0].payload["longitude"], fixes[0].payload["latitude"]
+    assert place == pytest.approx((samples.LONGITUDE, samples.LATITUDE))
+    ping = read(tmp_path, pd0(Survey(gps=False)))[0][0]
+    assert ping.payload["clock_offset"] is None
+    assert ping.time_ns == START_NS - samples.CLOCK_BEHIND // timedelta(seconds=1) * SECOND
+
+
+_NO_TEXT = samples.nortek_record(AD2CP_TEXT, b"\x10no configuration\x00")
 
 
 @pytest.mark.parametrize(
-    "data",
+    ("data", "words"),
     [
-        b"\x7f\x7f",
-        b"\x7f\x7f" * 4000,
-        b"\xa5\x0a" + bytes(500),
-        samples.nortek_record(0x15, bytes(80)),
+        (b"\x7f\x7f" * 4000, "no valid ensemble"),
+        (b"\xa5\x0a" + bytes(500), "no valid ensemble"),
+        (samples.nortek_record(0x15, bytes(80)), "configuration is missing"),
+        (_NO_TEXT + 3 * samples.nortek_record(0x15, bytes(80)), "MHKiT cannot read"),
     ],
 )
-def test_a_file_without_a_sound_ensemble_is_an_error(tmp_path, data):
-    with pytest.raises(LogError, match=r"no valid ensemble|configuration is missing"):
-        open_log(write(tmp_path, data))
-
-
-def test_what_mhkit_cannot_read_is_our_error(tmp_path):
-    records = samples.nortek_record(
-        AD2CP_TEXT, b"\x10no configuration\x00"
-    ) + 3 * samples.nortek_record(0x15, bytes(80))
-    with pytest.raises(LogError, match="MHKiT cannot read"):
-        open_log(write(tmp_path, records))
+def test_a_file_without_a_sound_ensemble_is_an_error(tmp_path, data, words):
+    with pytest.raises(LogError, match=words):
+        read(tmp_path, data)
 
 
 def test_without_mhkit_the_extra_is_named(tmp_path, monkeypatch):
     for name in ("mhkit", "mhkit.dolfyn.io.nortek2", "mhkit.dolfyn.io.rdi"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(LogError, match=r"pip install 'replay-kit\[adcp\]'"):
-        open_log(write(tmp_path, samples.pd0(Survey(n=2))))
+        read(tmp_path, pd0(Survey(n=2)))
 
 
 def _pd0_record(leader, filling, types=1):
@@ -128,18 +112,11 @@ def _pieces(magic, rng):
     """Return records of even and odd lengths, the shortest among them, and what only looks like one."""
     fillings = [rng.bytes(size) for size in (0, 1, 2, 7, 8, 15, 16, 17, 33, 300)]
     if magic == b"\xa5\x0a":
-        sound = [
-            samples.nortek_record(k, filling, long)
-            for k, filling in enumerate(fillings)
-            for long in (False, True)
-        ]
+        record = samples.nortek_record
+        sound = [record(k, filling, k % 2) for k, filling in enumerate(2 * fillings)]
         # one record inside another, and a header without its record
-        return [
-            *sound,
-            samples.nortek_record(0x15, sound[5] + sound[8]),
-            sound[-1][:10],
-            bytes([0xA5, 11]) + sound[4][2:],
-        ]
+        inside = record(0x15, sound[5] + sound[8])
+        return [*sound, inside, sound[-1][:10], bytes([0xA5, 11]) + sound[4][2:]]
     sound = [_pd0_record(k % 2, filling, 1 + k % 3) for k, filling in enumerate(fillings)]
     return [
         *sound,
@@ -161,24 +138,15 @@ def test_records_are_found_as_by_a_walk(magic):
     data = magic + b"".join(
         pieces[k] + rng.bytes(int(rng.integers(3))) for k in rng.permutation(len(pieces))
     )
-    assert len(slow_records(data)) == (21 if magic == b"\xa5\x0a" else 13)
+    nortek = magic == b"\xa5\x0a"
+    assert len(slow_records(data, nortek)) == (21 if nortek else 13)
     damaged = bytearray(data)
     damaged[len(data) // 3 :: 200] = bytes(len(damaged[len(data) // 3 :: 200]))
-    # cut in the last record, at its end, and with what might begin another
-    for file in (
-        data,
-        data[:-1],
-        data + magic[:1],
-        data + pieces[0],
-        data + pieces[0][:-1],
-        bytes(damaged),
-        magic,
-        # on odd offsets too
-        magic + b"?" + data,
-    ):
-        assert [(record.start, record.end, record.kind) for record in scan(file)] == slow_records(
-            file
-        )
+    # cut in the last record, at its end, and with what might begin another; on odd offsets too
+    ends = data[:-1], data + magic[:1], data + pieces[0], data + pieces[0][:-1]
+    for file in (data, *ends, bytes(damaged), magic, magic + b"?" + data):
+        found = [(record.start, record.end, record.kind) for record in scan(file)]
+        assert found == slow_records(file, nortek)
 
 
 def test_a_clock_without_a_date_is_right_within_half_a_day():

@@ -1,13 +1,11 @@
 """BlueOS recordings: MAVLink as JSON in an MCAP says what the same messages say in a telemetry log."""
 
-import math
-
+import numpy as np
 import orjson
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.core.observation import Observation, VehicleState
-from replay_kit.logs import open_log
 from replay_kit.logs.decode.blueos import mavlink_channel
 from tests.logs.log_samples import read_log as read
 from tests.logs.log_samples import tlog_entry
@@ -17,28 +15,22 @@ from tests.measurements.samples import Skipped, Used, only, run
 HEADER = {"system_id": 1, "component_id": 1, "sequence": 7}
 
 
+def row(topic, payload, second=0):
+    return second, topic, topic.replace("/", "."), payload
+
+
 def recorded(kind, /, **fields):
     return {"header": HEADER, "message": {"type": kind, **fields}}
 
 
-HEARTBEAT = recorded(
-    "HEARTBEAT",
-    custom_mode=19,
-    mavtype={"type": "MAV_TYPE_SUBMARINE"},
-    autopilot={"type": "MAV_AUTOPILOT_ARDUPILOTMEGA"},
-    base_mode={"bits": 209},
-    system_status={"type": "MAV_STATE_ACTIVE"},
-    mavlink_version=3,
-)
-
-
 def test_enums_flags_and_texts_become_what_a_telemetry_log_holds(tmp_path):
     frame = dialect.MAVLink_heartbeat_message(12, 3, 209, 19, 4, 3)
-    (tmp_path / "same.tlog").write_bytes(b"".join(tlog_entry(10**15 + k, frame) for k in range(9)))
-    (theirs, *_) = open_log(tmp_path / "same.tlog").messages()
-    (ours,), _ = read(
-        tmp_path, json_mcap([(0, "mavlink/1/1/HEARTBEAT", "mavlink.1.1.HEARTBEAT", HEARTBEAT)])
-    )
+    (theirs, *_), _ = read(tmp_path, b"".join(tlog_entry(10**15 + k, frame) for k in range(9)))
+    enums = {"mavtype": "MAV_TYPE_SUBMARINE", "autopilot": "MAV_AUTOPILOT_ARDUPILOTMEGA"}
+    enums["system_status"] = "MAV_STATE_ACTIVE"
+    written = {name: {"type": of} for name, of in enums.items()} | {"base_mode": {"bits": 209}}
+    ours = recorded("HEARTBEAT", custom_mode=19, mavlink_version=3, **written)
+    (ours,), _ = read(tmp_path, json_mcap([row("mavlink/1/1/HEARTBEAT", ours)]))
     assert ours.payload == theirs.payload
     assert (ours.topic, ours.schema) == (theirs.topic, theirs.schema)
 
@@ -72,104 +64,51 @@ def test_every_way_to_write_a_value(kind, stated, read):
     assert decode(orjson.dumps(read)) == read
 
 
-def test_topics_of_other_kinds():
-    assert mavlink_channel("mavlink/out") is None
-    assert mavlink_channel("mavlink/1/1/") is None
+POSITION = recorded(
+    "GLOBAL_POSITION_INT",
+    **{"time_boot_ms": 5, "lat": -400_000_000, "lon": 1_520_000_000, "alt": 0, "relative_alt": 0},
+)
+SETTINGS = [2.0, 32.0, 16.0, 3.0, *[0.0] * 2, 1.0, *[0.0] * 4, 1500.0, "NaN", 0.0, 1.0, 3.0, 0.0]
 
 
-def position(depth=0.0):
-    return recorded(
-        "GLOBAL_POSITION_INT",
-        time_boot_ms=5,
-        lat=-400_000_000,
-        lon=1_520_000_000,
-        alt=0,
-        relative_alt=-int(depth * 1000),
-    )
-
-
-def ping(number=3):
+def ping():
     parts = {
-        "ADCP_CFG": [
-            2.0,
-            32.0,
-            16.0,
-            3.0,
-            0.0,
-            0.0,
-            1.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            1500.0,
-            "NaN",
-            0.0,
-            1.0,
-            3.0,
-            0.0,
-        ],
+        "ADCP_CFG": SETTINGS,
         "ADCP_E": [0.125, "NaN"],
         "ADCP_N": ["-inf", 0.25],
         "ADCP_U": [0.0, 0.0],
         "ADCP_STD": [0.0625, 0.0625],
     }
     for name, data in parts.items():
-        padded = [*data, *[0.0] * (58 - len(data))]
-        message = recorded(
-            "DEBUG_FLOAT_ARRAY", time_usec=5, name=name, array_id=number, data=padded
-        )
+        held = {"name": name, "array_id": 3, "data": [*data, *[0.0] * (58 - len(data))]}
+        message = recorded("DEBUG_FLOAT_ARRAY", time_usec=5, **held)
         # the recorder writes these bare, which is no JSON
         yield orjson.dumps(message).replace(b'"NaN"', b"NaN").replace(b'"-inf"', b"-inf")
 
 
-def recording():
-    yield 0, "services/ping/log", "services.ping.log", {"level": "info"}
-    for second in range(4):
-        yield (
-            second,
-            "mavlink/1/1/GLOBAL_POSITION_INT",
-            "mavlink.1.1.GLOBAL_POSITION_INT",
-            position(),
-        )
-        yield second, "mavlink/out", "mavlink.out", position()
-        yield (
-            second,
-            "mavlink/1/1/HEARTBEAT/base_mode",
-            "mavlink.1.1.HEARTBEAT.base_mode",
-            {"bits": 209},
-        )
-        yield (
-            second,
-            "mavlink/1/1/GLOBAL_POSITION_INT/lat",
-            "mavlink.1.1.GLOBAL_POSITION_INT.lat",
-            b"-400000000",
-        )
-    for frame in ping():
-        yield 3.5, "mavlink/1/1/DEBUG_FLOAT_ARRAY", "mavlink.1.1.DEBUG_FLOAT_ARRAY", frame
-    # disarmed for an hour
-    yield 3600, "mavlink/1/1/GLOBAL_POSITION_INT", "mavlink.1.1.GLOBAL_POSITION_INT", position()
+PLACE = "mavlink/1/1/GLOBAL_POSITION_INT"
+#: Topics that say nothing, and why.
+OTHERS = {
+    "services/ping/log": ({"level": "info"}, "message type not used by the estimator"),
+    "mavlink/out": (POSITION, "repeats messages of other topics"),
+    "mavlink/1/1/HEARTBEAT/base_mode": ({"bits": 209}, "one field of a message on another topic"),
+    f"{PLACE}/lat": (b"-400000000", "one field of a message on another topic"),
+}
 
 
 def test_a_recording(tmp_path):
-    messages, report = read(tmp_path, json_mcap(recording()))
-    assert report.undecodable == {}
-    assert report.losses == ()
+    rows = [row(PLACE, POSITION, second) for second in range(4)]
+    rows += [row(topic, payload) for topic, (payload, _) in OTHERS.items()]
+    rows += [row("mavlink/1/1/DEBUG_FLOAT_ARRAY", frame, 3.5) for frame in ping()]
+    # disarmed for an hour
+    rows += [row(PLACE, POSITION, 3600)]
+    messages, report = read(tmp_path, json_mcap(rows))
+    assert (report.undecodable, report.losses) == ({}, ())
     events = run(messages)
     (profile,) = only(Observation, events)
-    assert profile.velocity[1, 1] == 0.25
-    assert profile.velocity[0, 0] == 0.125
-    assert [math.isnan(v) for v in profile.velocity.ravel()] == [False, True, True, False]
+    np.testing.assert_array_equal(profile.velocity, [[0.125, np.nan], [np.nan, 0.25]])
     assert profile.error_std.tolist() == [0.0625] * 2
     assert len(only(VehicleState, events)) == 5
     assert len(only(Used, events)) == 10
-    reasons = {(event.topic, event.reason) for event in only(Skipped, events)}
-    assert reasons == {
-        ("services/ping/log", "message type not used by the estimator"),
-        ("mavlink/out", "repeats messages of other topics"),
-        ("mavlink/1/1/HEARTBEAT/base_mode", "one field of a message on another topic"),
-        (
-            "mavlink/1/1/GLOBAL_POSITION_INT/lat",
-            "one field of a message on another topic",
-        ),
-    }
+    reasons = {event.topic: event.reason for event in only(Skipped, events)}
+    assert reasons == {topic: reason for topic, (_, reason) in OTHERS.items()}

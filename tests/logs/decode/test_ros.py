@@ -84,17 +84,15 @@ def _stock_ros1(text):
     return Ros1Factory().decoder_for("ros1", schema)
 
 
+def _stock_ros2(text):
+    return generate_dynamic("p/msg/A", text)["p/A"]
+
+
 @pytest.mark.parametrize(
     ("others", "name", "stock_of", "orders", "least"),
     [
         (["time", "duration"], "p/A", _stock_ros1, [b""], 60),
-        (
-            [],
-            "p/msg/A",
-            lambda text: generate_dynamic("p/msg/A", text)["p/A"],
-            [b"\0\1\0\0", b"\0\0\0\0"],
-            120,
-        ),
+        ([], "p/msg/A", _stock_ros2, [b"\0\1\0\0", b"\0\0\0\0"], 120),
     ],
     ids=["ROS 1", "ROS 2"],
 )
@@ -110,15 +108,11 @@ def test_messages_are_those_of_the_stock_decoder(others, name, stock_of, orders,
 
 
 def test_values_written_by_the_stock_writer_come_back():
-    text = f"bool a\nfloat64 b\nint8 c\nuint16[] d\nstring[] e\nuint8[3] f\np/B[2] g\nint64[] h\n{SEPARATOR}\nMSG: p/B\nfloat32 x\nchar y"
-    value = {
-        **{"a": True, "b": math.pi, "c": -5, "d": [1, 65535], "e": ["", "ä"], "f": b"\1\2\3"},
-        **{"g": [{"x": 0.5, "y": -1}, {"x": -2.0, "y": 7}], "h": [-(2**63), 2**63 - 1]},
-    }
-    assert (
-        ros_decoder("p/msg/A", text, cdr=True)(serialize_dynamic("p/msg/A", text)["p/A"](value))
-        == value
-    )
+    text = f"bool a\nint8 c\nuint16[] d\nstring[] e\nuint8[3] f\np/B[2] g\n{SEPARATOR}\nMSG: p/B\nfloat64 x"
+    value = {"a": True, "c": -5, "d": [1, 65535], "e": ["", "ä"], "f": b"\1\2\3"}
+    value |= {"g": [{"x": math.pi}, {"x": -2.0}]}
+    written = serialize_dynamic("p/msg/A", text)["p/A"](value)
+    assert ros_decoder("p/msg/A", text, cdr=True)(written) == value
 
 
 def test_an_empty_message_of_ros2_takes_a_byte_and_one_of_ros1_none():

@@ -6,17 +6,8 @@ from typing import Any
 from replay_kit.logs.mavlink.dataflash import FMT, Format
 
 _CODES = {
-    "a": "32h",
-    "n": "4s",
-    "N": "16s",
-    "Z": "64s",
-    "M": "B",
-    "g": "e",
-    "c": "h",
-    "C": "H",
-    "e": "i",
-    "E": "I",
-    "L": "i",
+    **{"a": "32h", "n": "4s", "N": "16s", "Z": "64s", "M": "B", "g": "e"},
+    **{"c": "h", "C": "H", "e": "i", "E": "I", "L": "i"},
 }
 # name, number, letters, columns
 _DECLARED = """
@@ -36,32 +27,27 @@ _TYPES = {
 }
 
 
+def packing(letters: str) -> str:
+    """The letters of ``struct`` for those of a format."""
+    return "<" + "".join(_CODES.get(letter, letter) for letter in letters)
+
+
 def form(name: str) -> Format:
     """The format of one of the kinds above."""
     number, letters, columns = _TYPES[name]
-    length = 3 + struct.calcsize("<" + "".join(_CODES.get(letter, letter) for letter in letters))
+    length = 3 + struct.calcsize(packing(letters))
     return Format(number, name, length, letters, tuple(columns.split(",")))
 
 
 def record(kind: Format, *values: Any) -> bytes:
     """A record: the values as they are stored, text as bytes."""
-    return (
-        b"\xa3\x95"
-        + bytes((kind.type,))
-        + struct.pack("<" + "".join(_CODES.get(letter, letter) for letter in kind.letters), *values)
-    )
+    return b"\xa3\x95" + bytes((kind.type,)) + struct.pack(packing(kind.letters), *values)
 
 
 def declaration(kind: Format) -> bytes:
     """The FMT record of a kind."""
-    return record(
-        FMT,
-        kind.type,
-        kind.length,
-        kind.name.encode(),
-        kind.letters.encode(),
-        ",".join(kind.columns).encode(),
-    )
+    texts = (text.encode() for text in (kind.name, kind.letters, ",".join(kind.columns)))
+    return record(FMT, kind.type, kind.length, *texts)
 
 
 def declarations() -> bytes:
@@ -69,26 +55,19 @@ def declarations() -> bytes:
     return b"".join(declaration(kind) for kind in (FMT, *map(form, _TYPES)))
 
 
-def gps(
-    time_us: int,
-    week_ms: int,
-    week: int = 2300,
-    status: int = 3,
-    latitude: float = 47.5,
-    receiver: int = 0,
-) -> bytes:
+def gps(time_us: int, week_ms: int, week: int = 2300, status: int = 3) -> bytes:
     """A GPS record."""
-    numbers = (round(latitude * 1e7), -1246305732, 1234, 0.5, 12.0, -0.25, 0.0, 1)
-    return record(form("GPS"), time_us, receiver, status, week_ms, week, 11, 95, *numbers)
+    numbers = (475_000_000, -1246305732, 1234, 0.5, 12.0, -0.25, 0.0, 1)
+    return record(form("GPS"), time_us, 0, status, week_ms, week, 11, 95, *numbers)
 
 
-def dataflash(seconds: int, start_us: int = 265_000_000, week_ms: int = 300_000_000) -> list[bytes]:
+def dataflash(seconds: int) -> list[bytes]:
     """A log's declarations, then six records a second."""
     parts = [declarations()]
     for n in range(seconds):
-        at = start_us + 1_000_000 * n
+        at = 265_000_000 + 1_000_000 * n
         parts += [
-            gps(at, week_ms + 1000 * n),
+            gps(at, 300_000_000 + 1000 * n),
             record(form("POS"), at + 100, 475_000_000 + n, -1_246_305_732, -1.5, -1.5, -1.5),
             record(form("CTUN"), at + 90, -2.0 - n, -2.1, -12),
             record(form("IMU"), at + 200, n % 2, 0.1, -0.2, 0.3, 0.0, float("nan"), -9.8),

@@ -16,13 +16,9 @@ SMALL = SHARED / "ardusub" / "small.tlog"
 POSITION = frozenset({"GLOBAL_POSITION_INT"})
 
 
-def system_time(stamp_us, utc_us, boot_ms, system=1, version=2):
-    return tlog_entry(
-        stamp_us,
-        dialect.MAVLink_system_time_message(utc_us, boot_ms),
-        version=version,
-        system=system,
-    )
+def system_time(stamp_us, utc_us, boot_ms, version=2):
+    message = dialect.MAVLink_system_time_message(utc_us, boot_ms)
+    return tlog_entry(stamp_us, message, version=version)
 
 
 def position(stamp_us, system):
@@ -52,10 +48,7 @@ def test_stamps_stay_unless_asked_and_the_report_says_how_far_off_they_are(tmp_p
     assert messages[2].time_ns == (START + 4_000_000 + 7000) * 1000
     assert "the recorder's stamps are +3." in report.notes[0]
     assert "by 10 of 100 SYSTEM_TIME messages" in report.notes[0]
-    assert (
-        report.notes[1]
-        == "clock of 1/1 since its start against UTC: 10 pairs, 1 outliers, residual 0.0 ms"
-    )
+    assert "against UTC: 10 pairs, 1 outliers, residual 0.0 ms" in report.notes[1]
 
 
 @pytest.mark.parametrize("starts", [1, 2])
@@ -68,36 +61,25 @@ def test_the_clock_of_the_header_is_utc_by_the_time_since_start(tmp_path, starts
 
 
 def test_without_utc_the_clock_of_the_header_smooths_the_stamps(tmp_path):
-    rng = np.random.default_rng(0)
-    jitter = rng.exponential(20_000.0, 200).astype(int).tolist()
-    data = b"".join(
+    jitter = np.random.default_rng(0).exponential(20_000.0, 200).astype(int).tolist()
+    entries = (
         system_time(START + 1_000_000 * k + late, 0, 5000 + 1000 * k)
         for k, late in enumerate(jitter)
     )
-    messages, report = read(tmp_path, data, LogConfig(clock="header"))
-    assert {int(step) for step in np.diff([m.time_ns for m in messages])} == {1_000_000_000}
+    messages, report = read(tmp_path, b"".join(entries), LogConfig(clock="header"))
+    assert {*np.diff([m.time_ns for m in messages]).tolist()} == {1_000_000_000}
     assert abs(messages[0].time_ns - START * 1000) < 30_000_000
-    assert (
-        report.notes[0]
-        == "none of 200 SYSTEM_TIME messages has UTC: times are right if the recorder's clock was"
-    )
+    assert report.notes[0].startswith("none of 200 SYSTEM_TIME messages has UTC")
     assert "against the recorder's stamps: 200 pairs" in report.notes[1]
 
 
 def test_messages_that_state_no_time_keep_the_recorders(tmp_path):
-    text = tlog_entry(START + 9, dialect.MAVLink_statustext_message(6, b"hello"))
-    other = tlog_entry(START + 9, attitude(1), system=9)
-    utc = tlog_entry(
-        START + 9, dialect.MAVLink_debug_float_array_message(START - 5, b"ADCP_E", 1, [0.0] * 58)
-    )
-    messages, report = read(
-        tmp_path, late_recorder(20) + text + other + utc, LogConfig(clock="header")
-    )
-    assert [m.time_ns for m in messages[-3:]] == [
-        (START + 9) * 1000,
-        (START + 9) * 1000,
-        (START - 5) * 1000,
-    ]
+    array = dialect.MAVLink_debug_float_array_message(START - 5, b"ADCP_E", 1, [0.0] * 58)
+    text = dialect.MAVLink_statustext_message(6, b"hello")
+    last = [(text, 1), (attitude(1), 9), (array, 1)]
+    data = late_recorder(20) + b"".join(tlog_entry(START + 9, m, system=of) for m, of in last)
+    messages, report = read(tmp_path, data, LogConfig(clock="header"))
+    assert [m.time_ns // 1000 - START for m in messages[-3:]] == [9, 9, -5]
     assert report.without_stamp == 2
 
 
@@ -106,16 +88,12 @@ def test_positions_of_several_systems_need_a_choice(tmp_path):
     with pytest.raises(LogError, match=r"set system in \[logs\] to one of 1, 2"):
         read(tmp_path, data, wanted=POSITION)
     messages, report = read(tmp_path, data, LogConfig(system=2), POSITION)
-    assert {m.topic for m in messages} == {"mavlink/2/1/GLOBAL_POSITION_INT"}
-    assert report.read == {
-        "mavlink/1/1/GLOBAL_POSITION_INT": 3,
-        "mavlink/2/1/GLOBAL_POSITION_INT": 3,
-    }
+    topics = [f"mavlink/{system}/1/GLOBAL_POSITION_INT" for system in (1, 2)]
+    assert {m.topic for m in messages} == {topics[1]}
+    assert report.read == dict.fromkeys(topics, 3)
     messages, report = read(tmp_path, data, LogConfig(system=3), POSITION)
     assert messages == []
-    assert report.notes == (
-        "no messages of system 3, which [logs] chooses; it holds those of 1, 2",
-    )
+    assert "no messages of system 3, which [logs] chooses; it holds those of 1, 2" in report.notes
     messages, report = read(tmp_path, data)
     assert len(messages) == 6
     assert report.notes[0].startswith("positions of several systems; a replay needs one")

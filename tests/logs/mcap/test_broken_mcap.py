@@ -10,34 +10,29 @@ from mcap.opcode import Opcode
 
 from replay_kit.logs.mcap.chunk import MAX_CONTENTS
 from replay_kit.logs.mcap.records import MAGIC, MAX_SIZE
-from replay_kit.results.losses import loss_json, loss_words, unchecked_lines
+from replay_kit.results.losses import loss_json, loss_words
 from tests.logs.log_samples import SECOND, json_mcap, record_offsets
 from tests.logs.log_samples import read_log as read
 
 TIMES = [k * SECOND for k in range(1, 41)]
 CHUNKED = json_mcap(TIMES)
-PLAIN = json_mcap(TIMES, use_chunking=False, data_crcs=True)
+PLAIN = json_mcap(TIMES, use_chunking=False, enable_data_crcs=True)
 CHUNKS = record_offsets(CHUNKED, Opcode.CHUNK)
+END = record_offsets(CHUNKED, Opcode.DATA_END)[0]
 THIRD, THIRD_HOLDS = CHUNKS[2], set(range(11, 17))
 INDEXES = [at for at in record_offsets(CHUNKED, Opcode.MESSAGE_INDEX) if at > THIRD]
-OUTSIDE = "messages outside chunks, without a checksum"
 
 
 def numbers(messages):
     return [m.payload["n"] for m in messages]
 
 
-def flipped(data, *changes):
-    """Return a file with bytes at offsets changed: (offset, new value, or a function of the old one)."""
+def changed(data, *changes):
+    """Return a file with bytes at offsets changed."""
     damaged = bytearray(data)
     for at, value in changes:
-        damaged[at] = value(damaged[at]) if callable(value) else value
+        damaged[at] = value
     return bytes(damaged)
-
-
-def ended(whole, with_end):
-    """Return a file, or what a power cut leaves of it: no end and no summary."""
-    return whole if with_end else whole[: record_offsets(CHUNKED, Opcode.DATA_END)[0]]
 
 
 def chunk_record(data, claimed, compression=b"", crc=0):
@@ -46,25 +41,21 @@ def chunk_record(data, claimed, compression=b"", crc=0):
     return struct.pack("<BQ", Opcode.CHUNK, len(body)) + body
 
 
-def with_chunk_first(whole, chunk):
-    """Return a file with one more chunk, and without a summary, whose offsets would no longer be true."""
-    first, end = record_offsets(whole, Opcode.CHUNK)[0], record_offsets(whole, Opcode.DATA_END)[0]
+def with_chunk_first(chunk):
+    """Return the file with one more chunk, and without a summary, whose offsets would no longer be true."""
     tail = struct.pack("<BQI", Opcode.DATA_END, 4, 0)
     tail += struct.pack("<BQQQI", Opcode.FOOTER, 20, 0, 0, 0) + MAGIC
-    return whole[:first] + chunk + whole[first:end] + tail
+    return CHUNKED[: CHUNKS[0]] + chunk + CHUNKED[CHUNKS[0] : END] + tail
 
 
 # damage, messages lost, place, bytes and messages of the first loss
 DAMAGES = {
     "length of a chunk too large": ([(THIRD + 6, 0xFF)], set(), (THIRD, 9, 0)),
-    "length of a chunk too small": ([(THIRD + 1, lambda old: old ^ 1)], set(), (THIRD, 9, 0)),
-    "opcode of a chunk unknown": ([(THIRD, 0x26)], set(), (THIRD, 9, 0)),
-    "opcode of a chunk another": ([(THIRD, Opcode.METADATA)], set(), (THIRD, 9, 0)),
     "opcode of a chunk a footer's": ([(THIRD, Opcode.FOOTER)], set(), (THIRD, 9, 0)),
     "opcode of a chunk a channel's": ([(THIRD, Opcode.CHANNEL)], set(), (THIRD, 9, 0)),
-    "contents": ([(THIRD + 90, lambda old: old ^ 1)], THIRD_HOLDS, (THIRD, None, 6)),
+    "contents": ([(THIRD + 90, 1)], THIRD_HOLDS, (THIRD, None, 6)),
     "contents without a checksum": (
-        [(THIRD + 33 + k, 0) for k in range(4)] + [(THIRD + 52, 0xFF)],
+        [*((THIRD + 33 + k, 0) for k in range(4)), (THIRD + 52, 0xFF)],
         THIRD_HOLDS,
         (THIRD, None, 6),
     ),
@@ -73,17 +64,17 @@ DAMAGES = {
 }
 
 
-@pytest.mark.parametrize("with_end", [True, False], ids=["with a summary", "without an end"])
+@pytest.mark.parametrize("end", [None, END], ids=["with a summary", "without an end"])
 @pytest.mark.parametrize("name", DAMAGES)
-def test_what_is_whole_comes_and_the_loss_is_counted(tmp_path, name, with_end):
+def test_what_is_whole_comes_and_the_loss_is_counted(tmp_path, name, end):
     changes, lost, (place, size, count) = DAMAGES[name]
-    found, report = read(tmp_path, ended(flipped(CHUNKED, *changes), with_end))
+    found, report = read(tmp_path, changed(CHUNKED, *changes)[:end])
     assert numbers(found) == [n for n in range(40) if n not in lost]
     loss = report.losses[0]
     assert (loss.offset, size or loss.bytes) == (place, loss.bytes)
     # without a summary nothing says how many a chunk held
-    assert loss.messages == (count if with_end or not (lost or "index" in name) else None)
-    if lost and (with_end or name != "head emptied"):
+    assert loss.messages == (count if end is None or not (lost or "index" in name) else None)
+    if lost and (end is None or name != "head emptied"):
         assert (loss.first_ns, loss.last_ns) == (TIMES[min(lost)], TIMES[max(lost)])
         assert "messages of 1970-01-01T" in loss_words(loss)
     # the chunk may hold what the channels are: the summary says it again
@@ -102,43 +93,33 @@ def test_what_a_cut_took_is_said_to_be_unknown(tmp_path, cut):
     assert "unknown number of messages" in loss_words(loss)
 
 
-def test_after_a_lost_boundary_outside_chunks_the_rest_is_lost_and_said(tmp_path):
-    seventh = record_offsets(PLAIN, Opcode.MESSAGE)[7]
-    found, report = read(tmp_path, flipped(PLAIN, (seventh + 5, 0x40)))
-    assert numbers(found) == list(range(7))
-    assert (report.losses[0].offset, report.losses[0].messages) == (seventh, None)
-    # the checksum of the whole section cannot say which of them are sound
-    assert report.unchecked == {OUTSIDE: 7}
-
-
 def test_messages_outside_chunks_are_verified_by_the_checksum_of_their_section(tmp_path):
     assert read(tmp_path, PLAIN)[1].unchecked == {}
-    damaged = flipped(PLAIN, (record_offsets(PLAIN, Opcode.MESSAGE)[3] + 9, lambda old: old ^ 1))
+    damaged = changed(PLAIN, (record_offsets(PLAIN, Opcode.MESSAGE)[3] + 9, 7))
     for data in (damaged, json_mcap(TIMES, use_chunking=False)):
-        report = read(tmp_path, data)[1]
-        assert list(unchecked_lines(report)) == [
-            f"Without a checksum, so that damage cannot be detected: {tmp_path / 'log'}: {OUTSIDE} (40)"
-        ]
+        words = {"messages outside chunks, without a checksum": 40}
+        assert read(tmp_path, data)[1].unchecked == words
 
 
 def test_chunks_without_a_checksum_are_counted(tmp_path):
-    without = bytearray(CHUNKED)
-    for chunk in CHUNKS:
-        struct.pack_into("<I", without, chunk + 9 + 24, 0)
-    assert read(tmp_path, bytes(without))[1].unchecked == {"chunks without a checksum": len(CHUNKS)}
+    without = changed(CHUNKED, *((chunk + 33 + k, 0) for chunk in CHUNKS for k in range(4)))
+    assert read(tmp_path, without)[1].unchecked == {"chunks without a checksum": len(CHUNKS)}
     # a time outside the span that the chunk states
     at = without.index(struct.pack("<Q", TIMES[8]), CHUNKS[1] + 60) + 7
-    found, report = read(tmp_path, flipped(without, (at, lambda old: old ^ 0x40)))
+    found, report = read(tmp_path, changed(without, (at, 0x40)))
     assert (len(found), [loss.messages for loss in report.losses]) == (34, [6])
     assert "outside the span that it states" in report.losses[0].what
+
+
+ZEROS = zstandard.compress(bytes(1 << 26))
 
 
 @pytest.mark.parametrize(
     "chunk",
     [
         chunk_record(b"", MAX_SIZE + 1),
-        chunk_record(zstandard.compress(bytes(1 << 26)), MAX_CONTENTS + 1, b"zstd"),
-        chunk_record(zstandard.compress(bytes(1 << 26)), 1000, b"zstd"),
+        chunk_record(ZEROS, MAX_CONTENTS + 1, b"zstd"),
+        chunk_record(ZEROS, 1000, b"zstd"),
         chunk_record(
             zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 26)),
             1000,
@@ -155,7 +136,7 @@ def test_chunks_without_a_checksum_are_counted(tmp_path):
     ],
 )
 def test_a_chunk_that_claims_too_much_is_not_allocated(tmp_path, chunk):
-    data = with_chunk_first(CHUNKED, chunk)
+    data = with_chunk_first(chunk)
     tracemalloc.start()
     messages, report = read(tmp_path, data)
     peak = tracemalloc.get_traced_memory()[1]
@@ -181,7 +162,7 @@ def test_what_is_spent_on_checksums_is_bounded_by_the_size_of_the_file(tmp_path,
 
 def test_many_losses_are_summed(tmp_path):
     chunk = chunk_record(b"abc", 4)
-    _, report = read(tmp_path, with_chunk_first(CHUNKED, chunk * 50))
+    _, report = read(tmp_path, with_chunk_first(chunk * 50))
     assert len(report.losses) == 21
     assert report.losses[-1].what.startswith("30 further")
     assert sum(loss.bytes for loss in report.losses) == 50 * len(chunk)

@@ -16,19 +16,13 @@ from tests.logs.log_samples import read_log as read
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ('{"a": NaN, "b": inf, "c": -inf}', {"a": math.nan, "b": math.inf, "c": -math.inf}),
-        (
-            '{"a": nan, "b": Infinity, "c": -Infinity}',
-            {"a": math.nan, "b": math.inf, "c": -math.inf},
-        ),
-        (
-            '{"a": NaN, "b": "say \\" inf NaN", "c": [inf]}',
-            {"a": math.nan, "b": 'say " inf NaN', "c": [math.inf]},
-        ),
+        ('{"a": NaN, "b": inf, "c": -inf}', [math.nan, math.inf, -math.inf]),
+        ('{"a": nan, "b": Infinity, "c": -Infinity}', [math.nan, math.inf, -math.inf]),
+        ('{"a": NaN, "b": "\\" inf NaN", "c": [inf]}', [math.nan, '" inf NaN', [math.inf]]),
     ],
 )
 def test_bare_numbers_of_json(text, expected):
-    assert repr(decode_json(text.encode())) == repr(expected)
+    assert repr(decode_json(text.encode())) == repr(dict(zip("abc", expected, strict=True)))
 
 
 @pytest.mark.parametrize(
@@ -44,75 +38,58 @@ def test_no_json_object(tmp_path, data):
 
 
 def test_foxglove_protobuf(tmp_path):
+    values = {"latitude": 47.5, "longitude": -23.25, "altitude": -1.0}
+    values["position_covariance"] = [1.0] * 9
     fix = foxglove_messages.LocationFix(
         timestamp=foxglove_messages.Timestamp(1_700_000_000, 5),
-        latitude=47.5,
-        longitude=-23.25,
-        altitude=-1.0,
-        position_covariance=[1.0] * 9,
         position_covariance_type=foxglove_messages.LocationFixPositionCovarianceType.Known,
+        **values,
     )
     schema = foxglove_messages.LocationFix.get_schema()
-    empty = foxglove_messages.LocationFix().encode()
-    messages, report = read(
-        tmp_path,
-        one_channel_mcap(
-            "protobuf", (schema.name, schema.encoding, schema.data), [fix.encode(), empty]
-        ),
-    )
-    assert report.undecodable == {}
+    given = schema.name, schema.encoding, schema.data
+    both = [fix.encode(), foxglove_messages.LocationFix().encode()]
+    messages, report = read(tmp_path, one_channel_mcap("protobuf", given, both))
+    assert (report.undecodable, messages[0].schema) == ({}, "foxglove.LocationFix")
     full, unset = (m.payload for m in messages)
-    assert messages[0].schema == "foxglove.LocationFix"
-    assert full["timestamp"] == {"sec": 1_700_000_000, "nsec": 5}
-    assert (full["latitude"], full["longitude"], full["altitude"]) == (47.5, -23.25, -1.0)
-    assert full["position_covariance"] == [1.0] * 9
-    assert full["position_covariance_type"] == 3
-    assert unset["latitude"] == 0.0
-    assert unset["frame_id"] == ""
-    assert unset["timestamp"] is None
+    stamp = {"timestamp": {"sec": 1_700_000_000, "nsec": 5}, "position_covariance_type": 3}
+    assert full == full | values | stamp
+    assert unset == unset | {"latitude": 0.0, "frame_id": "", "timestamp": None}
     assert list(unset) == list(full)
 
 
 def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
+    kind = descriptor_pb2.FieldDescriptorProto
     file = descriptor_pb2.FileDescriptorProto(name="t.proto", package="t", syntax="proto3")
     node = file.message_type.add(name="Node")
-    kind = descriptor_pb2.FieldDescriptorProto
     entry = node.nested_type.add(name="NamedEntry")
     entry.options.map_entry = True
-
-    def field(
-        message, name, number, of="", label=kind.LABEL_OPTIONAL, type=kind.TYPE_DOUBLE, **more
-    ):
-        if of:
-            type = kind.TYPE_MESSAGE
-        message.field.add(
-            name=name, number=number, type=type, type_name=of or None, label=label, **more
-        )
-
-    field(entry, "key", 1, type=kind.TYPE_STRING)
-    field(entry, "value", 2, ".t.Node")
-    field(node, "named", 1, ".t.Node.NamedEntry", kind.LABEL_REPEATED)
-    field(node, "children", 2, ".t.Node", kind.LABEL_REPEATED)
-    field(node, "value", 3)
     node.oneof_decl.add(name="_depth")
-    field(node, "depth", 4, proto3_optional=True, oneof_index=0)
+    once, many = kind.LABEL_OPTIONAL, kind.LABEL_REPEATED
+    number, text, part = kind.TYPE_DOUBLE, kind.TYPE_STRING, kind.TYPE_MESSAGE
+    for into, name, place, label, of, inner in (
+        (entry, "key", 1, once, text, None),
+        (entry, "value", 2, once, part, ".t.Node"),
+        (node, "named", 1, many, part, ".t.Node.NamedEntry"),
+        (node, "children", 2, many, part, ".t.Node"),
+        (node, "value", 3, once, number, None),
+        (node, "depth", 4, once, number, None),
+    ):
+        into.field.add(name=name, number=place, label=label, type=of, type_name=inner)
+    node.field[-1].proto3_optional, node.field[-1].oneof_index = True, 0
     pool = DescriptorPool()
     pool.Add(file)
     tree = message_factory.GetMessageClass(pool.FindMessageTypeByName("t.Node"))()
     tree.children.add(value=2.0).children.add(depth=0.0)
     tree.named["a"].value = math.inf
     data = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString()
+    both = [tree.SerializeToString(), b"\xff"]
     messages, report = read(
-        tmp_path,
-        one_channel_mcap(
-            "protobuf", ("t.Node", "protobuf", data), [tree.SerializeToString(), b"\xff"]
-        ),
+        tmp_path, one_channel_mcap("protobuf", ("t.Node", "protobuf", data), both)
     )
     leaf = {"named": {}, "children": [], "value": 0.0, "depth": None}
     child = {**leaf, "value": 2.0, "children": [{**leaf, "depth": 0.0}]}
-    assert [m.payload for m in messages] == [
-        {**leaf, "children": [child], "named": {"a": {**leaf, "value": math.inf}}}
-    ]
+    whole = {**leaf, "children": [child], "named": {"a": {**leaf, "value": math.inf}}}
+    assert [m.payload for m in messages] == [whole]
     assert report.undecodable["/x"][0] == 1
 
 
@@ -129,13 +106,7 @@ def test_protobuf_nested_maps_oneofs_and_recursion(tmp_path):
         ("protobuf", ("a.B", "protobuf", b""), "cannot be parsed"),
     ],
 )
-def test_the_reason_is_kept_and_nothing_printed(
-    tmp_path,
-    capsys,
-    encoding,
-    schema,
-    reason,
-):
+def test_the_reason_is_kept_and_nothing_printed(tmp_path, capsys, encoding, schema, reason):
     data = one_channel_mcap(encoding, schema, [b"\0\1\0\0" + bytes(8)] * 2)
     messages, report = read(tmp_path, data, LogConfig(remap={"/x": "/y"}))
     assert messages == []

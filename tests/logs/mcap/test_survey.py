@@ -1,10 +1,8 @@
 """MCAP files read in bulk and by their index, against the reader that takes message by message."""
 
-from io import BytesIO
-
 import numpy as np
 import pytest
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, IndexType
 
 from replay_kit.config.run import LogConfig
 from replay_kit.logs.mcap import index
@@ -31,17 +29,6 @@ def assert_alike(reader):
     return single, report
 
 
-def small_chunks(times=range(50), **options):
-    out = BytesIO()
-    writer = Writer(out, chunk_size=200, **options)
-    writer.start()
-    number = writer.register_channel("/a", "json", 0)
-    for n in times:
-        writer.add_message(number, n, b"{}", n)
-    writer.finish()
-    return out.getvalue()
-
-
 @pytest.mark.parametrize("clock", ["log", "publish", "header"])
 @pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.ZSTD])
 def test_blocks_hold_what_single_messages_say(tmp_path, compression, clock):
@@ -55,7 +42,7 @@ def test_blocks_hold_what_single_messages_say(tmp_path, compression, clock):
         told += bool(report.losses)
     assert told > 10
     for times in (TIMES, [2**63 + n for n in range(20)]):
-        without = small_chunks(times, enable_crcs=False)
+        without = json_mcap(times, enable_crcs=False)
         _, report = assert_alike(write(tmp_path, without, clock=clock))
         assert report.unchecked["chunks without a checksum"] > 0
 
@@ -103,10 +90,10 @@ def test_an_overview_states_counts_and_times_and_has_first_messages_of_each_topi
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (small_chunks()[:-20], "it has no index, or its end is missing"),
-        (small_chunks(repeat_channels=False), "does not declare all topics"),
-        (small_chunks(use_chunking=False), "does not locate the messages"),
-        (small_chunks(index_types=IndexType.NONE), "does not locate the messages"),
+        (json_mcap(TIMES)[:-20], "it has no index, or its end is missing"),
+        (json_mcap(TIMES, repeat_channels=False), "does not declare all topics"),
+        (json_mcap(TIMES, use_chunking=False), "does not locate the messages"),
+        (json_mcap(TIMES, index_types=IndexType.NONE), "does not locate the messages"),
         (
             json_mcap(TIMES).replace(b'{"n":0', b'{"n":1', 1),
             "first chunks is damaged: its checksum does not match",

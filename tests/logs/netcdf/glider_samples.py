@@ -279,8 +279,22 @@ def slocum(path: Path, written: Any = nmea) -> Path:
     return write(path, over("i", rows, table))
 
 
-def midas(path: Path, velocity: np.ndarray, beams: np.ndarray) -> Path:
-    """A MIDAS export of an AD2CP that looks up: two pings of one velocity, x, y, z of the instrument, along its beams."""
+#: Velocity seen by the instrument of ``midas``: x, y, z [m/s].
+SEEN = np.array([0.3, -0.1, 0.05])
+_FORE, _SIDE = np.deg2rad([47.5, 25.0])
+# of Nortek's head, from the instrument: fore, to starboard, aft, to port
+_BEAMS = np.array(
+    [
+        [np.sin(_FORE), 0.0, np.cos(_FORE)],
+        [0.0, -np.sin(_SIDE), np.cos(_SIDE)],
+        [-np.sin(_FORE), 0.0, np.cos(_FORE)],
+        [0.0, np.sin(_SIDE), np.cos(_SIDE)],
+    ]
+)
+
+
+def midas(path: Path) -> Path:
+    """A MIDAS export of an AD2CP that looks up: two pings of one velocity along its beams."""
     sensors = {
         "Heading": ([30.0, 40.0], "degrees"),
         "Pitch": ([0.0, 0.0], "degrees"),
@@ -291,7 +305,7 @@ def midas(path: Path, velocity: np.ndarray, beams: np.ndarray) -> Path:
         "time": (START + np.array([600.0, 900.0]), EPOCH),
     }
     cells = {}
-    for k, along in enumerate(beams @ velocity):
+    for k, along in enumerate(_BEAMS @ SEEN):
         cells[f"VelocityBeam{k + 1}"] = np.full((2, 5), along), "m/s"
         cells[f"CorrelationBeam{k + 1}"] = np.full((2, 5), 90.0 + k), "%"
     dim = "Velocity Range"

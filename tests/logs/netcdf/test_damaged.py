@@ -11,12 +11,8 @@ from replay_kit.core.observation import PathMean
 from replay_kit.logs import open_log
 from replay_kit.measurements import observations
 from tests.logs.netcdf import glider_samples as made
-from tests.logs.netcdf.test_known_mission import BEAMS, DIALECTS, VELOCITY, changed
+from tests.logs.netcdf.test_known_mission import DIALECTS, changed
 from tests.logs.said import read
-
-
-def _midas(path):
-    return made.midas(path, VELOCITY, BEAMS)
 
 
 def _other_beams(variables):
@@ -44,7 +40,7 @@ def _field(variables):
 @pytest.mark.parametrize(
     ("write", "change", "words"),
     [
-        (_midas, _other_beams, r"same cells at each of 2 times, got VelocityBeam1 \(2, 5\)"),
+        (made.midas, _other_beams, r"same cells at each of 2 times, got VelocityBeam1 \(2, 5\)"),
         (made.bodc, _no_time, r"OceanGliders OG1: expected a variable time, got .*LATITUDE"),
         (made.bodc, _filled, "TIME: expected units"),
         (made.erddap, _no_variables, r"NetCDF with times .*; got lat"),
@@ -81,7 +77,7 @@ def test_files_that_lack_variables_or_hold_nonsense_are_read_or_refused(tmp_path
         ][seed]
         return variables | ({} if nonsense is None else {name: nonsense})
 
-    write = DIALECTS[form].write if form in DIALECTS else _midas
+    write = DIALECTS[form].write if form in DIALECTS else made.midas
     given = changed(write, damaged, tmp_path / "a.nc")
     found = []
     with contextlib.suppress(LogError):

@@ -21,18 +21,6 @@ from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read
 from tests.logs.slocum import slocum_samples as slocum
 
-VELOCITY = np.array([0.3, -0.1, 0.05])
-_FORE, _SIDE = np.deg2rad([47.5, 25.0])
-#: Of Nortek's head, from the instrument: fore, to starboard, aft, to port.
-BEAMS = np.array(
-    [
-        [np.sin(_FORE), 0.0, np.cos(_FORE)],
-        [0.0, -np.sin(_SIDE), np.cos(_SIDE)],
-        [-np.sin(_FORE), 0.0, np.cos(_FORE)],
-        [0.0, np.sin(_SIDE), np.cos(_SIDE)],
-    ]
-)
-
 
 class Form(NamedTuple):
     """A form of the mission: its format, its writer, and what changes its variables.
@@ -73,11 +61,6 @@ def changed(write, change, path):
 
 
 def _lower(variables):
-    """Names and dimensions in lower case, and the mean current at the fixes as well."""
-    for name, to in (("WATERCURRENTS_U", 0), ("WATERCURRENTS_V", 1)):
-        dims, values, attributes = variables[name]
-        means = 100.0 * np.repeat([made.mean(0)[to], made.mean(1)[to]], len(values) // 2)
-        variables[name] = dims, means, attributes
     return {
         name.lower(): (tuple(map(str.lower, dims)), *held)
         for name, (dims, *held) in variables.items()
@@ -99,15 +82,10 @@ def _packed(variables):
     return variables
 
 
-def _times(characters):
-    def change(variables):
-        dims, time, _ = variables["time"]
-        texts = np.array([f"{np.datetime64(round(t), 's')}Z" for t in time], "S20")
-        if characters:
-            dims, texts = (*dims, "n_char"), texts.view("S1").reshape(len(texts), 20)
-        return variables | {"time": (dims, texts, {})}
-
-    return change
+def _characters(variables):
+    dims, time, _ = variables["time"]
+    texts = np.array([f"{np.datetime64(round(t), 's')}Z" for t in time], "S20")
+    return variables | {"time": ((*dims, "n_char"), texts.view("S1").reshape(-1, 20), {})}
 
 
 def _as_pyglider(variables):
@@ -178,8 +156,7 @@ _STATED_ONCE = "2 profiles of 118 samples: values stated once"
 VARIANTS = {
     "lower case": Form("og1", made.bodc, _lower),
     "packed": Form("og1", made.bodc, _packed),
-    "characters": Form("socib", made.socib, _times(True)),
-    "texts": Form("socib", made.socib, _times(False)),
+    "characters": Form("socib", made.socib, _characters),
     "numbers in texts": Form("socib", made.socib, _texts),
     "decimal degrees": Form("slocum", _plain_slocum),
     # a report at the surface is of the dive between samples at the surface
@@ -324,7 +301,7 @@ def test_absolute_profiles_of_spray_come_back_with_depth_first(tmp_path):
 
 
 def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
-    said = read(made.midas(tmp_path / "sea063_M22.ad2cp.nc", VELOCITY, BEAMS))
+    said = read(made.midas(tmp_path / "sea063_M22.ad2cp.nc"))
     assert said.report.format == "midas"
     assert said.noted("looks up by its accelerometer")
     track = [m for m in read(made.bodc(tmp_path / "track.nc")).messages if m.topic != "/dac"]
@@ -333,7 +310,7 @@ def test_velocities_of_a_midas_export_come_back_on_true_axes(tmp_path):
     assert [ping.reference for ping in pings] == ["platform", "platform"]
     for ping, heading in zip(pings, (35.0, 45.0), strict=True):
         # x points along the heading, y to its left, for an instrument that looks up
-        turned = (VELOCITY[0] + 1j * VELOCITY[1]) * np.exp(1j * np.deg2rad(90.0 - heading))
+        turned = (made.SEEN[0] + 1j * made.SEEN[1]) * np.exp(1j * np.deg2rad(90.0 - heading))
         np.testing.assert_allclose(ping.velocity, [[turned.real, turned.imag]] * 5, atol=1e-5)
     # up from 33 dbar
     np.testing.assert_allclose(pings[0].depth, 32.7 - np.arange(2.0, 12.0, 2.0), atol=0.2)
@@ -378,9 +355,9 @@ def test_unlisted_names_are_known_by_their_standard_names(tmp_path, form):
 
 def test_unlisted_names_without_standard_names_are_candidates(tmp_path):
     _stated("bodc", tmp_path, ("", ""), ("final_a", "final_b"))
-    synthetic.dataset(3, 8, (6, 10), np.array([5.0, 100.0]), west=-30.1, south=39.9).to_netcdf(
-        tmp_path / "ensemble.nc", engine="h5netcdf"
-    )
+    levels = np.array([5.0, 100.0])
+    sea = synthetic.dataset(3, 8, (6, 10), levels, west=-30.1, south=39.9)
+    sea.to_netcdf(tmp_path / "ensemble.nc", engine="h5netcdf")
     info = run_command(tmp_path, "info a.nc")
     replayed = run_command(tmp_path, "replay a.nc --ensemble ensemble.nc -o out.mcap")
     assert replayed.returncode == 3

@@ -18,14 +18,9 @@ from tests.logs.sound import PINGS
 
 def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
     """Three cells along a second dimension, time last: each row over the time is a message."""
-    track = made.samples(600.0)
-    n = track["time"].size
-    levels = np.array([10.0, 20.0, 30.0])
-    east, north = made.current(levels, 0)
-    cells = {
-        name: made.packed(np.tile(values[:, None], (1, n)), 1e-4)
-        for name, values in (("ve", east), ("vn", north))
-    }
+    track, levels = made.samples(600.0), np.array([10.0, 20.0, 30.0])
+    currents = zip(("ve", "vn"), made.current(levels, 0), strict=True)
+    cells = {name: made.packed(np.tile(of[:, None], (1, 10)), 1e-4) for name, of in currents}
     path = made.write(
         tmp_path / "lab.nc",
         made.over("obs", {"when": "time", "x": "longitude", "y": "latitude"}, track)
@@ -33,60 +28,42 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
         | made.over(("bin", "obs"), cells),
     )
     said = read(path)
-    assert said.report.notes[0] == (
-        "of no known glider dialect: each row over when is a message on netcdf/when, with x, y, ve, vn, and at each row bins"
-    )
-    assert len(said.messages) == n == 10
-    entry = {
-        "topic": "netcdf/when",
-        "kind": "profile",
-        "reference": "earth",
-        "frame": "enu",
-        "east": "ve",
-        "north": "vn",
-        "depths": "bins",
-    }
-    config = MeasurementConfig.model_validate(
-        {"map": [entry | {"longitude": "x", "latitude": "y"}]}
-    )
-    profiles = [
-        event for event in observations(said.messages, config) if isinstance(event, Observation)
-    ]
-    assert len(profiles) == 10
-    fourth = profiles[3]
-    np.testing.assert_allclose(fourth.velocity, np.column_stack([east, north]), atol=5.1e-5)
+    assert said.noted("a message on netcdf/when, with x, y, ve, vn, and at each row bins")
+    names = {"east": "ve", "north": "vn", "depths": "bins", "longitude": "x", "latitude": "y"}
+    about = {"topic": "netcdf/when", "kind": "profile", "frame": "enu"}
+
+    def profiles(reference):
+        entry = names | about | {"reference": reference}
+        found = observations(said.messages, MeasurementConfig.model_validate({"map": [entry]}))
+        return [event for event in found if isinstance(event, Observation)]
+
+    assert len(said.messages) == len(profiles("earth")) == 10
+    fourth, field = profiles("earth")[3], np.column_stack(made.current(levels, 0))
+    np.testing.assert_allclose(fourth.velocity, field, atol=5.1e-5)
     np.testing.assert_allclose(fourth.depth, levels)
     place = track["longitude"][3], track["latitude"][3]
     assert (fourth.longitude, fourth.latitude) == place
-    unknown = config.model_copy(
-        update={"map": (config.map[0].model_copy(update={"reference": "unknown"}),)}
-    )
-    assert not [
-        event for event in observations(said.messages, unknown) if isinstance(event, Observation)
-    ]
+    assert not profiles("unknown")
 
 
 @pytest.mark.parametrize(
-    ("names", "columns"),
+    ("changed", "columns"),
     [
-        # as a SeaExplorer's, and as totals of HF radars
-        (b"timestamp,lon,lat,depth,u,v,error", {"time": "timestamp"}),
-        (b"time,lon,lat,v_err,u,v,u_err", {"depth": 9.0, "error": "u_err"}),
+        # as a SeaExplorer's, as totals of HF radars, and with commas in numbers
+        (PINGS.replace(b"time,longitude,latitude", b"timestamp,lon,lat"), {"time": "timestamp"}),
+        (
+            PINGS.replace(PINGS[: PINGS.index(b"\n")], b"time,lon,lat,v_err,u,v,u_err"),
+            {"depth": 9.0, "error": "u_err"},
+        ),
+        (PINGS.replace(b",", b";").replace(b".", b","), {}),
     ],
 )
-def test_a_table_is_one_of_pings_whatever_its_columns_are_called(tmp_path, names, columns):
-    table, named = tmp_path / "a.csv", tmp_path / "b.csv"
+def test_a_table_is_one_of_pings_however_it_is_written(tmp_path, changed, columns):
+    table, other = tmp_path / "a.csv", tmp_path / "b.csv"
     table.write_bytes(PINGS)
-    named.write_bytes(names + PINGS[PINGS.index(b"\n") :])
-    said = read(named, LogConfig(columns=columns))
+    other.write_bytes(changed)
+    said = read(other, LogConfig(columns=columns))
     assert (said.report.format, said.messages) == ("table", read(table).messages)
-
-
-def test_commas_in_numbers_of_a_table_are_points(tmp_path):
-    table, european = tmp_path / "a.csv", tmp_path / "b.csv"
-    table.write_bytes(PINGS)
-    european.write_bytes(PINGS.replace(b",", b";").replace(b".", b","))
-    assert read(european).messages == read(table).messages
 
 
 def test_values_of_a_table_have_a_depth_each_and_an_error(tmp_path):
@@ -94,24 +71,19 @@ def test_values_of_a_table_have_a_depth_each_and_an_error(tmp_path):
     path, speed = tmp_path / "a.nc", (("time", "cell", "y", "x"), np.full((2, 3, 1, 1), 0.1))
     held = {"u": speed, "v": speed, "longitude": 152.0, "latitude": -40.0}
     mooring = xr.Dataset(held, {"time": np.array(["2020", "2021"], "M8[ns]")})
-    stated = LogConfig(columns={"error": 0.05})
+    in_time, stated = ("time", [40.0, 41.0]), LogConfig(columns={"error": 0.05})
     mooring.assign(depth=("cell", [8.0, 12.0, 16.0])).to_netcdf(path)
     assert len(read(path, stated).messages) == 2
-    mooring.assign(depth=("time", [40.0, 41.0])).to_netcdf(path)
+    mooring.assign(depth=in_time).to_netcdf(path)
     with pytest.raises(LogError, match="u varies along cell, depth does not"):
         read(path, stated)
-    upwards = mooring.assign(
-        depth=("time", [40.0, 41.0]), Height_above_sensor=("cell", [8.0, 16.0, 24.0])
-    )
-    upwards.to_netcdf(path)
-    assert [one.payload["cell_distances"] for one in read(path, stated).messages] == [
-        [16.0, 24.0, 32.0],
-        [17.0, 25.0, 33.0],
-    ]
-    mooring.assign(depth=("time", [40.0, 41.0])).to_netcdf(path)
     said = read(path)
-    assert "--columns error=0.05" in said.report.notes[0]
+    assert said.noted("--columns error=0.05")
     assert said.messages[0].payload["latitude"] == -40.0
+    above = {"Height_above_sensor": ("cell", [8.0, 16.0, 24.0])}
+    mooring.assign(depth=in_time, **above).to_netcdf(path)
+    found = [one.payload["cell_distances"] for one in read(path, stated).messages]
+    assert found == [[16.0, 24.0, 32.0], [17.0, 25.0, 33.0]]
 
 
 @pytest.mark.parametrize("flag", ["u_qc", "u_quality_control", "quality"])

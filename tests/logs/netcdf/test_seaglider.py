@@ -94,14 +94,18 @@ def test_variables_are_those_that_h5netcdf_reads(tmp_path, which):
         for name, stored in dive.variables.items():
             theirs = file.variables[name]
             np.testing.assert_array_equal(stored.values, theirs[...], strict=True)
-            for key in ("units", "_FillValue", "missing_value", "flag_meanings"):
+            for key in ("units", "_FillValue", "flag_meanings"):
                 # h5netcdf leaves text of a fixed length as bytes
                 said = theirs.attrs.get(key)
                 said = said.decode() if isinstance(said, bytes) else said
                 np.testing.assert_equal(stored.attributes.get(key), said)
             assert stored.dims == theirs.dimensions
-        prefixes = ("log_gps_time", "log_gps_l", "log_gps_qc", "ad2cp_", "ctd_time", "ctd_depth")
-        assert {name for name in file.variables if name.startswith(prefixes)} <= set(dive.variables)
+        wanted = {
+            name
+            for name in file.variables
+            if name.startswith(("log_gps_t", "log_gps_l", "ad2cp_", "ctd_time"))
+        }
+        assert wanted <= dive.variables.keys()
 
 
 @both
@@ -112,30 +116,19 @@ def test_a_small_dive(tmp_path, write):
     counts = {"/vehicle/fix": 3, "/vehicle/position": 21, "/adcp": 3, "/adcp/inverted": 2}
     assert said.counts() == counts | {"/dac": 1} == said.report.read
     assert said.report.undecodable == {}
-    (down, up), (dac,) = said.of("/adcp/inverted"), said.of("/dac")
-    begin = int(made.START)
-    ping = {
-        "reference": "platform",
-        "coordinate_system": "earth",
-        "orientation": "up",
-        "cell_size": 2.0,
-        "bin0_distance": 2.1,
-        "n_cells": 4,
-        "sound_speed": 1530.0,
-        "temperature": 29.5,
-        "magnetic_declination": -1.5,
-        "velocity": [[0.25] * 3, [0.25] * 3, [None] * 3, [0.25] * 3],
-    }
+    (down, up), (dac,), (_, ping, _) = map(said.of, ("/adcp/inverted", "/dac", "/adcp"))
+    assert ping == ping | {"reference": "platform", "coordinate_system": "earth"}
+    assert ping == ping | {"orientation": "up", "cell_size": 2.0, "bin0_distance": 2.1}
+    assert ping == ping | {"n_cells": 4, "sound_speed": 1530.0, "temperature": 29.5}
+    assert ping["magnetic_declination"] == -1.5
+    assert ping["velocity"] == [[0.25] * 3, [0.25] * 3, [None] * 3, [0.25] * 3]
     profile = {"dive": 7, "bin0_distance": 0.0, "cell_size": 5.0, "n_cells": 31}
     profile["velocity"] = [[0.125] * 3] * 25 + [[None] * 3] * 6
-    for found, stated in (
-        (said.of("/adcp")[1], ping),
-        (down, profile | {"ping": 14, "stamp": {"sec": begin + 600, "nsec": 0}}),
-        (up, profile | {"ping": 15, "stamp": {"sec": begin + 1200, "nsec": 0}}),
-        (dac, {"dac_eastward": 0.1, "dac_northward": -0.2, "duration": 1320.0, "error": 0.01}),
-        (dac, {"stamp": {"sec": begin + 1260, "nsec": 0}}),
-    ):
-        assert {key: found[key] for key in stated} == stated
+    for one, number, second in ((down, 14, 600), (up, 15, 1200)):
+        stamp = {"sec": int(made.START) + second, "nsec": 0}
+        assert one == one | profile | {"ping": number, "stamp": stamp}
+    assert dac == dac | {"dac_eastward": 0.1, "dac_northward": -0.2, "error": 0.01}
+    assert (dac["duration"], dac["stamp"]["sec"]) == (1320.0, int(made.START) + 1260)
     # the same water is not counted twice: either the profiles, or what they were computed from
     down, up = observations(said.messages, MeasurementConfig())
     np.testing.assert_allclose(down.depth, np.arange(31) * 5.0)

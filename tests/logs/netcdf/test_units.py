@@ -26,7 +26,6 @@ def _times(stored):
     [
         ("m s-1", "dac_east", 0.5, 0.5, None),
         ("cm/s", "dac_east", 50.0, 0.5, "converted from cm/s to m/s"),
-        ("knots", "dac_east", 1.0, 1852.0 / 3600.0, "converted from knots to m/s"),
         ("Pa", "pressure", 1e6, 100.0, "converted from Pa to dbar"),
         ("rad", "heading", np.pi, 180.0, "converted from rad to degrees"),
         ("cm", "depth", 250.0, 2.5, "converted from cm to m"),
@@ -38,18 +37,9 @@ def _times(stored):
 )
 def test_units(unit, key, value, expected, note):
     notes: list[str] = []
-    quantity = units.quantity_of(key)
-    (found,) = units.in_si("x", _stored([value], units=unit), quantity, notes)
+    (found,) = units.in_si("x", _stored([value], units=unit), units.quantity_of(key), notes)
     assert found == pytest.approx(expected, rel=1e-12)
     assert notes == ([] if note is None else [f"x: {note}"])
-
-
-def test_degrees_and_minutes_south_and_west():
-    notes: list[str] = []
-    stored = _stored([-4530.0, 1015.6, 69_696_969.0])
-    found = units.in_si("lat", stored, units.quantity_of("gps_latitude"), notes, "nmea")
-    np.testing.assert_allclose(found, [-45.5, 10.26, np.nan], atol=1e-12)
-    assert notes[-1] == "lat: 1 values outside -90..90 degrees taken as missing"
 
 
 _2023 = 1_672_531_200.0
@@ -58,7 +48,6 @@ _2023 = 1_672_531_200.0
 @pytest.mark.parametrize(
     ("unit", "value", "expected_s"),
     [
-        ("seconds since 1970-01-01T00:00:00Z", 1.7e9, 1.7e9),
         ("seconds since 1970-1-1 00:00:00", 1.7e9, 1.7e9),
         ("seconds since 2023-01-01 00:00:00 UTC", np.int32(60), _2023 + 60.0),
         ("s since 2000-01-01", 1e8, 946_684_800.0 + 1e8),
@@ -67,7 +56,6 @@ _2023 = 1_672_531_200.0
         ("days since 2023-01-01", 0.5, _2023 + 43_200.0),
         ("nanoseconds since 2010-09-03 18:24:38.193000192", 2e9, 1_283_538_278.193 + 2.0),
         ("nanoseconds since 1970-01-01", np.int64(1_700_000_000_001_000_000), 1.7e9 + 1e-3),
-        ("timestamp", 1.7e9, 1.7e9),
         ("", 1.7e9, 1.7e9),
     ],
 )
@@ -94,7 +82,6 @@ _NUMBERS = np.array([1, 2, 3, 4, 9], np.int8)
     ("values", "stated", "meanings", "usual", "bad"),
     [
         (_NUMBERS, _NUMBERS, "good not_evaluated questionable bad missing", "", [3, 4, 9]),
-        (_NUMBERS, _NUMBERS, "GOOD UNKNOWN SUSPECT FAIL MISSING", "", [3, 4, 9]),
         (_NUMBERS, _NUMBERS, "good probably_good probably_bad bad missing", "", [3, 4, 9]),
         (_NUMBERS, _NUMBERS, "bad good good good good", "", [1]),
         (_TEXT, "0b, 1b, 4b, 8b", "none good bad interpolated", "", [4]),

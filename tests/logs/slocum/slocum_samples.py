@@ -85,13 +85,11 @@ def cycle_bytes(sensors: Sensors, cycle: Cycle, order: str = ">") -> bytes:
     return b"d" + bytes(states) + values
 
 
-def compressed(data: bytes, block: int = 1 << 12) -> bytes:
+def compressed(data: bytes) -> bytes:
     """Return a file as the glider compresses it: LZ4 blocks after their lengths."""
-    blocks = [
-        lz4.block.compress(data[at : at + block], store_size=False)
-        for at in range(0, len(data), block)
-    ]
-    return b"".join(len(part).to_bytes(2, "big") + part for part in blocks)
+    blocks = (data[at : at + 4096] for at in range(0, len(data), 4096))
+    packed = [lz4.block.compress(block, store_size=False) for block in blocks]
+    return b"".join(len(part).to_bytes(2, "big") + part for part in packed)
 
 
 def minutes(degrees: float) -> float:
