@@ -1,7 +1,5 @@
 """Headings of true north, held by a compass: a leg ends where one flown on the ellipsoid does, through a current that is known there."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pyproj import Geod
@@ -19,19 +17,6 @@ from replay_kit.core.grid import Projection
 ELLIPSOID = Geod(ellps="WGS84")
 
 
-def moved(flow, frame, east, north):
-    """Return a flow moved by a distance [m] within another frame."""
-    grid = replace(
-        flow.grid, projection=frame, east=flow.grid.east + east, north=flow.grid.north + north
-    )
-    longitude, latitude = to_geographic(frame, grid.east, grid.north)
-    return replace(
-        flow,
-        grid=replace(grid, longitude=longitude, latitude=latitude),
-        horizontal=replace(flow.horizontal, nodes=grid.nodes),
-    )
-
-
 def stepped(longitude, latitude, velocity, seconds):
     """Return where a velocity towards true east and north [m/s] leads on the ellipsoid."""
     azimuth = np.rad2deg(np.arctan2(*velocity))
@@ -39,16 +24,6 @@ def stepped(longitude, latitude, velocity, seconds):
         longitude, latitude, azimuth, seconds * float(np.hypot(*velocity))
     )
     return longitude, latitude
-
-
-def water_at(flow, at, depth):
-    """Return the current towards true east and north at a place [degrees]."""
-    frame = flow.grid.projection
-    return np.array(
-        rotate_to_geographic(
-            frame, *at, *flow.velocity(*(float(value) for value in to_local(frame, *at)), depth)
-        )
-    )
 
 
 @pytest.mark.parametrize("latitude", [0.0, 35.0, -45.0, 60.0, 80.0])
