@@ -12,7 +12,6 @@ from tests.measurements.samples import counted, fix, logged, only, reasons, run
 from tests.measurements.section.test_thermal_wind import LATITUDE, expected
 
 CONFIG = MeasurementConfig()
-HOUR_NS = 3600 * 10**9
 START_NS = 1_700_000_000 * 10**9
 
 
