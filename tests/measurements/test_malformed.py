@@ -173,11 +173,6 @@ def test_a_current_that_cannot_be_fails():
     assert slow.flags.tolist() == [Flag.FAIL] * 3
 
 
-@pytest.mark.parametrize("n_cells", [3, 3.0, True, 3.5, "3", math.inf, 10**400, -3, 10**12])
-def test_a_count_may_be_written_as_a_float(n_cells):
-    assert len(only(Observation, run([fix(0), ping(0, n_cells=n_cells)]))) == (n_cells == 3)
-
-
 def test_mavlink_frames_with_odd_fields_are_each_counted_once():
     assert "DEBUG_FLOAT_ARRAY" in MAVLINK_NAMES
     for part, key, odd in itertools.product(range(5), ("array_id", "time_usec", "data"), ODD):

@@ -1,6 +1,5 @@
 """Steady flight, energy, the fit of a flight model to a log, and limits of the vehicle that each planner refuses to break."""
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -27,16 +26,6 @@ def test_forces_balance_in_steady_flight():
     assert np.all((speed > 0.2) & (speed < 0.6))
     # hull 2.4 and wings 3.7 per radian (Merckelbach et al. 2010): 3 degrees of attack in a glide of 26
     assert np.rad2deg(flight.angle_of_attack(np, np.deg2rad(26.0))) == pytest.approx(3.0, abs=0.1)
-
-
-def test_one_text_for_numpy_and_casadi():
-    for glider in (Glider(), Glider(flight=SteadyFlight())):
-        angle = ca.MX.sym("angle")
-        function = ca.Function("speeds", [angle], list(glider.speeds(ca, angle)))
-        for value in ANGLES:
-            np.testing.assert_allclose(
-                [float(x) for x in function(value)], glider.speeds(np, value), rtol=1e-14
-            )
 
 
 def test_a_fit_finds_the_flight_again():

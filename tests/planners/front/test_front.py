@@ -11,7 +11,7 @@ from planners.route.front import sea_of, spread
 from planners.route.obstacles import directions_around, obstacles_of
 from planners.route.relax import relax
 from tests.planners.flow_samples import eddying_flow
-from tests.reference.front import arrivals, current_at, edge_duration, touches
+from tests.reference.front import arrivals, edge_duration, touches
 
 NONE = np.zeros(0, dtype=int)
 
@@ -51,18 +51,6 @@ def still(half, spacing=1e3):
     return CurrentLattice(
         np.array([-half, -half]), spacing, np.zeros(1), np.zeros((1, count, count), dtype=complex)
     )
-
-
-@pytest.mark.parametrize(("times", "divisions"), [(1, 1), (3, 2)])
-def test_the_current_is_linear_between_entries_as_its_twin(times, divisions):
-    current, rng = lattice(1, 0.3, times, (4, 5), divisions), np.random.default_rng(2)
-    places = rng.uniform(-4e3, 3e3, 20) + 1j * rng.uniform(-3e3, 2e3, 20)
-    at = rng.uniform(-1e5, 3e5, 20)
-    twin = [
-        current_at(current.values, current.origin, 1e3 / divisions, current.times, *pair)
-        for pair in zip(places, at, strict=True)
-    ]
-    np.testing.assert_allclose(current.at(places, at), twin, atol=1e-6)
 
 
 def test_edges_take_as_long_as_their_twins_and_are_closed_where_those_are():
@@ -200,12 +188,3 @@ def test_a_flow_on_the_lattice_is_the_mean_of_the_flow_over_depth():
 
     found = current.at(points[:, 0] + 1j * points[:, 1], np.zeros(40))
     assert np.max(np.abs(found - [exact(point) for point in points])) < 2e-3
-
-
-def test_the_bearing_of_an_approach_is_kept_to_the_time_that_is_left():
-    ends = [0j, 9e3 + 0j]
-    sea = sea_of(still(10e3), 0.3, np.array(ends))
-    front = spread(sea, np.array([sea.current.places.size]), np.zeros(1), 20e3, NONE)
-    nearest, when = front.approach(ends[1], 20e3)
-    assert nearest == pytest.approx(9e3 - 6e3, abs=60.0)
-    assert when <= 20e3

@@ -5,12 +5,10 @@ import pytest
 from pyproj import Geod
 
 from replay_kit.core.geodesy import (
-    grid_bearing_of_true_north,
     rate_in_frame,
     rotate_to_geographic,
     to_geographic,
     to_local,
-    true_north_halfway,
 )
 from replay_kit.core.grid import Projection
 
@@ -36,15 +34,3 @@ def test_the_rate_in_the_frame_is_that_of_a_metre_on_the_ellipsoid(latitude):
         there = np.array(to_local(frame, *stepped(*at, through + water, 1.0)))
         rate = np.array(rate_in_frame(frame, east, north, tuple(through), tuple(current)))
         np.testing.assert_allclose(rate, there - [east, north], atol=5e-6)
-
-
-def test_the_turn_of_a_leg_is_that_of_true_north_halfway():
-    frame = Projection(10.0, 60.0)
-    begins = np.array([[200e3, 10e3], [-50e3, 80e3]])
-    ends = np.array([[220e3, 20e3], [-50e3, 60e3]])
-    halfway = to_geographic(frame, np.array([210e3, -50e3]), np.array([15e3, 70e3]))
-    np.testing.assert_allclose(
-        true_north_halfway(frame, begins, ends),
-        grid_bearing_of_true_north(frame, *halfway),
-        rtol=1e-12,
-    )

@@ -11,8 +11,6 @@ from planners import (
     Weights,
     plan_mission,
 )
-from planners.clearance import bends
-from planners.simulation.fly import Flight
 from replay_kit.core.plan import Place
 from tests.planners.flow_samples import (
     eddying_flow,
@@ -70,15 +68,6 @@ def test_a_flow_that_changes_is_planned_in_as_it_will_be():
     assert result.status == "reached"
     east, north = 0.3 * np.cos(np.deg2rad(result.glide_angles_deg)), np.deg2rad(result.headings_deg)
     assert np.mean(east * np.cos(north)) * result.duration == pytest.approx(-drift, rel=0.02)
-
-
-def test_a_step_without_a_duration_bends_no_path():
-    time, places = np.array([0.0, 10.0, 10.0, 20.0]), np.array([[0.0, 0.0]] * 4)
-    places[1:3, 0], places[3, 0] = 3.0, 6.0
-    flight = Flight(
-        time[None], np.array([0.0, 9.0, 9.0, 0.0]), places[None], np.zeros(4, int), np.array([3])
-    )
-    np.testing.assert_array_equal(bends(flight), np.zeros(3))
 
 
 @pytest.mark.full

@@ -52,12 +52,6 @@ def land(dry, levels=slice(None), depth=100.0):
     return rings
 
 
-def test_what_is_dry_below_the_dives_is_no_land():
-    assert land(np.s_[2:5, 1:5], slice(3, None), depth=100.0) == []
-    (ring,) = land(np.s_[2:5, 1:5], slice(3, None), depth=300.0)
-    assert (ring.name, len(ring.holes)) == ("land", 1)
-
-
 @pytest.mark.parametrize(("row", "column"), [(3, 3), (0, 0), (6, 7)])
 def test_a_cell_s_corners_are_halfway_to_its_neighbours_also_at_the_edge_of_the_grid(row, column):
     (ring,) = land(np.s_[row : row + 1, column : column + 1])

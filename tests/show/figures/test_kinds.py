@@ -12,7 +12,7 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.words.text import time_text
 from replay_kit.results.views.along_track import BinsAlongTrack
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.history import series_at, typical_depth
+from replay_kit.results.views.history import series_at
 from replay_kit.results.views.slices import CurrentSlices
 from replay_kit.show.figures.draw import ENDINGS, saved
 from replay_kit.show.figures.kinds import KINDS, drawn
@@ -163,20 +163,6 @@ def test_a_series_is_that_of_its_cell_towards_true_north():
     np.testing.assert_array_equal([series.u_standard_error, series.v_standard_error], cell[2:])
     for x, y, inside in ((2_490, 0, True), (2_510, 0, False), (0, 490, True), (0, 510, False)):
         assert np.isfinite(at(x, y, 10.0)[1].u).all() == inside
-
-
-@pytest.mark.parametrize(
-    ("depths", "expected", "median"),
-    [([300.0, np.nan, 500.0], 250.0, 400.0), ([250.0], 250.0, 250.0), ([], 5.0, 0.0)],
-)
-def test_the_typical_depth_is_the_last_one_published_above_the_measurements(
-    depths, expected, median
-):
-    nothing = np.zeros(2), np.zeros(2), np.zeros((3, 1, 4, 2, 2))
-    slices = CurrentSlices(np.array([5.0, 250.0, 750.0]), np.array([0]), *nothing)
-    assert typical_depth(slices, np.array(depths)) == expected
-    # without grids the median
-    assert typical_depth(None, np.array(depths)) == median
 
 
 def test_a_section_shows_the_estimate_before_smoothing_where_there_is_one():

@@ -14,8 +14,6 @@ from replay_kit.results.geojson import features_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.export import export
 from replay_kit.show.figures.kinds import drawn
-from replay_kit.show.figures.map import contour_step
-from replay_kit.show.figures.plan import profile_floor
 from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from tests.results.result_samples import CONFIG, METADATA, decoded
@@ -107,20 +105,6 @@ def test_a_bottom_that_is_flat_unknown_or_out_of_sight_has_no_contours(plan, tmp
     assert not contour_labels(drawn(flat, "map"))
     unknown = written(tmp_path / "unknown.mcap", plan, np.full_like(DEPTH, np.nan))
     assert "current-map" in figures(report_html(unknown.result))
-
-
-def test_contours_are_few_and_round_and_a_profile_ends_in_sight_of_the_dives():
-    steps = {0.0: 2.0, 14.0: 2.0, 14.1: 5.0, 3500.0: 500.0, 4000.0: 1000.0}
-    assert {span: contour_step(span) for span in steps} == steps
-    for depth, ground, floor in (
-        (100.0, None, 105.0),
-        (100.0, [180.0], 189.0),
-        (100.0, [900.0], 262.5),
-        (100.0, [60.0, np.nan], 105.0),
-        (0.0, None, 1.05),
-    ):
-        bottom = None if ground is None else np.array(ground)
-        assert profile_floor(np.array([depth]), bottom) == pytest.approx(floor)
 
 
 def test_geojson_kml_and_the_channel_hold_areas_and_ellipses(contents, tmp_path):
