@@ -57,7 +57,7 @@ def judged(seed):
     return flow, plan, odds, flown
 
 
-@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(40), marks=pytest.mark.full)])
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(40), marks=pytest.mark.full)])
 def test_odds_and_times_that_are_stated_are_those_flown(seeds):
     differences, variances, outside, in_time = [], [], 0, []
     for seed in seeds:
@@ -80,7 +80,7 @@ def test_odds_and_times_that_are_stated_are_those_flown(seeds):
     assert abs(np.mean(in_time) - 0.9) < (0.03 if many else error)
 
 
-@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(40), marks=pytest.mark.full)])
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(40), marks=pytest.mark.full)])
 def test_ellipses_hold_nine_of_ten_surfacings_of_other_draws(seeds):
     def held(flow, ellipse, places):
         at = np.column_stack(to_geographic(flow.grid.projection, *places.T))

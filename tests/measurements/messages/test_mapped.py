@@ -239,5 +239,3 @@ def test_one_velocity_at_one_depth(fields, where):
     found = the(Observation, messages, entry(**MOORING, **fields))
     assert (found.longitude, found.latitude, round(float(found.depth[0]))) == where
     assert_allclose([*found.velocity[0], *found.error_std], [0.1, -0.2, 0.02])
-    # one that says where it is says nothing of the vehicle
-    assert found.dive == (not fields)

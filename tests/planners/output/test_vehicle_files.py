@@ -54,7 +54,6 @@ def test_a_kml_has_each_waypoint_and_the_way():
     )
     (way,) = read.iter(f"{space}LineString")
     assert way.findtext(f"{space}coordinates").split() == points
-    assert next(read.iter(f"{space}description")).text == FEW.message
 
 
 def test_a_slocum_s_goto_list_has_each_waypoint():

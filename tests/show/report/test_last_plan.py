@@ -81,6 +81,9 @@ def test_the_page_shows_them(contents):
     (panel,) = found["plan-profile"]["panels"]
     assert panel["marks"][0]["y"] == [300.0, None, 130.0]
     marks = found["current-map"]["map"]["marks"]
+    depths = {mark["label"] for mark in marks if mark["role"] == "bottom"}
+    # of what the map shows of the bottom
+    assert {"130 m", "190 m"} <= depths <= {f"{depth} m" for depth in range(110, 220, 10)}
     areas = [(len(mark["x"]), set(mark["text"])) for mark in marks if mark["role"] == "no_go"]
     assert areas == [(4, {"no-go area range"}), (4, {"no-go area lane<br>surface only"})]
     assert [len(mark["x"]) for mark in marks if mark["role"] == "ellipse"] == [37, 37]
