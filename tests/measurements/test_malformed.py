@@ -202,3 +202,12 @@ def test_mavlink_frames_with_odd_fields_are_each_counted_once():
 )
 def test_the_frames_of_a_mavlink_ping_share_one_fate(messages, config, said):
     assert reasons(run(messages, config)) == said
+
+
+def test_alike_damage_has_one_short_reason():
+    bad = ping(1, velocity=[list(range(k)) for k in (0, 500, 900)])
+    broken = [logged("sensor_msgs/msg/FluidPressure", None, k) for k in range(3)]
+    long, *alike = reasons(run([fix(0), bad, *broken]))
+    assert len(long) < 200
+    assert len(set(alike)) == 1
+    assert alike[0].startswith("malformed: ")

@@ -131,3 +131,19 @@ def test_a_late_dive_counts_at_the_end_of_the_last_one_and_many_leave_covariance
     cov = state.cov
     np.testing.assert_array_equal(cov, cov.transpose(0, 2, 1))
     assert np.linalg.eigvalsh(cov).min() > -1e-12
+
+
+def test_settings_are_spread_as_the_prior_says():
+    settings = PROCESS.settings
+    assert (settings.amplitude.min() < 0.021, settings.amplitude.max() > 0.245) == (True, True)
+    assert np.median(settings.amplitude) == pytest.approx(np.sqrt(0.02 * 0.25), rel=0.02)
+    for values, level, share in (
+        (settings.parts[:, 2], 0.0, 0.4),
+        (settings.parts[:, 3], 0.0, 0.6),
+        (settings.flight, 0.0, 1.0 / 3.0),
+        (settings.scale, 20.0 * HOUR, 1.0 / 6.0),
+    ):
+        assert np.mean(values == level) == pytest.approx(share, abs=0.03)
+    # a current along an axis, of the same variance in all
+    along = settings.axes @ settings.axes.transpose(0, 2, 1)
+    np.testing.assert_allclose(np.trace(along, axis1=1, axis2=2), 2.0)

@@ -239,3 +239,10 @@ def test_one_velocity_at_one_depth(fields, where):
     found = the(Observation, messages, entry(**MOORING, **fields))
     assert (found.longitude, found.latitude, round(float(found.depth[0]))) == where
     assert_allclose([*found.velocity[0], *found.error_std], [0.1, -0.2, 0.02])
+
+
+@pytest.mark.parametrize("frame", ["beam", "instrument", "ship"])
+def test_profiles_in_other_frames_keep_their_components(frame):
+    payload = {"v": [[1.0, 2.0, 3.0, 4.0]]}
+    found = mapped(payload, entry(**PROFILE | {"frame": frame, "velocity": "v"}))
+    assert (found.frame, found.velocity.tolist()) == (frame, payload["v"])

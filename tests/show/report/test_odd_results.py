@@ -128,6 +128,7 @@ def test_a_million_positions_are_thinned_and_it_is_said(write, state):
 
     track = track_of(page := write(fill))
     assert len(track["x"]) == len(track["text"]) == 3000
+    assert track["text"][-1].startswith("track 2023-11-14 23:19")
     assert "Of 4,000 positions 3,000 are drawn, evenly spread." in text_of(page, "map")
 
 
