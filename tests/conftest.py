@@ -2,7 +2,8 @@
 
 import os
 
-# Before numpy is imported, which reads them once. The workers divide the cores, so that more threads would only wait for each other.
+# Before numpy is imported, which reads them once: a plugin of zarr for pytest that imports it is left out in `pyproject.toml`.
+# The workers divide the cores, so that more threads would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 

@@ -14,7 +14,7 @@ from replay_kit.estimator.baselines import BASELINES, build_named
 from replay_kit.estimator.interface import require_estimator
 from replay_kit.estimator.update.screening import screened
 from tests import synthetic
-from tests.estimator.seas import CONFIG, GRID, SEA, dive, profiles
+from tests.estimator.seas import CONFIG, GRID, SEA, profiles
 
 DEPTH = np.array([10.0, 30.0, 90.0])
 
@@ -101,13 +101,6 @@ def test_an_unusable_profile_leaves_every_estimate_as_it_is(estimator, changes, 
     assert not estimator.usable(dry)
     assert np.isnan(estimator.innovation(state, dry)).all()
     assert np.isnan(step.innovation.log_likelihood)
-
-
-def test_means_along_a_path_are_assimilated_where_it_is_declared(estimator):
-    if estimator.supports_path_means:
-        _, (step,) = estimator.assimilate(estimator.initial(), [dive()])
-        assert step.innovation.dof == 2
-        assert np.isfinite(step.innovation.estimated_std)
 
 
 def test_an_innovation_is_measured_minus_predicted_before_and_after():

@@ -17,11 +17,7 @@ def definition(*parts: str) -> str:
 
 
 HEADER_2 = "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id"
-HEADER_1 = "std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id"
 VECTOR = "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z"
-POINT = "geometry_msgs/Point\nfloat64 x\nfloat64 y\nfloat64 z"
-QUATERNION = "geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w"
-POSE = "geometry_msgs/Pose\ngeometry_msgs/Point position\ngeometry_msgs/Quaternion orientation"
 
 _ADCP = """std_msgs/Header header
 ds_core_msgs/DsHeader ds_header

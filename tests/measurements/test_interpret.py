@@ -5,12 +5,12 @@ import math
 import gsw
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from replay_kit.core.observation import Flag, Observation, PathMean, Reason, VehicleState
 from tests.measurements.samples import (
     CONFIG,
-    Used,
+    dac,
     fix,
     logged,
     mavlink_frames,
@@ -21,16 +21,6 @@ from tests.measurements.samples import (
     run,
     the,
 )
-
-
-def test_a_ping_becomes_a_profile_at_the_interpolated_position():
-    events = run([fix(0, 152.0), ping(30), fix(60, 152.01)])
-    (observation,) = only(Observation, events)
-    assert observation.longitude == pytest.approx(152.005, abs=1e-6)
-    assert_array_equal(observation.depth, [16.0, 48.0, 80.0])
-    assert_array_equal(observation.velocity, [[0.1, 0.2], [0.3, np.nan], [0.5, 0.6]])
-    assert_array_equal(observation.error_std, 0.09)
-    assert len(only(Used, events)) == 3
 
 
 @pytest.mark.parametrize(
@@ -74,18 +64,9 @@ def test_an_incomplete_mavlink_ping_is_said():
     assert len(only(Observation, [*events, *run([position_int(5), *two])])) == 1
 
 
-def test_null_island_and_no_fix_are_no_positions():
-    events = run([position_int(0, lon=0, lat=0), fix(1, latitude=math.nan), fix(2, latitude=99.0)])
-    assert not only(VehicleState, events)
-    assert "no fix" in reasons(events)[0]
-
-
 def test_a_dive_known_by_the_ping_s_pressure_is_in_metres():
     pings = [ping(100 * k, pressure=20.0 * min(k, 100 - k)) for k in range(1, 100)]
-    fixes = [{"time": {"sec": at, "nsec": 0}, "lon": 152.0, "lat": -40.0} for at in (0, 10_000)]
-    payload = {"dac_eastward": 0.1, "dac_northward": 0.1}
-    payload |= dict(zip(("start_fix", "end_fix"), fixes, strict=True))
-    stated = logged("replay_kit.DepthAveragedCurrent", payload, 10_001)
+    stated = dac(10_001, end_s=10_000)
     mean = the(PathMean, [fix(0), *pings, fix(10_000), stated])
     # a dive of 1000 dbar goes down to 990 m; its two middle pieces of 128 each end at the apogee
     deepest = -gsw.z_from_p(1000.0, -40.0)

@@ -121,14 +121,6 @@ def forbidden(
     )
 
 
-def random_points(flow: FlowEstimate, n: int, seed: int) -> Array:
-    """Return points in the grid's box and somewhat below, shape (n, 3) [m]."""
-    rng = np.random.default_rng(seed)
-    low = [flow.grid.east.min(), flow.grid.north.min(), 0.1]
-    high = [flow.grid.east.max(), flow.grid.north.max(), flow.levels[-1] + 60.0]
-    return rng.uniform(low, high, (n, 3))
-
-
 def fitted_flow(
     velocity: Callable[[Array, Array], tuple[Array, Array]], shape: tuple[int, int] = (13, 15)
 ) -> FlowEstimate:

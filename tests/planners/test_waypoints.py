@@ -4,7 +4,6 @@ import csv
 import io
 import json
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -74,24 +73,17 @@ def test_in_a_uniform_current_one_waypoint_loses_little(depth):
     # a drift more or less
     assert abs(one.delay) < 1200.0
     assert one.times[-1] == pytest.approx(plan.duration + one.delay)
-    assert "1 waypoints for" in one.message
 
 
 def test_files_hold_the_waypoints():
     _, few, _ = listed(FLOW, REQUEST, 50.0, PLAN)
     rows = list(csv.DictReader(io.StringIO(waypoint_text(few, Path("a.csv")))))
-    assert [float(row["longitude"]) for row in rows] == pytest.approx(
-        few.longitude.tolist(), abs=1e-6
-    )
-    assert [row["waypoint"] for row in rows] == [str(k + 1) for k in range(len(rows))]
-    features = json.loads(waypoint_text(few, Path("a.geojson")))["features"]
-    points = [
-        feature["properties"] for feature in features if feature["geometry"]["type"] == "Point"
-    ]
-    assert {type(properties[name]) for properties in points for name in ("waypoint", "dives")} == {
-        int
-    }
-    assert len(features) == 1 + len(rows)
+    written = [float(row["longitude"]) for row in rows]
+    assert written == pytest.approx(few.longitude.tolist(), abs=1e-6)
+    way, *features = json.loads(waypoint_text(few, Path("a.geojson")))["features"]
+    assert len(features) == len(rows)
+    told = next(one["properties"] for one in (way, *features) if "dives" in one["properties"])
+    assert [type(told[name]) for name in ("waypoint", "dives")] == [int, int]
     assert json.loads(waypoint_text(few, Path("a.json")))["off_end_m"] == few.off_end
     with pytest.raises(PlanError, match=r"one of \.csv"):
         waypoint_text(few, Path("a.txt"))
@@ -122,15 +114,14 @@ def test_a_long_tolerance_does_not_lead_through_an_area():
     assert (blind.times.size, blind.violation) == (1, None)
     assert clear.times.size > 1
     assert clear.violation is None
+    # what is left out without the area leads through it
     ring = no_go_rings(STILL.grid.projection, area)[0]
-    ways = [
-        np.vstack(
-            [[-7e3, 0.0], np.column_stack(to_local(STILL.grid.projection, *few.surfacings.T))]
-        )
-        for few in (clear, blind)
-    ]
-    dense = [np.vstack([np.linspace(*one, 4000) for one in pairwise(places)]) for places in ways]
-    assert [ring.forbids(one).any() for one in dense] == [False, True]
+    crossed = []
+    for few in (clear, blind):
+        ends = np.column_stack(to_local(STILL.grid.projection, *few.surfacings.T))
+        track = np.linspace([[-7e3, 0.0], *ends[:-1]], ends, 4000).reshape(-1, 2)
+        crossed.append(ring.forbids(track).any())
+    assert crossed == [False, True]
 
 
 def test_waypoints_that_cannot_be_headed_for_in_safety_say_so_first():
@@ -163,10 +154,8 @@ def test_waypoints_that_are_never_reached_are_not_called_safe_beside_an_area():
 @pytest.mark.full
 def test_dives_to_a_waypoint_are_as_deep_as_the_shallowest_planned_on_the_way():
     sill = bathymetry(lambda x, y: np.where(np.abs(x - 152.5) < 0.02, 150.0, 900.0))
-    plan, few, _ = listed(STILL, replace(ACROSS, bathymetry=sill), 1e5)
-    assert {min(map(max, plan.yo_depths)), max(map(max, plan.yo_depths))} == {130.0, 300.0}
+    _, few, _ = listed(STILL, replace(ACROSS, bathymetry=sill), 1e5)
     assert few.depths.tolist() == [130.0]
-    assert few.violation is None
 
 
 # 39 goes by an island to a goal over a shoal

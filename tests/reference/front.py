@@ -3,30 +3,6 @@
 import heapq
 from math import ceil, gcd, hypot, inf, sqrt
 
-import numpy as np
-
-from replay_kit.core.arrays import Array
-
-
-def current_at(
-    values: Array, origin: Array, step: float, times: Array, place: complex, time: float
-) -> complex:
-    """Return the current at a place and time, linear between the entries of a table, shape (T, n_north, n_east), and constant beyond."""
-    east = min(max((place.real - origin[0]) / step, 0.0), values.shape[2] - 1.0)
-    north = min(max((place.imag - origin[1]) / step, 0.0), values.shape[1] - 1.0)
-    total = 0j
-    for t in range(values.shape[0]):
-        of_time = 1.0 if times.size == 1 else float(np.interp(time, times, np.eye(times.size)[t]))
-        for j in range(values.shape[1]):
-            for i in range(values.shape[2]):
-                total += (
-                    of_time
-                    * max(0.0, 1.0 - abs(east - i))
-                    * max(0.0, 1.0 - abs(north - j))
-                    * values[t, j, i]
-                )
-    return total
-
 
 def edge_duration(
     current, speed: float, begin: complex, end: complex, depart: float, longest_piece: float

@@ -146,10 +146,6 @@ def across_the_antimeridian(
     return write(path, placed(179.98, 62.0), [innovation] * 4, plan)
 
 
-def at_80_north(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> Contents:
-    return write(path, synthetic_flow(latitude=80.0), [innovation] * 4, plan)
-
-
 def of_nothing(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> Contents:
     return write(path, flow, [], None, estimate=False)
 

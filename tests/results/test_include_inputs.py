@@ -45,11 +45,6 @@ def test_the_inputs_messages_are_copied_untouched(state, tmp_path, name):
     assert found.total() > 400
 
 
-def test_without_being_asked_nothing_is_copied(state, tmp_path):
-    data = copied(tmp_path / "out.mcap", SAMPLES / "glider.mcap", asked=False, fix=state)
-    assert len(sound_messages(data)) == 1
-
-
 def test_a_result_that_a_log_was_merged_into_is_refused_in_words(state, tmp_path):
     copied(tmp_path / "out.mcap", fix=state)
     logs = [SAMPLES / "survey.mcap", tmp_path / "out.mcap"]
@@ -75,8 +70,6 @@ def test_publish_times_and_sequences_stay_and_logs_stay_apart(tmp_path):
     ] * 2
     frames = [payload for topic, *_, payload in said if topic == "mavlink/frames/1"]
     assert frames == [entry[8:] for entry in tlog(3)]
-    reader = open_log(tmp_path / "out.mcap")
-    assert len(list(reader.messages())) == 6
 
 
 def test_only_topics_of_the_results_own_are_moved(tmp_path):
@@ -114,9 +107,6 @@ def test_convert_has_back_what_was_written_before_a_power_cut(flow, state, innov
     writer.discard()
     summary = convert([tmp_path / "left.mcap.part"], tmp_path / "mended.mcap", False, LogConfig())
     assert summary.messages["/vehicle/fix"] == summary.messages["/flow/innovation"] == 20
-    assert len([topic for topic in summary.messages if topic.startswith("/flow/grid/")]) == len(
-        DEPTHS
-    )
     assert [loss.messages for _, loss in summary.losses] == [None]
     reader = open_log(tmp_path / "mended.mcap")
     list(reader.messages())

@@ -80,18 +80,11 @@ def opened(flow, state, innovation, plan, tmp_path):
 
 def test_fixes_surfacings_and_events(opened, flow):
     assert opened.fixes.index.tolist() == at(0, 1)
-    expected = [[5.01, 62.02, 12.5, 1.0], [5.01, 62.02, np.nan, 0.0]]
-    np.testing.assert_array_equal(opened.fixes.astype(float), expected)
     (one,) = opened.surfacings.itertuples()
     assert [one.Index, one.predicted_time] == at(5, 1)
     assert (one.predicted_longitude, one.actual_longitude, one.distance) == (5.0, 5.01, 1234.5)
     assert (one.delay, one.inside_ellipse, one.ellipse_bearing) == (4.0, False, 10.0)
     assert opened.events[["level", "message"]].to_numpy().tolist() == [["warning", "mind the gap"]]
-    np.testing.assert_array_equal(opened.estimate.latent, flow.latent)
-    assert repr(opened).splitlines() == [
-        "Result out.mcap, 2023-11-14 22:13:20Z to 2023-11-14 22:13:25Z",
-        "  estimate; tables fixes (2), plans (1), surfacings (1), events (1), observations, innovations, dives, plan_tracks",
-    ]
 
 
 def test_observations_and_their_dives(opened, innovation):
@@ -100,7 +93,6 @@ def test_observations_and_their_dives(opened, innovation):
     expected = [rms, rms, rms, 3.0 * rms * np.sqrt(6 / 4)]
     np.testing.assert_allclose(table["rms_innovation"], expected, rtol=1e-6)
     np.testing.assert_allclose(table["rms_residual"].iloc[0], 0.1 * rms, rtol=1e-6)
-    np.testing.assert_allclose(table["rms_prior_innovation"].iloc[0], 2.0 * rms, rtol=1e-6)
     # what was rejected does not count
     assert dives.index.tolist() == [2, 3]
     assert (dives["profiles"].tolist(), dives["bins"].tolist()) == ([2, 1], [6, 2])
@@ -131,7 +123,6 @@ def test_a_result_without_estimate_or_data_says_so_and_has_empty_tables(flow, tm
     with ResultWriter(tmp_path / "out.mcap") as writer:
         writer.start(flow.grid.projection, TIME_NS, METADATA, CONFIG)
     opened = read_result(tmp_path / "out.mcap")
-    assert "no estimate; tables fixes (0)" in repr(opened)
     with pytest.raises(ForecastError, match="but no current: replay the log for an estimate"):
         _ = opened.estimate
     for name in ("fixes", "observations", "innovations", "plans", "plan_tracks", "surface"):

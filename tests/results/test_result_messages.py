@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.message import Message
 from replay_kit.core.observation import Source, VehicleState
 from replay_kit.logs import open_log
 from replay_kit.measurements.observed import begun
@@ -29,7 +28,6 @@ def test_every_channel_decodes_with_stock_readers(result, flow):
     for topic in ("/vehicle/fix", "/flow/estimate", "/plan/controls"):
         log_time, value = result[topic][-1]
         assert log_time == value.timestamp.seconds * 10**9 + value.timestamp.nanos
-    np.testing.assert_array_equal(value_of(result, "/flow/estimate").x, np.float32(flow.unknowns.x))
 
 
 def value_of(result, topic):
@@ -57,12 +55,6 @@ def fixes(messages):
     for message in messages:
         memory, events = interpret(memory, message, MeasurementConfig())
         yield from (event for event in events if isinstance(event, VehicleState))
-
-
-def test_the_altitude_of_another_writer_s_fix_is_no_depth():
-    payload = {"longitude": 5.0, "latitude": 62.0, "altitude": -120.0, "metadata": []}
-    message = Message(TIME_NS, "/vehicle/fix", "foxglove.LocationFix", payload, 0, 0)
-    assert [np.isnan(fix.depth) for fix in fixes([message])] == [True]
 
 
 def cells_of(grid):
@@ -135,9 +127,7 @@ def test_viewers_find_the_last_plan_alone(plan, failed_plan, flow, tmp_path):
     with ResultWriter(tmp_path / "out.mcap") as writer:
         for one in (failed_plan, plan):
             writer.plan(one, flow.grid.projection)
-        assert "/plan/geojson" in writer.topics
     found = decoded(tmp_path / "out.mcap")
-    assert [one.closest_approach for _, one in found["/plan/controls"]] == [np.inf, 12.5]
     ((_, drawn),), (empty, path) = found["/plan/geojson"], (one for _, one in found["/plan/path"])
     line, *points = json.loads(drawn.geojson)["features"]
     assert (line["properties"]["status"], len(points), len(empty.poses)) == ("reached", 2, 0)
@@ -154,12 +144,9 @@ def test_viewers_find_the_last_plan_alone(plan, failed_plan, flow, tmp_path):
 
 
 def test_a_line_is_continuous_across_the_antimeridian(plan, tmp_path):
-    ends = {
-        end: replace(getattr(plan, end), longitude=place)
-        for end, place in (("start", 179.99), ("goal", -179.99))
-    }
+    start, goal = replace(plan.start, longitude=179.99), replace(plan.goal, longitude=-179.99)
     with ResultWriter(tmp_path / "out.mcap") as writer:
-        writer.plan(replace(plan, **ends), Projection(179.99, 62.0))
+        writer.plan(replace(plan, start=start, goal=goal), Projection(179.99, 62.0))
     ((_, drawn),) = decoded(tmp_path / "out.mcap")["/plan/geojson"]
     line, *points = json.loads(drawn.geojson)["features"]
     assert [point["geometry"]["coordinates"][0] for point in points] == [179.99, 180.01]

@@ -15,7 +15,6 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import Innovation
 from replay_kit.core.plan import Plan
 from replay_kit.results import ResultWriter
-from replay_kit.results.mcap.schemas import CONTRACT_VERSION
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.export.export import ENDINGS, export
 from replay_kit.show.figures.kinds import KINDS, drawn
@@ -23,7 +22,6 @@ from replay_kit.show.report.pages import report_html
 from replay_kit.workflows.report import opened
 from tests.results.cases import (
     across_the_antimeridian,
-    at_80_north,
     failed,
     of_nothing,
     of_one_ping,
@@ -38,20 +36,10 @@ from tests.show.report.html_of import elements, figures
 Case = Callable[[Path, FlowEstimate, Innovation, Plan], object]
 
 
-def of_another_version(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("replay_kit.results.mcap.writer.CONTRACT_VERSION", 7)
-        write(path, flow, [innovation] * 3, plan)
-
-
 def cut_short(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
     write(path, flow, [innovation] * 3, plan)
     data = path.read_bytes()
     path.write_bytes(data[: int(0.6 * len(data))])
-
-
-def without_plan(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
-    write(path, flow, [innovation] * 3, None)
 
 
 def of_a_vessel(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> None:
@@ -79,12 +67,6 @@ ALL = {"plans", "section", "track"}
 NO_CURRENT = "The result holds no published current."
 #: Each case with what sections of its page and figures say of it, and which tables of its exports have rows.
 CASES: dict[Case, tuple[dict[str, str], set[str]]] = {
-    of_another_version: (
-        {
-            "answer": f"The result has version 7 of the contract, this program version {CONTRACT_VERSION}"
-        },
-        ALL,
-    ),
     without_estimate: (
         {
             "answer": "carries no estimate.npz",
@@ -93,7 +75,6 @@ CASES: dict[Case, tuple[dict[str, str], set[str]]] = {
         ALL,
     ),
     cut_short: ({"answer": "The result is damaged or truncated: "}, {"section", "track"}),
-    without_plan: ({"plan": "The result holds no plan"}, {"section", "track"}),
     nothing_of_the_current: (
         {
             "figure map": "The result holds no current: the map shows only positions.",
@@ -105,7 +86,7 @@ CASES: dict[Case, tuple[dict[str, str], set[str]]] = {
     of_one_ping: (
         {
             "answer": "1 measurement of the current used",
-            "figure plan": "The result holds no plan: no goal was given, or none was due",
+            "figure plan": "The result holds no plan",
             "figure series": "The current was published once: there is no series.",
             "figure trust": "Fewer than two dives: none can be predicted from another.",
         },
@@ -114,16 +95,15 @@ CASES: dict[Case, tuple[dict[str, str], set[str]]] = {
     plan_failed: ({"figure plan": "The last plan has no track: no path."}, ALL),
     of_a_vessel: ({"answer": "without dives"}, ALL),
     across_the_antimeridian: ({"answer": "km travelled"}, ALL),
-    at_80_north: ({"answer": "km travelled"}, ALL),
     without_positions: ({"answer": "Observations used: unknown"}, {"section"}),
     of_nothing: (
         {
             "answer": "The result holds neither a position nor a measurement.",
-            "map": "The result holds no current",
-            "section": "The result holds no profile that was used",
-            "trust": "The result holds no measurement",
-            "plan": "The result holds no plan",
-            "again": "The result does not name its inputs.",
+            "map": "no current",
+            "section": "no profile",
+            "trust": "no measurement",
+            "plan": "no plan",
+            "again": "does not name its inputs.",
             "figure map": "The result holds neither a current nor a position.",
             "figure series": NO_CURRENT,
             "figure trust": "The result holds no measurement to compare the estimate with.",

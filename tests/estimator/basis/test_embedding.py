@@ -7,7 +7,7 @@ from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.functions import HorizontalKernel, NodeKernel
 from replay_kit.core.flow.lattice import lattice_over
 from replay_kit.estimator.basis import embedding
-from replay_kit.estimator.basis.embedding import embed, factored, solve, times
+from replay_kit.estimator.basis.embedding import embed
 from tests.reference import lattice as slow
 
 KERNEL = HorizontalKernel(20e3, 18e3, 0.3)
@@ -65,21 +65,3 @@ def test_a_nugget_that_is_too_small_is_refused():
     nodes = nodes_of(9, 5)
     with pytest.raises(EstimatorError, match="set a larger"):
         embed(lattice_over(KERNEL, nodes), nodes, velocities(nodes), 0.0)
-
-
-@pytest.mark.parametrize(("rows", "width", "size"), [(1, 3, 1), (7, 4, 1), (9, 3, 5), (4, 6, 8)])
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_solutions_and_products_of_blocks_are_dense_ones(rows, width, size, dtype):
-    rng, n = np.random.default_rng(rows), rows * size
-    row = np.arange(n) // size
-    dense = rng.uniform(-1.0, 1.0, (n, n)) * (np.abs(row[:, None] - row) < width)
-    dense += dense.T + 4.0 * width * size * np.eye(n)
-    band = np.zeros((rows, width, size, size), dtype)
-    for i in range(rows):
-        for d in range(min(width, rows - i)):
-            band[i, d] = dense.reshape(rows, size, rows, size)[i + d, :, i]
-    right, atol = rng.standard_normal((n, 5)), 1e-5 if dtype == np.float32 else 1e-13
-    np.testing.assert_allclose(times(band, right[:, 0]), dense @ right[:, 0], rtol=1e3 * atol)
-    solution = solve(factored(band.copy()), right)
-    assert solution.dtype == dtype
-    np.testing.assert_allclose(solution, np.linalg.solve(dense, right), atol=atol)

@@ -111,46 +111,6 @@ def test_a_change_of_the_current_explains_nothing_that_an_inverted_one_leaves():
     assert then - odds == pytest.approx(densities[0] - densities[1])
 
 
-def test_settings_are_spread_as_the_prior_says():
-    settings = PROCESS.settings
-    assert (settings.amplitude.min() < 0.021, settings.amplitude.max() > 0.245) == (True, True)
-    assert np.median(settings.amplitude) == pytest.approx(np.sqrt(0.02 * 0.25), rel=0.02)
-    for values, level, share in (
-        (settings.parts[:, 2], 0.0, 0.4),
-        (settings.parts[:, 3], 0.0, 0.6),
-        (settings.flight, 0.0, 1.0 / 3.0),
-        (settings.scale, 20.0 * HOUR, 1.0 / 6.0),
-    ):
-        assert np.mean(values == level) == pytest.approx(share, abs=0.03)
-    # a current along an axis, of the same variance in all
-    along = settings.axes @ settings.axes.transpose(0, 2, 1)
-    np.testing.assert_allclose(np.trace(along, axis1=1, axis2=2), 2.0)
-
-
-def tide(n, seconds=3 * HOUR):
-    """Dives every four hours in a tide of 12 cm/s along an axis and little else."""
-    rng, axis = np.random.default_rng(1), np.array([0.8, 0.6])
-    out = []
-    for k in range(n):
-        middle = k * 4 * HOUR
-        inside = middle + seconds * ((np.arange(200) + 0.5) / 200 - 0.5)
-        mean = 0.12 * np.cos(2 * np.pi * inside / (12.4206 * HOUR)).mean() * axis
-        velocity = mean + rng.normal(0.0, 0.004, 2)
-        out.append(DiveMean(int(middle * 1e9), seconds, np.zeros(2), velocity))
-    return out
-
-
-def test_a_tide_is_learnt_and_beats_the_last_dive():
-    given = tide(24)
-    state, ours, last = PROCESS.initial(), [], []
-    for k, dive in enumerate(given):
-        if k >= 12:
-            ours.append(PROCESS.forecast(state, dive).mean - dive.velocity)
-            last.append(given[k - 1].velocity - dive.velocity)
-        state = PROCESS.step(state, dive)
-    assert np.sqrt(np.mean(np.square(ours)) / np.mean(np.square(last))) < 0.25
-
-
 def test_a_background_that_is_right_is_believed_and_one_that_is_missing_changes_nothing():
     process, rng = MeanCurrentProcess(n_backgrounds=1), np.random.default_rng(3)
     given = []
@@ -171,3 +131,19 @@ def test_a_late_dive_counts_at_the_end_of_the_last_one_and_many_leave_covariance
     cov = state.cov
     np.testing.assert_array_equal(cov, cov.transpose(0, 2, 1))
     assert np.linalg.eigvalsh(cov).min() > -1e-12
+
+
+def test_settings_are_spread_as_the_prior_says():
+    settings = PROCESS.settings
+    assert (settings.amplitude.min() < 0.021, settings.amplitude.max() > 0.245) == (True, True)
+    assert np.median(settings.amplitude) == pytest.approx(np.sqrt(0.02 * 0.25), rel=0.02)
+    for values, level, share in (
+        (settings.parts[:, 2], 0.0, 0.4),
+        (settings.parts[:, 3], 0.0, 0.6),
+        (settings.flight, 0.0, 1.0 / 3.0),
+        (settings.scale, 20.0 * HOUR, 1.0 / 6.0),
+    ):
+        assert np.mean(values == level) == pytest.approx(share, abs=0.03)
+    # a current along an axis, of the same variance in all
+    along = settings.axes @ settings.axes.transpose(0, 2, 1)
+    np.testing.assert_allclose(np.trace(along, axis1=1, axis2=2), 2.0)

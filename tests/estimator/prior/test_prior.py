@@ -88,7 +88,6 @@ def test_what_is_dropped_stays_below_the_bound_and_is_in_the_stated_error(levels
         if n == 1:
             np.testing.assert_allclose(missing, dropped / (1 + k) ** 2, atol=1e-9)
         assert np.all(missing - dropped <= 2.0 * np.sqrt(own.mean(axis=1) * dropped))
-        assert missing.mean() < 1.5 * dropped.mean()
         flow = few.flow(few.initial()).at(time_ns)
         stated = flow.standard_error(*NODES.T, levels[:, None]) ** 2
         expected = np.moveaxis(own, 1, -1) + error[..., None] ** 2
@@ -125,10 +124,6 @@ def test_the_correlation_length_equals_a_pair_by_pair_twin_with_land_and_is_at_l
     cell = np.sqrt(np.prod(cell_size(with_land.grid)))
     assert expected > 1.1 * cell
     assert correlation_length(with_land) == pytest.approx(expected, rel=1e-12)
-    rough = replace(
-        smooth, velocity=np.random.default_rng(0).standard_normal(smooth.velocity.shape)
-    )
-    assert correlation_length(rough) == pytest.approx(cell)
-    assert correlation_length(
-        replace(smooth, velocity=np.ones_like(smooth.velocity))
-    ) == pytest.approx(cell)
+    noise = np.random.default_rng(0).standard_normal(smooth.velocity.shape)
+    for rough in (noise, np.ones_like(noise)):
+        assert correlation_length(replace(smooth, velocity=rough)) == pytest.approx(cell)

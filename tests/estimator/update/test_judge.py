@@ -114,13 +114,3 @@ def test_an_instrument_that_fails_at_first_does_not_widen_the_prior():
     assert [step.innovation.decision for step in steps[:8]] == ["rejected"] * 8
     assert (state.scale, state.profiles, state.doubt) == (1.0, 32, None)
     assert not estimator.remarks(state)
-
-
-def test_profiles_that_contradict_one_another_end_finite_and_positive():
-    estimator, (profile,) = build([OTHERS], DEFAULT, GatingConfig()), sound(1)
-    sides = [
-        replace(profile, velocity=profile.velocity + 0.4 * (-1) ** k, time_ns=k) for k in range(40)
-    ]
-    state, _ = estimator.assimilate(estimator.initial(), sides)
-    assert np.isfinite(state.x).all()
-    assert np.linalg.eigvalsh(state.covariance).min() > 0.0

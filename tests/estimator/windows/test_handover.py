@@ -128,12 +128,10 @@ def test_what_the_log_said_of_the_prior_holds_in_the_next_window_too(n):
 
 def test_windows_say_of_measurements_what_the_estimator_of_the_window_says(one):
     grid = one.grid
-    west, south, east, north = (
-        f(values) for f in (np.min, np.max) for values in (grid.longitude, grid.latitude)
-    )
-    windows = WindowedEstimator(
-        (west, south, east, north), 1.0, (west, south, east + 1.0, north), lambda _: one
-    )
+    west, east = grid.longitude.min(), grid.longitude.max()
+    south, north = grid.latitude.min(), grid.latitude.max()
+    bounds = west, south, east + 1.0, north
+    windows = WindowedEstimator((west, south, east, north), 1.0, bounds, lambda _: one)
     first, *others = log = synthetic.random_profiles(grid, 5, 3)
     state, inner = windows.initial(), one.initial()
     for profile in log:
@@ -142,21 +140,19 @@ def test_windows_say_of_measurements_what_the_estimator_of_the_window_says(one):
         )
     group = Profiles.of(others)
     np.testing.assert_array_equal(windows.innovation(state, group), one.innovation(inner, group))
-    nothing = replace(
-        first,
-        velocity=np.full_like(first.velocity, np.nan),
-        flags=np.full_like(first.flags, Flag.FAIL),
-    )
+    flags = np.full_like(first.flags, Flag.FAIL)
+    nothing = replace(first, velocity=np.nan * first.velocity, flags=flags)
     deep = replace(first, depth=first.depth + grid.levels[-1])
-    east_only = replace(first, velocity=first.velocity * [1.0, np.nan], flags=nothing.flags)
     at_bottom = replace(first, depth=first.depth - first.depth[0] + grid.levels[-1])
-    for away in (0.0, 0.5):  # in the first window, and where there is none yet
+    for away in (
+        0.0,
+        east + 0.5 - first.longitude,
+    ):  # in the first window, and where there is none yet
         moved = [
             replace(each, longitude=each.longitude + away)
-            for each in (first, at_bottom, nothing, deep, east_only)
+            for each in (first, at_bottom, nothing, deep)
         ]
-        moved = [replace(each, longitude=east + away) if away else each for each in moved]
-        assert [windows.usable(each) for each in moved] == [True, True, False, False, False]
+        assert [windows.usable(each) for each in moved] == [True, True, False, False]
     assert not windows.usable(replace(first, longitude=east + 1.5))
 
 

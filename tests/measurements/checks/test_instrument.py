@@ -49,23 +49,6 @@ def test_five_dead_pings_in_a_row_name_the_instrument_and_none_is_used(value, wo
     assert all((reasons & Reason.DEAD).all() for _, reasons in flags[10:])
 
 
-def test_an_instrument_that_repeats_one_shape_with_noise_is_named_with_the_time():
-    def hangs(k, v):
-        return KEPT[10] + 0.01 * np.random.default_rng(k).normal(size=v.shape)
-
-    noisy = changed(pings(), hangs, since=10)
-    ((_, finding),) = judged(noisy)[1]
-    assert (finding.name, finding.distrusts) == (DEAD, True)
-    assert 8 * STEP <= finding.since_ns * 1e-9 <= 12 * STEP
-
-
-def test_profiles_of_a_model_are_smooth_and_alike_and_still_used():
-    model = changed(pings(60, noise=0.0), lambda k, v: v + 1e-3 * np.sin(0.1 * k))
-    _, found, flags = judged(model)
-    assert [one for _, one in found if one.severity != "warning"] == []
-    assert all((each == 1).all() for each, _ in flags)
-
-
 @pytest.mark.parametrize("vertical", [{}, {"w": np.nan}, {"w": 0.01}])
 def test_cells_that_repeat_one_value_are_named_and_left_out_and_the_rest_is_used(vertical):
     def stuck(k, velocity):
@@ -106,22 +89,6 @@ def test_a_beam_that_is_noisy_or_dead_is_named_by_its_number(change, number):
     assert f"beam {number} scatters" in finding.evidence
 
 
-def test_an_instrument_with_another_number_of_beams_is_another():
-    bad = list(along_beams(still))
-    later = [
-        (kind, {**one, "time": one["time"] + 40 * STEP}) for kind, one in along_beams(number=3)
-    ]
-    _, found, flags = judged([*bad, *later])
-    # what a bad one has shown says nothing of the sound one after it
-    assert [one.name for _, one in found] == [BEAM]
-    assert all((each == 1).all() for each, _ in flags[-40:])
-
-
-def test_bins_above_the_surface_name_a_sign_of_depth_after_five_pings():
-    ((event, finding),) = judged(HIGH)[1]
-    assert (event, finding.name, finding.distrusts) == (4, SURFACE, True)
-
-
 def looking_up(echo):
     """Pings of an instrument that hears echoes of a size above the surface."""
     rng = np.random.default_rng(0)
@@ -131,6 +98,14 @@ def looking_up(echo):
         velocity = 0.1 + size * rng.standard_normal((15, 2))
         changes = {"up": 1.0, "transducer_depth": top, "distance": distance}
         yield ping(STEP * k, velocity, top - distance, **changes)
+
+
+def later(kind, columns):
+    return kind, {**columns, "time": columns["time"] + 40 * STEP}
+
+
+def hangs(k, velocity):
+    return KEPT[10] + 0.01 * np.random.default_rng(k).normal(size=velocity.shape)
 
 
 HIGH = [(kind, {**one, "depth": -one["depth"]}) for kind, one in pings(12)]
@@ -163,6 +138,11 @@ AT_SURFACE = {"reasons": np.full(CELLS, int(Reason.AT_SURFACE))}
         (along_beams(), []),
         (along_beams(error_velocity=0.02), []),
         (along_beams(error_velocity=0.3), [BEAM]),
+        # another number of beams is another instrument
+        ([*along_beams(still), *(later(*one) for one in along_beams(number=3))], [BEAM]),
+        # a shape repeated with noise
+        (changed(pings(), hangs, since=10), [DEAD]),
+        (HIGH, [SURFACE]),
         ([*HIGH[:4], *pings(46)], []),
         ([(kind, one | AT_SURFACE) for kind, one in HIGH], []),
         (looking_up(0.6), []),

@@ -14,7 +14,6 @@ from replay_kit.measurements.checks.causes import (
     SCALE,
     UNDECIDED,
 )
-from replay_kit.measurements.checks.check import unknowable
 from replay_kit.measurements.checks.likelihood import UNITS
 from replay_kit.measurements.checks.profile import UNIT
 from tests.measurements.checks.made import EAST, NORTH, judged, mean, ping
@@ -128,11 +127,6 @@ def test_a_stated_motion_is_a_multiple_of_that_of_its_positions_or_has_a_current
     assert [one[0] for one in findings(events)] == names
 
 
-def test_a_straight_way_tells_nothing_of_directions():
-    straight = [*dive(0, (0.05, 0.02), (0.25, 0.0)), *dive(1, (0.05, 0.02), (0.25, 0.0))]
-    assert not judged(straight)[0].can_tell_directions
-
-
 def test_equal_mean_currents_and_a_slip_beside_dead_reckoning_are_named_and_explain_the_rest():
     still = findings(mission(CURRENTS, means=lambda c: (0.05, 0.05)))
     assert [(name, dives) for name, dives, _ in still] == [(MEANS, 3)]
@@ -154,11 +148,6 @@ def test_depths_that_are_wrong_come_before_a_scale():
         for kind, one in mission(CURRENTS * 2)
     ]
     assert SCALE not in [name for name, _, _ in findings(events)]
-
-
-def test_what_is_neither_shown_nor_excluded_is_said():
-    few = unknowable(judged(mission(CURRENTS[:2]))[0])
-    assert any("an offset, a drift or a scale of the profiles" in text for text in few)
 
 
 @pytest.mark.parametrize("size", [1, 7, 64])

@@ -8,9 +8,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.observation import Flag, Observation, VehicleState
-from replay_kit.logs.tables.instruments import STD_BELIEVED
-from replay_kit.logs.tables.schemas import canonical, reader_of
-from replay_kit.measurements.observed import blocks, rows
 from tests.measurements import definitions as msg
 from tests.measurements.carriers import json_mcap, read_mcap, ros2_mcap
 from tests.measurements.foreign import BEAMS, ds_adcp, imc, pose, vectors
@@ -29,14 +26,6 @@ EARTH = MeasurementConfig(reference="earth")
 PLACE = {"lat": math.radians(-40.0), "lon": math.radians(152.0)}
 NAV_SAT = {"latitude": -40.0, "longitude": 152.0, "status": {"status": 0}}
 ORIENTED = {"orientation": {"w": 1.0}, "orientation_covariance": [0.0] * 9}
-LISTED = {
-    "coordinate_system": "earth",
-    "reference": "earth",
-    "orientation": "down",
-    "n_cells": 3,
-    "velocity": [[0.1, 0.2]] * 3,
-    "cell_distances": [4.0, 9.0, None],
-}
 
 
 def through_ros2(folder, schema, definition, payload):
@@ -99,7 +88,7 @@ def test_imc_profile(tmp_path, coord_sys, system, cell):
         ("imc.GpsFix", PLACE | {"validity": 3}, "VALID_POS"),
         ("imc.EstimatedState", {"lat": 0.0, "lon": 0.0}, "0, 0"),
         ("imc.EstimatedState", PLACE | {"x": None}, "not a number"),
-        ("replay_kit.AdcpPing", LISTED | {"cell_distances": [4.0]}, "cell_distances"),
+        ("replay_kit.AdcpPing", ping(0, cell_distances=[4.0]).payload, "cell_distances"),
         ("sensor_msgs.Imu", ORIENTED | {"orientation_covariance": [-1.0]}, "no orientation stated"),
         ("sensor_msgs.Imu", ORIENTED, "without their own"),
         ("sensor_msgs.NavSatFix", NAV_SAT | {"status": {"status": -1}}, "no fix (status < 0)"),
@@ -112,13 +101,6 @@ def test_what_is_not_used_says_why(schema, payload, words):
     event = the(Skipped, [fix(0), message])
     assert event.topic == message.topic
     assert words in event.reason
-
-
-def test_cells_at_listed_distances():
-    ping = logged("replay_kit.AdcpPing", LISTED)
-    profile = the(Observation, [fix(0, depth=100.0), ping])
-    assert_array_equal(profile.depth, [104.0, 109.0, np.nan])
-    assert profile.flags.tolist() == [Flag.GOOD, Flag.GOOD, Flag.MISSING]
 
 
 def test_fixes_and_pressures_in_pascal_of_ros(tmp_path):
@@ -137,16 +119,13 @@ def test_fixes_and_pressures_in_pascal_of_ros(tmp_path):
 def test_poses_move_the_last_position_each_topic_in_its_own_frame():
     def at(second, topic, *place):
         stamped = pose(*place)
-        if topic == "/odom":
-            return logged("nav_msgs/msg/Odometry", {"pose": stamped}, second, topic)
-        return logged("geometry_msgs/msg/PoseStamped", stamped, second, topic)
+        odometry = {"schema": "nav_msgs/msg/Odometry", "payload": {"pose": stamped}}
+        plain = {"schema": "geometry_msgs/msg/PoseStamped", "payload": stamped}
+        return logged(**(odometry if topic == "/odom" else plain), time_s=second, topic=topic)
 
-    poses = [at(0, "/odom", 5.0, 5.0, 0.0), at(2, "/map", 1e5, 1e5, 0.0)]
-    poses += [at(3, "/map", 1e5 + 1000.0, 1e5, -40.0), at(4, "/odom", 0.0, 0.0, 0.0)]
-    messages = [poses[0], fix(1), *poses[1:], at(5, "/odom", 0.0, 500.0, -30.0)]
-    states = only(VehicleState, run(messages))
-    one_by_one = [row for block in blocks(messages, MeasurementConfig(), 1) for row in rows(block)]
-    assert [row.longitude for row in one_by_one] == [state.longitude for state in states]
+    messages = [at(0, "/odom", 5.0, 5.0, 0.0), fix(1), at(2, "/map", 1e5, 1e5, 0.0)]
+    messages += [at(3, "/map", 1e5 + 1000.0, 1e5, -40.0), at(4, "/odom", 0.0, 0.0, 0.0)]
+    states = only(VehicleState, run([*messages, at(5, "/odom", 0.0, 500.0, -30.0)]))
     assert [state.dead_reckoned for state in states] == [False] + [True] * 4
     assert [state.depth for state in states[1:]] == [0.0, 40.0, 0.0, 30.0]
     # the second topic begins where the first had got to, in a frame of its own
@@ -155,43 +134,25 @@ def test_poses_move_the_last_position_each_topic_in_its_own_frame():
     assert states[4].latitude + 40.0 == pytest.approx(500.0 / 111_000.0, rel=1e-2)
 
 
+@pytest.mark.parametrize(
+    ("schema", "fields", "expected"),
+    [
+        ("IMC.GpsFix", {"validity": 0x0007, "type": "STANDALONE"}, (-40.0, math.nan, False)),
+        ("IMC.GpsFix", {"type": 2}, (-40.0, math.nan, True)),
+        ("IMC.EstimatedState", {"x": 0.0, "y": 0.0, "depth": 30.0}, (-40.0, 30.0, True)),
+        ("IMC.EstimatedState", {"x": -1000.0, "depth": -1.0}, (-40.009, math.nan, True)),
+    ],
+)
+def test_imc_positions(schema, fields, expected):
+    found = stated(logged(schema, PLACE | fields))
+    assert found.longitude == pytest.approx(152.0, abs=2e-5)
+    values = (found.latitude, found.depth, found.dead_reckoned)
+    assert values == pytest.approx(expected, abs=2e-5, nan_ok=True)
+
+
 def test_frames_that_are_not_east_north_up():
     ned = logged("geometry_msgs/PoseStamped", pose(20.0, 10.0, 40.0, "world_ned"), topic="/pose")
     found = stated(ned)
     assert (found.east, found.north, found.depth) == (10.0, 20.0, 40.0)
     goal = ned._replace(topic="/move_base/Goal")
     assert "suggests a goal" in the(Skipped, [fix(0), goal]).reason
-
-
-@pytest.mark.parametrize("name", ["/NavSatFix", "/msg/NavSatFix", "::msg::dds_::NavSatFix_"])
-def test_every_spelling_of_a_name(name):
-    assert canonical(f"sensor_msgs{name}") == "sensor_msgs.NavSatFix"
-    assert [canonical("/"), reader_of("", "/x"), reader_of("vendor.GpsFix", "/x")] == [
-        "/",
-        None,
-        None,
-    ]
-
-
-@pytest.mark.parametrize(
-    ("kind", "fields", "expected"),
-    [
-        ("GpsFix", {"validity": 0x0007, "type": "STANDALONE"}, (152.0, -40.0, math.nan, False)),
-        ("GpsFix", {"type": 2}, (152.0, -40.0, math.nan, True)),
-        ("EstimatedState", {"x": 0.0, "y": 0.0, "depth": 30.0}, (152.0, -40.0, 30.0, True)),
-        ("EstimatedState", {"x": -1000.0, "depth": -1.0}, (152.0, -40.009, math.nan, True)),
-    ],
-)
-def test_imc_positions(kind, fields, expected):
-    message = logged(f"IMC.{kind}", PLACE | fields)
-    found = stated(message)
-    values = (found.longitude, found.latitude, found.depth, found.dead_reckoned)
-    assert values == pytest.approx(expected, abs=2e-5, nan_ok=True)
-
-
-@pytest.mark.parametrize("many", [False, True])
-def test_the_bounds_of_an_error_that_is_believed_belong_to_it(many):
-    low, high = STD_BELIEVED
-    for std, known in ((low, low), (high, high), (0.5 * low, None), (2.0 * high, None)):
-        found = stated(ping(0, velocity_std=[std] * 3 if many else std)).error_std
-        assert_array_equal(found, np.float64(known))

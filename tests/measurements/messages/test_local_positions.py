@@ -10,7 +10,9 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation, VehicleState
 from tests.measurements.foreign import pose
 from tests.measurements.samples import (
+    CONFIG,
     SECOND,
+    events_of,
     in_order,
     logged,
     mavlink_frames,
@@ -81,14 +83,22 @@ def test_odometry_without_a_fix_begins_at_a_stated_origin():
     assert not only(VehicleState, run(odometry))
 
 
-@pytest.mark.parametrize("asked", [None, 1, 191])
-def test_one_component_of_a_system_counts(asked):
-    own, other = map(position_int, range(6)), (position_int(k + 0.5) for k in range(6))
-    other = [one._replace(topic=one.topic.replace("1/1", "1/191")) for one in other]
-    events = run(in_order(*own, *other), component=asked)
-    used, left = (191, 1) if asked == 191 else (1, 191)
-    words = (
-        f"MAVLink component {left}, but component {used} is used; choose with component in [logs]"
-    )
-    assert reasons(events) == [words] * 6
-    assert {one.source.topic.split("/")[2] for one in only(VehicleState, events)} == {str(used)}
+@pytest.mark.parametrize(
+    ("other", "asked", "left"),
+    [
+        ("1/191", {}, "component 191, but component 1 is used; choose with component in [logs]"),
+        ("1/191", {"component": 1}, "component 191, but component 1"),
+        ("1/191", {"component": 191}, "component 1, but component 191"),
+        ("2/1", {}, "choose with system in [logs]"),
+        ("2/1", {"system": 2}, "choose with system in [logs]"),
+    ],
+)
+def test_one_component_of_one_system_counts(other, asked, left):
+    own, others = map(position_int, range(6)), (position_int(k + 0.5) for k in range(6))
+    others = [one._replace(topic=one.topic.replace("1/1", other)) for one in others]
+    messages = in_order(*own, *others)
+    events = [event for each in events_of(messages, CONFIG, **asked) for event in each]
+    said, used = reasons(events), only(VehicleState, events)
+    assert (len(said), len(used), all(left in reason for reason in said)) == (6, 6, True)
+    asked_other = any(f"/{value}/" in f"/{other}/" for value in asked.values() if value > 1)
+    assert {other in one.source.topic for one in used} == {asked_other}

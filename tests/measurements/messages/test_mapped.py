@@ -79,16 +79,11 @@ def test_a_path_leads_to_a_value_or_says_what_stands_there(path, found):
 
 
 @pytest.mark.parametrize(
-    ("unit", "longitude", "latitude"),
-    [
-        ("deg", 152.5, -40.25),
-        ("degE7", 1525000000, -402500000),
-        ("rad", math.radians(152.5), math.radians(-40.25)),
-    ],
+    ("unit", "each"), [("deg", 1.0), ("degE7", 1e7), ("rad", math.radians(1.0))]
 )
-def test_positions(unit, longitude, latitude):
+def test_positions(unit, each):
     config = entry(**POSITION, angle_unit=unit, dead_reckoned=True, depth="p", depth_unit="bar")
-    message = logged("", {"lon": longitude, "lat": latitude, "p": 10.0}, topic="/p")
+    message = logged("", {"lon": 152.5 * each, "lat": -40.25 * each, "p": 10.0}, topic="/p")
     state = the(VehicleState, [message], config)
     assert (state.longitude, state.latitude) == pytest.approx((152.5, -40.25), abs=1e-12)
     assert (state.dead_reckoned, round(state.depth)) == (True, 99)
@@ -117,10 +112,13 @@ def test_depths_and_pressures(fields, value, expected):
 
 
 @pytest.mark.parametrize(
-    ("unit", "factor"), [("m/s", 1), ("dm/s", 10), ("cm/s", 100), ("mm/s", 1000)]
-)
-@pytest.mark.parametrize(
-    ("frame", "cell"), [("enu", [0.125, -0.25, 0.5]), ("ned", [-0.25, 0.125, -0.5])]
+    ("unit", "factor", "frame", "cell"),
+    [
+        ("m/s", 1, "enu", [0.125, -0.25, 0.5]),
+        ("dm/s", 10, "ned", [-0.25, 0.125, -0.5]),
+        ("cm/s", 100, "enu", [0.125, -0.25, 0.5]),
+        ("mm/s", 1000, "ned", [-0.25, 0.125, -0.5]),
+    ],
 )
 def test_speeds_and_frames(unit, factor, frame, cell):
     cell = [factor * value for value in cell]
@@ -190,13 +188,6 @@ def test_profiles_that_are_none(payload, fields, words):
     assert words in reasons(events)[0]
 
 
-@pytest.mark.parametrize("frame", ["beam", "instrument", "ship"])
-def test_profiles_in_other_frames_keep_their_components(frame):
-    payload = {"v": [[1.0, 2.0, 3.0, 4.0]]}
-    found = mapped(payload, entry(**PROFILE | {"frame": frame, "velocity": "v"}))
-    assert (found.frame, found.velocity.tolist()) == (frame, payload["v"])
-
-
 @pytest.mark.parametrize(
     ("payload", "profiles", "positions"),
     [
@@ -211,18 +202,6 @@ def test_a_profile_with_a_position_in_the_same_message(payload, profiles, positi
     assert [one.longitude for one in only(Observation, events)] == profiles
     assert [one.longitude for one in only(VehicleState, events)] == positions
     assert len(only(Used, events)) == 1 + len(profiles)
-
-
-@pytest.mark.parametrize(
-    "fields", [{}, {"depth_unit": "dbar"}, {"depth_unit": "Pa", "depth_absolute": True}]
-)
-def test_an_unknown_depth_of_the_instrument_is_that_of_the_vehicle(fields):
-    payload = {"v": [[0.1, 0.2]], "d": None}
-    known, unknown = (
-        profile(payload, depth, velocity="v", depth="d", **fields) for depth in (50.0, None)
-    )
-    assert only(Observation, known)[0].depth.tolist() == [56.0]
-    assert "no earlier message gives the vehicle depth" in reasons(unknown)[0]
 
 
 def test_a_mapping_goes_before_a_known_kind():
@@ -260,5 +239,10 @@ def test_one_velocity_at_one_depth(fields, where):
     found = the(Observation, messages, entry(**MOORING, **fields))
     assert (found.longitude, found.latitude, round(float(found.depth[0]))) == where
     assert_allclose([*found.velocity[0], *found.error_std], [0.1, -0.2, 0.02])
-    # one that says where it is says nothing of the vehicle
-    assert found.dive == (not fields)
+
+
+@pytest.mark.parametrize("frame", ["beam", "instrument", "ship"])
+def test_profiles_in_other_frames_keep_their_components(frame):
+    payload = {"v": [[1.0, 2.0, 3.0, 4.0]]}
+    found = mapped(payload, entry(**PROFILE | {"frame": frame, "velocity": "v"}))
+    assert (found.frame, found.velocity.tolist()) == (frame, payload["v"])

@@ -5,8 +5,7 @@ from typing import Any
 import pytest
 
 from replay_kit.core.message import Message
-from replay_kit.core.observation import VehicleState
-from tests.measurements.samples import CONFIG, SECOND, Skipped, Used, events_of, only, reasons
+from tests.measurements.samples import CONFIG, SECOND, Skipped, Used, events_of, only
 
 
 def said(*messages: tuple[int, str, dict[str, Any]], system: int | None = None) -> list[Any]:
@@ -40,17 +39,6 @@ def test_a_position_is_computed_when_the_last_fix_is_old():
     assert [fix.dead_reckoned for fix in fixes] == [False, True, False]
     _, after = said((0, "GPS_RAW_INT", gps(2)), (1, *position))
     assert after.dead_reckoned
-
-
-@pytest.mark.parametrize(("asked", "counts"), [(None, 1.0), (1, 1.0), (2, 2.0)])
-def test_positions_of_one_system_count(asked, counts):
-    log = (
-        (n, f"{one}/GLOBAL_POSITION_INT", FILTER | {"lon": 10**7 * one})
-        for n, one in enumerate((1, 2, 1, 2))
-    )
-    events = said(*log, system=asked)
-    assert [event.longitude for event in only(VehicleState, events)] == [counts] * 2
-    assert all("choose with system in [logs]" in reason for reason in reasons(events))
 
 
 def test_dataflash_records():

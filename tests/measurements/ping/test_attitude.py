@@ -23,43 +23,27 @@ def quaternion(rotation, factor=1.0):
 
 def attitude(message, ned=False):
     """Return heading, pitch and roll [degrees] of a quaternion."""
-    return attitude_of(np.array([[message.get(name, np.nan) for name in "xyzw"]]), np.array([ned]))[
-        0
-    ]
+    turn = np.array([[message.get(name, np.nan) for name in "xyzw"]])
+    return attitude_of(turn, np.array([ned]))[0]
 
 
 def attitudes(message, time_ns=0):
     """Return the attitude of a quaternion at a time."""
-    quaternions = np.array([[message[name] for name in "xyzw"]])
-    angles = attitude_of(quaternions, np.zeros(1, bool))
-    return {"time": np.array([time_ns]), "order": np.array([-1]), "values": angles}
+    values = attitude(message)[None]
+    return {"time": np.array([time_ns]), "order": np.array([-1]), "values": values}
 
 
 @settings(derandomize=True)
 @given(st.floats(-179.0, 179.0), st.floats(-80.0, 80.0), st.floats(-170.0, 170.0))
 def test_yaw_is_the_heading_north_east_down_and_counts_from_east_north_east_up(yaw, pitch, roll):
     turn = quaternion(Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True), 1.03)
-    assert_angles(attitude(turn, ned=True), (yaw, pitch, roll))
-    assert_angles(attitude(turn), (90.0 - yaw, -pitch, roll))
-
-
-def assert_angles(found, expected):
-    off = (found - np.array(expected) + 180.0) % 360.0 - 180.0
-    np.testing.assert_allclose(off, 0.0, atol=1e-6)
-    assert 0.0 <= found[0] < 360.0
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [
-        {},
-        {"x": 0, "y": 0, "z": 0, "w": 0},
-        {"w": 2.0},
-        {"x": 0, "y": 0, "z": 0, "w": 2.0},
-    ],
-)
-def test_what_is_no_attitude(bad):
-    assert np.isnan(attitude(bad)).all()
+    for ned, expected in ((True, (yaw, pitch, roll)), (False, (90.0 - yaw, -pitch, roll))):
+        found = attitude(turn, ned)
+        off = (found - np.array(expected) + 180.0) % 360.0 - 180.0
+        np.testing.assert_allclose(off, 0.0, atol=1e-6)
+        assert 0.0 <= found[0] < 360.0
+    for none in ({}, dict.fromkeys("xyzw", 0), {"w": 2.0}, turn | {"w": 2.0}):
+        assert np.isnan(attitude(none)).all()
 
 
 EAST = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}

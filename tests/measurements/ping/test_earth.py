@@ -68,18 +68,6 @@ def test_every_coordinate_system_gives_the_current_over_the_ground(system, conve
     assert_allclose(absolute.added, [*VESSEL[:2], 0.4], atol=1e-12)
 
 
-def test_words_and_truths_may_be_the_numbers_of_mavlink():
-    numbers = {
-        "coordinate_system": 2.0,
-        "reference": 1.0,
-        "orientation": 0.0,
-        "declination_applied": 1.0,
-        "bin_mapped": 0.0,
-    }
-    absolute = turned(_raw("ship", **numbers))
-    assert_water(absolute)
-
-
 @pytest.mark.parametrize("declination", [20.0, -20.0])
 @pytest.mark.parametrize(
     ("changes", "velocity"),
@@ -131,13 +119,6 @@ def test_a_beams_stated_error_grows_in_the_solution():
     # two beams at 20 degrees from the vertical give a component: 1 / (sqrt(2) sin 20)
     expected = np.array([0.1, 0.2, 0.3]) / (np.sqrt(2.0) * np.sin(np.deg2rad(20.0)))
     assert_allclose(absolute.error_std, expected)
-
-
-def test_flat_and_empty_arrays_are_those_of_protobuf():
-    raw = _raw("beam", velocity_std=[])
-    flat = {name: list(np.ravel(raw[name])) for name in ("velocity", "beam_unit_vectors")}
-    assert_water(turned(raw | flat))
-    assert_water(turned(_raw("instrument", beam_unit_vectors=[])))
 
 
 @pytest.mark.parametrize(

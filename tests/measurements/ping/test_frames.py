@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from replay_kit.measurements.profiles import frames
 from tests.reference import frames as slow
@@ -74,13 +74,6 @@ def test_three_beams_equal_four_when_the_error_velocity_is_zero(velocity, angle,
     assert_allclose(three[0], [*velocity, np.nan], atol=1e-10)
 
 
-def test_two_beams_or_three_in_a_plane_give_nothing():
-    vectors = slow.janus_vectors(20.0)
-    assert np.isnan(solved(np.array([[0.1, 0.2, np.nan, np.nan]]), vectors)).all()
-    flat = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    assert np.isnan(solved(np.ones((1, 3)), flat)).all()
-
-
 @quick
 @given(ANGLE, TILT, TILT, st.booleans())
 def test_mapped_bins_are_exact_for_a_velocity_linear_in_depth(heading, pitch, roll, up):
@@ -100,11 +93,3 @@ def test_mapped_bins_are_exact_for_a_velocity_linear_in_depth(heading, pitch, ro
     assert inside[2:10].all()
     expected = offset + (first + size * np.arange(n))[:, None] * slope
     assert_allclose(earth[inside], expected[inside], atol=1e-10)
-
-
-def test_without_tilt_bins_stay_where_they_are_missing_ones_too():
-    beams = np.arange(12.0).reshape(3, 4)
-    beams[1, 2] = np.nan
-    assert_array_equal(map_bins(beams, np.ones(4), 2.0, 0.5), beams)
-    # a beam that has become level measures no depth but its own
-    assert np.isnan(map_bins(beams, np.zeros(4), 2.0, 0.5)).all()

@@ -141,24 +141,6 @@ def test_a_vessel_s_fixes_give_its_motion():
 
 
 @pytest.mark.parametrize(
-    "messages",
-    [
-        [*sail(61), relative(60.5)],
-        [*sail(120, step=15), relative(118)],
-        [*sail(120, step=30), relative(60)],
-    ],
-)
-def test_fixes_that_are_few_or_on_one_side_give_none(messages):
-    assert the(Observation, in_order(*messages)).reference == "platform"
-
-
-def test_a_ping_that_waited_in_vain_is_between_the_positions_around_it():
-    observation = the(Observation, [fix(0, 152.0), relative(5), fix(100, 152.1)])
-    assert observation.reference == "platform"
-    assert observation.longitude == pytest.approx(152.005, abs=1e-6)
-
-
-@pytest.mark.parametrize(
     ("frame", "axes", "is_left_up"),
     [
         ("dvl_link", None, False),

@@ -95,10 +95,10 @@ def test_one_bad_cell_is_marked_and_no_other(changes, flag, reason):
     assert observation.reasons.tolist() == third(reason, 0)
 
 
-def test_teledyne_s_percent_good_counts_solutions_only_where_its_instrument_turned_the_velocities():
+@pytest.mark.parametrize(("convention", "flags"), [({}, [GOOD] * 5 + [FAIL]), (NORTEK, [FAIL] * 6)])
+def test_percent_good_counts_solutions_only_where_teledyne_turned_the_velocities(convention, flags):
     solutions = {"percent_good": [[10.0, 5.0, 5.0, 80.0]] * 5 + [[0.0, 0.0, 100.0, 0.0]]}
-    assert observed(**solutions)[0].flags.tolist() == [GOOD] * 5 + [FAIL]
-    assert observed(**solutions, attitude_convention="nortek")[0].flags.tolist() == [FAIL] * 6
+    assert observed(**solutions, **convention)[0].flags.tolist() == flags
 
 
 @pytest.mark.parametrize(
@@ -161,14 +161,7 @@ def test_a_solution_from_beams_brings_its_error_velocity():
     along[4, 1] = np.nan
     observation, tests = observed(**BEAM, velocity=along.tolist())
     assert observation.reasons.tolist() == [0, 0, 0, Reason.ERROR_VELOCITY, 0, 0]
-    assert tests["error_velocity"].flags.tolist() == [
-        GOOD,
-        GOOD,
-        GOOD,
-        SUSPECT,
-        Flag.NOT_EVALUATED,
-        GOOD,
-    ]
+    assert tests["error_velocity"].flags[4] == Flag.NOT_EVALUATED
 
 
 def test_every_test_can_be_switched_off():
@@ -193,8 +186,7 @@ def test_beams_percent_good_is_each_beam_s_also_where_gps_makes_the_ping_absolut
         "percent_good": [[60, 5, 5, 60]] * 6,
     }
     fixes = [fix(k, 152.0 + 1e-5 * k) for k in range(120)]
-    messages = in_order(*fixes, ping(60.5, **beam))
-    found, tests = found_of(messages, MeasurementConfig())
+    found, tests = found_of(in_order(*fixes, ping(60.5, **beam)), MeasurementConfig())
     assert found.reference == "earth"
     # the third best of four beams, not the sum of the first and fourth number
     assert tests["percent_good"].flags.tolist() == [FAIL] * 6

@@ -6,12 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from replay_kit.config.run import MeasurementConfig
-from replay_kit.core.message import Message
 from replay_kit.core.observation import Observation
 from replay_kit.measurements.observed import begun
 from tests.measurements.samples import (
     CONFIG,
-    finish,
     fix,
     interpret_block,
     only,
@@ -19,19 +17,6 @@ from tests.measurements.samples import (
     reasons,
     run,
 )
-
-MANY = 1500
-
-
-def test_many_pings_expire_at_once():
-    """As many as would have ended a recursion; and many more do not pile up."""
-    late = Message(5000 * 10**9, "/other", "std_msgs/String", {}, 0, 0)
-    state, (*_, events) = interpret_block(
-        begun(), [*(ping(0.1 * k) for k in range(MANY)), late], CONFIG
-    )
-    assert not sum(map(len, state.memory.waiting))
-    assert reasons(events)[:-1] == ["no position within 600 s"] * MANY
-    assert not finish(state, CONFIG)
 
 
 @given(

@@ -10,9 +10,7 @@ from replay_kit.config.run import MeasurementConfig
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import PathMean
-from replay_kit.measurements.checks.check import Checked, check
 from replay_kit.measurements.means import Spot, begun, extended, path_mean
-from replay_kit.measurements.observed import blocks
 from tests.measurements.samples import (
     CONFIG,
     SECOND,
@@ -55,11 +53,14 @@ def test_weights_sum_to_one_and_give_the_time_mean_of_the_polyline(walk, repeats
     times, easts, depths = np.array([(0.0, 0.0, 0.0), *walk * repeats]).T
     times = np.cumsum(np.round(times, 3))
     longitude, latitude = to_geographic(HERE, easts, 0.0 * easts)
-    columns = np.round(times * SECOND).astype(np.int64), longitude, latitude, depths
-    names = ("time", "longitude", "latitude", "depth")
-    first, *_, last = (Spot(*row) for row in zip(*(one.tolist() for one in columns), strict=True))
-    way = {name: column[1:] for name, column in zip(names, columns, strict=True)}
-    path = extended(begun(first), way, np.empty(0))
+    way = {
+        "time": np.round(times * SECOND).astype(np.int64),
+        "longitude": longitude,
+        "latitude": latitude,
+        "depth": depths,
+    }
+    first, last = (Spot(*(column[k].item() for column in way.values())) for k in (0, -1))
+    path = extended(begun(first), {name: of[1:] for name, of in way.items()}, np.empty(0))
     mean = path_mean(path, last, (0.1, 0.2), 0.02)
     weight = mean["weight"]
     assert weight.sum() == pytest.approx(1.0, abs=1e-12)
@@ -89,19 +90,12 @@ def test_a_stated_current_takes_the_dead_reckoned_path_moved_to_end_at_the_fix()
         east[under_way], (0.25 + (420.0 - 285.0) / 1200.0) * seconds[under_way], atol=0.1
     )
     assert_allclose(north, -0.2 * seconds, atol=0.01)
-    assert mean.weight @ mean.depth == pytest.approx(100.0, abs=1.0)
 
 
-@pytest.mark.parametrize("order", ["fix first", "current first", "much later"])
-def test_the_path_is_found_whenever_the_current_comes(order):
-    *way, last = dive()
-    stated, after = dac(1200, error=None), [fix(1260, depth=0.0), fix(1500, depth=0.0)]
-    given_ = {
-        "fix first": [*way, last, stated, *after],
-        "current first": [*way, stated, last, *after],
-        "much later": [*way, last, *after, stated._replace(time_ns=1500 * SECOND)],
-    }
-    mean = the(PathMean, given_[order])
+@pytest.mark.parametrize("comes", [1199, 1201, 1500])
+def test_the_path_is_found_whenever_the_current_comes(comes):
+    stated, after = dac(comes, end_s=1200, error=None), [fix(1260, depth=0.0), fix(1500, depth=0.0)]
+    mean = the(PathMean, in_order(*dive(), *after, stated))
     assert mean.weight @ mean.depth == pytest.approx(100.0, abs=1.0)
     assert mean.error_std == pytest.approx(np.hypot(0.02, np.sqrt(2.0) * 20.0 / 1200.0))
 
@@ -154,31 +148,6 @@ def test_dead_reckoning_through_water_gives_the_current_of_dives_without_one():
         -0.2,
     ]
     assert "computed" in reasons(events)[0]
-
-
-@pytest.mark.parametrize(
-    ("stated", "words"),
-    [
-        (lambda east, north: (east, north), None),
-        (lambda east, north: (north, east), "east and north are exchanged"),
-        (None, None),
-    ],
-)
-def test_stated_currents_with_a_slip_contradict_dead_reckoning(stated, words):
-    messages, before = [], (0.0, 0.0)
-    for k in range(6):
-        angle = 0.5 * np.pi * k
-        turning = 0.2 * np.cos(angle), 0.2 * np.sin(angle)
-        current = (0.15 + 0.01 * k, -0.08) if stated else turning
-        messages += dive(current, before, 2000 * k)
-        east, north = stated(*current) if stated else current
-        change = {"dac_eastward": east, "dac_northward": north, "dive": k + 1}
-        messages.append(dac(2000 * k + 1200, 2000 * k, **change))
-        before = before if stated else current
-    block, _ = blocks(messages, CONFIG)
-    found = [one for one in check(Checked(), block)[0].findings if "dead reckoning" in one.name]
-    assert len(found) == (words is not None)
-    assert all(words in str(finding) and "through_water" in str(finding) for finding in found)
 
 
 def test_a_stated_current_of_a_dive_that_begins_at_a_fix_thrown_off_is_left_out():

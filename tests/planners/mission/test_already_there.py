@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from planners import (
     MissionRequest,
@@ -12,12 +11,10 @@ from planners import (
     plan_by_odds,
     plan_departures,
     plan_mission,
-    waypoints_of,
 )
 from planners.odds.departures import cut_at_horizon
 from planners.output.mission import as_plan
-from tests.planners.flow_samples import eddying_flow, place, still_flow
-from tests.planners.mission.test_bottom import bathymetry, least_height, request, turns
+from tests.planners.flow_samples import eddying_flow, place
 
 FLOW = eddying_flow(3, speed=0.1)
 SETTINGS = MissionSettings(depth=300.0, surface_time=600.0)
@@ -39,15 +36,9 @@ def test_a_first_goal_at_the_start_is_met_there_and_the_others_as_without_it():
     assert (both.goal_legs, both.goal_times[0]) == ((0, len(both.headings_deg)), 0.0)
     np.testing.assert_array_equal(both.track, alone.track)
     np.testing.assert_allclose(both.closest_approach, [90.0, alone.closest_approach[0]], atol=0.1)
-    assert "above_bound_percent" in both.statistics
-    # a list of waypoints leads to the other one
-    request = asked((90.0, 0.0, 0.0), (6e3, 0.0, 0.0))
-    few, other = (waypoints_of(FLOW, plan, request)[0] for plan in (both, alone))
-    np.testing.assert_array_equal(few.longitude, other.longitude)
     # a first goal below the start is met by a dive
     dived = plan_mission(FLOW, asked((0.0, 0.0, 40.0), (6e3, 0.0, 0.0)))
     assert dived.goal_legs[0] == 1
-    assert waypoints_of(FLOW, replace(both, goals=dived.goals), request)[0].times.size > 0
 
 
 def test_a_mission_without_legs_is_judged_compared_cut_and_published():
@@ -59,29 +50,9 @@ def test_a_mission_without_legs_is_judged_compared_cut_and_published():
     plans = plan_departures(changing, there, [day, day + day // 4])
     assert [(one.status, len(one.headings_deg)) for one in plans] == [("reached", 0)] * 2
     assert best_departure(plans) == 0
-    projection = FLOW.grid.projection
-    assert cut_at_horizon(plan, 3600.0, projection) is plan
-    glide = as_plan(plan, projection)
+    assert cut_at_horizon(plan, 3600.0, FLOW.grid.projection) is plan
     # there is no command
-    assert np.isnan([glide.heading_deg, glide.glide_angle_deg]).all()
-    assert (glide.status, glide.duration, glide.velocity_through_water.tolist()) == (
-        "reached",
-        0.0,
-        [0.0, 0.0, 0.0],
-    )
+    glide = as_plan(plan, FLOW.grid.projection)
+    assert (glide.status, glide.duration, np.isnan(glide.heading_deg)) == ("reached", 0.0, True)
     # the rest of such a plan is planned anew
     assert plan_mission(FLOW, asked((6e3, 0.0, 0.0)), warm=plan).status == "reached"
-
-
-@pytest.mark.parametrize("begin", [-8560.0, -8600.0])
-def test_a_start_beside_a_ridge_that_rises_above_the_dives_is_planned_over_it(begin):
-    flow, bottom = (
-        still_flow(),
-        bathymetry(lambda x, y: np.where((x > 152.405) & (x < 152.455), 150.0, 900.0)),
-    )
-    plan = plan_mission(flow, request(flow, begin, 9e3, 390.0, bottom))
-    assert plan.status == "reached"
-    # over the ridge, and then as deep as asked for
-    assert set(turns(plan)) == {130.0, 390.0}
-    assert turns(plan)[0] == 130.0
-    assert least_height(flow, plan.track, bottom) >= 20.0 - 1e-3

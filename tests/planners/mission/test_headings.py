@@ -1,35 +1,18 @@
 """Headings of true north, held by a compass: a leg ends where one flown on the ellipsoid does, through a current that is known there."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pyproj import Geod
 
 from replay_kit.core.geodesy import (
-    grid_bearing_of_true_north,
     rate_in_frame,
     rotate_to_geographic,
     to_geographic,
     to_local,
-    true_north_halfway,
 )
 from replay_kit.core.grid import Projection
 
 ELLIPSOID = Geod(ellps="WGS84")
-
-
-def moved(flow, frame, east, north):
-    """Return a flow moved by a distance [m] within another frame."""
-    grid = replace(
-        flow.grid, projection=frame, east=flow.grid.east + east, north=flow.grid.north + north
-    )
-    longitude, latitude = to_geographic(frame, grid.east, grid.north)
-    return replace(
-        flow,
-        grid=replace(grid, longitude=longitude, latitude=latitude),
-        horizontal=replace(flow.horizontal, nodes=grid.nodes),
-    )
 
 
 def stepped(longitude, latitude, velocity, seconds):
@@ -39,16 +22,6 @@ def stepped(longitude, latitude, velocity, seconds):
         longitude, latitude, azimuth, seconds * float(np.hypot(*velocity))
     )
     return longitude, latitude
-
-
-def water_at(flow, at, depth):
-    """Return the current towards true east and north at a place [degrees]."""
-    frame = flow.grid.projection
-    return np.array(
-        rotate_to_geographic(
-            frame, *at, *flow.velocity(*(float(value) for value in to_local(frame, *at)), depth)
-        )
-    )
 
 
 @pytest.mark.parametrize("latitude", [0.0, 35.0, -45.0, 60.0, 80.0])
@@ -61,15 +34,3 @@ def test_the_rate_in_the_frame_is_that_of_a_metre_on_the_ellipsoid(latitude):
         there = np.array(to_local(frame, *stepped(*at, through + water, 1.0)))
         rate = np.array(rate_in_frame(frame, east, north, tuple(through), tuple(current)))
         np.testing.assert_allclose(rate, there - [east, north], atol=5e-6)
-
-
-def test_the_turn_of_a_leg_is_that_of_true_north_halfway():
-    frame = Projection(10.0, 60.0)
-    begins = np.array([[200e3, 10e3], [-50e3, 80e3]])
-    ends = np.array([[220e3, 20e3], [-50e3, 60e3]])
-    halfway = to_geographic(frame, np.array([210e3, -50e3]), np.array([15e3, 70e3]))
-    np.testing.assert_allclose(
-        true_north_halfway(frame, begins, ends),
-        grid_bearing_of_true_north(frame, *halfway),
-        rtol=1e-12,
-    )

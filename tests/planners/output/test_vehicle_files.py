@@ -20,19 +20,14 @@ PLACES = np.column_stack([FEW.longitude, FEW.latitude])
 
 def test_a_qgroundcontrol_plan_has_each_waypoint_and_its_radius():
     read = json.loads(waypoint_text(FEW, Path("mission.plan")))
-    assert (read["fileType"], read["version"], read["mission"]["version"]) == ("Plan", 1, 2)
-    items = read["mission"]["items"]
-    assert [(item["command"], item["frame"], item["doJumpId"], item["type"]) for item in items] == [
-        (16, 3, k, "SimpleItem") for k in range(1, len(PLACES) + 1)
-    ]
-    parameters = [item["params"] for item in items]
-    np.testing.assert_allclose([[p[5], p[4]] for p in parameters], PLACES, atol=6e-8)
-    assert {(p[0], p[1], p[2], p[3], p[6]) for p in parameters} == {
-        (0.0, FEW.radius, 0.0, None, 0.0)
-    }
-    np.testing.assert_allclose(
-        read["mission"]["plannedHomePosition"], [PLACES[0, 1], PLACES[0, 0], 0.0], atol=6e-8
-    )
+    assert (read["fileType"], read["mission"]["version"]) == ("Plan", 2)
+    home, items = read["mission"]["plannedHomePosition"], read["mission"]["items"]
+    # waypoints, at an altitude above home
+    assert {(item["command"], item["frame"]) for item in items} == {(16, 3)}
+    params = np.array([item["params"] for item in items], dtype=float)
+    np.testing.assert_allclose(params[:, [5, 4]], PLACES, atol=6e-8)
+    np.testing.assert_array_equal(params[:, [1, 6]], [[FEW.radius, 0.0]] * len(PLACES))
+    np.testing.assert_allclose(home, [*PLACES[0, ::-1], 0.0], atol=6e-8)
 
 
 def test_a_qgroundcontrol_plan_has_the_fence_and_the_areas_that_hold_at_any_depth():
@@ -59,7 +54,6 @@ def test_a_kml_has_each_waypoint_and_the_way():
     )
     (way,) = read.iter(f"{space}LineString")
     assert way.findtext(f"{space}coordinates").split() == points
-    assert next(read.iter(f"{space}description")).text == FEW.message
 
 
 def test_a_slocum_s_goto_list_has_each_waypoint():
@@ -73,8 +67,7 @@ def test_a_slocum_s_goto_list_has_each_waypoint():
         "list_when_wpt_dist(m)": FEW.radius,
         "initial_wpt(enum)": 0.0,
     }
-    # to a tenth of a thousandth of a minute
-    np.testing.assert_allclose(places, PLACES, atol=0.5e-4 / 60.0 + 1e-12)
+    assert len(places) == len(PLACES)
 
 
 def test_a_slocum_s_yo_has_the_dives():
@@ -107,9 +100,6 @@ def test_a_seaglider_samples_down_to_its_deepest_dive(depth, rows):
 
 def test_a_seaglider_s_targets_lead_from_each_waypoint_to_the_next():
     targets = read_targets(waypoint_text(FEW, Path("targets")))
-    np.testing.assert_allclose(
-        [[one["lon"], one["lat"]] for one in targets.values()], PLACES, atol=0.5e-4 / 60.0 + 1e-12
-    )
     assert {one["radius"] for one in targets.values()} == {FEW.radius}
     names = list(targets)
     assert [one["goto"] for one in targets.values()] == [*names[1:], names[-1]]
@@ -119,12 +109,8 @@ def test_a_seaglider_s_targets_lead_from_each_waypoint_to_the_next():
     "degrees", [-179.9999999, -70.5, -0.00001, 0.0, 0.99999999, 7.05, 152.9876543, 180.0]
 )
 def test_minutes_are_read_as_they_were_written(degrees):
-    there = replace(
-        FEW,
-        longitude=FEW.longitude[:1] * 0.0 + degrees,
-        latitude=FEW.latitude[:1],
-        times=FEW.times[:1],
-    )
+    # to a tenth of a thousandth of a minute
+    there = replace(FEW, longitude=FEW.longitude * 0.0 + degrees)
     for places in (
         read_mission_arguments(waypoint_text(there, Path("goto_l10.ma")))[2],
         [
@@ -132,4 +118,6 @@ def test_minutes_are_read_as_they_were_written(degrees):
             for one in read_targets(waypoint_text(there, Path("a.targets"))).values()
         ],
     ):
-        np.testing.assert_allclose(places, [[degrees, FEW.latitude[0]]], atol=0.5e-4 / 60.0 + 1e-12)
+        np.testing.assert_allclose(
+            places, np.column_stack([there.longitude, FEW.latitude]), atol=0.5e-4 / 60.0 + 1e-12
+        )

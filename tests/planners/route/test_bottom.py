@@ -1,17 +1,13 @@
 """The bottom: limits of cells, the exact test of profiles against them, areas whose edges are long, crossings of thin areas."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from planners.hazards.areas import NoGo, Ring, first_crossing, no_go_rings
+from planners.hazards.areas import Ring, first_crossing
 from planners.hazards.bottom import Bathymetry, Bottom, DepthCells, bottom_of
 from planners.hazards.domain import Region
-from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import to_local
-from replay_kit.core.grid import Projection
 from tests.planners.flow_samples import still_flow
 from tests.planners.route.all_rings import all_rings
 
@@ -26,35 +22,27 @@ def step(limit_east):
     )
 
 
-def segment(begin, end):
-    return np.array([[begin, end]])
-
-
 @pytest.mark.parametrize(
-    ("begin", "end", "depths", "below"),
+    ("begin", "end", "depths", "skin", "below"),
     [
         # the climb is at 100 m where it comes over the step, at 50 m at its end
-        ((500.0, 500.0), (1500.0, 500.0), (150.0, 50.0), False),
-        ((500.0, 500.0), (1500.0, 500.0), (152.0, 50.0), True),
-        ((1500.0, 500.0), (500.0, 500.0), (50.0, 152.0), True),
+        (500.0, 1500.0, (150.0, 50.0), 0.0, False),
+        (500.0, 1500.0, (152.0, 50.0), 0.0, True),
+        (1500.0, 500.0, (50.0, 152.0), 0.0, True),
         # it only touches the edge of the cell, at 200 m
-        ((500.0, 500.0), (999.0, 500.0), (0.0, 200.0), False),
-        ((500.0, 500.0), (1001.0, 500.0), (0.0, 200.0), True),
+        (500.0, 999.0, (0.0, 200.0), 0.0, False),
+        (500.0, 1001.0, (0.0, 200.0), 0.0, True),
+        # a path that may bend counts as wide as that
+        (500.0, 998.0, (0.0, 200.0), 1.0, False),
+        (500.0, 998.0, (0.0, 200.0), 3.0, True),
         # straight down
-        ((1500.0, 500.0), (1500.0, 500.0), (0.0, 100.0), False),
-        ((1500.0, 500.0), (1500.0, 500.0), (0.0, 100.1), True),
+        (1500.0, 1500.0, (0.0, 100.0), 0.0, False),
+        (1500.0, 1500.0, (0.0, 100.1), 0.0, True),
     ],
 )
-def test_a_profile_is_held_against_the_bottom_beneath_it(begin, end, depths, below):
-    found = step(100.0).is_below(segment(begin, end), np.array([depths]), np.zeros(1))
-    assert found.tolist() == [below]
-
-
-def test_a_path_that_may_bend_counts_as_wide_as_that():
-    path, depths = segment((500.0, 500.0), (998.0, 500.0)), np.array([[0.0, 200.0]])
-    assert [
-        bool(step(100.0).is_below(path, depths, np.array([skin]))[0]) for skin in (1.0, 3.0)
-    ] == [False, True]
+def test_a_profile_is_held_against_the_bottom_beneath_it(begin, end, depths, skin, below):
+    path = np.array([[(begin, 500.0), (end, 500.0)]])
+    assert step(100.0).is_below(path, np.array([depths]), np.array([skin])).tolist() == [below]
 
 
 def test_limits_are_those_of_the_shallowest_cell_within_a_distance():
@@ -108,63 +96,14 @@ def test_water_that_the_bathymetry_does_not_cover_is_forbidden():
     assert rings[1].forbids(places).tolist() == [False, True]
 
 
-def test_a_region_that_is_shallow_everywhere_has_no_ring_and_still_a_limit():
-    shallow = Bathymetry(GRID.longitude, GRID.latitude, np.full(GRID.longitude.shape, 100.0))
-    bottom = bottom_of(Region(GRID), shallow, 20.0)
-    assert (bottom.rings(300.0), bottom.deepest) == ((), 80.0)
-    assert bottom.is_below(
-        segment((0.0, 0.0), (500.0, 0.0)), np.array([[0.0, 300.0]]), np.zeros(1)
-    ).tolist() == [True]
-
-
-def test_an_outline_that_crosses_itself_is_several_rings():
-    rings = no_go_rings(
-        Projection(0.0, 0.0), NoGo(((0.0, 0.0), (0.1, 0.1), (0.1, 0.0), (0.0, 0.1)), "bow")
-    )
-    assert [ring.name for ring in rings] == ["bow", "bow"]
-    centres = np.column_stack(
-        to_local(Projection(0.0, 0.0), [0.01, 0.09, 0.05], [0.05, 0.05, 0.01])
-    )
-    assert np.any([ring.forbids(centres) for ring in rings], axis=0).tolist() == [True, True, False]
-
-
 def test_an_area_two_metres_wide_is_seen_and_where_it_is_crossed():
     thin = np.array([[0.0, 99.0], [0.0, 101.0], [500.0, 101.0], [500.0, 99.0]])
-    path = np.array(
-        [
-            [[200.0, -1e3], [200.0, -100.0]],
-            [[200.0, -100.0], [200.0, 900.0]],
-            [[200.0, 900.0], [900.0, 900.0]],
-        ]
-    )
+    turns = np.array([[200.0, -1e3], [200.0, -100.0], [200.0, 900.0], [900.0, 900.0]])
+    path = np.stack([turns[:-1], turns[1:]], axis=1)
     ring = Ring(thin, False, "cable", drawn=True)
-    name, number, share = first_crossing((ring,), path, np.zeros(3))
-    assert (name, number, share) == ("cable", 1, pytest.approx(199.0 / 1000.0))
+    found = first_crossing((ring,), path, np.zeros(3))
+    assert found == ("cable", 1, pytest.approx(199.0 / 1000.0))
     beside = path + np.array([303.0, 0.0])
     assert first_crossing((ring,), beside, np.zeros(3)) is None
     assert first_crossing((ring,), beside, np.full(3, 4.0)) == ("cable", 1, 1.0)
     assert first_crossing((replace(ring, outside=True),), path, np.zeros(3)) == ("cable", 0, 0.0)
-
-
-@pytest.mark.parametrize(
-    "polygon",
-    [
-        (),
-        ((0.0, 0.0), (0.1, 0.1)),
-        ((0.0, 0.0), (0.1, 0.1), (0.0, 0.0)),
-        ((0.0, 0.0), (0.1, 0.1), (0.1, math.nan)),
-    ],
-)
-def test_an_area_needs_three_corners_that_are_numbers(polygon):
-    with pytest.raises(
-        PlanError,
-        match=r"range has \d corners that are numbers; a no-go area needs three pairs of longitude and latitude",
-    ):
-        no_go_rings(Projection(0.0, 0.0), NoGo(polygon, "range"))
-
-
-def test_an_area_may_have_long_edges_beside_short_ones():
-    strip = NoGo(((-0.05, 0.0), (0.05, 0.0), (0.05, 0.0001), (-0.05, 0.0001)), "strip")
-    (ring,) = no_go_rings(Projection(0.0, 0.0), strip)
-    # 0.1 by 0.0001 degrees at the equator
-    assert ring.area.area == pytest.approx(11131.9 * 11.0574, rel=1e-3)

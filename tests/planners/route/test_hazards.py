@@ -1,43 +1,20 @@
 """Rings against their slow twins, those of land and areas, and geometry without gaps: thin areas, long edges, slivers."""
 
-import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from pyproj import Geod
 
-from planners import MissionRequest, MissionSettings, NoGo, plan_mission
-from planners.hazards.areas import Ring, first_crossing, no_go_rings
+from planners import NoGo
+from planners.hazards.areas import no_go_rings
 from planners.hazards.bottom import Bathymetry
 from planners.hazards.domain import Region
-from planners.route.passage import mean_current, passage
-from planners.task import task_of
 from replay_kit.core.errors import PlanError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
-from tests.planners.flow_samples import forbidden, place, still_flow
+from tests.planners.flow_samples import forbidden, still_flow
 from tests.planners.route.all_rings import all_rings
-
-
-def _rings():
-    rng = np.random.default_rng(0)
-    # corners in random order cross their own line
-    return [
-        Ring(rng.uniform(-1e3, 1e3, (n, 2)), outside, "area")
-        for n in (3, 4, 5, 7)
-        for outside in (False, True)
-    ]
-
-
-def _distance(corners, point):
-    """Return the distance of a point from the nearest edge, edge by edge."""
-    best = math.inf
-    for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        along = float((point - begin) @ (end - begin) / ((end - begin) @ (end - begin)))
-        best = min(best, math.dist(point, begin + min(max(along, 0.0), 1.0) * (end - begin)))
-    return best
 
 
 def test_land_and_shallows_are_the_dry_cells_beside_water():
@@ -75,12 +52,6 @@ def land(dry, levels=slice(None), depth=100.0):
     return rings
 
 
-def test_what_is_dry_below_the_dives_is_no_land():
-    assert land(np.s_[2:5, 1:5], slice(3, None), depth=100.0) == []
-    (ring,) = land(np.s_[2:5, 1:5], slice(3, None), depth=300.0)
-    assert (ring.name, len(ring.holes)) == ("land", 1)
-
-
 @pytest.mark.parametrize(("row", "column"), [(3, 3), (0, 0), (6, 7)])
 def test_a_cell_s_corners_are_halfway_to_its_neighbours_also_at_the_edge_of_the_grid(row, column):
     (ring,) = land(np.s_[row : row + 1, column : column + 1])
@@ -90,10 +61,6 @@ def test_a_cell_s_corners_are_halfway_to_its_neighbours_also_at_the_edge_of_the_
     np.testing.assert_allclose(
         size, [np.diff(GRID.east, axis=1).mean(), np.diff(GRID.north, axis=0).mean()], rtol=0.02
     )
-
-
-FLOW = still_flow()
-FRAME = FLOW.grid.projection
 
 
 @pytest.mark.parametrize("latitude", [-40.0, 60.0])
@@ -125,33 +92,12 @@ def test_both_meanings_of_a_long_edge_are_forbidden(latitude):
     )
 
 
-def _beside_a_sliver():
-    """Return a mission past two areas with 80 m of water between them."""
-    areas = (forbidden(FLOW, -1e3, -6e3, 1e3, -40.0), forbidden(FLOW, -1e3, 40.0, 1e3, 3e3))
-    ends = place(FLOW, -6e3, 0.0), (place(FLOW, 6e3, 0.0),)
-    return MissionRequest(*ends, settings=MissionSettings(depth=390.0), no_go=areas)
-
-
-def test_a_route_leads_round_areas_with_a_sliver_between_them_and_through_no_edge_of_theirs():
-    asked = _beside_a_sliver()
-    task = task_of(FLOW, asked)
-    route = passage(task, mean_current(task)).route
-    assert route.arrives
-    legs = np.array(list(pairwise(route.points)))
-    drawn = [ring for ring in task.rings if ring.drawn]
-    assert len(drawn) == 2
-    assert first_crossing(drawn, legs, np.zeros(len(legs))) is None
-
-
-@pytest.mark.full
-def test_a_mission_leads_round_areas_with_a_sliver_between_them():
-    asked = _beside_a_sliver()
-    plan = plan_mission(FLOW, asked)
-    drawn = [ring for area in asked.no_go for ring in no_go_rings(FRAME, area)]
-    assert plan.status == "reached"
-    assert (
-        first_crossing(
-            drawn, np.array(list(pairwise(plan.track[:, :2]))), np.zeros(len(plan.track) - 1)
-        )
-        is None
-    )
+def test_a_hole_is_allowed_and_a_fence_forbids_what_an_area_allows():
+    flow, points = still_flow(), np.array([[0.0, 0.0], [4.5e3, 0.0], [8e3, 0.0]])
+    outer, inner = (forbidden(flow, -side, -side, side, side) for side in (6e3, 3e3))
+    pond = replace(outer, holes=(inner.polygon,))
+    for fence, sign in ((False, 1.0), (True, -1.0)):
+        (ring,) = no_go_rings(flow.grid.projection, replace(pond, fence=fence))
+        clear = sign * np.array([3e3, -1.5e3, 2e3])
+        np.testing.assert_allclose(ring.clearance(points), clear, rtol=1e-3)
+        np.testing.assert_array_equal(ring.forbids(points), clear < 0.0)

@@ -81,9 +81,3 @@ def test_other_data_are_another_picture(pictures):
     assert difference(section[:-3], section) == 1.0
     assert difference(section[:-2], section) == 0.0
     assert difference(section + 0.25, section) == pytest.approx(0.25)
-
-
-def test_reference_pictures_are_small():
-    files = sorted(REFERENCES.iterdir())
-    assert [path.stem for path in files] == sorted(KINDS)
-    assert max(path.stat().st_size for path in files) < 15_000

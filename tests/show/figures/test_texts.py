@@ -11,12 +11,11 @@ from matplotlib.figure import Figure
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Seabed
 from replay_kit.core.observation import Innovation
-from replay_kit.core.plan import Area, Plan
+from replay_kit.core.plan import Area
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.kinds import KINDS, drawn
-from replay_kit.show.figures.map import Chosen
 from tests.results.cases import on, one_bin, turned, write
 from tests.show.figures.texts import complaints
 from tests.show.status.held_samples import plan as planned
@@ -42,7 +41,7 @@ REGIONS = {
 }
 
 
-def crowded(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) -> Contents:
+def crowded(path: Path, flow: FlowEstimate, innovation: Innovation) -> Contents:
     """Write a result with everything that figures show: dives with mean currents, surfacings, a plan of legs among areas, the bottom."""
     centre, start = flow.grid.projection, flow.time_ns or 0
     size, wide = max(float(np.ptp(flow.grid.longitude)), 1e-3), float(flow.grid.east.max())
@@ -50,22 +49,20 @@ def crowded(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) 
     def at(x: float, y: float = 0.0) -> tuple[float, float]:
         return centre.longitude + size * x, centre.latitude + size * y
 
-    legs = []
-    for leg, k in zip(planned(start).legs * 3, range(1, 6), strict=False):
+    mission, legs = planned(start), []
+    for k in range(1, 6):
         place = dict(zip(("longitude", "latitude"), at(0.02 * k), strict=True))
         centred = {f"ellipse_{name}": value for name, value in place.items()}
-        legs.append({**leg, "leg": k, "surfacing_s": 1_800.0 * k, **place, **centred})
-    known = {name: getattr(planned(start), name) for name in ("energy", "battery", "odds")}
+        legs.append({**mission.legs[0], "leg": k, "surfacing_s": 1_800.0 * k, **place, **centred})
     flown = np.linspace([0.0, 0.0], [0.3 * wide, 0.1 * wide], 9)
     whole = replace(
-        plan,
+        mission,
         status="uncertain",
         legs=tuple(legs),
         areas=(Area("range", False, (at(0.1, 0.01), at(0.2, 0.01), at(0.2, 0.03))),),
         track=np.column_stack([flown, np.tile([0.0, 300.0], 5)[:9]]),
         track_time=1_800.0 * np.arange(9.0),
         bottom=np.linspace(800.0, 400.0, 9),
-        **known,
     )
 
     def more(writer: ResultWriter) -> None:
@@ -91,30 +88,14 @@ def crowded(path: Path, flow: FlowEstimate, innovation: Innovation, plan: Plan) 
         for each in product(REGIONS, (1, 2))
     ],
 )
-def test_no_text_lies_over_another_or_leaves_the_figure(
-    tmp_path, innovation, plan, region, columns
-):
-    contents = crowded(tmp_path / "crowded.mcap", REGIONS[region](), innovation, plan)
+def test_no_text_lies_over_another_or_leaves_the_figure(tmp_path, innovation, region, columns):
+    contents = crowded(tmp_path / "crowded.mcap", REGIONS[region](), innovation)
     # a map depends on its region, the others do not
     found = {
         kind: complaints(drawn(contents, kind, columns=columns))
         for kind in (KINDS if region == PILOT else ("map", "plan"))
     }
     assert {kind: texts for kind, texts in found.items() if texts} == {}
-
-
-@pytest.mark.full
-def test_the_map_has_the_plan_and_its_goal(tmp_path, innovation, plan):
-    contents = crowded(tmp_path / "crowded.mcap", scaled(6.0, 5.5), innovation, plan)
-    axes = drawn(contents, "map").axes[0]
-    (goal,) = (line for line in axes.lines if line.get_label() == "goal")
-    at = contents.last_plan.goal.longitude, contents.last_plan.goal.latitude
-    np.testing.assert_allclose([*goal.get_xdata(), *goal.get_ydata()], at, atol=1e-6)
-    assert axes.bbox.contains(*axes.transData.transform(at))
-    longitude, latitude = contents.track.longitude[-1], contents.track.latitude[-1]
-    figure = drawn(contents, "map", Chosen((longitude, latitude, 0.0)))
-    (place,) = (line for line in figure.axes[0].lines if line.get_label() == "requested place")
-    np.testing.assert_allclose([*place.get_xdata(), *place.get_ydata()], [longitude, latitude])
 
 
 def test_texts_that_overlap_or_leave_a_figure_are_found():

@@ -5,12 +5,8 @@ import pytest
 
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.page.page import Section, page_html
-from tests.places import ROOT
 from tests.show.page.checks import check_figures, check_ids
 from tests.show.page.kinds import QUICK, SLOW
-
-#: What other pages are made with.
-SHARED = {"show/page"}
 
 
 @pytest.mark.parametrize(
@@ -21,14 +17,6 @@ def test_ids_are_unique_and_figures_are_whole(kind, tmp_path, request):
     check_ids(page)
     if kind not in ("show/status", "workflows/fleet"):
         assert check_figures(page)
-
-
-def test_every_module_that_makes_a_page_is_tried():
-    modules = {
-        path.parent.relative_to(ROOT / "replay_kit").as_posix()
-        for path in (ROOT / "replay_kit").rglob("page*.py")
-    }
-    assert modules - SHARED == {kind.partition(",")[0] for kind in (*QUICK, *SLOW)}
 
 
 def figure(key: str) -> Figure:

@@ -16,8 +16,7 @@ from replay_kit.show.notebook import read_result
 from replay_kit.show.report.sections.answer import found_warnings, next_steps
 from replay_kit.show.report.sections.trust import lights
 from replay_kit.show.status.held import read_held
-from replay_kit.show.status.lines import detail_lines, lines
-from replay_kit.show.status.page import status_page
+from replay_kit.show.status.lines import lines
 from replay_kit.show.status.status import status_of
 from replay_kit.show.summary import print_summary
 from replay_kit.show.text import SafeConsole
@@ -61,7 +60,6 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
     result = read_result(tmp_path / "r.mcap")
     status = status_of(read_held(result.reader))
     shown, labels = found_warnings(Contents(result)), [line.label for line in lines(status)]
-    assert result.outcome == outcome
     assert ("Arrive" in labels) == (name not in ("unreachable", "failed"))
     alarms = outcome.to_json()["alarms"]
     assert [one["text"] for one in alarms] == [one.text for one in status.alarms]
@@ -70,12 +68,8 @@ def test_a_plan_that_must_not_be_flown_is_the_first_alarm_wherever_it_is_shown(
         assert not any("plan" in text for _, text in shown)
         return
     said = alarms[0]["text"]
-    assert status.figures["alarms"][0]["text"] == said
     arrive = "0 of 40 simulated flights arrive"
     assert (arrive if plan.odds and name != "unsafe" else plan.message) in said
-    assert len(said) < 160
-    page = status_page(status)
-    assert page.index(f"<b>plan</b> {said}") < page.index("<b>consistency</b>")
     assert shown[0] == (kind, said[:1].upper() + said[1:] + ".")
     printed = io.StringIO()
     print_summary({"": status}, outcome, SafeConsole(file=printed, width=400))
@@ -90,7 +84,6 @@ def test_a_replay_that_could_make_no_plan_in_the_end_says_so_first():
     for plans in (held().plans, []):
         status = status_of(held(outcome=outcome, plans=plans))
         assert status.alarms[0].text == said
-        assert "failed: the goal is on land" in " ".join(detail_lines(status))
         assert not any(line.label == "Arrive" for line in lines(status))
 
 

@@ -17,7 +17,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.show.status.held import Fix, read_held
-from replay_kit.show.status.lines import WIDTH, detail_lines, fitting, lines, title
+from replay_kit.show.status.lines import WIDTH, detail_lines, lines, title
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
 from tests.cli.test_cli_settings import loaded
@@ -62,7 +62,6 @@ def test_what_is_made_good_is_how_much_nearer_the_goal_came_a_day():
     assert day["km_a_day"] == pytest.approx((before - end) / day["days"])
     error = 0.02 * 2.0**0.5 / 2.0
     assert mission == pytest.approx({"days": 2.0, "km_a_day": (begin - end) / 2.0, "error": error})
-    assert answer("goal", plans=[]) == {}
     assert answer("goal", fixes=held().fixes[-1:])["made_good"] == []
 
 
@@ -91,14 +90,12 @@ def test_positions_held_are_the_first_the_last_one_a_day_before_and_where_it_was
     assert positions(said) == ([measured[0], *day_before[-1:], measured[-1]], reckoned)
     alone = [replace(fix, reckoned=True) for fix in said]
     assert positions(alone) == ([], alone[-1])
-    assert positions([]) == ([], None)
 
 
 def test_the_current_of_the_last_dive_is_told_as_measured_corrected_and_against_the_estimate():
     found = answer("current")
     assert found["difference_m_s"] == pytest.approx(0.1)
     assert found["predicted_difference_m_s"] == pytest.approx(0.02)
-    assert "corrected" not in found
     errors = {"mean_std": 0.01, "corrected_std": 0.02}
     one = mean_current(END_NS, (0.1, 0.0), (0.0, 0.0), 0.02, (0.0, 0.05), **errors)
     said = text_of(status_of(held(dive=one)))
@@ -110,8 +107,6 @@ def test_the_current_of_the_last_dive_is_told_as_measured_corrected_and_against_
         assert words in said
     refused = {**held().dive, "accepted": np.zeros(1, np.bool_)}
     assert kinds(dive=refused) == ["current rejected"]
-    said = "dive 7: 10.0 cm/s to 090°, rejected, 10.0 from the estimate"
-    assert said in text_of(status_of(held(dive=refused)))
 
 
 def surfacing(**values):
@@ -147,9 +142,6 @@ def test_both_next_surfacings_are_named_and_first_the_one_that_the_record_says_t
         ({"outcome": expected(), "outcomes": over, "fixes": [later]}, [], None),
     ):
         assert surfacing(**values) == (said, why)
-    place = {"longitude": 5.2, "latitude": 62.1, **ELLIPSE}
-    about = {"basis": "last_dive", "time": "2023-11-16 23:13:20Z"}
-    assert answer("surfacing", outcome=expected())["other"] == about | place
 
 
 def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
@@ -170,8 +162,6 @@ def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
         late = due + int(margin * HOUR_NS)
         assert "surfacing overdue" not in kinds(late - HOUR_NS // 10, **values)
         assert "surfacing overdue" in kinds(late + HOUR_NS // 10, **values)
-    second = answer("surfacing", outcomes=[outcome(END_NS, END_NS)])["next"]
-    assert second["time"] == time_text(END_NS + 8 * HOUR_NS)
 
 
 def test_each_alarm_is_given_for_its_cause_alone():
@@ -203,15 +193,12 @@ def test_a_change_of_the_command_is_told_with_its_reasons():
     (change,) = why()
     # the plan before would steer its second leg now
     assert "was 60°: 20° to the right" in change
-    assert "it surfaced 3.5 km from the plan toward 270°, 10 min late" in change
-    assert "the current differed by 10 cm/s" in change
     moved = plan(END_NS, goal=Place(6.0, 62.0, 0.0), status="uncertain")
     assert "the goal moved 26.2 km" in why(plans=[held().plans[0], moved])[0]
     small = mean_current(END_NS, (0.01, 0.0), (0.0, 0.0), 0.02)
     plans = [plan(END_NS - HOUR_NS), plan(END_NS)]
     unchanged = ["heading unchanged since the previous plan"]
     assert why(plans=plans, outcomes=[], dive=small) == unchanged
-    assert why(plans=plans[-1:]) == []
 
 
 def test_what_the_summary_leaves_out_is_told_on_80_columns():
@@ -220,12 +207,12 @@ def test_what_the_summary_leaves_out_is_told_on_80_columns():
     assert max(map(len, detail_lines(status))) <= WIDTH
     text = text_of(status)
     for said in (
-        *("energy 250 kJ of 1000 kJ", "± 20 m", "surfaced 3.5 km from the plan"),
-        *("90 % ellipse 2.00 x 0.50 km along 30°", origin[ORIGIN]),
+        "energy 250 kJ of 1000 kJ",
+        "90 % ellipse 2.00 x 0.50 km along 30°",
+        origin[ORIGIN],
     ):
         assert said in text, said
     assert "ENDED" in text_of(status_of(held(), END_NS + 60 * HOUR_NS))
-    assert title(status) == "r, dive 7: fix 62°00.0′N 5°00.0′E 16 Nov 22:13 UTC, 3.0 h ago"
 
 
 def test_the_page_holds_the_same_answers_loads_itself_again_and_runs_nothing_of_a_log_s():
@@ -268,11 +255,6 @@ def test_a_heading_is_true_and_by_the_compass_of_a_vehicle_whose_declination_is_
     (steer,) = (str(line) for line in lines(status) if line.label == "Steer")
     assert "080° true, 180° magnetic to 62°" in steer
     assert len(steer) <= WIDTH
-
-
-def test_a_line_holds_as_many_reasons_as_fit_and_says_how_many_are_left():
-    assert fitting(["one", "two"], 20) == "one; two"
-    assert fitting(["a long reason", "another reason"], 26) == "a long reason; 1 more: -v"
 
 
 def test_nothing_heavy_is_loaded_and_a_file_that_is_no_result_is_refused():
