@@ -14,6 +14,7 @@ from planners import (
     next_surfacing,
     plan_by_odds,
     plan_mission,
+    with_odds,
 )
 from planners.odds.flights import fly_mission
 from planners.odds.mission import currents_of_estimate
@@ -265,3 +266,14 @@ def test_the_interval_of_a_share_holds_the_probabilities_under_which_it_is_not_u
         p = np.linspace(0.0, 1.0, 100_001)
         held = p[np.abs(share - p) <= 1.6448536 * np.sqrt(p * (1.0 - p) / count) + 1e-12]
         assert share_interval(share, count) == pytest.approx((held[0], held[-1]), abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("reached", "safe", "status"),
+    [(0.95, 1.0, "reached"), (0.5, 1.0, "unreachable"), (0.95, 0.8, "unsafe")],
+)
+def test_flights_that_arrive_decide_where_the_plan_itself_misses(reached, safe, status):
+    plan = plan_mission(FLOW, FREE)
+    odds = mission_odds(FLOW, [FLOW] * 3, plan, FREE)
+    missed, found = replace(plan, status="unreachable"), replace(odds, reached=reached, safe=safe)
+    assert with_odds(missed, found, 0.9, 0.1).status == status
