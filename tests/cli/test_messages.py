@@ -128,13 +128,3 @@ def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why):
 def test_options_before_the_command_are_those_of_the_command():
     done = invoke("--start yesterday -q replay a.mcap --ensemble e.nc -o o.mcap")
     assert done.stderr.startswith("replay-kit: options: 'logs.start': 'yesterday' is no time")
-
-
-def test_a_region_is_told_how_many_numbers_it_has():
-    done = invoke("plan flow.nc --start=1,2,3 --goal=1,2,3 --angles 15")
-    assert done.stderr == "replay-kit: --angles: expected MIN,MAX, got '15': MAX is missing\n"
-    done = invoke("plan flow.nc --start=1,2,3 --goal=1,2,3 --mooring 5,2,1")
-    assert (
-        done.stderr
-        == "replay-kit: --mooring: expected RADIUS,HOURS, got '5,2,1': 3 numbers instead of 2\n"
-    )

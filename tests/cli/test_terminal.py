@@ -9,7 +9,6 @@ import h5py
 import pytest
 from rich.table import Table
 
-from replay_kit.cli import console
 from replay_kit.cli.console import console_beside
 from replay_kit.core.message import Message
 from replay_kit.core.words.text import printable
@@ -84,12 +83,6 @@ def test_no_command_obeys_a_name(folder, monkeypatch, line, code):
     check(invoke([word.replace("X", EVIL) for word in line.split()]), code)
 
 
-def test_names_of_topics_are_shown_whole(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    said = check(invoke(["info", f"{EVIL}.mcap", "-v"], columns=400), 0)
-    assert f"/other{SHOWN}" in said
-
-
 def test_what_commands_answer_as_json_holds_names_as_they_are(folder, monkeypatch):
     monkeypatch.chdir(folder)
     outcome = invoke(["info", f"{EVIL}.mcap", "--json", "-"])
@@ -103,17 +96,6 @@ def _texts(value: object) -> list[str]:
     if isinstance(value, list):
         return [text for part in value for text in _texts(part)]
     return [value] if isinstance(value, str) else []
-
-
-def test_the_log_of_a_command_holds_no_controls(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    (folder / "kept.log").unlink(missing_ok=True)
-    invoke(["info", f"missing{EVIL}.mcap", "--log", "kept.log"])
-    # what later tests print must not go there
-    console.begin(console.Reporting())
-    kept = (folder / "kept.log").read_text()
-    assert "\x1b" not in kept
-    assert "\\x1b[2J" in kept
 
 
 def test_tables_show_names_in_cells_headings_and_titles(capsys):
