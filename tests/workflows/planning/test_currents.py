@@ -13,7 +13,6 @@ from planners import (
     Weights,
     best_departure,
     cut_at_horizon,
-    mission_odds,
     plan_departures,
     plan_mission,
 )
@@ -439,20 +438,6 @@ def test_samples_have_the_mean_and_the_spread_of_estimate_and_current_beside_it(
         np.testing.assert_allclose(difference.std(axis=0), error, rtol=0.2)
     shifted = water(currents.since(BEGIN).since(0), 0, count)
     np.testing.assert_allclose(shifted, water(currents, BEGIN, count), rtol=1e-9)
-
-
-def test_odds_and_ellipses_know_of_it():
-    sure, unsure = (known_with(local) for local in (None, beside([0.0, 0.0], 0.1, 0.01)))
-    request = replace(ASKED, start_time_ns=BEGIN)
-    plan = plan_mission(sure.first, request)
-    widths = []
-    for known in (sure, unsure):
-        drawn = known.samples(BEGIN, SECONDS, 30, 1)
-        odds = mission_odds(known.first, drawn, plan, request)
-        ends = fly_mission(drawn, plan).place[:, -1]
-        widths.append((odds.next_surfacing[2], ends.std(axis=0).min()))
-    grown = np.subtract(*reversed(widths))
-    assert (grown > 90.0 / 3600.0 * np.array([plan.surfacing_times[0], plan.duration])).all()
 
 
 def test_courses_that_do_not_go_together_are_refused():
