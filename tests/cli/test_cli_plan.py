@@ -156,22 +156,6 @@ def test_areas_are_kept_clear_of_and_a_risk_is_kept(flow, tmp_path):
     assert done.exit_code == (0 if violating <= 0.2 else 7)
 
 
-@pytest.mark.full
-def test_a_mooring_a_line_weights_and_waypoints_can_be_asked_for(flow, tmp_path):
-    here = "--start=152.5,-40.0,0 --goal=152.5,-40.0,0 --depth 390"
-    moored, words = answer(flow, f"{here} --mooring 2000,4 --surfacings-only --samples 4")
-    assert "simulated flights stay within 2000 m" in words
-    assert moored["duration_s"] >= 4 * 3600.0 * (1.0 - 1e-9)
-    farthest = moored["statistics"]["farthest_m"]
-    assert (moored["status"] == "reached") == (farthest <= 2000.0)
-    assert moored["samples"]["miss_median_m"] >= 0.5 * farthest
-    places = tmp_path / "goto_l10.ma"
-    weights = "--line --line-weight 20 --objective time=1,energy=0.01"
-    said, _ = answer(flow, f"{ASK} {weights} --waypoints {places}")
-    assert said["statistics"]["rms_m"] <= said["statistics"]["farthest_m"]
-    assert said["waypoints"]["message"] in places.read_text()
-
-
 def test_a_list_that_is_withheld_names_the_tolerance_that_helps(flow, tmp_path, monkeypatch):
     from replay_kit.workflows.planning import run as plans
 

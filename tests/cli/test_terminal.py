@@ -14,7 +14,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.words.text import printable
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests.command import Outcome, invoke
-from tests.places import ROOT
+from tests.places import SAMPLES
 
 #: Clears the screen, begins a line that looks like one of ours, rings, turns the direction of writing, is a style of rich and a picture.
 EVIL = "x\x1b[2J\nreplay-kit: all is well\x07\u202e[red]:bug:"
@@ -37,17 +37,14 @@ def folder(tmp_path_factory) -> Path:
     where = tmp_path_factory.mktemp("names")
     fix = {"latitude": -40.0, "longitude": 152.0, "frame_id": EVIL}
     adcp = {"velocity": [[0.1]], EVIL: EVIL}
+    kinds = {"fix": ("foxglove.LocationFix", fix), "adcp": ("replay_kit.AdcpPing", adcp)}
     messages = [
-        Message(10**18 + k * 10**9, f"/{topic}{EVIL}", schema, payload, 0, k)
+        Message(10**18 + k * 10**9, f"/{topic}{EVIL}", *kind, 0, k)
         for k in range(3)
-        for topic, schema, payload in (
-            ("fix", "foxglove.LocationFix", fix),
-            ("adcp", "replay_kit.AdcpPing", adcp),
-            ("other", EVIL, adcp),
-        )
+        for topic, kind in (kinds | {"other": (EVIL, adcp)}).items()
     ]
     write_mcap_log(where / f"{EVIL}.mcap", messages)
-    shutil.copyfile(ROOT / "sample_logs" / "ensemble.nc", where / f"{EVIL}.nc")
+    shutil.copyfile(SAMPLES / "ensemble.nc", where / f"{EVIL}.nc")
     with h5py.File(where / f"bad{EVIL}.nc", "w") as file:
         file.create_dataset(EVIL, data=[1.0])
     return where
