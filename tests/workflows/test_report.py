@@ -5,7 +5,7 @@
 
 import json
 
-from replay_kit.workflows.report import report
+from replay_kit.workflows.report import page_of, report
 from tests.command import invoke, succeed
 from tests.places import SAMPLES
 from tests.show.report.conftest import page, replayed, result_path  # noqa: F401 - fixtures
@@ -44,7 +44,8 @@ def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path):
 def test_a_result_that_is_cut_short_shows_what_is_left(result_path, tmp_path):
     cut, data = tmp_path / "cut.mcap.part", result_path.read_bytes()
     cut.write_bytes(data[: int(0.6 * len(data))])
-    report(cut, tmp_path / "cut.html")
+    assert page_of(cut) == tmp_path / "cut.html"
+    report(cut, page_of(cut))
     made = (tmp_path / "cut.html").read_text()
     words = text_of(made, "answer")
     for said in (

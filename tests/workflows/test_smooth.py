@@ -17,7 +17,7 @@ from replay_kit.workflows.library.calls import settings_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corrected, with_block
-from replay_kit.workflows.smooth import STATIC, smooth
+from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from replay_kit.workflows.verify import verify
 from tests.places import SAMPLES
 from tests.workflows.replay.given import block_of
@@ -92,3 +92,8 @@ def test_a_static_estimate_is_its_last_at_all_times(tmp_path):
     assert flown == replayed_flown
     assert flown.dives == 1
     assert result.events["message"].tolist() == [STATIC]
+
+
+def test_published_times_begin_and_end_with_the_log():
+    assert published_times(5, 5, 1.0) == [5]
+    assert published_times(1, 10**9, 0.9) == [1, 900_000_001, 10**9]

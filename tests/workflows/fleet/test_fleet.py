@@ -91,6 +91,9 @@ def test_what_is_done_is_not_done_again_unless_its_inputs_or_its_result_are_othe
     done, changed = kept()
     assert (done, changed[1] != first[1]) == ([True, False], True)
     assert kept(again=True)[0] == [False, False]
+    # another forecast of the same name is read
+    shutil.copy(folder / "truth.nc", folder / "ensemble.nc")
+    assert kept() == ([False, False], ["", ""])
 
 
 def test_a_mission_that_fails_is_listed_with_its_reason_and_the_others_go_on(

@@ -1,9 +1,7 @@
 """Logs that grow, replayed as they come: the answer of one replay of what is there in the end, whatever happened on the way."""
 
-import json
 import os
 import shutil
-import sys
 from collections.abc import Callable
 from unittest import mock
 
@@ -22,7 +20,7 @@ from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.instalments import Instalment, delivered, dives_of
 from tests.places import SAMPLES
-from tests.workflows.follow.delivery import GOAL, Sea, contents
+from tests.workflows.follow.delivery import Sea, contents
 from tests.workflows.replay.interrupted import Killed
 
 
@@ -53,12 +51,15 @@ def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean
     # once for all replays with a forecast
     assert sum("replayed in" in text for text in sea.told) > 1 == built.call_count
     assert same(sea)
-    assert [row["dive"] for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
+    by_dive = summary.by_dive
+    assert [row["dive"] for row in by_dive] == list(range(1, len(by_dive) + 1))
+    assert sum(row["profiles"] for row in by_dive) <= summary.observations["used"]
+    rms = [by_dive[0][f"rms_innovation_{kind}"] for kind in ("predicted", "prior")]
+    assert rms[0] <= rms[1] * (1 + 1e-12)
     # of a chunk that is cut nothing is read
     assert any(text.startswith("dive003.mcap not used: it has no message yet") for text in sea.told)
     assert any(text.startswith("dive003.mcap new, older than replayed data") for text in sea.told)
     assert sea.options.status.is_file()
-    assert not (sea.out.with_name("result.mcap.part")).exists()
     assert verify(sea.out, [sea.inbox, ocean], planner_of).same
 
 
@@ -100,22 +101,6 @@ def test_what_is_said_of_a_file_outlives_a_kill_as_soon_as_the_file_is_known(sea
     left = read_memory(sea.options.states)
     assert [path.name for path in left.sources] == [dives[0].name]
     assert [text.split()[0] for text in left.said] == [dives[0].name]
-
-
-@pytest.mark.full
-def test_an_interrupt_leaves_whole_files_alone(sea, dives, tmp_path):
-    first, second, *_ = puts(sea, dives)
-    first()
-    sea.follow()
-    before, files = sea.out.read_bytes(), set(tmp_path.iterdir())
-    second()
-    with (
-        mock.patch("replay_kit.workflows.replay.replay.conclude", side_effect=KeyboardInterrupt),
-        pytest.raises(KeyboardInterrupt),
-    ):
-        sea.follow()
-    assert sea.out.read_bytes() == before
-    assert set(tmp_path.iterdir()) == files
 
 
 @pytest.mark.full
@@ -198,16 +183,3 @@ def test_a_forecast_that_cannot_be_read_ends_the_beginning_with_its_error(sea, d
     sea.job = ReplayJob((sea.inbox,), tmp_path / "none.nc", sea.out)
     with pytest.raises(ForecastError):
         sea.follow()
-
-
-@pytest.mark.full
-def test_each_alarm_is_given_once_to_the_command_also_after_a_restart(ocean, dives, tmp_path):
-    sea, got = Sea(ocean, tmp_path, GOAL), tmp_path / "alarms.jsonl"
-    command = f'{sys.executable} -c \'import sys; open("{got}", "a").write(sys.stdin.read())\''
-    puts(sea, dives)[0]()
-    with mock.patch.dict("replay_kit.results.outcome.verdict._ACTIONS", {"reached": "stop"}):
-        sea.follow(command=command)
-        sea.follow(command=command)
-    (line,) = got.read_text().splitlines()
-    assert json.loads(line)["kind"] == "plan"
-    assert json.loads(line)["position"]["latitude"] < 0.0

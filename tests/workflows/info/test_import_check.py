@@ -152,11 +152,8 @@ def test_a_check_is_told_in_json_and_in_words():
     said = io.StringIO()
     for one in (found, ImportCheck(3, ())):
         print_import_check(one, SafeConsole(file=said, width=200))
-    assert said.getvalue().splitlines()[1:] == [
-        "Import check: the profiles do not determine whether e, or g",
-        "Import check: f",
-        "Import check: 3 profiles look sound against the ensemble",
-    ]
+    for words in ("do not determine whether e, or g", "check: f\n", "3 profiles look sound"):
+        assert words in said.getvalue()
 
 
 def test_an_ensemble_in_another_unit_is_named_and_the_log_is_not_blamed(tmp_path, surveys):

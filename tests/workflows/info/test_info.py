@@ -252,14 +252,6 @@ def test_what_comes_next_for_a_gliders_log_is_said(tmp_path, write, words):
     assert [each for each in words if each.replace("X", str(path)) not in said] == []
 
 
-def test_several_logs_are_a_table_and_their_notes_follow_on_request(tmp_path):
-    logs = [str(made.bodc(tmp_path / name)) for name in ("a.nc", "b.nc")]
-    said = invoke(["info", *logs]).stdout
-    assert [line.split()[0] for line in said.splitlines()].count("a.nc") == 1
-    assert "-v prints them" in said
-    assert invoke(["info", *logs, "-v"]).stdout.count("Note: DEPTH_Z: has") == 2
-
-
 def described(*words):
     """What ``info`` says of a forecast in JSON, and the same in words."""
     done = succeed(["info", "--ensemble", *map(str, words), "--json", "-"], columns=300)

@@ -1,6 +1,7 @@
 """Logs that are readable and wrong: what a replay names, what it leaves out, and how it ends."""
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -288,6 +289,8 @@ def test_frozen_positions_explain_that_no_profile_may_be_used_where_there_is_one
     frozen = Finding(FROZEN, 0, "", "", "")
     state = MonitoringState(Checked(pings=(pings, pings)), (frozen,))
     assert state.explains_no_profile == (pings > 0)
+    (said,) = conclusions(replace(state, findings=()), Counts(), RunConfig())[1]
+    assert said.startswith("nothing here can tell whether directions are right")
 
 
 @pytest.mark.full

@@ -22,7 +22,7 @@ from replay_kit.results.result import ResultFile
 from replay_kit.workflows.info.import_check import check_logs
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.job import forecasts_of
-from replay_kit.workflows.replay.inputs.region import window_points
+from replay_kit.workflows.replay.inputs.region import _first_window, window_points
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.publishing import (
     PublishingState,
@@ -130,6 +130,15 @@ def test_a_stated_region_is_taken(strip, region, shape):
 def test_regions_and_windows_that_do_not_do_are_refused(strip, config, error, words):
     with pytest.raises(error, match=words):
         forecasts_of(job(strip, "long.mcap"), config)
+
+
+@pytest.mark.parametrize("most", [144, 400, 630])
+def test_the_first_window_has_the_points_that_are_allowed(strip, most):
+    with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
+        middle = np.array([0.5 * (extent.box[0] + extent.box[2]), 40.5])
+        found = _first_window(extent, middle, 1e3, 1e3, most)
+        # the half-open ends count a row or a column more or less
+        assert np.prod(extent.shape_in(found.region)) == pytest.approx(most, rel=0.1)
 
 
 @pytest.mark.parametrize(("cells", "points"), [(1.0, 1600), (2.0, 1600), (10.0, 140**2)])

@@ -91,6 +91,17 @@ def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(
     assert with_planner_kind(without, open_readers(job.logs, config), config) is config
 
 
+def test_dives_that_are_not_stated_reach_their_goal_as_far_as_the_forecast():
+    goals = 150.0, 600.0, 900.0
+    for planner, depths in (
+        (PlannerConfig(), [500.0, 600.0, 700.0]),
+        # recorded settings state the kind and not the depth, and are planned with again
+        (PlannerConfig(kind="mission"), [500.0, 600.0, 700.0]),
+        (PlannerConfig(depth=500.0), [500.0] * 3),
+    ):
+        assert [planner.diving(None, goal, 700.0).depth for goal in goals] == depths
+
+
 LOGS = {
     "empty.mcap": [],
     "camera.mcap": [Message(1, "/camera", "sensor_msgs/msg/Image", {"x": 1}, 0, 0)],

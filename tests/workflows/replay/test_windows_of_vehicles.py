@@ -12,6 +12,7 @@ from replay_kit.config.run import EstimatorConfig, ForecastConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.plan import Place
 from replay_kit.core.region import bounds_of, inside
+from replay_kit.results.slices import slice_axes
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from replay_kit.workflows.follow.follow import follow
@@ -77,6 +78,9 @@ def test_every_vehicle_has_the_estimate_of_its_window_and_every_place_visited_is
         assert np.isfinite(result.velocity_at(columns_of(name), latitude, 5.0).u).all()
         slices = Contents(part).slices
         assert np.isfinite(slices.fields[:, -1]).any()
+        own = slice_axes(part.estimate.grid)
+        np.testing.assert_allclose(slices.east, own[0])
+        np.testing.assert_allclose(slices.north, own[1])
     assert any("windows followed the vehicles" in note for note in summary.notes)
     assert any("are of the window of a; the result holds all" in note for note in summary.notes)
 
