@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -158,6 +159,13 @@ def test_what_is_assimilated_as_one_is_by_the_definition_however_the_log_is_cut(
     expected = one_by_one(log, grouping)
     assert cut(log, grouping, [len(log)]) == expected
     assert cut(log, grouping, sizes) == expected
+
+
+@pytest.mark.parametrize(("metres", "groups"), [(2000.0, 1), (3000.0, 2)])
+def test_a_group_reaches_as_far_as_the_current_changes_by_a_quarter_of_the_error(metres, groups):
+    log = [profile(k, k * metres, 10.0, 5, 1, "/a", 0.0) for k in (0, 1)]
+    found, _ = items(Events.of(block_of(log), ()), Grouping(1e-5), 0, last=True)
+    assert len(found) == groups
 
 
 def test_a_group_ends_where_another_vehicles_event_is_later_than_it_may_last():

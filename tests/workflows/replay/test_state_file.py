@@ -57,7 +57,6 @@ def test_what_is_written_is_read_to_the_bit(tmp_path):
     [
         os.getcwd,
         Called(os.mkdir, "made"),
-        Called(eval, "open('made', 'w')"),
         Called(write_state, "made", "a run", None),
         Called(McapLogWriter, "made"),
         Called(Place, 1.0),
