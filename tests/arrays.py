@@ -1,6 +1,5 @@
 """Twins of gliders that fly distinct courses through one truth."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +13,6 @@ from replay_kit.studies.twins.messages import measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, Mission
 from tests.faulty import SOUND, Faults, messages_of
 
-#: Corners of the course of each of some gliders, in shares of rows and columns of a grid.
-Courses = Sequence[tuple[tuple[float, float], ...]]
 # m/s, a component; that of a mean current that states none, as a replay takes it
 _MEAN_CURRENT_STD = 0.02
 
@@ -47,8 +44,6 @@ def write_array(
     dac_only: bool = False,
     faults: dict[int, Faults] | None = None,
     late_s: int = 0,
-    seed: int = 0,
-    courses: Courses | None = None,
 ) -> dict[str, Path]:
     """Write the logs of some gliders, and return them by the vehicles' names, ``sg1`` first.
 
@@ -60,20 +55,16 @@ def write_array(
         dac_only: Whether they have mean currents alone.
         faults: Of the instrument of some, by number from 0.
         late_s: How much later each begins than the one before [s].
-        seed: Of the errors of all.
-        courses: Of each, its corners in shares of the grid; None for triangles about the middle.
     """
     field, logs = build_field(truth), {}
     start_ns = EPOCH_NS if truth.time_ns is None else truth.time_ns
-    rngs = [np.random.default_rng([seed, number]) for number in range(count)]
-    courses = courses or [course(number, count) for number in range(count)]
-    schedules = [Schedule(to_the_end=True, course=each) for each in courses]
+    rngs = [np.random.default_rng([0, number]) for number in range(count)]
+    schedules = [Schedule(to_the_end=True, course=course(k, count)) for k in range(count)]
     starts_ns = [start_ns + 10**9 * (late_s * number) for number in range(count)]
     all_flown = missions(field, pings, starts_ns, rngs, schedules)
     for number, (one, rng) in enumerate(zip(all_flown, rngs, strict=True)):
-        flown = with_errors(one, rng)
-        flight = measured_on(flown, field, 0.09, rng)
+        flight = measured_on(with_errors(one, rng), field, 0.09, rng)
         path = logs[f"sg{number + 1}"] = folder / f"sg{number + 1}.mcap"
         found = (faults or {}).get(number, SOUND)
-        write_mcap_log(path, messages_of(flight, found, count * seed + number, pings=not dac_only))
+        write_mcap_log(path, messages_of(flight, found, number, pings=not dac_only))
     return logs

@@ -64,29 +64,6 @@ def test_measurements_and_a_dataset_give_what_their_files_give(tmp_path):
     assert (got.u, got.v) == pytest.approx((expected.u, expected.v), abs=1e-9)
 
 
-def test_a_table_is_its_profiles():
-    profiles = [*_profiles()]
-    rows = [
-        {
-            "time": np.datetime64(p.time_ns, "ns"),
-            "Longitude": p.longitude,
-            "lat": p.latitude,
-            "depth": z,
-            "u": u,
-            "v": v,
-            "error": 0.05,
-        }
-        for p in profiles
-        for z, (u, v) in zip(p.depth, p.velocity, strict=True)
-    ]
-    table = pd.DataFrame(rows).sample(frac=1.0, random_state=3)
-    from_table = rk.replay(table, _dataset(), settings=SETTINGS)
-    np.testing.assert_array_equal(
-        from_table.estimate.latent,
-        rk.replay(profiles, _dataset(), settings=SETTINGS).estimate.latent,
-    )
-
-
 def test_a_table_without_errors_asks_for_them():
     table = pd.DataFrame(
         {"time": [TIME], "lon": [152.2], "lat": [-39.9], "depth": [5.0], "u": [0.1], "v": [0.1]}
@@ -124,35 +101,27 @@ def test_a_single_component_informs_along_its_direction_alone():
     one = rk.Observation.component((TIME, 152.3, -39.8), 5.0, 90.0, 0.1, 0.02)
     settings = SETTINGS | {"measurements": {"surface_tide_std": 0.0}}
     ensemble = _dataset()
-    found = rk.replay([one], ensemble, settings=settings)
-    assert found.outcome.observations["used"] == 1
-    # by a sensor of its own, no radar
-    assert [row["kind"] for row in found.outcome.observations["sources"]] == ["sensors"]
-    at, before = (
-        each.estimate.velocity_at(152.3, -39.8, 5.0)
-        for each in (
-            found,
-            rk.replay([replace(one, error_std=np.array([9.0]))], ensemble, settings=settings),
-        )
+    found, unknown = (
+        rk.replay([each], ensemble, settings=settings)
+        for each in (one, replace(one, error_std=np.array([9.0])))
     )
+    # by a sensor of its own, no radar
+    (row,) = found.outcome.observations["sources"]
+    assert (row["kind"], row["used"]) == ("sensors", 1)
+    at, before = (each.estimate.velocity_at(152.3, -39.8, 5.0) for each in (found, unknown))
     assert abs(at.u - 0.1) < 0.3 * abs(before.u - 0.1)
     assert at.u_standard_error < 0.5 * before.u_standard_error
     assert at.v_standard_error > 0.8 * before.v_standard_error
     north = rk.Observation.component((TIME, 152.3, -39.8), 5.0, 0.0, 0.4, 0.02)
     np.testing.assert_allclose(north.components, [[0.0, 1.0]], atol=1e-15)
+    place = TIME, 152.3, -39.8
     with pytest.raises(ConfigError, match="a depth from 0 on, a direction and a speed, got -1"):
-        rk.Observation.component((TIME, 152.3, -39.8), -1.0, 0.0, 0.4, 0.02)
+        rk.Observation.component(place, -1.0, 0.0, 0.4, 0.02)
     with pytest.raises(ConfigError, match="it is not guessed"):
-        rk.Observation.component((TIME, 152.3, -39.8), 1.0, 0.0, 0.4, None)
+        rk.Observation.component(place, 1.0, 0.0, 0.4, None)
+    two = rk.Observation.profile(*place, [5.0, 9.0], [0.1] * 2, [0.1] * 2, 0.1).linear
     with pytest.raises(ConfigError, match=r"make each with Observation\.component"):
-        rk.replay(
-            [
-                rk.Observation.profile(
-                    TIME, 152.3, -39.8, [5.0, 9.0], [0.1] * 2, [0.1] * 2, 0.1
-                ).linear
-            ],
-            ensemble,
-        )
+        rk.replay([two], ensemble)
 
 
 @pytest.mark.parametrize(
@@ -166,15 +135,8 @@ def test_a_single_component_informs_along_its_direction_alone():
     ],
 )
 def test_a_profile_that_cannot_be_is_refused(change, words):
-    good = {
-        "time": TIME,
-        "lon": 152.2,
-        "lat": -39.9,
-        "depth": [5.0, 9.0],
-        "u": [0.1, 0.2],
-        "v": [0.1, 0.1],
-        "error": 0.05,
-    }
+    good = {"time": TIME, "lon": 152.2, "lat": -39.9, "depth": [5.0, 9.0], "error": 0.05}
+    good |= {"u": [0.1, 0.2], "v": [0.1, 0.1]}
     with pytest.raises(ConfigError, match=words):
         rk.Observation.profile(**(good | change))
 
@@ -221,14 +183,10 @@ def test_an_estimator_of_ones_own_is_an_object_or_what_makes_it():
     result = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=nearest_member)
     usual = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS)
     assert result.outcome.observations["used"] == 4
-    assert not np.allclose(
-        result.estimate.velocity_at(152.3, -39.8, 60.0).u,
-        usual.estimate.velocity_at(152.3, -39.8, 60.0).u,
-    )
-    with pytest.raises(
-        ConfigError,
-        match="estimator: expected an Estimator, got int without initial, predict, assimilate, flow",
-    ):
+    east, other = (each.estimate.velocity_at(152.3, -39.8, 60.0).u for each in (result, usual))
+    assert not np.allclose(east, other)
+    lacks = "expected an Estimator, got int without initial, predict, assimilate, flow"
+    with pytest.raises(ConfigError, match=lacks):
         rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=3)
 
 
@@ -263,12 +221,9 @@ def test_nothing_that_is_no_measurement_is_taken_for_one():
         ConfigError, match="expected Observation values or tables, got str among them"
     ):
         rk.replay([next(_profiles()), "a.mcap"], _dataset())
+    away = rk.Observation.profile(TIME, 10.0, 50.0, [5.0], [0.1], [0.1], 0.1)
     with pytest.raises(MeasurementError):
-        rk.replay(
-            [rk.Observation.profile(TIME, 10.0, 50.0, [5.0], [0.1], [0.1], 0.1)],
-            _dataset(),
-            settings=SETTINGS,
-        )
+        rk.replay([away], _dataset(), settings=SETTINGS)
 
 
 def test_one_mission_gives_one_estimate_through_every_door(tmp_path):

@@ -69,7 +69,3 @@ def test_an_error_is_one_line_and_a_configuration_what_differs_from_the_defaults
     assert (
         repr(rk.RunConfig(logs={"clock": "header"})) == "RunConfig(logs=LogConfig(clock='header'))"
     )
-
-
-def test_completion_lists_what_is_for_people():
-    assert dir(rk) == sorted(rk.__all__)

@@ -155,18 +155,6 @@ def test_the_set_up_blocks_are_the_lines_that_ci_runs():
     )
 
 
-def test_a_block_s_chains_hold_all_its_commands():
-    for _, name, code in SHELL:
-        assert sorted(words for chain in chains(code) for words in chain) == sorted(
-            commands(code)
-        ), name
-    made = "replay-kit convert sample_logs/a.tlog -o b.mcap\nreplay-kit info sample_logs/a.tlog --json=c.json\nreplay-kit info b.mcap\n"
-    assert [[words[1] for words in chain] for chain in chains(made)] == [
-        ["info"],
-        ["convert", "info"],
-    ]
-
-
 def test_every_command_has_the_options_of_its_block():
     for _, name, code in SHELL:
         for words in commands(code):

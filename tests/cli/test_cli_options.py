@@ -16,18 +16,8 @@ from replay_kit.workflows.convert import convert
 from tests.command import invoke, succeed
 from tests.places import ROOT, SAMPLES
 
-WRITTEN = {
-    "--out",
-    "--netcdf",
-    "--save-estimate",
-    "--json",
-    "--geojson",
-    "--csv",
-    "--waypoints",
-    "--suggest",
-}
-
-
+FILES = "out netcdf save-estimate json geojson csv waypoints suggest"
+WRITTEN = {f"--{name}" for name in FILES.split()}
 COMMANDS = [*FORMS]
 
 
@@ -93,73 +83,35 @@ def test_a_folder_does_not_get_the_name_of_a_file(words, option):
     assert invoke(f"{words} {option} study.v2").exit_code == 2
 
 
-@pytest.mark.parametrize(
-    ("arguments", "listed"),
-    [
-        ("convert -o x.tlog", "in .mcap,"),
-        ("replay -o m2.nc", "in .mcap,"),
-        ("replay --netcdf x.mcap", "in .nc,"),
-        ("plan --geojson w.kml", ".geojson, .json,"),
-        ("plan --waypoints w", ".csv, .geojson, .json, .kml, .plan, .ma, .targets,"),
-        ("qc --json quality.csv", "in .json,"),
-    ],
-)
-def test_the_endings_that_are_possible_are_listed(arguments, listed):
-    assert listed in refusal(arguments)
-
-
-@pytest.mark.parametrize("name", ["result", "result.mcap", "RESULT.MCAP", "a.b.Mcap"])
-def test_names_that_fit_go_on_to_what_is_missing(name):
-    done = invoke(f"replay --out {name}")
-    assert done.exit_code == 2
-    assert (
-        "LOG is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap."
-        in done.output
-    )
+FORM = "expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap."
 
 
 @pytest.mark.parametrize(
-    ("arguments", "missing"),
+    ("line", "missing"),
     [
-        (
-            "replay a.mcap",
-            "--ensemble is missing; expected replay-kit replay LOG... --ensemble FILE... -o OUT.mcap.",
-        ),
-        (
-            "replay a.mcap --ensemble e.nc -o",
-            "-o: its value is missing; expected replay-kit replay LOG...",
-        ),
-        (
-            "experiment paper -o out",
-            "--ensemble is missing; expected replay-kit experiment paper --ensemble FILE (--truth FILE | --leave-out K) -o DIR.",
-        ),
+        ("replay --out a.b.Mcap", f"LOG is missing; {FORM}"),
+        ("replay a.mcap", f"--ensemble is missing; {FORM}"),
+        ("replay a.mcap --ensemble e.nc -o", "-o: its value is missing; expected replay-kit"),
+        # an underscore and words after two hyphens are no unknown options
+        ("replay --dry_run --offline -- --mode", "--ensemble is missing"),
+        ("experiment paper -o out", "--ensemble is missing; expected replay-kit experiment paper"),
     ],
 )
-def test_a_missing_option_is_named_with_the_form_of_the_command(arguments, missing):
-    said = refusal(arguments)
+def test_a_missing_option_is_named_with_the_form_of_the_command(line, missing):
+    said = refusal(line)
     assert missing in said
-    command, study, *_ = arguments.split()
-    assert f"See replay-kit {command}{f' {study}' * (command == 'experiment')} --help." in said
+    assert f"See replay-kit {' '.join(line.split()[: 1 + line.startswith('exp')])} --help." in said
 
 
 @pytest.mark.parametrize(
     ("words", "unknown"),
     [
-        (
-            "replay a.mcap --mode 3",
-            "Unknown option: --mode. Did you mean --modes? See replay-kit replay --help.",
-        ),
+        ("replay a.mcap --mode 3", "Unknown option: --mode. Did you mean --modes?"),
         ("replay --dry_rum", "Unknown option: --dry_rum. Did you mean --dry-run?"),
         # what has left the command line is told where it is
         ("replay a.mcap --tilt-fail=3", "In a file of --config: [measurements.quality] tilt_fail."),
-        (
-            "replay --planner.depth 3",
-            "Did you mean --planner? In a file of --config: [planner] depth.",
-        ),
-        ("plan a.nc --legs 3", "In a file of --config: [planner] legs."),
-        ("replay --ensembel e.nc", "Unknown option: --ensembel. Did you mean --ensemble?"),
+        ("replay --planner.depth 3", "Did you mean --planner? In a file of --config: [planner] de"),
         ("replay a.mcap -z", "Unknown option: -z."),
-        ("twin --truht t.nc -o x.mcap", "Did you mean --truth?"),
         ("replya", 'Did you mean "replay"?'),
         ("experiment papr", 'Did you mean "paper"?'),
     ],
@@ -168,10 +120,6 @@ def test_an_unknown_word_is_named_before_what_is_missing_with_the_nearest(words,
     said = refusal(words)
     assert unknown in said
     assert "--help." in said
-
-
-def test_options_with_an_underscore_and_words_after_two_hyphens_are_no_unknown_options():
-    assert "--ensemble is missing" in refusal("replay --dry_run --offline -- --mode")
 
 
 @pytest.fixture(scope="module")
@@ -215,10 +163,7 @@ def test_an_option_with_one_value_is_given_once(words, step):
     for option in single[::step]:
         # short and long names are one option
         said = refusal(f"{words} {option.name} first {option.names[-1]}=second")
-        assert (
-            said
-            == f"Parameter {option.names[-1]} specified multiple times. See replay-kit {words} --help."
-        )
+        assert said.startswith(f"Parameter {option.names[-1]} specified multiple times.")
 
 
 def test_every_command_that_reads_an_ensemble_takes_several_files():
@@ -260,21 +205,13 @@ def test_words_after_an_ensemble_are_files_of_it(given, meant):
     assert repeat_ensembles(given.split()) == meant.split()
 
 
-def test_short_and_long_names_are_one_option_and_flags_and_lists_may_come_again(log, tmp_path):
-    said = refusal("replay log.mcap -o a.mcap --ensemble e.nc --out b.mcap")
-    assert said.startswith("Parameter --out specified multiple times.")
+def test_durations_of_options_take_units_and_lists_and_flags_may_come_again(log, tmp_path):
     again = "--remap /a=/b --remap /c=/d --overwrite --overwrite"
     succeed(f"convert {log} -o {tmp_path}/o.mcap {again}")
-
-
-def test_durations_of_options_take_units(tmp_path):
-    same = []
-    for k, interval in enumerate(("10min", "600")):
-        out = tmp_path / f"{k}.mcap"
+    said = refusal("twin --truth t.nc --interval 10parsecs -o x.mcap")
+    assert "expected a number, or a duration such as 90s, 36h, 2d" in said
+    same = tmp_path / "0.mcap", tmp_path / "1.mcap"
+    for out, interval in zip(same, ("10min", "600"), strict=True):
         words = f"--vehicle glider --pings 2 --interval {interval} -o {out}"
         succeed(f"twin --truth {SAMPLES}/truth.nc {words}")
-        same.append(out.read_bytes())
-    assert same[0] == same[1]
-    done = invoke(["twin", "--truth", "t.nc", "--interval", "10 parsecs", "-o", "x.mcap"])
-    assert done.exit_code == 2
-    assert "expected a number, or a duration such as 90s, 36h, 2d" in done.stderr
+    assert same[0].read_bytes() == same[1].read_bytes()

@@ -8,10 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from planners.output.waypoints import FORMS
-from replay_kit.cli.app import app
 from replay_kit.cli.settings import Settings, every_setting, takes_settings
-from replay_kit.config.option import Option
 from replay_kit.config.run import RunConfig, load_config
 from replay_kit.core.errors import ConfigError
 from tests.command import invoke, succeed
@@ -82,31 +79,6 @@ def test_config_lists_every_setting_as_a_file_that_can_be_read(tmp_path):
     assert tables["planner"]["kind"] == "auto"
     assert succeed("config planner gating").stdout.count("\n[") == 1
     assert "expected sections of logs, measurements" in invoke("config nothing").stderr
-
-
-def test_a_replay_has_sixty_options_at_most_and_their_help_is_that_of_the_settings():
-    options = {option.name: option for option in app["replay"].assemble_argument_collection()}
-    assert len(options) <= 60
-    for path, setting in every_setting():
-        name = f"--{path.rpartition('.')[2].replace('_', '-')}"
-        marked = any(isinstance(part, Option) and part.name is None for part in setting.metadata)
-        if marked and name in options and not path.startswith("plan."):
-            assert options[name].parameter.help.startswith(setting.description), path
-
-
-def test_help_lists_what_the_libraries_have():
-    said = invoke("plan --help", columns=400).stdout
-    assert all(name in said for name in FORMS)
-
-
-def test_help_is_as_wide_as_it_is_told_to_be():
-    for columns in (60, 100, 240):
-        lines = invoke("replay --help", columns=columns).stdout.splitlines()
-        assert max(map(len, lines)) == columns
-    wide, told = (
-        python("-m", "replay_kit", "qc", "--help", env=env) for env in ({}, {"COLUMNS": "80"})
-    )
-    assert [max(map(len, said.splitlines())) for said in (wide, told)] == [160, 80]
 
 
 def test_help_and_refusals_load_no_library_that_takes_long():
@@ -183,13 +155,3 @@ def python(*arguments: str, env: dict[str, str] | None = None) -> str:
     return subprocess.run(
         command, env=env, cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
-
-
-def test_completion_can_be_installed(tmp_path, monkeypatch):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("SHELL", "/bin/bash")
-    succeed("--install-completion")
-    scripts = [
-        path for path in tmp_path.rglob("*") if path.is_file() and "replay" in path.read_text()
-    ]
-    assert any("--ensemble" in path.read_text() for path in scripts)

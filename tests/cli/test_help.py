@@ -22,24 +22,6 @@ def test_every_option_is_there_and_no_line_is_wider_than_the_terminal(words):
     assert all(name in joined for each in shown for name in each.names)
 
 
-def test_commands_stand_under_their_headings():
-    said = succeed("--help", columns=100).stdout
-    place = [said.index(word) for word in (" Estimate and plan ", " replay ", " Logs ", " info ")]
-    assert place == sorted(place)
-    assert all(f" {name} " in said for name in FORMS if " " not in name)
-
-
-def test_forms_choices_and_defaults_are_told():
-    said = " ".join(invoke("twin --help", columns=80).stdout.replace("\u2502", "").split())
-    for words in (
-        "--vehicle CHOICE A vessel surveys at random positions, a glider dives. [choices: vessel, glider] [default: vessel]",
-        "--noise FLOAT Standard deviation of each velocity component of a bin [m/s]. [default: 0.09]",
-        "--truth FILE[#member] The current that the vehicle moves in. [required]",
-        "--changing The current changes",
-    ):
-        assert words in said
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "begin"),
     [

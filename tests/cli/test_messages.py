@@ -66,28 +66,18 @@ def test_a_place_whose_swapped_numbers_lie_in_the_region_is_asked_about(ocean, t
 
 def test_a_goal_outside_is_told_from_a_log_outside(ocean):
     answer = said(ocean, "--goal=10,-40,100", code=3)
-    assert answer.startswith(
-        "goal at 10.00000, -40.00000, 100 m is outside the forecast's region (west, south, east, north: 1"
-    )
+    outside = "goal at 10.00000, -40.00000, 100 m is outside the forecast's region (west, south, "
+    assert answer.startswith(outside)
     assert answer.endswith("); choose a place inside it or a forecast that covers it")
     answer = said(ocean, "--goal=152.2,-39.8,100", ensemble="elsewhere.nc", code=3)
-    assert (
-        "; choose a place inside it or a forecast that covers it. The whole log lies outside it too, in 152."
-        in answer
-    )
-    assert answer.endswith(" N: use an ensemble of that place, or --place-ensemble for a study")
+    assert "The whole log lies outside it too, in 152." in answer
+    assert "use an ensemble of that place, or --place-ensemble" in answer
 
 
-def test_a_time_span_without_messages_is_told_that_of_the_log(ocean):
-    span = "2018-11-16T00:00:00Z to "
-    after = said(ocean, "--start 2019-01-01")
-    assert after.startswith(
-        f"--start 2019-01-01: no message lies there; the log spans {span}2018-11-16T0"
-    )
-    before = said(ocean, "--start 2018-01-01 --end 2018-11-15")
-    assert before.startswith(
-        f"--start 2018-01-01 and --end 2018-11-15: no message lies there; the log spans {span}"
-    )
+@pytest.mark.parametrize("span", ["--start 2019-01-01", "--start 2018-01-01 --end 2018-11-15"])
+def test_a_time_span_without_messages_is_told_that_of_the_log(ocean, span):
+    told = "no message lies there; the log spans 2018-11-16T00:00:00Z to 2018-11-16T0"
+    assert said(ocean, span).startswith(f"{span.replace(' --end', ' and --end')}: {told}")
 
 
 def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path):
@@ -109,32 +99,16 @@ def test_an_option_is_not_blamed_on_the_file(ocean, tmp_path):
     ("text", "why"),
     [
         ("[planner]\nspeed = 0.3\nspeed = 0.4\n", "line 3: the key 'speed' is repeated; keep one"),
-        (
-            "[planner]\nspeed = 0.3\n[planner]\ndepth = 4\n",
-            "line 3: the table [planner] is repeated; keep one",
-        ),
-        (
-            "[planner\n",
-            "not TOML: Expected ']' at the end of a table declaration (at line 1, column 9)",
-        ),
+        ("[planner]\n[planner]\n", "line 2: the table [planner] is repeated; keep one"),
+        ("[planner\n", "not TOML: Expected ']' at the end of a table declaration"),
     ],
 )
 def test_a_repeated_key_is_named_with_its_line(ocean, tmp_path, text, why):
     path = tmp_path / "run.toml"
     path.write_text(text)
-    assert said(ocean, f"--config {path}") == f"{path}: {why}"
+    assert said(ocean, f"--config {path}").startswith(f"{path}: {why}")
 
 
 def test_options_before_the_command_are_those_of_the_command():
     done = invoke("--start yesterday -q replay a.mcap --ensemble e.nc -o o.mcap")
     assert done.stderr.startswith("replay-kit: options: 'logs.start': 'yesterday' is no time")
-
-
-def test_a_region_is_told_how_many_numbers_it_has():
-    done = invoke("plan flow.nc --start=1,2,3 --goal=1,2,3 --angles 15")
-    assert done.stderr == "replay-kit: --angles: expected MIN,MAX, got '15': MAX is missing\n"
-    done = invoke("plan flow.nc --start=1,2,3 --goal=1,2,3 --mooring 5,2,1")
-    assert (
-        done.stderr
-        == "replay-kit: --mooring: expected RADIUS,HOURS, got '5,2,1': 3 numbers instead of 2\n"
-    )

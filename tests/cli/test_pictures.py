@@ -22,28 +22,27 @@ SETTINGS = {
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pictures")
-    rk.replay(
-        SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc", settings=SETTINGS, out=folder / "r.mcap"
-    )
+    files = SAMPLES / "glider.mcap", SAMPLES / "ensemble.nc"
+    rk.replay(*files, settings=SETTINGS, out=folder / "r.mcap")
     return folder
 
 
-def test_plot_writes_a_figure_and_keeps_what_exists(folder):
-    done = run_command(folder, "plot r.mcap dac -o f.svg")
-    assert (done.returncode, done.stdout.strip()) == (0, "Figure: f.svg")
+def run(folder, line):
+    done = run_command(folder, line)
+    return done.returncode, done.stdout.strip() or done.stderr
+
+
+def test_plot_and_export_say_what_they_wrote_and_keep_what_exists(folder):
+    assert run(folder, "plot r.mcap dac -o f.svg") == (0, "Figure: f.svg")
     assert "mean current, eastward" in (folder / "f.svg").read_text()
-    again = run_command(folder, "plot r.mcap dac -o f.svg")
-    assert again.returncode == 2
-    assert "--overwrite" in again.stderr
-
-
-def test_export_says_how_many_rows_it_wrote(folder):
-    done = run_command(folder, "export r.mcap --at=152.6,-40,150 -o x.csv")
-    assert (done.returncode, done.stdout.strip()) == (0, "x.csv: series 2 rows")
+    code, said = run(folder, "plot r.mcap dac -o f.svg")
+    assert (code, "--overwrite" in said) == (2, True)
+    line = "export r.mcap --at=152.6,-40,150 -o x.csv"
+    assert run(folder, line) == (0, "x.csv: series 2 rows")
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("line", "says"),
     [
         ("plot r.mcap map -o f.jpg", "one of .png, .svg, .pdf"),
         ("plot r.mcap maps -o f.png", "maps"),
@@ -52,20 +51,17 @@ def test_export_says_how_many_rows_it_wrote(folder):
         ("plot r.mcap series --at=152.6,-40 -o f.png", "DEPTH is missing"),
     ],
 )
-def test_wrong_words_end_with_code_2(folder, words, says):
-    done = run_command(folder, words)
-    assert done.returncode == 2
-    assert says in done.stderr
+def test_wrong_words_end_with_code_2(folder, line, says):
+    code, said = run(folder, line)
+    assert (code, says in said) == (2, True)
 
 
 def test_a_result_that_is_cut_short_is_drawn_with_a_note(folder):
     whole = (folder / "r.mcap").read_bytes()
     (folder / "cut.mcap").write_bytes(whole[: len(whole) * 3 // 4])
-    done = run_command(folder, "plot cut.mcap trust -o cut.svg")
-    assert done.returncode == 4, done.stderr
+    assert run(folder, "plot cut.mcap trust -o cut.svg")[0] == 4
     assert "truncated" in (folder / "cut.svg").read_text()
-    none = run_command(folder, "plot missing.mcap trust -o none.svg")
-    assert none.returncode == 3
+    assert run(folder, "plot missing.mcap trust -o none.svg")[0] == 3
 
 
 def script(capsys, name, *arguments):

@@ -9,13 +9,12 @@ import h5py
 import pytest
 from rich.table import Table
 
-from replay_kit.cli import console
 from replay_kit.cli.console import console_beside
 from replay_kit.core.message import Message
 from replay_kit.core.words.text import printable
 from replay_kit.logs.mcap.writer import write_mcap_log
 from tests.command import Outcome, invoke
-from tests.places import ROOT
+from tests.places import SAMPLES
 
 #: Clears the screen, begins a line that looks like one of ours, rings, turns the direction of writing, is a style of rich and a picture.
 EVIL = "x\x1b[2J\nreplay-kit: all is well\x07\u202e[red]:bug:"
@@ -38,17 +37,14 @@ def folder(tmp_path_factory) -> Path:
     where = tmp_path_factory.mktemp("names")
     fix = {"latitude": -40.0, "longitude": 152.0, "frame_id": EVIL}
     adcp = {"velocity": [[0.1]], EVIL: EVIL}
+    kinds = {"fix": ("foxglove.LocationFix", fix), "adcp": ("replay_kit.AdcpPing", adcp)}
     messages = [
-        Message(10**18 + k * 10**9, f"/{topic}{EVIL}", schema, payload, 0, k)
+        Message(10**18 + k * 10**9, f"/{topic}{EVIL}", *kind, 0, k)
         for k in range(3)
-        for topic, schema, payload in (
-            ("fix", "foxglove.LocationFix", fix),
-            ("adcp", "replay_kit.AdcpPing", adcp),
-            ("other", EVIL, adcp),
-        )
+        for topic, kind in (kinds | {"other": (EVIL, adcp)}).items()
     ]
     write_mcap_log(where / f"{EVIL}.mcap", messages)
-    shutil.copyfile(ROOT / "sample_logs" / "ensemble.nc", where / f"{EVIL}.nc")
+    shutil.copyfile(SAMPLES / "ensemble.nc", where / f"{EVIL}.nc")
     with h5py.File(where / f"bad{EVIL}.nc", "w") as file:
         file.create_dataset(EVIL, data=[1.0])
     return where
@@ -84,12 +80,6 @@ def test_no_command_obeys_a_name(folder, monkeypatch, line, code):
     check(invoke([word.replace("X", EVIL) for word in line.split()]), code)
 
 
-def test_names_of_topics_are_shown_whole(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    said = check(invoke(["info", f"{EVIL}.mcap", "-v"], columns=400), 0)
-    assert f"/other{SHOWN}" in said
-
-
 def test_what_commands_answer_as_json_holds_names_as_they_are(folder, monkeypatch):
     monkeypatch.chdir(folder)
     outcome = invoke(["info", f"{EVIL}.mcap", "--json", "-"])
@@ -103,17 +93,6 @@ def _texts(value: object) -> list[str]:
     if isinstance(value, list):
         return [text for part in value for text in _texts(part)]
     return [value] if isinstance(value, str) else []
-
-
-def test_the_log_of_a_command_holds_no_controls(folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    (folder / "kept.log").unlink(missing_ok=True)
-    invoke(["info", f"missing{EVIL}.mcap", "--log", "kept.log"])
-    # what later tests print must not go there
-    console.begin(console.Reporting())
-    kept = (folder / "kept.log").read_text()
-    assert "\x1b" not in kept
-    assert "\\x1b[2J" in kept
 
 
 def test_tables_show_names_in_cells_headings_and_titles(capsys):

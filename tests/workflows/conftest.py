@@ -1,4 +1,4 @@
-"""An ocean with a glider's log in it, and the result of its replay, made once for the tests that only read them."""
+"""An ocean with logs in it, and the result of a replay, made once for the tests that only read them."""
 
 from pathlib import Path
 
@@ -7,15 +7,18 @@ import pytest
 from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig
 from replay_kit.core.plan import Place
+from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.replay import replay
-from tests.workflows.replay.interrupted import QUICK, job_in, make_ocean
+from tests.workflows.replay.interrupted import QUICK, job_in, make_ocean, truth_in
 
 
 @pytest.fixture(scope="package")
 def ocean(tmp_path_factory) -> Path:
-    """A folder with an ensemble, the truth withheld from it, and a log of 45 pings."""
-    return make_ocean(tmp_path_factory.mktemp("ocean"), RunConfig(), 45)
+    """A folder with an ensemble, the truth withheld from it, a glider's log of 45 pings and a vessel's of 40."""
+    folder = make_ocean(tmp_path_factory.mktemp("ocean"), RunConfig(), 45)
+    make_twin(truth_in(folder, RunConfig()), Twin("vessel", 40, 0.05, 2), folder / "survey.mcap")
+    return folder
 
 
 @pytest.fixture(scope="package")

@@ -2,82 +2,62 @@
 
 import os
 import shutil
-import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from replay_kit.config.run import LogConfig, OutputConfig, RunConfig
-from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
+from replay_kit.config.run import LogConfig, RunConfig
+from replay_kit.core.errors import LogError, ReplayKitError
 from replay_kit.core.files.inputs import check_unchanged, stamps_of
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.logs import reader
 from replay_kit.workflows.convert import convert
 from replay_kit.workflows.info.inspect import inspect_logs
-from replay_kit.workflows.replay.inputs.job import ReplayJob
+from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from tests.command import invoke
 from tests.planners.flow_samples import eddying_flow
-from tests.workflows.replay.interrupted import QUICK, make_ocean
-
-if sys.platform == "win32":
-    pytest.skip("file size limits are POSIX", allow_module_level=True)
-
 from tests.workflows.disk import full_disk
+from tests.workflows.replay.interrupted import QUICK, job_in
 
-CONFIG = RunConfig(estimator=QUICK, output=OutputConfig(checkpoint_interval=600.0, interval=7200.0))
+CONFIG = RunConfig(estimator=QUICK, output={"checkpoint_interval": 600.0, "interval": 7200.0})
 PRECIOUS = b"an earlier result"
-SETTINGS = "[output]\ncheckpoint_interval = 600.0\ninterval = 7200.0\n[estimator]\nmodes = 6\nsample_share = 0.5\nshift_distance = 0.0\n"
 
 
 @pytest.fixture(scope="module")
-def ocean(tmp_path_factory) -> Path:
-    folder = make_ocean(tmp_path_factory.mktemp("ocean"), CONFIG, 30)
-    (folder / "run.toml").write_text(SETTINGS)
-    assert invoke(replaying(folder, folder / "whole.mcap")).exit_code in (0, 6)
+def made(ocean, tmp_path_factory):
+    """Settings, a result and an estimate."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "run.toml").write_text(run_settings_toml(CONFIG))
+    replay(job_in(ocean, folder / "whole.mcap"), CONFIG)
     eddying_flow(12).save(folder / "flow.nc")
     return folder
 
 
-def replaying(ocean, out):
-    return f"replay {ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --config {ocean}/run.toml -o {out}"
+ENDINGS = ("export .nc", "export .csv", "export .kml", "export .geojson", "report .html")
+NAMES = ("convert", "replay", "checkpoint", "json")
 
 
-def commands(ocean, out):
+def command(ocean, made, out, name):
     """A line, the file that is written, and how much of it fits on the disk [bytes]."""
-    shown = {"report": ".html"} | {name: name.split()[1] for name in EXPORTS}
-    result, table, picture = (
-        ocean / "whole.mcap",
-        *(out.with_suffix(ending) for ending in (".json", ".png")),
-    )
+    replayed = f"replay {ocean}/glider.mcap --ensemble {ocean}/ensemble.nc --config {made}/run.toml"
     places = "--start=152.42,-40.0,0 --goal=152.52,-39.96,0 --depth=390"
-    return {
-        **{
-            name: (f"{name.split()[0]} {result} -o {to}", to, 100)
-            for name, ending in shown.items()
-            for to in (out.with_suffix(ending),)
-        },
-        "plot": (f"plot {result} map -o {picture}", picture, 100),
-        "plan": (f"plan {ocean}/flow.nc {places} -o {out}", out, 3_000),
-        "convert": (f"convert {ocean}/glider.mcap -o {out}", out, 20_000),
-        "replay": (replaying(ocean, out), out, 20_000),
-        "checkpoint": (
-            f"{replaying(ocean, out)} --checkpoint {out.with_suffix('.ck')}",
-            out,
-            3_000,
-        ),
-        "json": (f"info {ocean}/glider.mcap --json {table}", table, 10),
-    }
+    words, _, ending = name.partition(" ")
+    out = out.with_suffix(ending or {"plot": ".png", "json": ".json"}.get(name, ".mcap"))
+    line, size = {
+        "plot": (f"plot {made}/whole.mcap map -o", 100),
+        "plan": (f"plan {made}/flow.nc {places} -o", 3_000),
+        "convert": (f"convert {ocean}/glider.mcap -o", 20_000),
+        "replay": (f"{replayed} -o", 20_000),
+        "checkpoint": (f"{replayed} --checkpoint {out.with_suffix('.ck')} -o", 3_000),
+        "json": (f"info {ocean}/glider.mcap --json", 10),
+    }.get(name, (f"{words} {made}/whole.mcap -o", 100))
+    return f"{line} {out}", out, size
 
 
-NAMES = ["convert", "replay", "checkpoint", "json"]
-EXPORTS = ["export .nc", "export .csv", "export .kml", "export .geojson"]
-
-
-@pytest.mark.parametrize("name", [*NAMES, "report", "plot", *EXPORTS, "plan"])
-def test_a_disk_that_fills_is_told_and_the_earlier_output_stays(ocean, tmp_path, name):
-    line, out, size = commands(ocean, tmp_path / "out.mcap")[name]
+@pytest.mark.parametrize("name", [*NAMES, *ENDINGS, "plot", "plan"])
+def test_a_disk_that_fills_is_told_and_the_earlier_output_stays(ocean, made, tmp_path, name):
+    line, out, size = command(ocean, made, tmp_path / "out", name)
     out.write_bytes(PRECIOUS)
     with full_disk(size):
         done = invoke(f"{line} --overwrite")
@@ -94,24 +74,18 @@ def test_a_grid_that_does_not_fit_leaves_the_earlier_one(tmp_path):
     out.write_bytes(PRECIOUS)
     with (
         full_disk(3000),
-        pytest.raises(
-            ReplayKitError, match=r"grid\.nc\.part: cannot be written.*is the disk full\?"
-        ) as raised,
+        pytest.raises(ReplayKitError, match=r"grid\.nc\.part.*disk full") as raised,
     ):
         write_grid(flow, out)
     assert raised.value.exit_code == 1
     assert out.read_bytes() == PRECIOUS
-    with pytest.raises(ConfigError, match="cannot be written"):
-        write_grid(flow, tmp_path / "absent" / "grid.nc")
 
 
-@pytest.mark.skipif(
-    not Path("/proc").is_dir(), reason="the folder that nobody can write to is Linux's"
-)
 @pytest.mark.parametrize("name", NAMES)
-def test_a_folder_that_cannot_be_written_is_told(ocean, name):
-    arguments, out, _ = commands(ocean, Path("/proc/out.mcap"))[name]
-    done = invoke(arguments)
+def test_a_folder_that_cannot_be_written_is_told(ocean, made, name):
+    # of Linux, to which nobody can write
+    line, out, _ = command(ocean, made, Path("/proc/out"), name)
+    done = invoke(line)
     assert done.exit_code == 2
     assert "/proc/" in done.stderr
     assert "cannot" in done.stderr
@@ -146,9 +120,6 @@ CHANGES = {
     exchange: "was replaced by another file",
     Path.unlink: "is gone",
 }
-changes = pytest.mark.parametrize(
-    ("change", "words"), CHANGES.items(), ids=["grow", "shrink", "overwrite", "exchange", "unlink"]
-)
 
 
 class Changing:
@@ -163,17 +134,16 @@ class Changing:
             self.change(self.path)
 
 
-@changes
-def test_a_change_of_a_file_is_named(tmp_path, change, words):
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_of_a_file_is_named(tmp_path, change):
     path = tmp_path / "log"
     path.write_bytes(bytes(100))
     before = stamps_of([path, tmp_path, tmp_path / "absent"])
     assert set(before) == {path}
     check_unchanged(before)
     change(path)
-    with pytest.raises(LogError, match=words) as raised:
+    with pytest.raises(LogError, match=f"{path}.*{CHANGES[change]}") as raised:
         check_unchanged(before)
-    assert str(path) in str(raised.value)
     assert raised.value.exit_code == 3
 
 
@@ -200,7 +170,6 @@ def test_info_and_convert_tell_of_an_input_that_changes_and_keep_the_earlier_out
     [
         (grow, "glider.mcap"),
         (shrink, "glider.mcap"),
-        (grow, "ensemble.nc"),
         (Path.unlink, "ensemble.nc"),
     ],
 )
@@ -213,12 +182,8 @@ def test_a_replay_tells_of_an_input_that_changes_and_keeps_the_earlier_output(
     out = tmp_path / "out.mcap"
     out.write_bytes(PRECIOUS)
     changing = Changing("replaying", change, tmp_path / which)
-    job = ReplayJob((tmp_path / "glider.mcap",), tmp_path / "ensemble.nc", out, overwrite=True)
     with pytest.raises(LogError, match=CHANGES[change]):
-        replay(job, CONFIG, progress=changing)
+        replay(job_in(tmp_path, out), CONFIG, progress=changing)
     assert changing.done
-    assert {path.name for path in tmp_path.glob("out*")} == {"out.mcap"}
+    assert [path.name for path in tmp_path.glob("out*")] == ["out.mcap"]
     assert out.read_bytes() == PRECIOUS
-    if (change, which) == (grow, "glider.mcap"):
-        replay(replace(job, logs=(ocean / "glider.mcap",), ensemble=ocean / "ensemble.nc"), CONFIG)
-        assert out.read_bytes() != PRECIOUS

@@ -13,10 +13,10 @@ from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
 from tests import synthetic
-from tests.command import invoke
+from tests.command import succeed
 from tests.measurements.carriers import json_mcap
 from tests.measurements.samples import fix, ping
-from tests.places import ROOT
+from tests.places import DATA, SAMPLES, needs
 from tests.results.result_samples import decoded
 
 CELLS = {
@@ -27,83 +27,61 @@ CELLS = {
 }
 
 
-@pytest.fixture
-def log(tmp_path):
-    """A vessel's log: a sound ping, one with a failed and a suspect bin, one that leans so far that it loses everything."""
-    low = ping(
-        2,
-        **CELLS,
-        correlation=[90.0, 10.0, 90.0, 90.0, 90.0],
-        percent_good=[90.0, 90.0, 40.0, 90.0, 90.0],
-    )
-    messages = [
-        fix(0),
-        ping(1, **CELLS),
-        low,
-        ping(3, **CELLS, pitch=50.0, roll=0.0),
-        ping(4, **CELLS, coordinate_system="instrument"),
-        fix(5),
-    ]
-    path = tmp_path / "survey.mcap"
-    path.write_bytes(
-        json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages])
-    )
+def written(path, *messages):
+    rows = [(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in messages]
+    path.write_bytes(json_mcap(rows))
     return path
 
 
-def run_qc(*arguments):
-    done = invoke(["qc", *map(str, arguments)], columns=200)
-    return done.exit_code, done
+LOW = {
+    "correlation": [90.0, 10.0, 90.0, 90.0, 90.0],
+    "percent_good": [90.0, 90.0, 40.0, 90.0, 90.0],
+}
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A vessel's log: a sound ping, one with a failed and a suspect bin, one that leans so far that it loses everything."""
+    changes = {}, LOW, {"pitch": 50.0, "roll": 0.0}, {"coordinate_system": "instrument"}
+    pings = [ping(k, **CELLS, **more) for k, more in enumerate(changes, start=1)]
+    return written(tmp_path / "survey.mcap", fix(0), *pings, fix(5))
 
 
 def test_each_test_says_what_it_did(log):
-    code, said = run_qc(log, "--json", "-")
-    assert code == 0
+    said = succeed(f"qc {log} --json -", columns=200)
     answer = json.loads(said.stdout)
     (topic,) = answer["topics"]
     assert topic["pings"] == 3
     assert topic["bins"] == {"good": 6, "not_evaluated": 0, "suspect": 1, "fail": 5, "missing": 3}
     tests = {test["test"]: test for test in topic["tests"]}
     correlation = tests["correlation"]
-    assert (correlation["evaluated"], correlation["failed"], correlation["fail_when"]) == (
-        4,
-        1,
-        "< 25 %",
-    )
-    assert correlation["not_evaluated"] == [
-        {"code": "the_ping_has_no_correlation", "reason": "the ping has no correlation", "count": 8}
-    ]
-    assert correlation["bit"] == Reason.LOW_CORRELATION
+    assert (correlation["evaluated"], correlation["failed"]) == (4, 1)
+    assert (correlation["fail_when"], correlation["bit"]) == ("< 25 %", Reason.LOW_CORRELATION)
+    (reason,) = correlation["not_evaluated"]
+    assert (reason["reason"], reason["count"]) == ("the ping has no correlation", 8)
     assert (tests["tilt"]["evaluated"], tests["tilt"]["failed"]) == (4, 4)
     (lost,) = topic["pings_lost"]
-    assert lost["reasons"] == ["missing", "tilt"]
-    assert lost["time"] == "1970-01-01T00:00:03Z"
+    assert (lost["reasons"], lost["time"]) == (["missing", "tilt"], "1970-01-01T00:00:03Z")
     assert answer["settings"]["quality"]["tilt_fail"] == 30.0
-    assert "8 the ping has no correlation" in said.stderr
-    assert "Pings that lose every bin: 1" in said.stderr
-    assert "Not used: 1 x /adcp: heading is magnetic" in said.stderr
+    for words in ("8 the ping has no correlation", "lose every bin: 1", "Not used: 1 x /adcp"):
+        assert words in said.stderr
 
 
 def test_the_configuration_moves_the_limits(log, tmp_path):
     (tmp_path / "run.toml").write_text(
         '[measurements.quality]\ntilt_fail = "off"\ntilt_suspect = "off"\ncorrelation_fail = 5.0\n'
     )
-    _, said = run_qc(log, "--config", tmp_path / "run.toml", "--json", "-")
+    said = succeed(f"qc {log} --config {tmp_path}/run.toml --json -")
     (topic,) = json.loads(said.stdout)["topics"]
     assert topic["bins"]["fail"] == 0
     assert topic["pings_lost"] == []
 
 
 def test_a_log_without_pings_is_unusable_and_says_what_it_has(tmp_path):
-    alone = [fix(0), ping(1, **CELLS, coordinate_system="instrument")]
-    (tmp_path / "none.mcap").write_bytes(
-        json_mcap([(m.time_ns // 10**9, m.topic, m.schema, m.payload) for m in alone])
-    )
-    with pytest.raises(
-        MeasurementError, match=r"expected ADCP pings.*1 x /adcp: heading is magnetic"
-    ) as found:
-        check_quality([tmp_path / "none.mcap"], RunConfig())
-    assert found.value.exit_code == 3
+    alone = fix(0), ping(1, **CELLS, coordinate_system="instrument")
+    log = written(tmp_path / "none.mcap", *alone)
+    with pytest.raises(MeasurementError, match=r"expected ADCP pings.*1 x /adcp: heading is magn"):
+        check_quality([log], RunConfig())
 
 
 def test_a_damaged_log_says_so(log):
@@ -111,19 +89,16 @@ def test_a_damaged_log_says_so(log):
     assert check_quality([log], RunConfig())["exit_code"] == 4
 
 
-SEAGLIDER = sorted((ROOT.parent / "shared" / "data" / "seaglider").glob("p17101*.nc"))
-REAL = pytest.param(
-    SEAGLIDER,
-    marks=[
-        pytest.mark.full,
-        pytest.mark.skipif(not SEAGLIDER, reason="../shared/data/seaglider is not there"),
-    ],
-    id="seaglider",
-)
-
-
 @pytest.mark.parametrize(
-    "logs", [[ROOT / "sample_logs" / "survey.mcap"], [ROOT / "sample_logs" / "glider.mcap"], REAL]
+    "logs",
+    [
+        [SAMPLES / "survey.mcap", SAMPLES / "glider.mcap"],
+        pytest.param(
+            sorted((DATA / "seaglider").glob("p17101*.nc")),
+            marks=[pytest.mark.full, needs(DATA / "seaglider")],
+        ),
+    ],
+    ids=["samples", "seaglider"],
 )
 def test_sound_logs_lose_nothing(logs):
     """Bins that a test fails: none; suspect of anything but being at the surface: one in a thousand."""
@@ -138,18 +113,16 @@ def test_sound_logs_lose_nothing(logs):
 
 
 def test_settings_are_checked_and_come_back_from_a_result(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text("[measurements.quality]\nsnr_fail = 9.0\n")
+    def quality(**settings):
+        return load_config(None, {"measurements": {"quality": settings}})
+
     with pytest.raises(ConfigError, match="snr_suspect 6 is beyond snr_fail 9"):
-        load_config(path)
-    path.write_text("[measurements.quality]\nnonsense = 9.0\n")
+        quality(snr_fail=9.0)
     with pytest.raises(ConfigError, match=r"known here: .*snr_fail"):
-        load_config(path)
-    path.write_text('[measurements.quality]\nsnr_fail = 1.5\noutlier_fail = "off"\n')
-    config = load_config(path)
-    path.write_text(run_settings_toml(config))
-    assert "outlier_fail" in path.read_text()
-    assert load_config(path) == config
+        quality(nonsense=9.0)
+    config = quality(snr_fail=1.5, outlier_fail="off")
+    (tmp_path / "run.toml").write_text(run_settings_toml(config))
+    assert load_config(tmp_path / "run.toml") == config
 
 
 def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_path):
@@ -158,12 +131,9 @@ def test_a_replay_publishes_flags_and_reasons_and_uses_what_is_left(log, tmp_pat
     )
     alone = RunConfig(time=TimeConfig(window=0.0))
     summary, _ = replay(ReplayJob((log,), tmp_path / "ensemble.nc", tmp_path / "out.mcap"), alone)
-    assert (
-        summary.observations["used"],
-        summary.observations["rejected"],
-        summary.observations["bins_used"],
-    ) == (2, 1, 7)
-    assert summary.observations["bins_rejected"]["tilt"] == 5
+    counts = summary.observations
+    assert [counts[name] for name in ("used", "rejected", "bins_used")] == [2, 1, 7]
+    assert counts["bins_rejected"]["tilt"] == 5
     ((_, found),) = decoded(tmp_path / "out.mcap")["/flow/innovation"]
     assert (list(found.accepted), list(found.bins)) == ([True, True, False], [5, 5, 5])
     assert list(found.flags[5:]) == [1, 4, 3, 1, 9, 4, 4, 4, 4, 9]

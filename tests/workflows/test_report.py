@@ -4,7 +4,6 @@
 # ruff: noqa: F811
 
 import json
-from pathlib import Path
 
 from replay_kit.workflows.report import page_of, report
 from tests.command import invoke, succeed
@@ -18,35 +17,22 @@ SHORT = "--end 2018-11-16T02:00:00Z --levels 5,150 --modes 5"
 def test_the_command_names_the_page(result_path, page, tmp_path):
     outcome = succeed(f"report {result_path} -o {tmp_path}/page.html")
     assert (tmp_path / "page.html").read_text() == page
-    assert (
-        f"Report: {tmp_path / 'page.html'} ({len(page.encode()) / 1e6:.1f} MB); open it in a browser."
-        in outcome.stdout
-    )
+    assert f"Report: {tmp_path / 'page.html'} (" in outcome.stdout
     again = invoke(f"report {result_path} -o {tmp_path}/page.html")
     assert again.exit_code == 2
     assert "exists; choose another name or give --overwrite" in again.stderr
     assert invoke(f"report {result_path} -o {tmp_path}/page.pdf").exit_code == 2
 
 
-def test_the_page_lies_beside_the_result():
-    assert page_of(Path("a/out.mcap")) == Path("a/out.html")
-    assert page_of(Path("out.mcap.part")) == Path("out.html")
-
-
 def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path):
     logs, out = f"{SAMPLES}/survey.mcap --ensemble {SAMPLES}/ensemble.nc", tmp_path / "out.mcap"
     more = f"--truth {SAMPLES}/truth.nc --json {tmp_path}/out.json --report"
     outcome = succeed(f"replay {logs} -o {out} {SHORT} {more}")
-    assert "Wrote      " in outcome.stdout
     assert f"{out}, {tmp_path}/out.html" in outcome.stdout.replace("\n", "")
-    made, summary = (
-        (tmp_path / "out.html").read_text(),
-        json.loads((tmp_path / "out.json").read_text()),
-    )
-    carried = {
-        attrs["data-key"]: json.loads(attrs["value"] or "") for attrs, _ in elements(made, "data")
-    }
-    assert carried["truth.rmse"] == summary["truth"]["rmse"]
+    made = (tmp_path / "out.html").read_text()
+    carried = {attrs["data-key"]: attrs["value"] for attrs, _ in elements(made, "data")}
+    summary = json.loads((tmp_path / "out.json").read_text())
+    assert json.loads(carried["truth.rmse"]) == summary["truth"]["rmse"]
     assert "10 measurements of the current used; misfit" in text_of(made, "answer")
     files = f"-o {tmp_path}/other.mcap --report --netcdf {tmp_path}/other.html"
     refused = invoke(f"replay {logs} {SHORT} {files}")
@@ -58,24 +44,25 @@ def test_a_replay_makes_the_page_with_the_score_against_a_truth(tmp_path):
 def test_a_result_that_is_cut_short_shows_what_is_left(result_path, tmp_path):
     cut, data = tmp_path / "cut.mcap.part", result_path.read_bytes()
     cut.write_bytes(data[: int(0.6 * len(data))])
-    report(cut, tmp_path / "cut.html")
+    assert page_of(cut) == tmp_path / "cut.html"
+    report(cut, page_of(cut))
     made = (tmp_path / "cut.html").read_text()
     words = text_of(made, "answer")
-    assert "LOST: cut.mcap.part: " in words
-    assert "The result is damaged or truncated: only its recoverable content is shown." in words
-    assert "carries no estimate.npz" in words
+    for said in (
+        "LOST: cut.mcap.part: ",
+        "only its recoverable content",
+        "carries no estimate.npz",
+    ):
+        assert said in words
     assert len(elements(made, "figure")) >= 4
     assert "replay_kit_" not in made.split("<script")[0]
-    report(cut, tmp_path / "again.html")
-    assert (tmp_path / "again.html").read_text() == made
 
 
 def test_a_result_of_another_version_says_so(result_path, tmp_path, monkeypatch):
     monkeypatch.setattr("replay_kit.workflows.report.CONTRACT_VERSION", 7)
     report(result_path, tmp_path / "page.html")
-    assert "The result has version 6 of the contract, this program version 7" in text_of(
-        (tmp_path / "page.html").read_text(), "answer"
-    )
+    said = text_of((tmp_path / "page.html").read_text(), "answer")
+    assert "The result has version 6 of the contract, this program version 7" in said
 
 
 def test_names_of_files_topics_and_frames_are_text_in_the_page(tmp_path):

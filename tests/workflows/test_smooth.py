@@ -65,9 +65,9 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     points = np.meshgrid(slices.east, slices.north)
     for k, flow in enumerate(flows):
         velocity = flow.velocity(*points, np.full(points[0].shape, 150.0))
-        known = np.isfinite(slices.fields[1, k, 0])
-        np.testing.assert_allclose(slices.fields[1, k, 0][known], velocity[known, 0], atol=1e-6)
-        np.testing.assert_allclose(slices.fields[1, k, 1][known], velocity[known, 1], atol=1e-6)
+        shown = np.moveaxis(slices.fields[1, k], 0, -1)[..., :2]
+        known = np.isfinite(shown[..., 0])
+        np.testing.assert_allclose(shown[known], velocity[known], atol=1e-6)
     assert summary.exit_code == 0
     assert STATIC not in summary.notes
 
@@ -94,13 +94,6 @@ def test_a_static_estimate_is_its_last_at_all_times(tmp_path):
     assert result.events["message"].tolist() == [STATIC]
 
 
-@pytest.mark.parametrize(
-    ("ends", "interval", "expected"),
-    [
-        ((5, 5), 1.0, [5]),
-        ((0, 3 * 10**9), 1.5, [0, 15 * 10**8, 3 * 10**9]),
-        ((1, 10**9), 0.9, [1, 900_000_001, 10**9]),
-    ],
-)
-def test_published_times_begin_and_end_with_the_log(ends, interval, expected):
-    assert published_times(*ends, interval) == expected
+def test_published_times_begin_and_end_with_the_log():
+    assert published_times(5, 5, 1.0) == [5]
+    assert published_times(1, 10**9, 0.9) == [1, 900_000_001, 10**9]

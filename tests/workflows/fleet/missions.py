@@ -13,7 +13,7 @@ TABLE = """
 ensemble = "ensemble.nc"
 truth = "truth.nc"
 [all.settings]
-estimator.modes = 4
+estimator = { modes = 4, sample_share = 0.5, shift_distance = 0.0 }
 output.depths = [5.0]
 
 [[mission]]

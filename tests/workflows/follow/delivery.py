@@ -6,7 +6,6 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.run import RunConfig
 from replay_kit.core.plan import Place
 from replay_kit.workflows.follow.follow import follow
@@ -18,10 +17,7 @@ from tests.workflows.replay.interrupted import QUICK
 
 GOAL = Place(152.3, -39.8, 150.0)
 #: As little as shows everything: each replay of a dive builds the estimator anew.
-CONFIG = RunConfig(
-    planner=PlannerConfig(kind="glide"),
-    estimator=QUICK,
-)
+CONFIG = RunConfig(planner={"kind": "glide"}, estimator=QUICK)
 #: Waits shorter than this are those between two looks at a file that must not change; nothing arrives in them.
 INTERVAL = 10.0
 
@@ -29,25 +25,13 @@ INTERVAL = 10.0
 class Sea:
     """A vehicle's shore station: deliveries that happen one at each wait."""
 
-    def __init__(
-        self,
-        ocean: Path,
-        folder: Path,
-        goal: Place | None = GOAL,
-        now_ns: Callable[[], int] = lambda: 1_600_000_000 * 10**9,
-    ):
+    def __init__(self, ocean: Path, folder: Path, goal: Place | None = None):
         self.inbox, self.out = folder / "inbox", folder / "result.mcap"
         self.inbox.mkdir(exist_ok=True)
         self.job = ReplayJob((self.inbox,), ocean / "ensemble.nc", self.out, goal=goal)
         self.told: list[str] = []
-        self.options = FollowOptions(
-            folder / "states",
-            folder / "status.html",
-            INTERVAL,
-            2.5 * INTERVAL,
-            tell=self.told.append,
-        )
-        self._now_ns = now_ns
+        files = folder / "states", folder / "status.html"
+        self.options = FollowOptions(*files, INTERVAL, 2.5 * INTERVAL, tell=self.told.append)
         self._passed = 0.0
 
     def follow(
@@ -64,25 +48,20 @@ class Sea:
             if seconds >= INTERVAL and waiting:
                 waiting.pop(0)()
 
-        clock = Clock(self._now_ns, lambda: self._passed, wait)
+        clock = Clock(lambda: 1_600_000_000 * 10**9, lambda: self._passed, wait)
         return follow(self.job, config, planner_of, replace(self.options, **options), clock)
 
     def put(self, name: str, data: bytes) -> Callable[[], object]:
         """Return the delivery of a file, which appears whole."""
         return lambda: (self.inbox / name).write_bytes(data)
 
-    def at_once(self, out: Path, config: RunConfig = CONFIG) -> Path:
+    def at_once(self, config: RunConfig = CONFIG) -> Path:
         """Replay what is in the inbox in the end, planned at the same times."""
         when = config.planner.model_copy(update={"when": "surfacing"})
-        logs = tuple(
-            sorted(path for path in self.inbox.iterdir() if path.suffix in (".mcap", ".tlog"))
-        )
-        replay(
-            replace(self.job, logs=logs, out=out),
-            config.model_copy(update={"planner": when}),
-            planner_of,
-        )
-        return out
+        logs = sorted(path for path in self.inbox.iterdir() if path.suffix in (".mcap", ".tlog"))
+        job = replace(self.job, logs=tuple(logs), out=self.out.with_name("at-once.mcap"))
+        replay(job, config.model_copy(update={"planner": when}), planner_of)
+        return job.out
 
 
 def contents(path: Path) -> tuple[dict[str, bytes], list[tuple[str, int, bytes]]]:

@@ -1,11 +1,8 @@
 """Logs that grow, replayed as they come: the answer of one replay of what is there in the end, whatever happened on the way."""
 
-import json
 import os
 import shutil
-import sys
 from collections.abc import Callable
-from pathlib import Path
 from unittest import mock
 
 import pytest
@@ -32,30 +29,37 @@ def dives(ocean, tmp_path_factory) -> list[Instalment]:
     return dives_of(ocean / "glider.mcap", tmp_path_factory.mktemp("dives"))
 
 
-def cut(dive: Instalment) -> Instalment:
-    """A dive of which the end did not come through."""
-    return Instalment(dive.name, dive.data[: 2 * len(dive.data) // 3])
+@pytest.fixture
+def sea(ocean, tmp_path):
+    return Sea(ocean, tmp_path)
 
 
-def same(sea: Sea, tmp_path: Path) -> bool:
+def puts(sea, dives):
+    return [sea.put(one.name, one.data) for one in dives]
+
+
+def same(sea: Sea) -> bool:
     """Whether a result has the messages and the attachments of one replay of the files that are there in the end."""
-    return contents(sea.out) == contents(sea.at_once(tmp_path / "at-once.mcap"))
+    return contents(sea.out) == contents(sea.at_once())
 
 
-def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path, goal=None)
-    arrive = delivered(dives, [1], 2, cut(dives[2]))
+def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean, sea, dives):
+    # the end of it did not come through at first
+    cut = Instalment(dives[2].name, dives[2].data[: 2 * len(dives[2].data) // 3])
     with mock.patch.object(following, "build", wraps=following.build) as built:
-        summary = sea.follow([sea.put(one.name, one.data) for one in arrive])
+        summary = sea.follow(puts(sea, delivered(dives, [1], 2, cut)))
     # once for all replays with a forecast
     assert sum("replayed in" in text for text in sea.told) > 1 == built.call_count
-    assert same(sea, tmp_path)
-    assert [row["dive"] for row in summary.by_dive] == list(range(1, len(summary.by_dive) + 1))
+    assert same(sea)
+    by_dive = summary.by_dive
+    assert [row["dive"] for row in by_dive] == list(range(1, len(by_dive) + 1))
+    assert sum(row["profiles"] for row in by_dive) <= summary.observations["used"]
+    rms = [by_dive[0][f"rms_innovation_{kind}"] for kind in ("predicted", "prior")]
+    assert rms[0] <= rms[1] * (1 + 1e-12)
     # of a chunk that is cut nothing is read
     assert any(text.startswith("dive003.mcap not used: it has no message yet") for text in sea.told)
     assert any(text.startswith("dive003.mcap new, older than replayed data") for text in sea.told)
     assert sea.options.status.is_file()
-    assert not (sea.out.with_name("result.mcap.part")).exists()
     assert verify(sea.out, [sea.inbox, ocean], planner_of).same
 
 
@@ -67,11 +71,10 @@ def messages_of(replay: Callable[[], object]) -> int:
 
 
 def test_what_did_not_change_is_not_replayed_again_nor_for_a_second_file_of_a_dive(
-    ocean, dives, tmp_path
+    sea, dives, tmp_path
 ):
-    sea = Sea(ocean, tmp_path, goal=None)
-    for one in dives[:-1]:
-        sea.put(one.name, one.data)()
+    for put in puts(sea, dives[:-1]):
+        put()
     sea.follow()
     (tmp_path / "last.mcap").write_bytes(dives[-1].data)
     messages = [*open_log(tmp_path / "last.mcap").messages()]
@@ -80,26 +83,20 @@ def test_what_did_not_change_is_not_replayed_again_nor_for_a_second_file_of_a_di
         own = [one for one in messages if (one.schema == "replay_kit.AdcpPing") == pings]
         write_mcap_log(sea.inbox / name, own)
         taken.append(messages_of(sea.follow))
-    whole = messages_of(lambda: sea.at_once(tmp_path / "at-once.mcap"))
+    whole = messages_of(sea.at_once)
     # the last block of observations before the new dive was not complete
     assert all(0 < each < whole // 2 for each in taken)
     assert contents(sea.out) == contents(tmp_path / "at-once.mcap")
 
 
-def test_what_is_said_of_a_file_outlives_a_kill_as_soon_as_the_file_is_known(
-    ocean, dives, tmp_path
-):
-    sea = Sea(ocean, tmp_path, goal=None)
-    sea.put(dives[0].name, dives[0].data)()
+def test_what_is_said_of_a_file_outlives_a_kill_as_soon_as_the_file_is_known(sea, dives):
+    puts(sea, dives)[0]()
 
     def killed(*given: object) -> None:
         write_memory(*given)
         raise Killed
 
-    with (
-        mock.patch("replay_kit.workflows.follow.follow.write_memory", side_effect=killed),
-        pytest.raises(Killed),
-    ):
+    with mock.patch.object(following, "write_memory", killed), pytest.raises(Killed):
         sea.follow()
     left = read_memory(sea.options.states)
     assert [path.name for path in left.sources] == [dives[0].name]
@@ -107,145 +104,82 @@ def test_what_is_said_of_a_file_outlives_a_kill_as_soon_as_the_file_is_known(
 
 
 @pytest.mark.full
-def test_an_interrupt_leaves_whole_files_alone(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path)
-    sea.put(dives[0].name, dives[0].data)()
-    sea.follow()
-    before = sea.out.read_bytes()
-    sea.put(dives[1].name, dives[1].data)()
-    with (
-        mock.patch("replay_kit.workflows.replay.replay.conclude", side_effect=KeyboardInterrupt),
-        pytest.raises(KeyboardInterrupt),
-    ):
-        sea.follow()
-    assert sea.out.read_bytes() == before
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "inbox",
-        "result.mcap",
-        "states",
-        "status.html",
-    }
-
-
-@pytest.mark.full
 @pytest.mark.parametrize("name", ["glider.mcap", "glider.tlog"])
 def test_a_growing_log_is_replayed_up_to_what_is_whole(name, tmp_path):
-    data = (SAMPLES / name).read_bytes()
-    sea = Sea(SAMPLES, tmp_path, goal=None)
+    data, sea = (SAMPLES / name).read_bytes(), Sea(SAMPLES, tmp_path)
     sea.follow([sea.put(name, data[: k * len(data) // 4]) for k in (2, 3, 4)])
-    assert same(sea, tmp_path)
+    assert same(sea)
     assert sum("grew from" in text for text in sea.told) >= 1
     assert sum("replayed in" in text for text in sea.told) >= 2
 
 
-def test_what_does_not_belong_is_told_and_left_out(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path, goal=None)
-    first, second = dives[0], dives[1]
-    arrive = [
-        sea.put(first.name, first.data),
-        sea.put("notes.txt", b"pilot's notes"),
-        sea.put("copy.mcap", first.data),
-        sea.put("empty.mcap", b""),
-        sea.put(second.name, second.data),
-    ]
-    sea.follow(arrive)
+def test_what_does_not_belong_is_told_and_left_out(sea, dives):
+    first, second, *_ = puts(sea, dives)
+    others = {"notes.txt": b"pilot's notes", "copy.mcap": dives[0].data, "empty.mcap": b""}
+    sea.follow([first, *(sea.put(*other) for other in others.items()), second])
     words = "\n".join(sea.told)
     assert "notes.txt not used: it is not a readable log" in words
     assert "copy.mcap not used: it is identical to dive001.mcap" in words
     assert "empty.mcap not used: it is not a readable log" in words
-    for path in sea.inbox.iterdir():
-        if not path.name.startswith("dive"):
-            path.unlink()
-    assert same(sea, tmp_path)
+    for name in others:
+        (sea.inbox / name).unlink()
+    assert same(sea)
 
 
 @pytest.mark.full
-def test_a_file_that_goes_is_told_and_the_replay_goes_back(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path, goal=None)
-    arrive = [sea.put(one.name, one.data) for one in dives[:2]]
-    sea.follow([*arrive, *[lambda: None] * 2, (sea.inbox / dives[1].name).unlink])
+def test_a_file_that_goes_is_told_and_the_replay_goes_back(sea, dives):
+    gone = (sea.inbox / dives[1].name).unlink
+    sea.follow([*puts(sea, dives)[:2], *[lambda: None] * 2, gone])
     assert any("dive002.mcap: missing" in text for text in sea.told)
-    assert same(sea, tmp_path)
+    assert same(sea)
 
 
 @pytest.mark.full
-def test_a_goal_that_moves_is_taken_at_once_and_earlier_plans_keep_theirs(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path, goal=None)
+def test_a_goal_that_moves_is_taken_at_once_and_earlier_plans_keep_theirs(sea, dives, tmp_path):
     file = tmp_path / "goal.txt"
     file.write_text("# first\n152.3,-39.8,150\n")
-    for one in dives[:2]:
-        sea.put(one.name, one.data)()
-    deliveries = [
-        lambda: file.write_text("152.2,-39.7,100\n"),
-        lambda: file.write_text("nowhere\n"),
-        sea.put(dives[2].name, dives[2].data),
-    ]
-    sea.follow(deliveries, goal_file=file)
-    goals = read_memory(sea.options.states).goals
-    assert [(place.longitude, place.depth) for _, place in goals] == [
-        (152.3, 150.0),
-        (152.2, 100.0),
-    ]
-    assert any("the goal moved to 152.2000 E" in text for text in sea.told)
-    assert any(
-        "expected LON,LAT,DEPTH" in text and "the goal is unchanged" in text for text in sea.told
+    first, second, third, *_ = puts(sea, dives)
+    first()
+    second()
+    moved, nowhere = (
+        lambda text=text: file.write_text(text) for text in ("152.2,-39.7,100\n", "nowhere\n")
     )
+    sea.follow([moved, nowhere, third], goal_file=file)
+    goals = [(place.longitude, place.depth) for _, place in read_memory(sea.options.states).goals]
+    assert goals == [(152.3, 150.0), (152.2, 100.0)]
+    assert any("the goal moved to 152.2000 E" in text for text in sea.told)
+    assert any("LON,LAT,DEPTH" in text and "the goal is unchanged" in text for text in sea.told)
     planned = open_result(sea.out).plans
     assert planned["goal_longitude"].iloc[[0, -1]].tolist() == [152.3, 152.2]
 
 
-@pytest.fixture
-def forecast_of_its_own(ocean, dives, tmp_path):
-    """A vehicle with its first dive, and the file of a forecast that may become another one."""
-    sea, forecast = Sea(ocean, tmp_path, goal=None), tmp_path / "forecast.nc"
+@pytest.mark.full
+@pytest.mark.parametrize("usable", [True, False])
+def test_a_newer_forecast_is_taken_with_the_next_dive_if_it_can_be_used(
+    ocean, sea, dives, tmp_path, usable
+):
+    forecast, newer = tmp_path / "forecast.nc", tmp_path / "newer.nc"
     shutil.copy(ocean / "ensemble.nc", forecast)
     sea.job = ReplayJob((sea.inbox,), forecast, sea.out)
-    sea.put(dives[0].name, dives[0].data)()
-    return sea, forecast
+    first, second, *_ = puts(sea, dives)
+    first()
+    if usable:
+        synthetic.dataset(seed=9, n_members=12, shape=(6, 7)).to_netcdf(newer, engine="h5netcdf")
+    else:
+        newer.write_bytes(b"cut off")
+    sea.follow([lambda: os.replace(newer, forecast), lambda: None, second])
+    told = "a newer forecast: forecast.nc sha256:" if usable else "the previous one is kept"
+    (at,) = (k for k, text in enumerate(sea.told) if "newer forecast" in text)
+    assert told in sea.told[at]
+    # nothing is said of it before something is replayed
+    assert any("dive002.mcap new" in text for text in sea.told[:at])
+    if not usable:
+        shutil.copy(ocean / "ensemble.nc", forecast)
+    assert same(sea)
 
 
-@pytest.mark.full
-def test_a_newer_forecast_is_taken_with_the_next_dive(forecast_of_its_own, dives, tmp_path):
-    sea, forecast = forecast_of_its_own
-    newer = tmp_path / "newer.nc"
-    synthetic.dataset(seed=9, n_members=12, shape=(6, 7)).to_netcdf(newer, engine="h5netcdf")
-    sea.follow([lambda: os.replace(newer, forecast)])
-    assert not any("newer forecast" in text for text in sea.told)
-    sea.follow([sea.put(dives[1].name, dives[1].data)])
-    assert any("a newer forecast: forecast.nc sha256:" in text for text in sea.told)
-    assert same(sea, tmp_path)
-
-
-@pytest.mark.full
-def test_a_newer_forecast_that_cannot_be_used_is_told_and_the_one_before_stays(
-    ocean, forecast_of_its_own, dives, tmp_path
-):
-    sea, forecast = forecast_of_its_own
-    sea.follow([lambda: forecast.write_bytes(b"cut off"), sea.put(dives[1].name, dives[1].data)])
-    assert any(
-        "the newer forecast cannot be used, the previous one is kept" in text for text in sea.told
-    )
-    shutil.copy(ocean / "ensemble.nc", forecast)
-    assert same(sea, tmp_path)
-
-
-def test_a_forecast_that_cannot_be_read_ends_the_beginning_with_its_error(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path, goal=None)
-    sea.put(dives[0].name, dives[0].data)()
+def test_a_forecast_that_cannot_be_read_ends_the_beginning_with_its_error(sea, dives, tmp_path):
+    puts(sea, dives)[0]()
     sea.job = ReplayJob((sea.inbox,), tmp_path / "none.nc", sea.out)
     with pytest.raises(ForecastError):
         sea.follow()
-
-
-@pytest.mark.full
-def test_each_alarm_is_given_once_to_the_command_also_after_a_restart(ocean, dives, tmp_path):
-    sea = Sea(ocean, tmp_path)
-    got = tmp_path / "alarms.jsonl"
-    command = f'{sys.executable} -c \'import sys; open("{got}", "a").write(sys.stdin.read())\''
-    sea.put(dives[0].name, dives[0].data)()
-    with mock.patch.dict("replay_kit.results.outcome.verdict._ACTIONS", {"reached": "stop"}):
-        sea.follow(command=command)
-        sea.follow(command=command)
-    (line,) = got.read_text().splitlines()
-    assert json.loads(line)["kind"] == "plan"
-    assert json.loads(line)["position"]["latitude"] < 0.0

@@ -1,4 +1,4 @@
-"""What following is made of, each part alone."""
+"""What following is made of, each part alone, and the options with which ``replay`` follows logs."""
 
 import hashlib
 from dataclasses import replace
@@ -36,6 +36,7 @@ from replay_kit.workflows.follow.watch import (
     standing,
     write_memory,
 )
+from tests.command import invoke
 
 DAY_NS = 86_400 * 10**9
 NOW_NS = 1_700_000_000 * 10**9
@@ -46,40 +47,35 @@ def source(name: str, first_ns: int = NOW_NS - DAY_NS, **values: object) -> Sour
     return replace(Source(Path(name), STAMP, f"sha of {name}", "", first_ns), **values)
 
 
-def judge(found: Source, *others: Source) -> str:
-    return judged({other.path: other for other in others}, found, NOW_NS).aside
-
-
-def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_or_given_twice_is_set_aside():
-    own = source("a.nc", mission="sg171 mission 1")
-    assert judge(source("b.nc", mission="sg171 mission 1"), own) == ""
-    assert judge(source("b.nc"), own) == ""
-    assert "is of sg999 mission 2, not of sg171 mission 1" in judge(
-        source("b.nc", mission="sg999 mission 2"), own
-    )
-    assert "identical to a.nc" in judge(source("b.nc", sha256="sha of a.nc"), own)
-    assert "far from the present: its clock was wrong" in judge(
-        source("b.nc", NOW_NS + 2 * DAY_NS), own
-    )
-    assert "far from the others" in judge(source("b.nc", NOW_NS - 500 * DAY_NS), own)
-    assert judge(source("b.nc", NOW_NS - 300 * DAY_NS), own) == ""
-    assert judge(source("b.nc", None), own) == "has no message yet"
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"mission": "sg171 mission 1"}, ""),
+        ({}, ""),
+        ({"mission": "sg999 mission 2"}, "is of sg999 mission 2, not of sg171 mission 1"),
+        ({"sha256": "sha of a.nc"}, "identical to a.nc"),
+        ({"first_ns": NOW_NS + 2 * DAY_NS}, "far from the present: its clock was wrong"),
+        ({"first_ns": NOW_NS - 500 * DAY_NS}, "far from the others"),
+        ({"first_ns": NOW_NS - 300 * DAY_NS}, ""),
+        ({"first_ns": None}, "has no message yet"),
+    ],
+)
+def test_a_file_of_another_vehicle_or_of_a_clock_that_jumped_or_given_twice_is_set_aside(
+    changes, words
+):
+    own, found = source("a.nc", mission="sg171 mission 1"), source("b.nc", **changes)
+    aside = judged({own.path: own}, found, NOW_NS).aside
+    assert (words in aside, bool(aside)) == (True, bool(words))
     # a file that is not used itself judges no other
-    assert (
-        judge(
-            source("b.nc", mission="sg999 mission 2"), replace(own, aside="is not a readable log")
-        )
-        == ""
-    )
+    own = replace(own, aside="is not a readable log")
+    if "mission" in changes:
+        assert judged({own.path: own}, found, NOW_NS).aside == ""
 
 
 def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(tmp_path):
-    payload = {"longitude": 152.0, "latitude": -40.0}
+    fix = "/vehicle/fix", "foxglove.LocationFix", {"longitude": 152.0, "latitude": -40.0}, 0, 0
     for name, day in (("a.mcap", 600), ("b.mcap", 0), ("c.mcap", 1)):
-        write_mcap_log(
-            tmp_path / name,
-            [Message(day * DAY_NS, "/vehicle/fix", "foxglove.LocationFix", payload, 0, 0)],
-        )
+        write_mcap_log(tmp_path / name, [Message(day * DAY_NS, *fix)])
     clock = Clock(now_ns=lambda: NOW_NS, wait=lambda _: None)
     watched = Watched((tmp_path,), (), RunConfig().logs, clock, 1.0)
     known, said, _ = look_again(watched, {})
@@ -140,8 +136,6 @@ def test_the_goal_s_file_is_read_and_a_goal_holds_from_its_time_on(tmp_path):
     path.write_text("# where\n\n 152.5 , -40 , 300\n1,2,3\n")
     goal = read_goal(path)
     assert goal == Place(152.5, -40.0, 300.0)
-    path.write_text("0,0,0")
-    assert read_goal(path) == Place(0.0, 0.0, 0.0)
     for text in ("", "1,2", "a,b,c", "1,2,3,4", "0,91,0", "0,0,-5"):
         path.write_text(text)
         with pytest.raises(ConfigError, match="LON,LAT,DEPTH"):
@@ -154,21 +148,13 @@ def test_the_goal_s_file_is_read_and_a_goal_holds_from_its_time_on(tmp_path):
     assert with_goal(first, goal, 99) == first
     assert with_goal(first, other, 99) == (*first, (99, other))
     # moved twice before anything new came
-    assert with_goal((*first, (99, other)), Place(4.0, 5.0, 6.0), 99) == (
-        *first,
-        (99, Place(4.0, 5.0, 6.0)),
-    )
+    last = Place(4.0, 5.0, 6.0)
+    assert with_goal((*first, (99, other)), last, 99) == (*first, (99, last))
 
 
 def test_what_is_remembered_is_read_back_and_damage_is_nothing_remembered(tmp_path):
-    memory = Memory(
-        {Path("a"): source("a", mission="m")},
-        ((0, Place(1.0, 2.0, 3.0)),),
-        ("said",),
-        ("plan: unsafe",),
-        "f sha256:0",
-        "null",
-    )
+    sources, goals = {Path("a"): source("a", mission="m")}, ((0, Place(1.0, 2.0, 3.0)),)
+    memory = Memory(sources, goals, ("said",), ("plan: unsafe",), "f sha256:0", "null")
     write_memory(tmp_path, memory)
     assert read_memory(tmp_path) == memory
     file = tmp_path / "mission"
@@ -185,11 +171,11 @@ def test_an_alarm_is_given_once_for_what_it_is_about_and_again_when_it_comes_bac
     alarm = Alarm("plan", "the plan is unsafe: it crosses land", "2018-11-16 00:00:00Z", "unsafe")
     status = Status("r.mcap", NOW_NS, (alarm,), {"result": "r.mcap", "position": {"latitude": 1.0}})
     calm = replace(status, alarms=())
-    assert new_alarms(status, ()) == (alarm,)
-    assert new_alarms(status, (key_of(alarm),)) == ()
-    assert standing({"": status}, (key_of(alarm),)) == (key_of(alarm),)
-    assert standing({"": calm}, (key_of(alarm), "surfacing overdue: 1")) == (
-        "surfacing overdue: 1",
+    key, other = key_of(alarm), "surfacing overdue: 1"
+    assert (new_alarms(status, ()), new_alarms(status, (key,))) == ((alarm,), ())
+    assert (standing({"": status}, (key,)), standing({"": calm}, (key, other))) == (
+        (key,),
+        (other,),
     )
     assert '"latitude": 1.0' in alarm_line(alarm, status)
 
@@ -198,3 +184,34 @@ def test_a_command_gets_its_line_and_its_failure_is_told(tmp_path):
     assert notify(f"cat > '{tmp_path / 'got'}'", "line\n") == ""
     assert (tmp_path / "got").read_text() == "line\n"
     assert notify("echo why >&2; exit 4", "line\n") == "--notify: the command ended with 4: why"
+
+
+REPLAY = "replay {} --ensemble sample_logs/ensemble.nc -o {}"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--until-idle 1", "--until-idle: needs --follow"),
+        ("--goal-file goal.txt", "--goal-file: needs --follow"),
+        ("--notify true", "--notify: needs --follow"),
+        ("--follow --dry-run", "--dry-run: cannot be combined"),
+        ("--follow --checkpoint c", "--checkpoint: cannot be combined"),
+        ("--follow --interval 0", "--interval"),
+        ("--follow --goal=152.8,-40.1,300 --goal-file goal.txt", "cannot be combined with --goal"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(options, words, tmp_path):
+    done = invoke(f"{REPLAY.format(tmp_path, tmp_path.parent / 'out.mcap')} {options}")
+    assert (done.exit_code, words in done.stderr) == (2, True)
+
+
+def test_a_folder_in_which_no_log_comes_ends_with_exit_code_3_and_what_was_there(tmp_path):
+    inbox, out = tmp_path / "inbox", tmp_path / "out.mcap"
+    inbox.mkdir()
+    (inbox / "notes.txt").write_text("none")
+    done = invoke(f"{REPLAY.format(inbox, out)} --follow --interval 0.1 --until-idle 0")
+    assert done.exit_code == 3
+    assert "notes.txt not used" in done.stdout
+    assert "no log that can be replayed has arrived" in done.stderr
+    assert not out.exists()

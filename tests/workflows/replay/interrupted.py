@@ -34,10 +34,10 @@ def truth_in(folder: Path, config):
     return read_truth(str(folder / "truth.nc"), config.forecast)
 
 
-def job_in(ocean: Path, out, goal, checkpoint=None, logs=("glider.mcap",), **more) -> ReplayJob:
+def job_in(ocean: Path, out=None, goal=None, logs=("glider.mcap",), **more) -> ReplayJob:
     """The replay of some of the logs of an ocean."""
-    paths, ensemble = tuple(ocean / log for log in logs), ocean / "ensemble.nc"
-    return ReplayJob(paths, ensemble, out, goal=goal, checkpoint=checkpoint, overwrite=True, **more)
+    more = {"ensemble": ocean / "ensemble.nc", "overwrite": True} | more
+    return ReplayJob(tuple(ocean / log for log in logs), out=out, goal=goal, **more)
 
 
 def run_until(job, config, stop_after):

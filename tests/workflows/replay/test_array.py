@@ -4,7 +4,6 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ import pytest
 import replay_kit as rk
 from replay_kit.config.plan import PlanRequest
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import ConfigError, ReplayKitError
+from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.observation import PathMean
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
@@ -63,18 +62,6 @@ def job_of(logs, out: Path, **more) -> ReplayJob:
     return ReplayJob(tuple(logs.values()), ENSEMBLE, out, vehicles=vehicles, **more)
 
 
-@pytest.mark.full
-def test_the_order_of_logs_makes_no_difference(logs, tmp_path, result):
-    named, found = (
-        rk.replay(each, ENSEMBLE, out=tmp_path / f"{name}.mcap", settings=SETTINGS)
-        for name, each in (("named", logs), ("found", dict(reversed(logs.items()))))
-    )
-    assert named.path.read_bytes() == found.path.read_bytes()
-    assert list(found.vehicles) == ["sg1", "sg2", "sg3"]
-    places = (152.5, 40.0 - 80.0, 150.0)
-    assert found.estimate.velocity_at(*places).u == result.estimate.velocity_at(*places).u
-
-
 def test_the_estimate_is_that_of_one_filter_given_all_mean_currents_in_order_of_time(
     tmp_path, truth
 ):
@@ -88,19 +75,20 @@ def test_the_estimate_is_that_of_one_filter_given_all_mean_currents_in_order_of_
         for event in events
         if isinstance(event, PathMean)
     ]
+    ordered = sorted(means, key=lambda mean: mean.time_ns)
+    assert means != ordered
+    assert len(means) > 6
     estimator = build(forecasts_of(job, CONFIG), CONFIG, None)
     state = estimator.initial()
-    for mean in sorted(means, key=lambda mean: mean.time_ns):
+    for mean in ordered:
         state, _ = estimator.assimilate(state, [mean])
     expected = estimator.flow(state)
-    assert len(means) > 6
-    assert np.array([mean.time_ns for mean in means]).argsort().tolist() != list(range(len(means)))
     east, north = flow.grid.east[::4, ::4].ravel(), flow.grid.north[::4, ::4].ravel()
     for depth in (5.0, 300.0):
         at = east, north, np.full(east.size, depth)
-        np.testing.assert_allclose(flow.velocity(*at), expected.velocity(*at), atol=1e-10)
-        errors = flow.standard_error(*at), expected.standard_error(*at)
-        np.testing.assert_allclose(*errors, atol=1e-10)
+        for name in ("velocity", "standard_error"):
+            pair = (getattr(one, name)(*at) for one in (flow, expected))
+            np.testing.assert_allclose(*pair, atol=1e-10)
 
 
 def test_a_result_opened_again_has_the_outcome_of_the_run_and_of_each_vehicle(result, logs):
@@ -139,50 +127,48 @@ def test_a_vehicle_whose_sources_contradict_each_other_is_left_out(tmp_path, tru
     assert found.outcome.observations["used"] == expected.outcome.observations["used"]
 
 
+def positionless(logs, folder):
+    return {
+        name: moved(path, folder / f"{name}.mcap", without=POSITIONS) for name, path in logs.items()
+    }
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda logs, tmp: logs | {"sg4": logs["sg1"]}, "of sg4: identical to .* of sg1"),
-        (lambda logs, tmp: logs | {"flow": logs["sg1"]}, "vehicle 'flow': expected a name"),
+        (lambda logs, _: {"sg4": logs["sg1"]}, "of sg4: identical to .* of sg1"),
+        (lambda logs, _: {"flow": logs["sg1"]}, "vehicle 'flow': expected a name"),
         (
-            lambda logs, tmp: {**logs, "sg2": moved(logs["sg2"], tmp / "b.mcap", 2e9)},
+            lambda logs, tmp: {"sg2": moved(logs["sg2"], tmp / "b.mcap", 2e9)},
             "sg2: begins at 20.* different years",
         ),
         (
-            lambda logs, tmp: {**logs, "sg2": moved(logs["sg2"], tmp / "c.mcap", degrees=9.0)},
+            lambda logs, tmp: {"sg2": moved(logs["sg2"], tmp / "c.mcap", degrees=9.0)},
             "sg2: was at .* outside the region of the forecast",
         ),
+        (positionless, "no vehicle's logs hold any"),
         (
-            lambda logs, tmp: {
-                name: moved(path, tmp / f"{name}.mcap", without=POSITIONS)
-                for name, path in logs.items()
-            },
-            "no vehicle's logs hold any",
-        ),
-        (
-            lambda logs, tmp: {"a": [logs["sg1"], logs["sg2"]], "b": logs["sg3"]},
+            lambda logs, _: {"sg1": [logs["sg1"], logs.pop("sg2")]},
             "two tracks that no one vehicle can join: .*sg1.mcap and .*sg2.mcap",
         ),
     ],
 )
 def test_vehicles_that_share_no_estimate_are_refused_by_name(logs, tmp_path, change, message):
+    logs = dict(logs)
+    more = change(logs, tmp_path)
     with pytest.raises(ReplayKitError, match=message):
-        rk.replay(change(logs, tmp_path), ENSEMBLE, settings=SETTINGS)
+        rk.replay(logs | more, ENSEMBLE, settings=SETTINGS)
 
 
 def test_a_vehicle_without_a_fix_is_named_and_a_late_clock_is_said(logs, tmp_path):
     blind = moved(logs["sg2"], tmp_path / "blind.mcap", without=POSITIONS)
     late = moved(logs["sg3"], tmp_path / "late.mcap", seconds=3 * 3600.0)
     with pytest.warns(UserWarning, match="lost"):
-        found = rk.replay(
-            {"sg1": logs["sg1"], "sg2": blind, "sg3": late}, ENSEMBLE, settings=SETTINGS
-        )
+        found = rk.replay(logs | {"sg2": blind, "sg3": late}, ENSEMBLE, settings=SETTINGS)
     assert list(found.outcome.vehicles) == ["sg1", "sg3"]
     assert "no position" in found.outcome.unused["sg2"]
     assert found.outcome.exit_code == 4
-    assert any(
-        note.startswith("sg3: its messages begin and end 3.") for note in found.outcome.notes
-    )
+    assert "sg3: its messages begin and end 3." in "\n".join(found.outcome.notes)
 
 
 def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
@@ -191,32 +177,29 @@ def test_a_result_of_several_is_planned_for_each_with_a_goal_as_flown(result):
     assert list(vehicles) == ["sg2", "sg3"]
     asked, _ = completed(PlanRequest(flows=(result.path,)))
     for name, made in vehicles.items():
-        fix = result.vehicles[name].fixes.iloc[-1]
-        start = asked.glider_places[name]
+        fix, start = result.vehicles[name].fixes.iloc[-1], asked.glider_places[name]
         assert (start.longitude, start.latitude) == (fix["longitude"], fix["latitude"])
         assert "; as flown: " in made["message"]
     refused = invoke(f"plan {result.path} --goal=152.4,-40.1,100")
     assert "result of several vehicles (sg1, sg2, sg3)" in str(refused.exception)
 
 
-def test_a_result_of_several_with_one_goal_is_read_once_and_planned_as_flown(result, monkeypatch):
+def test_a_result_of_several_with_one_goal_is_planned_as_flown(result, monkeypatch):
     file = inputs.read_flow(result.path)
     without = {name: replace(file.held[name], plans=(), metadata={}) for name in ("sg1", "sg3")}
-    read = Mock(return_value=replace(file, held={**file.held, **without}))
-    monkeypatch.setattr(inputs, "read_flow", read)
+    monkeypatch.setattr(inputs, "read_flow", lambda _: replace(file, held=file.held | without))
     made = json.loads(succeed(f"plan {result.path} --samples 0 --json -").stdout)
     assert "; as flown: " in made["message"]
-    assert read.call_count == 1
 
 
 @pytest.mark.full
 def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
-    out = tmp_path / "array.mcap"
+    out, status, areas = (tmp_path / f"array.{name}" for name in ("mcap", "json", "geojson"))
     shutil.copy(result.path, out)
-    shown = succeed(f"status {out} --json {tmp_path / 's.json'} --html {tmp_path / 's.html'}")
-    assert shown.stdout.startswith("Vehicles")
-    assert shown.stdout.index("array.sg1") < shown.stdout.index("array.sg3")
-    assert list(json.loads((tmp_path / "s.json").read_text())["vehicles"]) == ["sg1", "sg2", "sg3"]
+    shown = succeed(f"status {out} --json {status}").stdout
+    assert shown.startswith("Vehicles")
+    assert shown.index("array.sg1") < shown.index("array.sg3")
+    assert list(json.loads(status.read_text())["vehicles"]) == ["sg1", "sg2", "sg3"]
     succeed(f"report {out}")
     page = (tmp_path / "array.html").read_text()
     assert all(f'href="array.sg{k}.html"' in page for k in (1, 2, 3))
@@ -225,23 +208,21 @@ def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
         assert f'<data data-key="vehicles.{name}.observations.used" value="{used}">' in page
     assert (tmp_path / "array.sg2.html").stat().st_size > 100_000
     refused = invoke(f"plot {out} dac -o {tmp_path / 'd.png'}")
-    assert isinstance(refused.exception, ConfigError)
     assert "sg1, sg2, sg3" in str(refused.exception)
-    invoke(f"export {out} -o {tmp_path / 'x.geojson'}")
-    features = json.loads((tmp_path / "x.geojson").read_text())["features"]
-    tracks = [one["properties"]["name"] for one in features if "track" in one["properties"]["name"]]
+    invoke(f"export {out} -o {areas}")
+    names = [one["properties"]["name"] for one in json.loads(areas.read_text())["features"]]
+    tracks = [name for name in names if "track" in name]
     assert tracks == ["sg1 track", "sg2 track", "sg3 track"]
 
 
 @pytest.mark.full
 def test_the_command_line_names_vehicles_and_their_goals(logs, tmp_path):
-    words = [f"--as {name}={path}" for name, path in logs.items()]
-    line = f"replay {' '.join(words)} --ensemble {ENSEMBLE} --levels 5,150,500 --modes 6 -o {tmp_path / 'o.mcap'}"
-    done = succeed(f"{line} --goal sg3=152.4,-40.1,100 --json {tmp_path / 'o.json'}")
-    answer = json.loads((tmp_path / "o.json").read_text())
-    assert [one["plan"] is not None for one in answer["vehicles"].values()] == [False, False, True]
-    assert "Vehicles" in done.stdout
-    refused = invoke(f"{line} --overwrite --goal sg9=152.4,-40.1,100")
+    words = " ".join(f"--as {name}={path}" for name, path in logs.items())
+    settings = f"--ensemble {ENSEMBLE} --levels 5,150,500 --modes 6 -o {tmp_path / 'o.mcap'}"
+    done = succeed(f"replay {words} {settings} --goal sg3=152.4,-40.1,100 --json -")
+    vehicles = json.loads(done.stdout)["vehicles"]
+    assert [one["plan"] is not None for one in vehicles.values()] == [False, False, True]
+    refused = invoke(f"replay {words} {settings} --overwrite --goal sg9=152.4,-40.1,100")
     assert "expected the name of a vehicle" in refused.output
 
 

@@ -1,8 +1,10 @@
 """Events in columns: what is assimilated as one, by the definition event by event, however the log is cut; and in which order."""
 
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -39,10 +41,6 @@ def profile(seconds, east, shallow, bins, dive, topic, common):
     )
 
 
-def fix(seconds):
-    return position(seconds, 5.0, 60.0)
-
-
 def mean(seconds):
     two, time = np.ones(2), int(seconds * SECOND)
     path = (time - 5, time)
@@ -69,7 +67,7 @@ def logs(draw):
             )
             out.append(profile(now, *map(draw, changes)))
         else:
-            out.append((fix if kind == "f" else mean)(now))
+            out.append(position(now, 5.0, 60.0) if kind == "f" else mean(now))
     return out
 
 
@@ -124,13 +122,11 @@ def one_by_one(log, grouping):
 
 def tell(event):
     """What tells an event from others, of a group its members'."""
-    if isinstance(event, list | Profiles):
-        rows = (
-            [each.source for each in event]
-            if isinstance(event, list)
-            else [event.source_of(k) for k in range(len(event))]
-        )
-        return [(row.topic, row.time_ns) for row in rows]
+    if isinstance(event, list):
+        return [(one.source.topic, one.time_ns) for one in event]
+    if isinstance(event, Profiles):
+        sources = map(event.source_of, range(len(event)))
+        return [(source.topic, source.time_ns) for source in sources]
     return event.source.topic, event.time_ns
 
 
@@ -141,23 +137,18 @@ def told(found):
 
 
 def cut(log, grouping, sizes):
-    """The items of a log that comes in parts."""
-    waiting, found, due_ns, begin = Events.none(), [], None, 0
-    while begin < len(log):
-        part = log[begin : begin + (size := sizes[begin % len(sizes)])]
-        begin += size
-        block = block_of(part, TOPICS)
+    """The items of a log that comes in parts, each of profiles of as many bins."""
+    waiting, found, due_ns = Events.none(), [], None
+    part = np.repeat(np.arange(len(log)), np.resize(sizes, len(log)))[: len(log)]
+    bins = [one.depth.size if isinstance(one, Observation) else 5 for one in log]
+    for _, some in groupby(zip(part, bins, log, strict=True), lambda row: row[:2]):
+        block = block_of([one for *_, one in some], TOPICS)
         waiting = waiting.followed_by(Events.of(block, block.linear), due_ns)
         due_ns = int(waiting.due[-1])
-        some, n = items(waiting, grouping, 0)
-        found += some
+        now, n = items(waiting, grouping, 0)
+        found += now
         waiting = waiting.part(n, len(waiting))
     return list(told([*found, *items(waiting, grouping, 0, last=True)[0]]))
-
-
-def of_equal_bins(log):
-    """The log with profiles of as many bins each, as a test's block holds them."""
-    return [one for one in log if not isinstance(one, Observation) or one.depth.size == 5]
 
 
 @settings(max_examples=60, deadline=None)
@@ -165,26 +156,16 @@ def of_equal_bins(log):
 def test_what_is_assimilated_as_one_is_by_the_definition_however_the_log_is_cut(
     log, grouping, sizes
 ):
-    log = of_equal_bins(log)
     expected = one_by_one(log, grouping)
-    assert cut(log, grouping, [len(log) + 1]) == expected
+    assert cut(log, grouping, [len(log)]) == expected
     assert cut(log, grouping, sizes) == expected
 
 
-def test_profiles_of_other_numbers_of_bins_wait_together_and_end_each_others_groups():
-    log = [profile(k, 0.0, 10.0, bins, 1, "/a", 0.0) for k, bins in enumerate((4, 4, 5, 5, 3))]
-    waiting, grouping = Events.none(), Grouping(1e-6)
-    for one in log:
-        block = block_of([one])
-        waiting = waiting.followed_by(Events.of(block, ()), None)
-    found, _ = items(waiting, grouping, 0, last=True)
-    assert [(len(item.event), item.event["depth"].shape[1]) for item in found] == [
-        (2, 4),
-        (2, 5),
-        (1, 3),
-    ]
-    depth = np.concatenate([item.event["depth"][:, -1] for item in found])
-    assert depth.tolist() == [one.depth[-1] for one in log]
+@pytest.mark.parametrize(("metres", "groups"), [(2000.0, 1), (3000.0, 2)])
+def test_a_group_reaches_as_far_as_the_current_changes_by_a_quarter_of_the_error(metres, groups):
+    log = [profile(k, k * metres, 10.0, 5, 1, "/a", 0.0) for k in (0, 1)]
+    found, _ = items(Events.of(block_of(log), ()), Grouping(1e-5), 0, last=True)
+    assert len(found) == groups
 
 
 def test_a_group_ends_where_another_vehicles_event_is_later_than_it_may_last():

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replay_kit.core.geodesy import to_geographic
-from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Fix, Flag, Observation
+import replay_kit as rk
 from replay_kit.workflows.replay.surfacings.flight_bias import (
     FlightState,
     corrected,
@@ -23,13 +21,7 @@ def dive(k, bias=BIAS):
     """Dive k of a turning course, whose flight model states the way through water too small."""
     way = 0.25 * np.exp(2.1j * k)
     stated = CURRENT + bias * way
-    start = mean(k).fixes[0]
-    end = to_geographic(
-        Projection(start.longitude, start.latitude),
-        *(7200.0 * np.array([(way + stated).real, (way + stated).imag])),
-    )
-    fixes = (start, Fix(start.time_ns + 7200 * 10**9, *map(float, end)))
-    return replace(mean(k, (stated.real, stated.imag)), fixes=fixes)
+    return mean(k, (stated.real, stated.imag), way=(way.real, way.imag))
 
 
 def with_wrong(means, k, error=0.3):
@@ -40,22 +32,10 @@ def with_wrong(means, k, error=0.3):
 
 def profile(k):
     """An absolute profile of the true current."""
-    depth = np.array([50.0, 150.0])
-    flags, reasons = np.full(2, Flag.GOOD, np.int8), np.zeros(2, np.int32)
-    velocity = np.tile([CURRENT.real, CURRENT.imag], (2, 1))
-    return Observation(
-        mean(k).time_ns - 1,
-        5.0,
-        62.0,
-        depth,
-        velocity,
-        np.full(2, 0.05),
-        "earth",
-        flags,
-        reasons,
-        k + 1,
-        mean(k).source,
-    )
+    velocity = np.full(2, CURRENT.real), np.full(2, CURRENT.imag)
+    time_ns = mean(k).time_ns - 1
+    made = rk.Observation.profile(time_ns, 5.0, 62.0, [50.0, 150.0], *velocity, 0.05)
+    return replace(made, dive=k + 1)
 
 
 def used(means, state=None):

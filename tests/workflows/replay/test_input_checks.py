@@ -15,7 +15,6 @@ from replay_kit.workflows.fleet.missions import Mission
 from replay_kit.workflows.fleet.run import expected_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.checks import check_inputs, dry_run
-from replay_kit.workflows.replay.inputs.job import ReplayJob
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
 from tests import synthetic
@@ -23,7 +22,7 @@ from tests.command import invoke
 from tests.workflows.follow.delivery import CONFIG as FOLLOWED
 from tests.workflows.follow.delivery import Sea
 from tests.workflows.replay.given import moved
-from tests.workflows.replay.interrupted import QUICK, make_ocean
+from tests.workflows.replay.interrupted import QUICK, job_in, make_ocean
 
 CONFIG = RunConfig(estimator=QUICK)
 
@@ -34,13 +33,13 @@ def ocean(tmp_path_factory):
     log = folder / "glider.mcap"
     begin = next(one for one in open_log(log).messages() if one.topic == "/vehicle/fix").payload
     for name, longitude in (("far", -30.0), ("first", 152.37), ("second", 153.13)):
+        east = longitude - begin["longitude"]
         for kind, without in (("", ()), ("-currents", ("/adcp",))):
-            east = longitude - begin["longitude"]
             moved(log, folder / f"{name}{kind}.mcap", degrees=east, without=without)
     return folder
 
 
-def refused(ocean, job, config=CONFIG):
+def refused(job, config=CONFIG):
     """The words of a replay's refusal, which those of the dry runs must be."""
     with pytest.raises((MeasurementError, ForecastError)) as error:
         replay(job, config, planner_of)
@@ -55,50 +54,40 @@ def refused(ocean, job, config=CONFIG):
     return words
 
 
-@pytest.mark.parametrize("log", ["far.mcap", "far-currents.mcap"])
-def test_a_log_an_ocean_away_from_the_ensemble_is_refused_by_all(ocean, tmp_path, log):
-    words = refused(ocean, ReplayJob((ocean / log,), ocean / "ensemble.nc"))
-    assert "the log lies outside the ensemble's region" in words
-    done = invoke(f"info {ocean}/{log} --ensemble {ocean}/ensemble.nc --json {tmp_path}/info.json")
-    assert done.exit_code == 3
-    assert "the log lies outside the ensemble's region" in done.stderr
-    assert "Use: an ensemble of 12 members" in done.stdout
+LARGE = synthetic.dataset(n_members=3, shape=(36, 36), west=10.0, south=10.0)
+
+
+@pytest.mark.parametrize(
+    ("log", "ensemble", "words", "described"),
+    [
+        ("far.mcap", "ensemble.nc", "the log lies outside the ensemble's region", "12 members"),
+        ("far-currents.mcap", "ensemble.nc", "outside the ensemble's region", "12 members"),
+        ("glider.mcap", "large.nc", "no position of the log lies there", "3 members"),
+        ("glider.mcap", "truth.nc", "no member dimension", "one field"),
+    ],
+)
+def test_logs_and_forecasts_that_do_not_fit_are_refused_by_all(
+    ocean, tmp_path, log, ensemble, words, described
+):
+    if ensemble == "large.nc":
+        LARGE.to_netcdf(ocean / ensemble, engine="h5netcdf")
+    told = refused(job_in(ocean, logs=(log,), ensemble=ocean / ensemble))
+    assert words in told
+    answer = tmp_path / "info.json"
+    done = invoke(f"info {ocean}/{log} --ensemble {ocean}/{ensemble} --json {answer}")
+    assert (done.exit_code, told in done.stderr, described in done.stdout) == (3, True, True)
     assert "Next: replay-kit replay" not in done.stdout
-    answer = json.loads((tmp_path / "info.json").read_text())
-    assert answer["import_check"]["refusal"] == words
-    assert "next" not in answer
-
-
-def test_a_large_forecast_elsewhere_is_described_before_it_is_refused(ocean, tmp_path):
-    synthetic.dataset(n_members=3, shape=(36, 36), west=10.0, south=10.0).to_netcdf(
-        tmp_path / "large.nc", engine="h5netcdf"
-    )
-    words = refused(ocean, ReplayJob((ocean / "glider.mcap",), tmp_path / "large.nc"))
-    assert "no position of the log lies there" in words
-    done = invoke(f"info {ocean}/glider.mcap --ensemble {tmp_path}/large.nc")
-    assert (
-        done.exit_code,
-        words in done.stderr,
-        "Use: an ensemble of 3 members" in done.stdout,
-    ) == (3, True, True)
-
-
-def test_a_file_without_members_is_no_ensemble_for_info_either(ocean):
-    words = refused(ocean, ReplayJob((ocean / "glider.mcap",), ocean / "truth.nc"))
-    done = invoke(f"info {ocean}/glider.mcap --ensemble {ocean}/truth.nc")
-    assert (done.exit_code, words in done.stderr, "Next:" in done.stdout) == (3, True, False)
+    said = json.loads(answer.read_text())
+    assert (said["import_check"]["refusal"], "next" in said) == (told, False)
 
 
 @pytest.mark.full
 def test_dry_runs_check_the_goal_and_count_as_the_replay_does(ocean):
-    job = ReplayJob((ocean / "glider.mcap",), ocean / "ensemble.nc")
-    summary, _ = replay(job, CONFIG)
-    found = dry_run(job, CONFIG)
-    assert (
-        found.profiles_used + summary.observations["mean_currents"] == summary.observations["used"]
-    )
+    job = job_in(ocean)
+    counts, found = replay(job, CONFIG)[0].observations, dry_run(job, CONFIG)
+    assert found.profiles_used + counts["mean_currents"] == counts["used"]
     assert found.profiles == 30
-    away = ReplayJob(job.logs, job.ensemble, goal=Place(10.0, 0.0, 100.0))
+    away = job_in(ocean, goal=Place(10.0, 0.0, 100.0))
     assert "goal" in expected_of(Mission("one", away, CONFIG)).failed
     assert expected_of(Mission("one", job, CONFIG)).profiles == 30
     fitting = invoke(f"info {ocean}/glider.mcap --ensemble {ocean}/ensemble.nc")
@@ -107,45 +96,36 @@ def test_dry_runs_check_the_goal_and_count_as_the_replay_does(ocean):
 
 @pytest.mark.parametrize("kind", ["", "-currents"])
 def test_two_gliders_in_one_replay_are_refused_unless_they_are_named(ocean, tmp_path, kind):
-    first, second = ocean / f"first{kind}.mcap", ocean / f"second{kind}.mcap"
-    job = ReplayJob((first, second), ocean / "ensemble.nc", tmp_path / "out.mcap")
+    names = f"first{kind}.mcap", f"second{kind}.mcap"
+    job = job_in(ocean, tmp_path / "out.mcap", logs=names)
     for door in (replay, smooth, dry_run):
-        with pytest.raises(MeasurementError) as error:
+        with pytest.raises(MeasurementError, match=r"65 km.*--as NAME=LOG") as error:
             door(job, CONFIG)
-        words = str(error.value)
-        assert words.startswith(f"{TRACKS}: {first} and {second}; ")
-        assert "65 km" in words
-        assert "name the vehicles (--as NAME=LOG), or replay each alone" in words
+        both = " and ".join(str(ocean / name) for name in names)
+        assert str(error.value).startswith(f"{TRACKS}: {both}; ")
     assert not job.out.exists()
     # alone each is a log like any other
-    assert replay(ReplayJob((second,), job.ensemble), CONFIG)[0].exit_code == 0
-    asked = CONFIG.model_copy(
-        update={"consistency": RunConfig(consistency={"on_failure": "ignore"}).consistency}
-    )
-    assert replay(ReplayJob(job.logs, job.ensemble), asked)[0].observations["used"] > 0
+    assert replay(job_in(ocean, logs=names[1:]), CONFIG)[0].exit_code == 0
+    ignored = RunConfig(estimator=QUICK, consistency={"on_failure": "ignore"})
+    assert replay(job_in(ocean, logs=names), ignored)[0].observations["used"] > 0
 
 
 def test_a_follower_sets_the_log_of_another_vehicle_aside(ocean, tmp_path):
-    sea = Sea(ocean, tmp_path, goal=None)
+    sea = Sea(ocean, tmp_path)
     sea.put("first.mcap", (ocean / "first.mcap").read_bytes())()
     summary = sea.follow([sea.put("second.mcap", (ocean / "second.mcap").read_bytes())], FOLLOWED)
-    assert any(
-        text.startswith(
-            "second.mcap not used: it makes the replay fail: these logs hold two tracks"
-        )
-        for text in sea.told
-    )
+    told = "second.mcap not used: it makes the replay fail: these logs hold two tracks"
+    assert any(text.startswith(told) for text in sea.told)
     assert summary.exit_code == 0
 
 
 def test_a_log_without_currents_names_positions_before_topics_of_other_kinds(ocean, tmp_path):
-    with open_log(ocean / "glider.mcap") as log:
-        begin = next(one for one in log.messages() if one.topic == "/vehicle/fix")
+    fixes = (one for one in open_log(ocean / "glider.mcap") if one.topic == "/vehicle/fix")
+    begin, log = next(fixes), tmp_path / "log.mcap"
     others = [
         Message(begin.time_ns + k, f"/camera/{k % 12}", "my.Camera", {"shutter": k}, 0, k)
         for k in range(240)
     ]
-    write_mcap_log(tmp_path / "log.mcap", [begin, *others])
-    words = refused(ocean, ReplayJob((tmp_path / "log.mcap",), ocean / "ensemble.nc"))
-    assert "/vehicle/fix (1)" in words
-    assert words.index("/vehicle/fix") < words.index("/camera/")
+    write_mcap_log(log, [begin, *others])
+    words = refused(job_in(ocean, logs=(log,)))
+    assert words.index("/vehicle/fix (1)") < words.index("/camera/")

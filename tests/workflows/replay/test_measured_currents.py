@@ -23,30 +23,16 @@ PRIOR = "[estimator]\nsample_share = 0.5\nshift_distance = 0.0\n"
 
 def messages(mean):
     """The fixes of a dive and its mean current, as a log states them."""
-    stamps = [
-        dict(zip(("sec", "nsec"), divmod(fix.time_ns, 10**9), strict=True)) for fix in mean.fixes
-    ]
-    ends = [
-        {"time": stamp, "lon": fix.longitude, "lat": fix.latitude}
-        for stamp, fix in zip(stamps, mean.fixes, strict=True)
-    ]
-    for fix in mean.fixes:
-        depth = [{"key": "depth", "value": "0"}]
-        yield Message(
-            fix.time_ns,
-            "/fix",
-            "foxglove.LocationFix",
-            {"longitude": fix[1], "latitude": fix[2], "metadata": depth},
-            0,
-            0,
-        )
-    stated = {
-        "dive": mean.dive,
-        "dac_eastward": mean.velocity[0],
-        "dac_northward": mean.velocity[1],
-        "error": mean.error_std,
-    }
-    payload = stated | {"start_fix": ends[0], "end_fix": ends[1], "max_depth": 200.0}
+    ends = []
+    for time_ns, longitude, latitude in mean.fixes:
+        stamp = dict(zip(("sec", "nsec"), divmod(time_ns, 10**9), strict=True))
+        ends.append({"time": stamp, "lon": longitude, "lat": latitude})
+        place = {"longitude": longitude, "latitude": latitude}
+        place["metadata"] = [{"key": "depth", "value": "0"}]
+        yield Message(time_ns, "/fix", "foxglove.LocationFix", place, 0, 0)
+    east, north = mean.velocity
+    payload = {"dive": mean.dive, "dac_eastward": east, "dac_northward": north, "max_depth": 200.0}
+    payload |= {"error": mean.error_std, "start_fix": ends[0], "end_fix": ends[1]}
     yield Message(mean.time_ns + 1, "/dac", "replay_kit.DepthAveragedCurrent", payload, 0, 0)
 
 
@@ -91,16 +77,12 @@ def test_measured_is_what_the_log_states_and_corrected_what_is_used(replayed, na
     np.testing.assert_allclose(apart, 0.125, atol=0.03)
     used = np.where(corrected[:, None], pairs("corrected"), pairs("measured"))
     bins = result.innovations
-    np.testing.assert_allclose(
-        used - pairs("predicted"), bins[["innovation_east", "innovation_north"]], atol=1e-12
-    )
-    np.testing.assert_allclose(
-        used - pairs("estimated"), bins[["residual_east", "residual_north"]], atol=1e-12
-    )
+    for kind, what in (("predicted", "innovation"), ("estimated", "residual")):
+        stated = bins[[f"{what}_east", f"{what}_north"]]
+        np.testing.assert_allclose(used - pairs(kind), stated, atol=1e-12)
     errors = table["mean_current_estimated_standard_error"].to_numpy()
-    assert (
-        np.isnan(errors).all() if name == "smooth.mcap" else ((errors > 0.0) & (errors < 0.1)).all()
-    )
+    known = np.isnan(errors) if name == "smooth.mcap" else (errors > 0.0) & (errors < 0.1)
+    assert known.all()
 
 
 def test_the_summary_states_the_correction(replayed):

@@ -6,64 +6,48 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import replay_kit as rk
 from planners import plan_mission
 from replay_kit.config.planner import PlannerConfig
-from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig, load_config
+from replay_kit.config.run import EstimatorConfig, RunConfig
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown
-from replay_kit.core.errors import ConfigError
 from replay_kit.core.geodesy import distance, to_geographic
 from replay_kit.core.grid import Projection
-from replay_kit.core.observation import Source, VehicleState
 from replay_kit.core.plan import Place
-from replay_kit.core.surfacing import Ellipse, Surfacing, surfacing_outcome
+from replay_kit.core.surfacing import Surfacing, surfacing_outcome
 from replay_kit.estimator import embed_member
 from replay_kit.measurements.track.surfacings import SurfacingState, detect_surfacing
-from replay_kit.results.reader import ResultReader
-from replay_kit.results.views.contents import Contents
-from replay_kit.show.figures.map import Chosen, plan_figure
 from replay_kit.show.notebook import read_result
 from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import detail_lines
 from replay_kit.show.status.status import status_of
-from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of, span_of
+from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
+from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke, succeed
-from tests.results import result_samples
+from tests.results.result_samples import decoded
 from tests.synthetic_flow import constant, growing
 from tests.workflows.replay.given import position
-from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, often, run_until
+from tests.workflows.replay.interrupted import QUICK, goes_on, job_in, often
 
-PLANNER = PlannerConfig(
-    kind="mission", when="surfacing", depth=300.0, surface_time=240.0, samples=3, tolerance=500.0
-)
+DIVES = {"kind": "mission", "when": "surfacing", "depth": 300.0, "surface_time": 240.0}
 CONFIG = RunConfig(
     estimator=QUICK,
-    planner=PLANNER,
-    output=OutputConfig(interval=7200.0),
+    planner=DIVES | {"samples": 3, "tolerance": 500.0},
+    output={"interval": 7200.0},
 )
 GOAL = Place(152.42, -39.66, 0.0)
 
 
-def run(ocean, out, config=CONFIG, goal=GOAL):
-    return run_until(job_in(ocean, out, goal), config, None)[0]
-
-
 @pytest.fixture(scope="module")
-def replayed(ocean):
+def replayed(ocean, tmp_path_factory):
     """The result of a run, and its summary."""
-    out = ocean / "out.mcap"
-    return out, run(ocean, out)
-
-
-def decoded(path, topic):
-    return [message for _, message in result_samples.decoded(path, topic).get(topic, ())]
+    out = tmp_path_factory.mktemp("missions") / "out.mcap"
+    return out, replay(job_in(ocean, out, GOAL), CONFIG, planner_of)[0]
 
 
 def ns(stamp) -> int:
@@ -72,27 +56,26 @@ def ns(stamp) -> int:
 
 def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happened(replayed):
     path, summary = replayed
-    plans, outcomes, fixes = (
-        decoded(path, topic) for topic in ("/plan/controls", "/plan/outcome", "/vehicle/fix")
-    )
-    depths = [(ns(fix.timestamp), -fix.altitude, fix) for fix in fixes]
+    held = {topic: [one for _, one in found] for topic, found in decoded(path).items()}
+    plans, outcomes = held["/plan/controls"], held["/plan/outcome"]
     # the first fix not below the surface depth after each dive
-    surfaced = [after for before, after in pairwise(depths) if before[1] > 3.0 >= after[1]]
-    assert len(surfaced) >= 3
-    times = [time for time, _, _ in surfaced]
+    surfaced = [
+        after
+        for before, after in pairwise(held["/vehicle/fix"])
+        if -before.altitude > 3.0 >= -after.altitude
+    ]
+    times = [ns(fix.timestamp) for fix in surfaced]
+    assert len(times) >= 3
     # four minutes adrift after each surfacing; one more plan at the log's end
     assert [ns(plan.timestamp) - 240 * 10**9 for plan in plans[:-1]] == times
     assert [ns(outcome.timestamp) for outcome in outcomes] == times[1:]
-    for outcome, plan, (_, _, fix) in zip(outcomes, plans, surfaced[1:], strict=False):
+    for outcome, plan, fix in zip(outcomes, plans, surfaced[1:], strict=False):
         assert ns(outcome.planned_time) == ns(plan.timestamp)
-        assert (outcome.actual.longitude, outcome.actual.latitude) == (fix.longitude, fix.latitude)
-        away = distance(
-            outcome.predicted.longitude, outcome.predicted.latitude, fix.longitude, fix.latitude
-        )
-        assert outcome.distance == pytest.approx(float(away), rel=1e-6)
-        assert outcome.delay == pytest.approx(
-            (ns(outcome.timestamp) - ns(outcome.predicted_time)) / 1e9
-        )
+        here, there = ((one.longitude, one.latitude) for one in (outcome.actual, outcome.predicted))
+        assert here == (fix.longitude, fix.latitude)
+        assert outcome.distance == pytest.approx(float(distance(*there, *here)), rel=1e-6)
+        late = ns(outcome.timestamp) - ns(outcome.predicted_time)
+        assert outcome.delay == pytest.approx(late / 1e9)
         # the first leg in the plan ends after its drift
         leg = json.loads(next(item.value for item in plan.statistics if item.name == "leg_001"))
         reached = (ns(outcome.predicted_time) - ns(plan.timestamp)) / 1e9
@@ -102,61 +85,41 @@ def test_a_mission_is_planned_at_each_surfacing_and_kept_beside_what_then_happen
         assert outcome.ellipse_major >= outcome.ellipse_minor > 0.0
     figures = summary.surfacings
     assert figures["count"] == len(outcomes) == len(figures["each"])
-    assert figures["distance_median_m"] == pytest.approx(
-        np.median([outcome.distance for outcome in outcomes])
-    )
+    away = [outcome.distance for outcome in outcomes]
+    assert figures["distance_median_m"] == pytest.approx(np.median(away))
     assert figures["inside_ellipse"] == np.mean([outcome.inside_ellipse for outcome in outcomes])
 
 
-def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(
-    ocean, replayed, tmp_path
-):
+def test_plans_are_for_a_vehicle_that_flies_as_its_dives_so_far_and_say_so(replayed, tmp_path):
     """The twin glides at 0.3 m/s and 19 degrees to the last level, of 300 m; its depth is stated here, its speed is not."""
     path, words = replayed[0], "as flown: 0.30 m/s, 19 degrees"
-    plans, held = decoded(path, "/plan/controls"), read_held(ResultReader(path))
+    result = rk.open_result(path)
+    plans, held = result.plans, read_held(result.reader)
     # the first one is made when the first dive has ended
-    assert plans[0].message.endswith("; as flown in a single dive: 0.30 m/s, 19 degrees")
-    assert all(plan.message.endswith(f"; {words}") for plan in plans[1:])
-    legs = (one.value for plan in plans for one in plan.statistics if "leg_" in one.name)
-    assert min(json.loads(leg)["glide_angle_deg"] for leg in legs) >= 19.0 - 0.01
+    assert plans["message"].iloc[0].endswith("; as flown in a single dive: 0.30 m/s, 19 degrees")
+    assert plans["message"].iloc[1:].str.endswith(f"; {words}").all()
     flown = AsFlown.in_metadata(held.metadata)
-    assert (flown.speed, flown.glide_angle_deg, flown.depth, flown.dives) == (
-        0.3,
-        19.0,
-        290.0,
-        len(held.outcomes) + 1,
-    )
+    found = flown.speed, flown.glide_angle_deg, flown.depth, flown.dives
+    assert found == (0.3, 19.0, 290.0, len(held.outcomes) + 1)
     assert words in " ".join(" ".join(detail_lines(status_of(held))).split())
-    contents = Contents(rk.open_result(path))
-    assert f"Dives {words}." in plan_figure(contents, Chosen()).notes
     last = held.fixes[-1]
     places = f"--start={last.longitude},{last.latitude},0 --goal={GOAL.longitude},{GOAL.latitude},0"
 
-    def said(more=""):
-        return json.loads(succeed(f"plan {path} {places} --samples=0 --json - {more}").stdout)
+    def said(file, more=""):
+        return json.loads(succeed(f"plan {file} {more} --samples=0 --json -").stdout)
 
-    made, stated = said("--depth 280"), said("--speed 0.3 --depth 280 --angles 19,35")
-    assert made["message"] == f"{stated['message']}; {words}"
-    assert (made["legs"], made["statistics"]["dives"], "dives" in stated["statistics"]) == (
-        stated["legs"],
-        words,
-        False,
-    )
+    made = said(path, f"{places} --depth 280")
+    stated = said(path, f"{places} --speed 0.3 --depth 280 --angles 19,35")
+    assert (made["message"], made["legs"]) == (f"{stated['message']}; {words}", stated["legs"])
+    assert (made["statistics"]["dives"], "dives" in stated["statistics"]) == (words, False)
     # the dives went as deep, and so do those of a plan that states nothing, which begins at the last fix and leads to the run's goal
-    whole = said()
+    whole = said(path, places)
     assert whole["message"].endswith("; as flown: 0.30 m/s, dives to 290 m, 1.6 h, 19 degrees")
-    alone = json.loads(succeed(f"plan {path} --samples=0 --json -").stdout)
-    assert alone["legs"] == whole["legs"]
+    assert said(path)["legs"] == whole["legs"]
     # a saved estimate knows its vehicle too
-    record = json.dumps(AsFlown.in_metadata(held.metadata).to_record())
-    flow = rk.open_result(path).estimate
-    replace(flow, about={**flow.about, AS_FLOWN: record}).save(tmp_path / "flow.nc")
-    saved = json.loads(succeed(f"plan {tmp_path}/flow.nc {places} --samples=0 --json -").stdout)
-    assert saved["message"] == whole["message"]
-
-
-def at(seconds: float, depth: float, reckoned: bool = False) -> VehicleState:
-    return position(seconds, depth=depth, reckoned=reckoned)
+    about = result.estimate.about | {AS_FLOWN: json.dumps(flown.to_record())}
+    replace(result.estimate, about=about).save(tmp_path / "flow.nc")
+    assert said(tmp_path / "flow.nc", places)["message"] == whole["message"]
 
 
 def seen_in(events) -> list[float]:
@@ -164,84 +127,43 @@ def seen_in(events) -> list[float]:
     watch, found = SurfacingState(), []
     for event in events:
         watch, fix = detect_surfacing(watch, event, 3.0)
-        if fix is not None:
-            found.append(fix.time_ns / 1e9)
+        found += [] if fix is None else [fix.time_ns / 1e9]
     return found
 
 
 def test_a_surfacing_is_a_fix_after_a_dive_or_before_the_next_one():
-    nan = float("nan")
-    dives = [
-        at(0, 0.0),
-        at(10, 4.0),
-        at(20, 0.0),
-        at(30, 90.0),
-        at(40, 1.0, True),
-        at(50, 1.0),
-    ]
+    def at(seconds, depth=np.nan, reckoned=False):
+        return position(seconds, depth=depth, reckoned=reckoned)
+
     # 4 m is no dive, a computed position no fix
-    assert seen_in([*dives, at(60, 0.0), at(70, 50.0), at(80, nan)]) == [
-        50.0,
-        80.0,
-    ]
-    grid = synthetic.ensemble().grid
-    profiles = [
-        synthetic.profile(
-            grid, 0.0, 0.0, np.array([50.0]), np.zeros((1, 2)), time_ns=int(t * 1e9), dive=dive
-        )
+    dives = at(0, 0.0), at(10, 4.0), at(20, 0.0), at(30, 90.0), at(40, 1.0, True), at(50, 1.0)
+    assert seen_in([*dives, at(60, 0.0), at(70, 50.0), at(80)]) == [50.0, 80.0]
+    given = synthetic.ensemble().grid, 0.0, 0.0, np.array([50.0]), np.zeros((1, 2))
+    one, same, second, third = (
+        synthetic.profile(*given, time_ns=int(t * 1e9), dive=dive)
         for t, dive in ((15, 1), (20, 1), (45, 2), (75, 3))
-    ]
+    )
     # positions without depths: the last before the next dive's first profile, and none where there is no position
-    places = [at(t, nan) for t in (10, 30, 40)]
-    assert seen_in([places[0], *profiles[:2], *places[1:], *profiles[2:]]) == [40.0]
+    assert seen_in([at(10), one, same, at(30), at(40), second, third]) == [40.0]
     assert seen_in([at(t, 0.0) for t in range(5)]) == []
 
 
 def test_an_outcome_says_how_far_and_which_way_the_surfacing_was():
-    longitude, latitude = (
-        float(value) for value in to_geographic(Projection(152.0, -40.0), -300.0, 400.0)
-    )
-    fix = VehicleState(90 * 10**9, longitude, latitude, 0.0, False, Source(0, "/fix", 0, 0))
-    found = surfacing_outcome(0, Surfacing(100 * 10**9, 152.0, -40.0), fix)
+    place = map(float, to_geographic(Projection(152.0, -40.0), -300.0, 400.0))
+    found = surfacing_outcome(0, Surfacing(100 * 10**9, 152.0, -40.0), position(90, *place))
     assert found.distance == pytest.approx(500.0)
     assert found.direction_deg == pytest.approx(360.0 - np.rad2deg(np.arctan2(3.0, 4.0)))
     assert (found.late, found.inside) == (-10.0, None)
 
 
-@given(
-    st.floats(10.0, 5e3),
-    st.floats(0.1, 1.0),
-    st.floats(0.0, 179.9),
-    st.floats(0.0, 6.28),
-    st.sampled_from([0.97, 1.03]),
-)
-def test_an_ellipse_holds_what_lies_inside(major, ratio, bearing, angle, share):
-    minor, centre = ratio * major, Projection(152.0, -40.0)
-    along, across = share * major * np.cos(angle), share * minor * np.sin(angle)
-    turn = np.deg2rad(bearing)
-    east, north = (
-        along * np.sin(turn) + across * np.cos(turn),
-        along * np.cos(turn) - across * np.sin(turn),
-    )
-    longitude, latitude = (float(value) for value in to_geographic(centre, east, north))
-    assert Ellipse(152.0, -40.0, major, minor, bearing).holds(longitude, latitude) == (share < 1.0)
-
-
-def test_settings_that_contradict_each_other_are_refused(tmp_path, ocean):
-    path = tmp_path / "run.toml"
-    for text, said in (
-        ("min_angle = 40.0", "min_angle 40 is above max_angle 35"),
-        ("samples = 2", "needs three or more"),
-    ):
-        path.write_text(f"[planner]\n{text}\n")
-        with pytest.raises(ConfigError, match=said):
-            load_config(path)
-    # asked for on the command line; a glide has no dives that could be too deep
-    path.write_text(
-        run_settings_toml(CONFIG.model_copy(update={"planner": PlannerConfig(depth=900.0)}))
-    )
+def test_dives_deeper_than_the_forecast_are_refused_where_there_are_dives(ocean, tmp_path):
+    # a mission is asked for on the command line; a glide has no dives that could be too deep
+    config = RunConfig(estimator=QUICK, planner={"depth": 900.0})
+    (tmp_path / "run.toml").write_text(run_settings_toml(config))
     files = f"{ocean}/glider.mcap --ensemble {ocean}/ensemble.nc -o {tmp_path}/out.mcap"
-    done = invoke(f"replay {files} --config {path} --goal=152.42,-39.66,0 --planner mission")
+    done = invoke(
+        f"replay {files} --config {tmp_path}/run.toml --goal=152.42,-39.66,0 --planner mission"
+    )
     assert "[planner] depth is 900 m" in str(done.exception)
 
 
@@ -252,45 +174,38 @@ def test_a_stated_number_of_legs_is_that_of_the_first_plan():
     first = planner.plan(flow, PlanQuery(start, goal, 0))
     assert len(first.memory.headings_deg) == 4
     after = int(first.memory.surfacing_times[1] * 1e9)
-    here = Place(float(first.memory.surfacings[1, 0]), float(first.memory.surfacings[1, 1]), 0.0)
+    here = Place(*map(float, first.memory.surfacings[1, :2]), 0.0)
     again = planner.plan(flow, PlanQuery(here, goal, after, first))
-    assert len(again.memory.headings_deg) == 2
     # the second is a plan of its own, not the first anew
-    assert again.memory.start_time_ns == after
+    assert (len(again.memory.headings_deg), again.memory.start_time_ns) == (2, after)
 
 
 def test_a_mission_is_planned_on_estimates_for_the_time_that_it_may_take():
     still = replace(embed_member(synthetic.ensemble(), 0, EstimatorConfig()), time_ns=10**15)
     grown = growing(still, (1.0 + 0.036 * np.arange(5.0)) ** 20, 36000.0)
-    same = constant(still, 10**15)
     start, goal = Place(152.15, -39.85, 0.0), Place(152.3, -39.8, 0.0)
     planner = MissionPlanner(PlannerConfig(kind="mission", depth=300.0, legs=5, flow_step=36000.0))
     # 14 km take 13.4 h at 0.29 m/s, and may take twice as long: steps to 10, 20 and 30 h, and to 40 h as they come in fours
     flows = [grown, *(grown.at(10**15 + k * 36000 * 10**9) for k in (1, 2, 3, 4))]
     asked, _ = planner.request(still.grid, start, (goal,), 10**15)
-    expected = plan_mission(flows, asked)
-    np.testing.assert_array_equal(
-        planner.plan(grown, PlanQuery(start, goal, 10**15)).plan.track, expected.track
-    )
-    once = plan_mission(still, asked)
-    np.testing.assert_array_equal(
-        planner.plan(same, PlanQuery(start, goal, 10**15)).plan.track, once.track
-    )
-    assert (
-        np.abs(once.track[: len(expected.track)] - expected.track[: len(once.track)]).max() > 50.0
-    )
+    expected, once = (plan_mission(flow, asked).track for flow in (flows, still))
+    for flow, track in ((grown, expected), (constant(still, 10**15), once)):
+        made = planner.plan(flow, PlanQuery(start, goal, 10**15)).plan
+        np.testing.assert_array_equal(made.track, track)
+    n = min(len(once), len(expected))
+    assert np.abs(once[:n] - expected[:n]).max() > 50.0
 
 
 @pytest.mark.full
 def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_and_those_before_it_have_none(
     ocean, tmp_path
 ):
-    out, dives = (
-        tmp_path / "out.mcap",
-        {"speed": 0.3, "depth": 300.0, "surface_time": 240.0, "tolerance": 100.0},
+    out, planner = tmp_path / "out.mcap", DIVES | {"speed": 0.3, "tolerance": 100.0}
+    replay(
+        job_in(ocean, out, GOAL),
+        CONFIG.model_copy(update={"planner": PlannerConfig(**planner)}),
+        planner_of,
     )
-    planner = PlannerConfig(kind="mission", when="surfacing", **dives)
-    run(ocean, out, config=CONFIG.model_copy(update={"planner": planner}))
     # the number of samples is not recorded where none was stated, or the plans before the last would have odds when it is made again
     assert verify(out, [ocean], planner_of).same
     plans = read_result(out).plans
@@ -298,12 +213,10 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
     assert len(plans) > 3
     assert plans[figures].iloc[:-1].isna().all(axis=None)
     start = f"--start={last.start_longitude},{last.start_latitude},{last.start_depth}"
-    goal = f"--goal={GOAL.longitude},{GOAL.latitude},{GOAL.depth}"
-    began = f"{plans.index[-1].isoformat()}Z"
+    begin = f"{start} --start-time {plans.index[-1].isoformat()}Z --goal=152.42,-39.66,0"
     (tmp_path / "run.toml").write_text("[planner]\ntolerance = 100.0\n")
     dives = f"--speed=0.3 --depth=300 --surface-time=240 --config {tmp_path}/run.toml"
-    done = succeed(f"plan {out} {start} {goal} --start-time {began} {dives} --json -")
-    said = json.loads(done.stdout)
+    said = json.loads(succeed(f"plan {out} {begin} {dives} --json -").stdout)
     samples = said["samples"]
     stated = [samples[name] for name in ("count", "reached", "safe", "radius_m")]
     assert last[["odds_n_samples", "odds_reached", "odds_safe", "odds_radius"]].tolist() == stated
@@ -311,20 +224,6 @@ def test_the_last_plan_has_the_status_and_the_odds_that_the_command_plan_states_
     assert (last.status, said["status"], samples["count"]) == ("uncertain", "uncertain", 100)
     # the plan is the same, but one that begins from the plan before is not compared with the earliest arrival
     assert said["message"].startswith(last.message)
-
-
-def test_the_current_is_known_for_twice_the_way_through_still_water_and_no_longer_than_a_mission():
-    planner = MissionPlanner(PlannerConfig(kind="mission", depth=300.0, max_duration=1e6))
-    start, goals = Place(5.0, 62.0, 0.0), [Place(5.1, 62.0, 0.0), Place(5.0, 62.0, 0.0)]
-    grid = synthetic.ensemble().grid
-    asked, far = (
-        planner.request(grid, start, places, 0)[0]
-        for places in (tuple(goals), (Place(25.0, 62.0, 0.0),))
-    )
-    speed = float(asked.vehicle.speeds(np, asked.vehicle.angles[0])[0])
-    way = 2.0 * float(distance(5.0, 62.0, 5.1, 62.0))
-    assert span_of(asked) == pytest.approx(2.0 * way / speed)
-    assert span_of(far) == 1e6
 
 
 @pytest.mark.full

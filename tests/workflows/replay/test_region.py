@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from replay_kit.config.estimation import GatingConfig
 from replay_kit.config.run import (
-    EstimatorConfig,
     ForecastConfig,
     RunConfig,
     load_config,
@@ -23,11 +21,8 @@ from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.workflows.info.import_check import check_logs
 from replay_kit.workflows.replay.inputs.estimator import build
-from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of
-from replay_kit.workflows.replay.inputs.region import (
-    _first_window,
-    window_points,
-)
+from replay_kit.workflows.replay.inputs.job import forecasts_of
+from replay_kit.workflows.replay.inputs.region import _first_window, window_points
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.publishing import (
     PublishingState,
@@ -38,16 +33,18 @@ from replay_kit.workflows.smooth import smooth
 from tests import synthetic
 from tests.benchmarks.windows import LEVELS, Sea, Strip, sea
 from tests.measurements.samples import ping
-from tests.workflows.replay.interrupted import goes_on, often
+from tests.workflows.replay.interrupted import goes_on, job_in, often
 from tests.workflows.replay.test_inputs import NS, START, fix, written
 
 STRIP = Strip(14, 90, 20, 1.8, 420, 0)
-ESTIMATOR = EstimatorConfig(modes=30, sample_share=0.3)
-CONFIG = RunConfig(
-    estimator=ESTIMATOR,
-    gating=GatingConfig(gate="off"),
-)
-SMALL_WINDOWS = CONFIG.model_copy(update={"forecast": ForecastConfig(window_points=STRIP.window)})
+CONFIG = RunConfig(estimator={"modes": 30, "sample_share": 0.3}, gating={"gate": "off"})
+
+
+def with_forecast(**settings):
+    return CONFIG.model_copy(update={"forecast": ForecastConfig(**settings)})
+
+
+SMALL_WINDOWS = with_forecast(window_points=STRIP.window)
 
 
 def as_dataset(of: Sea, members: slice) -> xr.Dataset:
@@ -81,7 +78,7 @@ def strip(tmp_path_factory) -> Path:
 
 
 def job(strip, log="short.mcap", out=None, **more):
-    return ReplayJob((strip / log,), strip / "ensemble.nc", out, overwrite=True, **more)
+    return job_in(strip, out, logs=(log,), **more)
 
 
 def test_the_log_and_a_margin_are_read_and_told(strip):
@@ -101,32 +98,37 @@ def test_the_log_and_a_margin_are_read_and_told(strip):
 def test_the_goal_is_inside(strip):
     goal = Place(float(sea(STRIP).longitude[52]), 40.5, 50.0)
     found = forecasts_of(job(strip, goal=goal), CONFIG).region
-    assert found is not None
     assert inside(found.region, goal.longitude, goal.latitude)
     assert "the goal" in found.note
 
 
-@pytest.mark.parametrize("region", ["all", (-14.0, 40.0, -10.0, 41.0)])
-def test_a_stated_region_is_taken(strip, region):
-    config = CONFIG.model_copy(update={"forecast": ForecastConfig(region=region)})
-    forecasts = forecasts_of(job(strip), config)
-    assert forecasts.region is None
-    assert forecasts.ensemble.grid.east.shape == ((14, 90) if region == "all" else (13, 49))
+@pytest.mark.parametrize(
+    ("region", "shape"), [("all", (14, 90)), ((-14.0, 40.0, -10.0, 41.0), (13, 49))]
+)
+def test_a_stated_region_is_taken(strip, region, shape):
+    forecasts = forecasts_of(job(strip), with_forecast(region=region))
+    assert (forecasts.region, forecasts.ensemble.grid.east.shape) == (None, shape)
 
 
 @pytest.mark.parametrize(
-    ("settings", "words"),
+    ("config", "error", "words"),
     [
+        (with_forecast(region=(-12.0, 40.3, -11.9, 41.0)), ForecastError, "widen --region"),
+        (with_forecast(window_points=100), ForecastError, r"reaches \d+ km, and \d+ km are needed"),
         (
-            {"region": (-12.0, 40.3, -11.9, 41.0)},
-            r"the region is .* km, and the forecast's correlation length .* km: widen --region",
+            load_config(None, {"time": {"scale": 6.0}, "estimator": {"preset": "paper"}}),
+            ConfigError,
+            "preset paper is static and takes each profile alone",
         ),
-        ({"window_points": 100}, r"a window of 100 points reaches \d+ km, and \d+ km are needed"),
+        (
+            load_config(None, {"time": {"window": 600.0}, "estimator": {"name": "nearest"}}),
+            ConfigError,
+            "nearest is static and takes each profile alone",
+        ),
     ],
 )
-def test_a_narrow_region_and_windows_smaller_than_the_margins_are_refused(strip, settings, words):
-    config = CONFIG.model_copy(update={"forecast": ForecastConfig(**settings)})
-    with pytest.raises(ForecastError, match=words):
+def test_regions_and_windows_that_do_not_do_are_refused(strip, config, error, words):
+    with pytest.raises(error, match=words):
         forecasts_of(job(strip, "long.mcap"), config)
 
 
@@ -144,7 +146,6 @@ def test_windows_are_squares_of_14_correlation_lengths_of_at_least_1600_points(
     strip, cells, points
 ):
     with open_extent(strip / "ensemble.nc", CONFIG.forecast, None) as extent:
-        assert extent is not None
         east, north = extent.step
         length = cells * DEGREE * np.sqrt(east * np.cos(np.deg2rad(40.5)) * north)
         assert window_points(extent, length, 40.5) == pytest.approx(points, rel=0.01)
@@ -164,36 +165,23 @@ def test_a_log_of_several_windows_is_compared_with_all_that_it_passes(strip):
     assert (found.profiles, found.refusal) == (31, None)
 
 
-@pytest.mark.parametrize(
-    ("settings", "what"),
-    [
-        ({"time": {"scale": 6.0}, "estimator": {"preset": "paper"}}, "preset paper"),
-        ({"time": {"window": 600.0}, "estimator": {"name": "nearest"}}, "nearest"),
-    ],
-)
-def test_what_needs_time_or_groups_is_refused_with_an_estimator_without(strip, settings, what):
-    with pytest.raises(ConfigError, match=f"{what} is static and takes each profile alone"):
-        forecasts_of(job(strip), load_config(None, settings))
-
-
-def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(strip, followed):
+def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(followed):
     out, summary, flow = followed
     result, of = ResultFile(out), sea(STRIP)
     assert len(result.estimates) > 2
-    assert any(
-        f"{len(result.estimates)} windows followed the vehicle" in note for note in summary.notes
-    )
+    told = f"{len(result.estimates)} windows followed the vehicle"
+    assert any(told in note for note in summary.notes)
     assert summary.truth is not None
     assert np.array_equal(result.estimates[-1].latent, flow.latent)
     columns = np.arange(8, 70, 2)
-    at = result.velocity_at(of.longitude[columns], of.latitude[STRIP.rows // 2], 5.0)
-    truth = of.velocity[-1, :, 0, STRIP.rows // 2, columns].T
-    mean = of.velocity[:-1].mean(axis=0)[:, 0, STRIP.rows // 2, columns]
+    places = of.longitude[columns], of.latitude[STRIP.rows // 2], 5.0
+    at = result.velocity_at(*places)
+    *members, truth = of.velocity[:, :, 0, STRIP.rows // 2, columns]
+    mean = np.mean(members, axis=0)
     assert np.isfinite(at.u).all()
     error = np.array([at.u, at.v]) - truth
     assert np.sqrt(np.mean(error**2)) < 0.5 * np.sqrt(np.mean((mean - truth) ** 2))
-    alone = flow.velocity_at(of.longitude[columns], of.latitude[STRIP.rows // 2], 5.0)
-    assert np.isnan(alone.u[0])
+    assert np.isnan(flow.velocity_at(*places).u[0])
 
 
 def test_windows_of_an_estimate_that_was_rebuilt_do_not_count(followed, tmp_path):
@@ -211,9 +199,7 @@ def test_windows_of_an_estimate_that_was_rebuilt_do_not_count(followed, tmp_path
 
 
 def test_windows_are_not_smoothed(strip, tmp_path):
-    with pytest.raises(
-        ConfigError, match="windows that follow the vehicle are not smoothed; state one region"
-    ):
+    with pytest.raises(ConfigError, match="windows that follow the vehicle are not smoothed"):
         smooth(job(strip, "long.mcap", tmp_path / "smooth.mcap"), SMALL_WINDOWS)
 
 

@@ -2,7 +2,6 @@
 
 import os
 import pickle
-import subprocess
 
 import numpy as np
 import pytest
@@ -58,11 +57,8 @@ def test_what_is_written_is_read_to_the_bit(tmp_path):
     [
         os.getcwd,
         Called(os.mkdir, "made"),
-        Called(subprocess.run, "touch made", None, None),
-        Called(eval, "open('made', 'w')"),
         Called(write_state, "made", "a run", None),
         Called(McapLogWriter, "made"),
-        Called(np.save, "made", 1),
         Called(Place, 1.0),
         Called(Reason, "none"),
         Called(np.ndarray, (1 << 60,)),

@@ -23,7 +23,7 @@ from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle
 from replay_kit.workflows.replay.replay import replay
 from tests.benchmarks.windows import Strip, sea
 from tests.workflows.follow.delivery import contents
-from tests.workflows.replay.interrupted import goes_on, often
+from tests.workflows.replay.interrupted import goes_on, job_in, often
 from tests.workflows.replay.test_region import CONFIG, STRIP, as_dataset, log_along
 
 BASIN = Strip(12, 104, 10, 1.2, 300, 0)
@@ -51,11 +51,9 @@ def basin(tmp_path_factory):
 
 
 def job_of(basin, out=None, names="abc", folder: Path | None = None, **more) -> ReplayJob:
-    logs = {name: (folder or basin) / (name if folder else f"{name}.mcap") for name in names}
+    logs = {name: folder / name if folder else basin / f"{name}.mcap" for name in names}
     vehicles = tuple(Vehicle(name, (path,)) for name, path in logs.items())
-    return ReplayJob(
-        tuple(logs.values()), basin / "ensemble.nc", out, overwrite=True, vehicles=vehicles, **more
-    )
+    return job_in(basin, out, logs=tuple(logs.values()), vehicles=vehicles, **more)
 
 
 @pytest.fixture(scope="module")
@@ -79,21 +77,27 @@ def test_every_vehicle_has_the_estimate_of_its_window_and_every_place_visited_is
         assert len(part.estimates) == len(result.estimates)
         assert np.isfinite(result.velocity_at(columns_of(name), latitude, 5.0).u).all()
         slices = Contents(part).slices
-        for published, own in zip(
-            (slices.east, slices.north), slice_axes(part.estimate.grid), strict=True
-        ):
-            np.testing.assert_allclose(published, own)
         assert np.isfinite(slices.fields[:, -1]).any()
+        own = slice_axes(part.estimate.grid)
+        np.testing.assert_allclose(slices.east, own[0])
+        np.testing.assert_allclose(slices.north, own[1])
     assert any("windows followed the vehicles" in note for note in summary.notes)
     assert any("are of the window of a; the result holds all" in note for note in summary.notes)
 
 
-def test_windows_are_shared_by_vehicles_that_meet(pooled):
-    result, *_ = pooled
-    boxes = {name: bounds_of(part.estimate.grid) for name, part in result.vehicles.items()}
-    assert boxes["a"] == boxes["b"] != boxes["c"]
+def test_windows_are_shared_by_vehicles_that_meet_and_a_plan_is_made_in_the_one_that_holds_it(
+    pooled,
+):
+    result, _, flow = pooled
+    a, b, c = (bounds_of(part.estimate.grid) for part in result.vehicles.values())
+    assert a == b != c
     # that of both, that of c, and the one that b left
     assert len(result.estimates) == 3
+    held = read_flow(result.path)
+    for name, part in result.vehicles.items():
+        start = Place(float(columns_of(name)[-1]), 40.5, 0.0)
+        assert np.array_equal(held.at([start]).latent, part.estimate.latent)
+    assert np.array_equal(held.at([Place(10.0, 40.5, 0.0)]).latent, flow.latent)
 
 
 @pytest.mark.full
@@ -117,7 +121,7 @@ def test_following_logs_of_which_one_is_late_ends_with_the_bytes_of_one_replay(b
 
 @pytest.mark.full
 def test_a_followed_vehicle_beyond_the_region_of_the_first_logs_is_refused_by_name(basin, tmp_path):
-    found = forecasts_of(ReplayJob((basin / "a.mcap",), basin / "ensemble.nc"), SETTINGS).region
+    found = forecasts_of(job_in(basin, logs=("a.mcap",)), SETTINGS).region
     assert not found.follows
     job = job_of(basin, names="ac", region=found, following=Following(tmp_path / "states"))
     with pytest.raises(MeasurementError, match=r"c: was at .* or delete the folder of states"):
@@ -126,33 +130,24 @@ def test_a_followed_vehicle_beyond_the_region_of_the_first_logs_is_refused_by_na
 
 def test_in_one_window_the_estimate_is_that_of_its_region(basin, tmp_path):
     log_along(tmp_path / "d.mcap", sea(BASIN), sea(BASIN).longitude[24:18:-1])
-    vehicles = (Vehicle("a", (basin / "a.mcap",)), Vehicle("d", (tmp_path / "d.mcap",)))
-    logs, region = (
-        (basin / "a.mcap", tmp_path / "d.mcap"),
+    region, paths = (
         forecasts_of(job_of(basin), SETTINGS).region,
+        {"a": basin / "a.mcap", "d": tmp_path / "d.mcap"},
     )
-    job = replace(job_of(basin), logs=logs, vehicles=vehicles)
-    _, flow = replay(replace(job, region=region), SETTINGS)
+    vehicles = tuple(Vehicle(name, (path,)) for name, path in paths.items())
+    job = replace(job_of(basin), logs=tuple(paths.values()), vehicles=vehicles)
     begin = float(columns_of("a")[0].round(2)), float(sea(BASIN).latitude[STRIP.rows // 2].round(2))
     stated = {"forecast": ForecastConfig(region=region.about(begin))}
-    _, expected = replay(job, SETTINGS.model_copy(update=stated))
-    at = columns_of("a"), 40.5, 20.0
-    for name in ("u", "v", "u_standard_error"):
-        np.testing.assert_allclose(
-            getattr(flow.velocity_at(*at), name),
-            getattr(expected.velocity_at(*at), name),
-            rtol=0.0,
-            atol=1e-10,
+    found, expected = (
+        replay(one, config)[1].velocity_at(columns_of("a"), 40.5, 20.0)
+        for one, config in (
+            (replace(job, region=region), SETTINGS),
+            (job, SETTINGS.model_copy(update=stated)),
         )
-
-
-def test_a_plan_is_made_in_the_window_that_holds_it(pooled):
-    path = pooled[0].path
-    for name, part in pooled[0].vehicles.items():
-        start = Place(float(columns_of(name)[-1]), 40.5, 0.0)
-        assert np.array_equal(read_flow(path).at([start]).latent, part.estimate.latent)
-    beyond = Place(10.0, 40.5, 0.0)
-    assert np.array_equal(read_flow(path).at([beyond]).latent, pooled[2].latent)
+    )
+    for name in ("u", "v", "u_standard_error"):
+        pair = getattr(found, name), getattr(expected, name)
+        np.testing.assert_allclose(*pair, rtol=0.0, atol=1e-10)
 
 
 @pytest.mark.full
