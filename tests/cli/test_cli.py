@@ -82,7 +82,7 @@ REFUSALS = {
     "--goal": ["X -o o.mcap --goal nan,0,0"],
     "'logs.start': 'yesterday' is no time": ["X -o o.mcap --start yesterday"],
     "estimator.modes": ["X -o o.mcap --modes some"],
-    "only one of them": ["info survey.mcap --suggest - --json -"],
+    "only one can have": ["info survey.mcap --suggest - --json -"],
 }
 REFUSED = [
     (line.replace("X", "replay survey.mcap --ensemble ensemble.nc"), words)

@@ -192,14 +192,20 @@ def test_a_result_of_several_with_one_goal_is_planned_as_flown(result, monkeypat
     assert "; as flown: " in made["message"]
 
 
-@pytest.mark.full
-def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
-    out, status, areas = (tmp_path / f"array.{name}" for name in ("mcap", "json", "geojson"))
+def test_a_status_shows_a_table_then_each_vehicle_and_its_page_links_them(result, tmp_path):
+    out, status, page = (tmp_path / f"array.{name}" for name in ("mcap", "json", "html"))
     shutil.copy(result.path, out)
-    shown = succeed(f"status {out} --json {status}").stdout
+    shown = succeed(f"status {out} --json {status} --html {page}").stdout
     assert shown.startswith("Vehicles")
     assert shown.index("array.sg1") < shown.index("array.sg3")
     assert list(json.loads(status.read_text())["vehicles"]) == ["sg1", "sg2", "sg3"]
+    assert all(name in page.read_text() for name in ("sg1", "sg2", "sg3"))
+
+
+@pytest.mark.full
+def test_commands_show_each_vehicle(result, tmp_path):
+    out, areas = tmp_path / "array.mcap", tmp_path / "array.geojson"
+    shutil.copy(result.path, out)
     succeed(f"report {out}")
     page = (tmp_path / "array.html").read_text()
     assert all(f'href="array.sg{k}.html"' in page for k in (1, 2, 3))
@@ -215,7 +221,6 @@ def test_commands_show_a_table_then_each_vehicle(result, tmp_path):
     assert tracks == ["sg1 track", "sg2 track", "sg3 track"]
 
 
-@pytest.mark.full
 def test_the_command_line_names_vehicles_and_their_goals(logs, tmp_path):
     words = " ".join(f"--as {name}={path}" for name, path in logs.items())
     settings = f"--ensemble {ENSEMBLE} --levels 5,150,500 --modes 6 -o {tmp_path / 'o.mcap'}"
