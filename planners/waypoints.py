@@ -1,7 +1,7 @@
 """Reduction of a plan to few waypoints, and their loss against the plan.
 
 At each surfacing the glider heads for the next waypoint, corrected for its last DAC, at the mean glide angle of the planned legs. In the
-first dive it expects the current of the estimate.
+first dive it expects the current of its last one, which the estimate tells no better than to its error: a list is judged for several.
 """
 
 from collections.abc import Sequence
@@ -28,6 +28,7 @@ from planners.simulation.fly import DRIFT_STEPS, Flight, Flights
 from planners.task import Task
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
+from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import to_geographic, to_local
 from replay_kit.core.plan import Area
 
@@ -35,6 +36,8 @@ from replay_kit.core.plan import Area
 _RADII, _TRIED = (1.0, 2.0, 4.0, 8.0), 25
 # Share of a plan's margin that is kept: its own legs come to the margin less the error of the optimiser's current.
 _AS_FAR = 0.8
+# Standard errors by which the current that a glider remembers may differ from the estimate, in so many directions; depths of its mean.
+_ERRORS, _DIRECTIONS, _DEPTHS = (1.0, 2.0), 8, 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +46,7 @@ class Waypoints:
 
     Attributes:
         depths: Dive depth on the way to each [m].
-        radius: Acceptance radius of waypoints other than goals [m].
+        radius: Acceptance radius of each [m]: of a goal the plan's.
         times: Time at which each is reached [s since the start]; NaN for never.
         surfacings: Surfacings, shape (D, 2), longitude and latitude [degrees].
         off_end: Smallest distance of a surfacing from the plan's end [m].
@@ -59,7 +62,7 @@ class Waypoints:
     pitches_deg: Array
     depths: Array
     yos: int
-    radius: float
+    radius: Array
     times: Array
     surfacings: Array
     off_end: float
@@ -78,14 +81,12 @@ class _List:
 
     Attributes:
         kept: Numbers of the legs that end at them.
-        radius: Acceptance radius of those other than goals [m].
-        route: Route along them.
-        flights: Flights of a glider that expects the current of its first dive, and of one that expects none, as after deployment.
-        violation: First violation of either flight, or an unchecked part; None if both keep clear.
+        route: Route along them, with their acceptance radii.
+        flights: Flights of gliders that expect each of ``_remembered`` in the first dive.
+        violation: First violation of a flight, or an unchecked part; None if all keep clear.
     """
 
     kept: tuple[int, ...]
-    radius: float
     route: Route
     flights: Flights
     violation: Violation | None
@@ -128,29 +129,60 @@ def waypoints_of(
         if samples
         else task.currents
     )
+    told = _remembered(flow, task, max(plan.yo_depths[0]))
     fewest = kept_surfacings(plan, places, near, task.rings)
-    best = _best_radius(task, plan, places, fewest, currents)
+    best = _best_radius(task, plan, places, fewest, currents, told)
     if not best.serves:
-        whole = _best_radius(task, plan, places, tuple(range(1, len(ends) + 1)), currents)
+        whole = _best_radius(task, plan, places, tuple(range(1, len(ends) + 1)), currents, told)
         best = whole if whole.serves or not best.violation else best
     odds = mission_odds(flow, samples, plan, request, best.route) if samples else None
     return _waypoints(task, plan, best, places, request), odds
 
 
+def _remembered(flow: Flow, task: Task, depth: float) -> Array:
+    """Return currents that a glider may expect in its first dive, shape (K, 2) [m/s].
+
+    The true one (NaN), none, as after deployment, and those about the estimate's that its standard error leaves likely.
+
+    Args:
+        flow: Estimate, or estimates at increasing times.
+        task: Mission, with its start.
+        depth: Depth of the first dive [m].
+    """
+    first = flow if isinstance(flow, FlowEstimate) else flow[0]
+    found = np.array([[np.nan, np.nan], [0.0, 0.0]])
+    if not first.n_modes:
+        return found
+    depths = np.linspace(0.0, min(depth, float(first.levels[-1])), _DEPTHS)
+    at, weights = task.start[None, :2], task.currents.weights(depths).mean(axis=0)[None]
+    mean = task.currents.velocity(at, weights, np.array([task.start_time]))
+    covariance = first.velocity_covariance(at[:, 0], at[:, 1], depths).reshape(
+        2, _DEPTHS, 2, _DEPTHS
+    )
+    values, axes = np.linalg.eigh(covariance.mean(axis=(1, 3)))
+    turns = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
+    ring = np.column_stack([np.cos(turns), np.sin(turns)]) * np.sqrt(np.maximum(values, 0.0))
+    return np.vstack([found, *(mean + errors * ring @ axes.T for errors in _ERRORS)])
+
+
 def _best_radius(
-    task: Task, plan: MissionPlan, places: Array, kept: tuple[int, ...], currents: Currents
+    task: Task,
+    plan: MissionPlan,
+    places: Array,
+    kept: tuple[int, ...],
+    currents: Currents,
+    told: Array,
 ) -> _List:
     """Return the waypoints with the acceptance radius of the best odds, the smallest among equals."""
     goal, found = plan.settings.radius or plan.settings.tolerance, list[tuple[float, _List]]()
     for times in _RADII:
         route = _route(plan, places, kept, times * goal)
-        told = np.array([[np.nan, np.nan], [0.0, 0.0]])
         flown = steer(
             task, task.currents, replace(route, told=told), latest(plan.settings, plan.duration)
         )
         margin = _margin(task, plan.settings.margin, places)
-        crossed = [_violation(task, flown, k, margin) for k in range(2)]
-        one = _List(kept, times * goal, route, flown, next(filter(None, crossed), None))
+        crossed = (_violation(task, flown, k, margin) for k in range(len(told)))
+        one = _List(kept, route, flown, next(filter(None, crossed), None))
         odds = odds_of(task, currents, route, latest(plan.settings, plan.duration))
         found.append((odds.succeeded + one.serves, one))
         if odds.succeeded == 1.0 and one.serves:
@@ -215,8 +247,9 @@ def _waypoints(
     off_end = float(np.min(np.linalg.norm(surfaced - places[-1], axis=1)))
     ended = flights.arrived[0] if few.serves else flights.time[0, flights.ups[-1]]
     delay, n_reached = float(ended) - plan.duration, int(np.isfinite(times).sum())
+    within = " or ".join(f"{radius:g}" for radius in np.unique(few.route.radius))
     message = (
-        f"{len(times)} waypoints for {len(places) - 1} surfacings; {n_reached} reached within {few.radius:g} m; "
+        f"{len(times)} waypoints for {len(places) - 1} surfacings; {n_reached} reached within {within} m; "
         f"ends {off_end:.0f} m from the plan's end and {abs(delay) / 60.0:.0f} min {'later' if delay >= 0.0 else 'earlier'}; "
         f"surfaces at most {off_track:.0f} m off the plan's legs"
     )
@@ -233,7 +266,7 @@ def _waypoints(
         np.rad2deg(plan.vehicle.pitch(few.route.angles)),
         few.route.depths,
         plan.settings.yos,
-        few.radius,
+        few.route.radius,
         times,
         np.column_stack(to_geographic(projection, *surfaced.T)),
         off_end,

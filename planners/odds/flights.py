@@ -1,47 +1,25 @@
 """Open-loop flights of a plan, in the true current or in samples."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from planners.request import MissionPlan
-from planners.simulation.currents import Flow, Sample, currents_of_samples
-from planners.simulation.fly import COARSE, Legs, fly
+from planners.simulation.currents import Flow, Sample, currents_of, currents_of_samples
+from planners.simulation.fly import COARSE, Flight, Legs, fly
 from planners.task import turns_of
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic, to_local
-from replay_kit.core.grid import Projection
+from replay_kit.core.geodesy import to_local
 
 # Share of a glide by which it goes on.
 _MORE = 0.5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MissionFlights:
-    """Open-loop flights of a plan in K currents.
-
-    Attributes:
-        time: Time since the start, shape (n,) [s]; the same in all currents.
-        depth: Depth, shape (n,) [m].
-        place: Position, shape (K, n, 2) [m], local east and north.
-        surfacings: End of each leg, shape (K, L, 2), longitude and latitude [degrees].
-        miss: Miss distance of each goal at its planned time, shape (K, G) [m].
-        projection: Local frame of the flows.
-    """
-
-    time: Array
-    depth: Array
-    place: Array
-    surfacings: Array
-    miss: Array
-    projection: Projection
-
-
-def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> MissionFlights:
-    """Return the tracks of a plan's commands in other currents, without corrections.
+def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> tuple[Flight, Array]:
+    """Return open-loop flights of a plan in K currents, and the miss distance of each goal at its planned time, shape (K, G) [m].
 
     Args:
         flows: Flows on the same nodes; time-dependent ones at the same increasing times. Their projection may differ from the plan's.
@@ -55,21 +33,16 @@ def fly_mission(flows: FlowEstimate | Sequence[Sample], plan: MissionPlan) -> Mi
     if count > 1 and (vehicle.speed_spread or vehicle.speed_error):
         each = [vehicle.paces(count, dive) for dive in range(len(plan.headings_deg))]
         currents = replace(currents, pace=np.mean(each, axis=0))
-    legs, projection = legs_of_plan(plan), currents.flow.grid.projection
-    start = np.array(
-        to_local(projection, plan.start.longitude, plan.start.latitude), dtype=np.float64
+    legs, frame = legs_of_plan(plan), currents.flow.grid.projection
+    start, *goals = (
+        np.array(to_local(frame, place.longitude, place.latitude))
+        for place in (plan.start, *plan.goals)
     )
     clock, parts = currents.clock(plan.start_time_ns), int(plan.statistics.get("steps", COARSE))
     deep = np.array([goal.depth for goal in plan.goals])
     flight = fly(currents, vehicle, (start, clock), legs, parts, deep)
-    ends = flight.place[:, flight.ends]
     met = flight.place[:, np.searchsorted(flight.time[0], plan.goal_times - 1e-3)]
-    goals = np.column_stack(
-        to_local(projection, *np.array([[goal.longitude, goal.latitude] for goal in plan.goals]).T)
-    )
-    miss = np.linalg.norm(met - goals, axis=2)
-    surfacings = np.stack(to_geographic(projection, ends[..., 0], ends[..., 1]), axis=-1)
-    return MissionFlights(flight.time[0], flight.depth, flight.place, surfacings, miss, projection)
+    return flight, np.linalg.norm(met - np.array(goals), axis=2)
 
 
 def closest_approach(flow: Flow, plan: MissionPlan) -> float:
@@ -77,11 +50,10 @@ def closest_approach(flow: Flow, plan: MissionPlan) -> float:
 
     The last leg is extended by half its duration.
     """
-    longer = _longer(plan)
-    flights = fly_mission([flow], longer)
-    goal, projection = plan.goals[-1], flights.projection
+    flight, _ = fly_mission([flow], _longer(plan))
+    goal, projection = plan.goals[-1], currents_of(flow).flow.grid.projection
     at = np.array([*to_local(projection, goal.longitude, goal.latitude), goal.depth])
-    track = np.column_stack([flights.place[0], flights.depth])
+    track = np.column_stack([flight.place[0], flight.depth])
     begin, way = track[:-1], np.diff(track, axis=0)
     share = np.sum((at - begin) * way, axis=1) / np.maximum(np.sum(way**2, axis=1), 1e-9)
     nearest = begin + np.clip(share, 0.0, 1.0)[:, None] * way

@@ -52,7 +52,7 @@ def waypoint_rows(waypoints: Waypoints) -> list[dict[str, float | None]]:
             "waypoint": k + 1,
             "longitude": round(float(waypoints.longitude[k]), 7),
             "latitude": round(float(waypoints.latitude[k]), 7),
-            "radius_m": waypoints.radius,
+            "radius_m": float(waypoints.radius[k]),
             "glide_angle_deg": round(float(waypoints.glide_angles_deg[k]), 4),
             "pitch_deg": round(float(waypoints.pitches_deg[k]), 4),
             "depth_m": float(waypoints.depths[k]),
@@ -111,7 +111,7 @@ def _slocum(waypoints: Waypoints) -> str:
         "    b_arg: num_legs_to_run(nodim) -2  # the list once",
         "    b_arg: start_when(enum) 0  # immediately",
         "    b_arg: list_stop_when(enum) 7  # within the distance of a waypoint",
-        f"    b_arg: list_when_wpt_dist(m) {waypoints.radius:g}",
+        f"    b_arg: list_when_wpt_dist(m) {np.min(waypoints.radius):g}  # of all: the goals' own",
         "    b_arg: initial_wpt(enum) 0  # the first",
         "<end:b_arg>",
         "<start:waypoints>",
@@ -134,7 +134,7 @@ def _seaglider(waypoints: Waypoints) -> str:
     lines, last = [f"/ {waypoints.message}"], len(waypoints.times)
     for k, (x, y) in enumerate(zip(waypoints.longitude, waypoints.latitude, strict=True), start=1):
         lines.append(
-            f"WP{k:03d} lat={_minutes(y)} lon={_minutes(x)} radius={waypoints.radius:g} goto=WP{min(k + 1, last):03d}"
+            f"WP{k:03d} lat={_minutes(y)} lon={_minutes(x)} radius={waypoints.radius[k - 1]:g} goto=WP{min(k + 1, last):03d}"
         )
     return "\n".join(lines) + "\n"
 
@@ -209,7 +209,7 @@ def _qgroundcontrol(waypoints: Waypoints) -> str:
             "doJumpId": number,
             "frame": 3,
             # no time to hold, no other radius to pass at, no heading to take
-            "params": [0.0, waypoints.radius, 0.0, None, *place],
+            "params": [0.0, float(waypoints.radius[number - 1]), 0.0, None, *place],
             "type": "SimpleItem",
         }
         for number, place in enumerate(places, start=1)

@@ -187,35 +187,6 @@ def _from_nodes(functions: NodeKernel, place: Array, latent: Array) -> Array:
     return np.column_stack([u, v])
 
 
-def latent_over_time(flows: Sequence[FlowEstimate]) -> tuple[Array, Array]:
-    """Return the times [s since the first] and latent values, shape (M, Z T), of a time-dependent flow.
-
-    Args:
-        flows: Flow at increasing times ``time_ns``, on the same levels and functions.
-
-    Raises:
-        PlanError: Fewer than two flows, a time is missing or does not increase, or the functions differ.
-    """
-    if len(flows) < 2:
-        raise PlanError(
-            f"a time-dependent flow needs two times or more, got {len(flows)}; give a single flow for a steady one"
-        )
-    for k, flow in enumerate(flows):
-        before = flows[max(k - 1, 0)].time_ns
-        if flow.time_ns is None or before is None or (k > 0 and flow.time_ns <= before):
-            raise PlanError(
-                f"flow {k} of a sequence has the time {flow.time_ns} ns after {before} ns; expected increasing times"
-            )
-        if graph_key(flow) != graph_key(flows[0]):
-            raise PlanError(
-                f"flow {k} of a sequence is not on the nodes, levels, kernel and depth functions of the first"
-            )
-    first = flows[0].time_ns or 0
-    return np.array([((flow.time_ns or 0) - first) / 1e9 for flow in flows]), np.hstack(
-        [flow.latent for flow in flows]
-    )
-
-
 def graph_key(flow: FlowEstimate) -> tuple[Hashable, bytes, DepthFunctions, Projection]:
     """Return the cache key of an estimate's graph: horizontal and depth functions, levels and frame."""
     return (
@@ -227,11 +198,8 @@ def graph_key(flow: FlowEstimate) -> tuple[Hashable, bytes, DepthFunctions, Proj
 
 
 def currents_of(flow: Flow) -> Currents:
-    """Return the current of an estimate, or of estimates at increasing times."""
-    if isinstance(flow, FlowEstimate):
-        return Currents(flow, flow.latent[None], None)
-    times, latent = latent_over_time(flow)
-    return Currents(flow[0], latent[None], times)
+    """Return the current of an estimate, or of estimates at increasing times, K = 1; see ``currents_of_samples``."""
+    return currents_of_samples([flow])
 
 
 def currents_of_samples(samples: Sequence[Sample]) -> Currents:
@@ -241,34 +209,31 @@ def currents_of_samples(samples: Sequence[Sample]) -> Currents:
         samples: Steady flows, or for each its flows at increasing times, common to all.
 
     Raises:
-        PlanError: Levels, functions or times differ, or steady and time-dependent samples are mixed.
+        PlanError: Levels, functions or times differ, times are missing or do not increase, or steady and time-dependent samples are mixed.
     """
-    return with_courses(_currents_of_flows(flows_of(samples)), samples)
+    each = [(flow,) if isinstance(flow, FlowEstimate) else flow for flow in flows_of(samples)]
+    first, times = each[0][0], [flow.time_ns or 0 for flow in each[0]]
+    for k, flows in enumerate(each):
+        if any(graph_key(flow) != graph_key(first) for flow in flows):
+            raise PlanError(
+                f"sample {k} is not on the nodes, levels, kernel and depth functions of the first"
+            )
+        if len(flows) != len(times) or (
+            len(flows) > 1 and [flow.time_ns for flow in flows] != times
+        ):
+            raise PlanError(
+                f"sample {k} holds for other times than the first sample, or for none; draw all of them at the same times"
+            )
+    if len(times) > 1 and min(np.diff(times)) <= 0:
+        raise PlanError(f"flows of a sequence have the times {times} ns; expected increasing times")
+    latent = np.stack([np.hstack([flow.latent for flow in flows]) for flows in each])
+    since = (np.array(times) - times[0]) / 1e9 if len(times) > 1 else None
+    return with_courses(Currents(first, latent, since), samples)
 
 
 def flows_of(samples: Sequence[Sample]) -> list[Flow]:
     """Return the flows of samples, without local corrections."""
     return [sample.flow if isinstance(sample, LocalSample) else sample for sample in samples]
-
-
-def _currents_of_flows(samples: Sequence[Flow]) -> Currents:
-    each = [(sample,) if isinstance(sample, FlowEstimate) else tuple(sample) for sample in samples]
-    for k, flows in enumerate(each):
-        if graph_key(flows[0]) != graph_key(each[0][0]):
-            raise PlanError(
-                f"sample {k} is not on the nodes, levels, kernel and depth functions of the first"
-            )
-        if (
-            len(flows) > 1
-            and [flow.time_ns for flow in flows] != [flow.time_ns for flow in each[0]]
-        ) or len(flows) != len(each[0]):
-            raise PlanError(
-                f"sample {k} holds for other times than the first sample; draw all of them at the same times"
-            )
-    if len(each[0]) == 1:
-        return Currents(each[0][0], np.stack([flow.latent for (flow,) in each]), None)
-    through = [latent_over_time(flows) for flows in each]
-    return Currents(each[0][0], np.stack([latent for _, latent in through]), through[0][0])
 
 
 def with_courses(currents: Currents, samples: Sequence[Sample]) -> Currents:

@@ -70,9 +70,7 @@ def one_mission(seed: int, speeds: tuple[float, float]) -> dict[str, Any]:
         )
         found[f"lists_{called}"] += 1
         if called == "clear":
-            harms["_by_file"] = set[str | None]().union(
-                *harm_of_files(mission, plan, few, _DRAWN).values()
-            )
+            harms["_by_file"] = harm_of_files(mission, plan, few, _DRAWN)
             found["missed_by_file"] += MISSED in harms["_by_file"]
         for suffix, harm in harms.items():
             for kind, what in (

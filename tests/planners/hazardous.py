@@ -156,31 +156,28 @@ def harm_done(mission: HazardousMission, track: Array) -> str | None:
     return "the bottom" if np.min(bottom - fine[:, 2]) < CLEARANCE - 0.1 else None
 
 
-def remembered_currents(
-    mission: HazardousMission, plan: MissionPlan, drawn: int, seed: int = 1
-) -> list[Array]:
+def remembered_currents(mission: HazardousMission, plan: MissionPlan, drawn: int) -> list[Array]:
     """Return currents that a glider may expect in its first dive [m/s]: none, the plan's, and the first dive's in samples of the estimate.
 
     Args:
         mission: With the estimate.
         plan: Its plan.
         drawn: Number of samples.
-        seed: Of these.
     """
     begin, depths = plan.track[0, :2], np.linspace(0.0, max(plan.yo_depths[0]), 30)
     met = [
         np.mean(sample.velocity(*begin, depths), axis=0)
-        for sample in mission.flow[0].sample(drawn, seed)
+        for sample in mission.flow[0].sample(drawn, 1)
     ]
     return [np.zeros(2), planned_current(mission.sea, plan), *met]
 
 
 def harm_of_files(
     mission: HazardousMission, plan: MissionPlan, few: Waypoints, drawn: int = 1
-) -> dict[str, set[str | None]]:
-    """Return what a glider crosses, or by how much it misses the plan's end, that heads for the waypoints of each file, read back.
+) -> set[str | None]:
+    """Return what a glider crosses, or ``MISSED``, that heads for the waypoints of files, read back; None for a flight without harm.
 
-    The dives are those of the CSV. It is flown with each of ``remembered_currents``; a flight that does no harm gives None.
+    The dives are those of the CSV. It is flown with each of ``remembered_currents``.
 
     Args:
         mission: What the waypoints are for.
@@ -190,22 +187,17 @@ def harm_of_files(
     """
     rows = read_csv_waypoints(waypoint_text(few, Path("few.csv")))
     targets = read_targets(waypoint_text(few, Path("targets"))).values()
-    places = {
-        "csv": np.array([[row["longitude"], row["latitude"]] for row in rows]),
-        "targets": np.array([[target["lon"], target["lat"]] for target in targets]),
-        "goto_list": read_mission_arguments(waypoint_text(few, Path("goto_l10.ma")))[2],
+    places = (
+        np.array([[row["longitude"], row["latitude"]] for row in rows]),
+        np.array([[target["lon"], target["lat"]] for target in targets]),
+        read_mission_arguments(waypoint_text(few, Path("goto_l10.ma")))[2],
+    )
+    return {
+        _harm_of_flight(mission, plan, follow_waypoints(mission.sea, plan, rows, at, current))
+        # two files with the same places, to the last digit, lead the same way
+        for at in {at.tobytes(): at for at in places}.values()
+        for current in remembered_currents(mission, plan, drawn)
     }
-    # two files with the same places, to the last digit, lead the same way
-    unlike = {at.tobytes(): at for at in places.values()}
-    expected = remembered_currents(mission, plan, drawn)
-    flown = {
-        key: {
-            _harm_of_flight(mission, plan, follow_waypoints(mission.sea, plan, rows, at, current))
-            for current in expected
-        }
-        for key, at in unlike.items()
-    }
-    return {name: flown[at.tobytes()] for name, at in places.items()}
 
 
 def _harm_of_flight(mission: HazardousMission, plan: MissionPlan, track: Array) -> str | None:

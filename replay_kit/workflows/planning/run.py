@@ -327,9 +327,11 @@ def _judged(
     judged, samples = with_odds(made, odds, job.arrive, job.accepted_risk), samples_json(odds, job)
     if job.held:
         radius = made.settings.radius or made.settings.tolerance
-        arrives = (fly_mission(asked.drawn, made).miss <= radius).all(axis=1)
-        samples["held"] = float(arrives.mean())
-        told = f"{100.0 * samples['held']:.0f} % arrive with headings held at every surfacing"
+        held = float((fly_mission(asked.drawn, made)[1] <= radius).all(axis=1).mean())
+        samples["held"], told = (
+            held,
+            f"{100.0 * held:.0f} % arrive with headings held at every surfacing",
+        )
         planned = replace(planned, notes=(*notes, told))
     return replace(planned, plan=judged, odds=odds, samples=samples)
 

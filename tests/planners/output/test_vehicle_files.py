@@ -15,6 +15,8 @@ from tests.planners.test_waypoints import FLOW, PLAN, REQUEST
 from tests.reference.vehicle import read_mission_arguments, read_targets
 
 FEW = waypoints_of(FLOW, PLAN, REQUEST, 50.0)[0]
+# on the way a wider radius than at the goals
+FEW = replace(FEW, radius=np.linspace(800.0, 200.0, FEW.times.size))
 PLACES = np.column_stack([FEW.longitude, FEW.latitude])
 
 
@@ -26,7 +28,9 @@ def test_a_qgroundcontrol_plan_has_each_waypoint_and_its_radius():
     assert {(item["command"], item["frame"]) for item in items} == {(16, 3)}
     params = np.array([item["params"] for item in items], dtype=float)
     np.testing.assert_allclose(params[:, [5, 4]], PLACES, atol=6e-8)
-    np.testing.assert_array_equal(params[:, [1, 6]], [[FEW.radius, 0.0]] * len(PLACES))
+    np.testing.assert_array_equal(
+        params[:, [1, 6]], np.column_stack([FEW.radius, 0.0 * FEW.radius])
+    )
     np.testing.assert_allclose(home, [*PLACES[0, ::-1], 0.0], atol=6e-8)
 
 
@@ -64,7 +68,8 @@ def test_a_slocum_s_goto_list_has_each_waypoint():
         "num_legs_to_run(nodim)": -2.0,
         "start_when(enum)": 0.0,
         "list_stop_when(enum)": 7.0,
-        "list_when_wpt_dist(m)": FEW.radius,
+        # one for all: a glider that stops at the wider radius misses the goal
+        "list_when_wpt_dist(m)": 200.0,
         "initial_wpt(enum)": 0.0,
     }
     assert len(places) == len(PLACES)
@@ -100,7 +105,7 @@ def test_a_seaglider_samples_down_to_its_deepest_dive(depth, rows):
 
 def test_a_seaglider_s_targets_lead_from_each_waypoint_to_the_next():
     targets = read_targets(waypoint_text(FEW, Path("targets")))
-    assert {one["radius"] for one in targets.values()} == {FEW.radius}
+    assert [one["radius"] for one in targets.values()] == FEW.radius.tolist()
     names = list(targets)
     assert [one["goto"] for one in targets.values()] == [*names[1:], names[-1]]
 
