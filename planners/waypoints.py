@@ -36,8 +36,8 @@ from replay_kit.core.plan import Area
 _RADII, _TRIED = (1.0, 2.0, 4.0, 8.0), 25
 # Share of a plan's margin that is kept: its own legs come to the margin less the error of the optimiser's current.
 _AS_FAR = 0.8
-# Standard errors by which the current that a glider remembers may differ from the estimate, in so many directions; depths of its mean.
-_ERRORS, _DIRECTIONS, _DEPTHS = (1.0, 2.0), 8, 9
+# Standard errors by which the current that a glider remembers may differ from the estimate; depths of its mean.
+_ERRORS, _DEPTHS = (1.0, 2.0), 9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ class Waypoints:
         delay: Delay of its time against the plan [s].
         off_track: Largest distance of a surfacing from the plan's legs [m].
         violation: First constraint violation, or None.
-        arrives: Whether all waypoints are reached.
+        arrives: Whether all flights reach all waypoints.
     """
 
     longitude: Array
@@ -160,7 +160,7 @@ def _remembered(flow: Flow, task: Task, depth: float) -> Array:
         2, _DEPTHS, 2, _DEPTHS
     )
     values, axes = np.linalg.eigh(covariance.mean(axis=(1, 3)))
-    turns = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
+    turns = 0.25 * np.pi * np.arange(8)
     ring = np.column_stack([np.cos(turns), np.sin(turns)]) * np.sqrt(np.maximum(values, 0.0))
     return np.vstack([found, *(mean + errors * ring @ axes.T for errors in _ERRORS)])
 
@@ -247,6 +247,7 @@ def _waypoints(
     off_end = float(np.min(np.linalg.norm(surfaced - places[-1], axis=1)))
     ended = flights.arrived[0] if few.serves else flights.time[0, flights.ups[-1]]
     delay, n_reached = float(ended) - plan.duration, int(np.isfinite(times).sum())
+    lost = int(np.isinf(flights.arrived).sum())
     within = " or ".join(f"{radius:g}" for radius in np.unique(few.route.radius))
     message = (
         f"{len(times)} waypoints for {len(places) - 1} surfacings; {n_reached} reached within {within} m; "
@@ -256,8 +257,8 @@ def _waypoints(
     at = few.violation
     if at is not None:
         message = f"not safe: heading for the waypoints crosses {at.what} at {at.longitude:.4f}, {at.latitude:.4f}; {message}"
-    elif n_reached < len(times):
-        message = f"not reliable: not all waypoints are reached; {message}"
+    elif lost:
+        message = f"not reliable: not all waypoints are reached in {lost} of {len(flights.arrived)} flights; {message}"
     longitude, latitude = plan.surfacings[numbers - 1].T
     return Waypoints(
         longitude,
@@ -273,7 +274,7 @@ def _waypoints(
         delay,
         off_track,
         at,
-        n_reached == len(times),
+        lost == 0,
         message,
         areas=tuple(area.area for area in request.no_go),
         clearance=plan.settings.clearance,
