@@ -20,8 +20,6 @@ from planners.route.current import Route
 from planners.route.passage import (
     MeanCurrent,
     Passage,
-    by_rays,
-    is_beside,
     mean_current,
     passage,
     wider,
@@ -206,11 +204,9 @@ def search(task: Task, warm: MissionPlan | None = None) -> "Answer":
         if before[0].seconds > _RECONSIDERED * float(route.passed[-1]) and route.route.arrives:
             one.sweep([("front", route)], task.settings.depth)
         return Answer(_taken(task, one.found), one.found, None)
-    tight = bound is None or bound.is_tight
-    rays = None if tight and bound is not None else by_rays(task, mean)
-    if bound is not None and bound.goal >= 0 and rays is None:
+    if bound is not None and bound.goal >= 0:
         return _without(task, mean, bound)
-    _anew(one, mean, rays)
+    _anew(one, mean)
     best = _taken(task, one.found)
     if not is_feasible(task, best) and len(task.goals) > 1 and not task.is_late:
         # the goal missed by most takes the time that others need
@@ -253,23 +249,14 @@ def _taken(task: Task, found: Sequence[Solution]) -> Solution:
     return again(min(found, key=lambda one: ranking(task, one)))
 
 
-def _anew(one: Search, mean: MeanCurrent, rays: Passage | None) -> None:
+def _anew(one: Search, mean: MeanCurrent) -> None:
     """Try the routes of a mission around and across shallows."""
     task, depth = one.task, one.task.settings.depth
     places = np.vstack([task.start, task.goals])[:, :2]
-    ways = [] if rays is None else [("rays", rays)]
     deep = bool(task.bottom.limit_at(places).min() >= depth)
-    if deep and rays is not None and not is_beside(task, rays):
-        one.sweep(ways, depth)
-        ways = []
-    if deep and one.best is None:
-        route = passage(task, mean)
-        if route.route.arrives:
-            ways.append(("front", route))
-            if (wide := wider(task, mean, route)) is not None:
-                ways.append(("wide", wide))
-        if ways:
-            one.sweep(ways, depth)
+    if deep and (route := passage(task, mean)).route.arrives:
+        wide = wider(task, mean, route)
+        one.sweep([("front", route), *([] if wide is None else [("wide", wide)])], depth)
     if deep and one.found:
         _in_range(one)
     lanes = any(ring.surface_only for ring in task.rings)

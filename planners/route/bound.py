@@ -29,8 +29,8 @@ from replay_kit.core.flow.functions import depth_weights
 # What a bound is multiplied by, for the error of the lattice against Zermelo's rays: in currents up to a share of the vehicle's speed on
 # the way, where the rays were 0.12 % before the front at most, in faster ones, 0.7 %, and in strong ones.
 _CALM_ERROR, _LATTICE_ERROR, _STRONG_ERROR = 0.998, 0.993, 0.985
-# These shares of the vehicle's speed: of calm and of strong currents. In strong ones the lattice has so many times more lines.
-_CALM, _STRONG, _FINER = 0.45, 0.75, 1.6
+# These shares of the vehicle's speed: of calm and of strong currents.
+_CALM, _STRONG = 0.45, 0.75
 # Where a current within reach is faster than this share, a lattice may miss the quickest way by far.
 _TRUSTED = 0.9
 # Points on the edge of a goal's disc.
@@ -86,37 +86,9 @@ class Lead:
 
 
 def bound_of(task: Task) -> tuple[MeanCurrent, Bound]:
-    """Return the mean current on a lattice and the lower bound of a mission's time or closest approach.
-
-    The lattice is refined in a current about as fast as the vehicle, where few edges are feasible.
-    """
-    water = mean_current(task)
+    """Return the mean current on a lattice and the lower bound of a mission's time or closest approach."""
+    water, places, most = mean_current(task), task.places, task.longest
     lead = _lead(task, water)
-    bound = _bound_in(task, water, lead, _LATTICE_ERROR, _STRONG * water.speed)
-    if bound is not None:
-        return water, bound
-    finer = mean_current(task, _FINER)
-    bound = _bound_in(task, finer, lead, _STRONG_ERROR, inf)
-    assert bound is not None, "no current is faster than infinity"
-    if bound.goal >= 0 and not bound.limit:
-        bound = replace(bound, limit=limit_of(task, water.current, water.speed, bound.goal))
-    # to come near a goal that is out of reach needs no finer lattice
-    return (finer if bound.goal < 0 else water), bound
-
-
-def _bound_in(
-    task: Task, water: MeanCurrent, lead: Lead, error: float, strong: float
-) -> Bound | None:
-    """Return the bound on one lattice; None if unreliable.
-
-    Args:
-        task: Mission.
-        water: Mean current on the lattice.
-        lead: Allowances for the vehicle.
-        error: Correction factor of times in currents that are not weak.
-        strong: Current speed above which, as for a goal out of reach, the bound is unreliable [m/s]; infinite to accept any.
-    """
-    places, most = task.places, task.longest
     radii = np.append(lead.start, task.settings.tolerance + lead.goals)
     discs = [
         _disc(complex(place), float(radius)) for place, radius in zip(places, radii, strict=True)
@@ -124,11 +96,8 @@ def _bound_in(
     obstacles = obstacles_of((*task.rings, *task.bottom.rings(LEAST_DIVE)), 0.0, places)
     sea = sea_of(water.current, lead.speed, np.concatenate(discs), obstacles, waits=True)
     ends = water.current.places.size + np.cumsum([0, *(disc.size for disc in discs)])
-    until = (most if np.isfinite(strong) else task.settings.max_duration) / error
-    now = 0.0
-    fastest = 0.0
-    trusted = True
-    limit = _TRUSTED * water.speed
+    until = task.settings.max_duration / _STRONG_ERROR
+    now, fastest, trusted = 0.0, 0.0, True
     seeds = np.arange(ends[0], ends[1])
     for k, place in enumerate(places[1:]):
         goals = np.arange(ends[k + 1], ends[k + 2])
@@ -136,47 +105,29 @@ def _bound_in(
             seeds = goals
             continue
         front = spread(sea, seeds, np.full(seeds.size, now), until, goals)
-        best = int(goals[np.argmin(front.times[goals])])
-        if not front.times[best] <= most / error:
-            if np.isfinite(strong):
-                return None
+        best, slowest = int(goals[np.argmin(front.times[goals])]), _TRUSTED * water.speed
+        if not front.times[best] <= most / _STRONG_ERROR:
             # with more legs than it may have it might be reached
             needs_legs = bool(front.times[best] <= until)
-            beyond = bound_beyond(
-                front, k, complex(place), most if needs_legs else task.settings.max_duration
-            )
-            return replace(
-                beyond,
-                is_tight=trusted and front.fastest_met(now, until) <= limit,
-                limit="legs" if needs_legs else "",
-            )
+            last = most if needs_legs else task.settings.max_duration
+            beyond = bound_beyond(front, k, complex(place), last)
+            limit = "legs" if needs_legs else limit_of(task, water.current, water.speed, k)
+            tight = trusted and front.fastest_met(now, until) <= slowest
+            return water, replace(beyond, is_tight=tight, limit=limit)
         route = front.route_to(best, now, True)
-        fastest = max(
-            fastest,
-            float(np.max(np.abs(water.current.at(as_complex(route.points), now + route.times)))),
-        )
-        if fastest > strong:
-            return None
-        trusted = (
-            trusted
-            and front.fastest_met(
-                now, float(front.times[best]), (complex(place), float(radii[k + 1]))
-            )
-            <= limit
-        )
+        met = water.current.at(as_complex(route.points), now + route.times)
+        fastest = max(fastest, float(np.max(np.abs(met))))
+        disc = complex(place), float(radii[k + 1])
+        trusted = trusted and front.fastest_met(now, float(front.times[best]), disc) <= slowest
         now, seeds = now + float(relax(sea, route, now).times[-1]), goals
     # the mean speed has a drift after each leg, but the last one arrives without
+    error = _LATTICE_ERROR if fastest <= _STRONG * water.speed else _STRONG_ERROR
     error = _CALM_ERROR if fastest <= _CALM * water.speed else error
     # straight there with the fastest current of all
-    straight = (
-        float(np.sum(np.maximum(np.abs(np.diff(places)) - radii[1:] - radii[:-1], 0.0)))
-        / sea.fastest
-    )
-    return Bound(
-        max((error * now if trusted else straight) - task.settings.surface_time, 0.0),
-        most,
-        is_tight=trusted,
-    )
+    apart = np.abs(np.diff(places)) - radii[1:] - radii[:-1]
+    straight = float(np.sum(np.maximum(apart, 0.0))) / sea.fastest
+    time = max((error * now if trusted else straight) - task.settings.surface_time, 0.0)
+    return water, Bound(time, most, is_tight=trusted)
 
 
 def _disc(place: complex, radius: float) -> Complex:

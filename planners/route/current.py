@@ -87,18 +87,12 @@ def _between(
     return lower + north * (upper - lower)
 
 
-def spacing_over(flow: FlowEstimate, finer: float = 1.0) -> float:
-    """Return the spacing of a lattice over a flow's region [m], limited by the kernel length.
-
-    Args:
-        flow: Flow with region and kernel.
-        finer: Refinement factor.
-    """
+def spacing_over(flow: FlowEstimate) -> float:
+    """Return the spacing of a lattice over a flow's region [m], limited by the kernel length."""
     grid, kernel = flow.grid, flow.horizontal.kernel
     area = float(np.ptp(grid.east) * np.ptp(grid.north))
-    return (
-        max(float(np.sqrt(area / _POINTS)), min(kernel.length_east, kernel.length_north) / _LINES)
-        / finer
+    return max(
+        float(np.sqrt(area / _POINTS)), min(kernel.length_east, kernel.length_north) / _LINES
     )
 
 

@@ -1,7 +1,6 @@
 """Mean current of a mission's dives, and routes along its goals."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -15,7 +14,6 @@ from planners.route.current import (
 )
 from planners.route.front import sea_of, spread
 from planners.route.obstacles import obstacles_of
-from planners.route.rays import ray_to
 from planners.route.relax import relax
 from planners.task import Task
 from replay_kit.core.arrays import Array
@@ -50,20 +48,15 @@ class MeanCurrent:
     speed: float
 
 
-def mean_current(task: Task, finer: float = 1.0) -> MeanCurrent:
-    """Return the mean current and speed of a mission's dives and drifts, over its largest duration.
-
-    Args:
-        task: Mission.
-        finer: Refinement factor of the lattice.
-    """
+def mean_current(task: Task) -> MeanCurrent:
+    """Return the mean current and speed of a mission's dives and drifts, over its largest duration."""
     flow, angle = task.flow, task.shallowest_angle
     drift_share = task.settings.surface_time / task.leg_time()
     times, latent = task.currents_through()
     shares = shares_of_levels(flow, task.settings.depth, drift_share)
     along = float(task.vehicle.speeds(np, angle)[0])
     return MeanCurrent(
-        current_lattice(flow, latent, times, spacing_over(flow, finer), shares),
+        current_lattice(flow, latent, times, spacing_over(flow), shares),
         (1.0 - drift_share) * along,
     )
 
@@ -117,18 +110,3 @@ def wider(task: Task, mean: MeanCurrent, quickest: Passage) -> Passage | None:
             if found.route.arrives and found.passed[-1] <= (1.0 + _MAY_COST) * quickest.passed[-1]:
                 return found
     return None
-
-
-def by_rays(task: Task, mean: MeanCurrent) -> Passage | None:
-    """Return the passage from rays, for a current that may be faster than the vehicle; None if they do not arrive."""
-    obstacles = obstacles_of(task.solid(task.settings.depth), task.settings.margin, task.places)
-    points, times, passed = [task.start[None, :2]], [np.zeros(1)], [0.0]
-    for begin, end in pairwise(task.places.tolist()):
-        now, until = passed[-1], task.longest
-        found = ray_to(mean.current, mean.speed, (begin, end), (now, until), obstacles)
-        if found is None:
-            return None
-        points.append(found.points[1:])
-        times.append(now + found.times[1:])
-        passed.append(now + float(found.times[-1]))
-    return Passage(Route(np.concatenate(points), np.concatenate(times), True), np.array(passed[1:]))

@@ -206,9 +206,9 @@ CASES = {
     "a line": (
         STRONG,
         ((-8e3, -4e3), (6e3, 6e3)),
-        {"legs": 12, "shape": Line()},
+        {"legs": 16, "shape": Line()},
         "unreachable",
-        25.76,
+        31.27,
         "farther than 2000 m",
     ),
 }

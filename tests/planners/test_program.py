@@ -7,7 +7,6 @@ import pytest
 
 from planners import Glider, MissionRequest, MissionSettings, closest_approach, plan_mission
 from planners.program.water import HOUR, KM, Water
-from planners.route.passage import by_rays, mean_current, passage
 from planners.task import task_of
 from replay_kit.core.geodesy import to_local
 from tests.planners.flow_samples import (
@@ -29,15 +28,6 @@ def test_the_current_of_the_program_is_that_of_each_level():
         found = np.array(water.at(at / KM, 0.0)).reshape(-1, 2) * KM / HOUR
         levels = [flow.velocity(*at, float(z)) for z in flow.levels[: water.count]]
         np.testing.assert_allclose(found, levels, atol=2e-3)
-
-
-def test_rays_find_the_way_of_the_front_where_the_vehicle_is_faster():
-    flow = eddying_flow(5, speed=0.15)
-    task = task_of(flow, request_between(flow, (-9e3, -4e3), (9e3, 5e3), settings=SETTINGS))
-    mean = mean_current(task)
-    rays, front = by_rays(task, mean), passage(task, mean)
-    assert rays is not None
-    assert rays.passed[-1] == pytest.approx(front.passed[-1], rel=0.02)
 
 
 def against(seed, speed):
