@@ -17,7 +17,7 @@ from replay_kit.core.extensions import additions
 from replay_kit.core.files.inputs import open_input
 from replay_kit.core.files.paths import as_path
 from replay_kit.logs.formats import FORMATS, LogFormat
-from replay_kit.logs.reader import LogFile, unreadable
+from replay_kit.logs.reader import LogFile, read_bytes, unreadable
 
 _HEAD = 1 << 16
 _TEXT = re.compile(rb"[ -~]{3,40}")
@@ -90,11 +90,15 @@ def open_logs(
         groups.setdefault(_format_of(file), []).append(place)
     found: list[tuple[int, LogFile]] = []
     for form, places in groups.items():
-        own = [files[place] for place in places]
-        logs = _opened(own, form, config, wanted)
+        own, read = [files[place] for place in places], _function(form.reader)
+        logs = (
+            read(own, config) if form.grouped else [read([one], 0, config, wanted) for one in own]
+        )
         # a file may be given twice; of several files the first tells the place
         if len(logs) < len(own):
             places = [places[own.index(log.files[0])] for log in logs]
+        for log in logs:
+            log.unchecked = form.unchecked
         found += zip(places, logs, strict=True)
     logs = [log for _, log in sorted(found, key=itemgetter(0))]
     for number, log in enumerate(logs):
@@ -139,15 +143,8 @@ def may_grow(path: Path) -> bool:
 
 def _bag(path: Path) -> list[Path]:
     """Return the files of a bag in the order of its metadata."""
-    try:
-        listed = _PART.findall((path / _BAG).read_text(encoding="utf-8", errors="replace"))
-    except OSError as error:
-        raise LogError(
-            f"{path / _BAG}: cannot be read: {error.strerror}; check its permissions"
-        ) from error
-    files = [path / Path(name).name for name in dict.fromkeys(listed)] or sorted(
-        path.glob("*.mcap")
-    )
+    listed = _PART.findall(read_bytes(path / _BAG).decode("utf-8", "replace"))
+    files = [path / Path(name).name for name in dict.fromkeys(listed)]
     packed = [file.name for file in files if file.suffix == ".zstd"]
     if packed:
         raise LogError(
@@ -197,19 +194,6 @@ def _format_of(path: Path) -> LogFormat:
             else f"{_beginning(head)}; give a log of one of these formats"
         )
     )
-
-
-def _opened(
-    files: Sequence[Path], form: LogFormat, config: LogConfig | None, wanted: frozenset[str] | None
-) -> list[LogFile]:
-    """Return the readers of the files of one format."""
-    if form.logs is None or len(files) == 1:
-        found = [_function(form.reader)([file], 0, config, wanted) for file in files]
-    else:
-        found = _function(form.logs)(files, config)
-    for log in found:
-        log.unchecked = form.unchecked
-    return found
 
 
 def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:

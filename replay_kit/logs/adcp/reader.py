@@ -96,13 +96,10 @@ def _pd0(
         if kind != _ENSEMBLE
     ]
     told.notes += [*found.notes, *([f"{', '.join(others)}, skipped"] if others else [])]
-    datasets = [
-        read_pd0(path, [found.parts[k] for k in group], has_pressure)
-        for (_, has_pressure), group in found.groups.items()
-    ]
+    datasets = [read_pd0(path, [found.parts[k] for k in group]) for group in found.groups]
     if not any("vel" in dataset for dataset in datasets):
         told.notes.append("bottom track and fixes alone: the file holds no profile of the current")
-    pairs = zip(datasets, found.groups.values(), strict=True)
+    pairs = zip(datasets, found.groups, strict=True)
     return fixes_of(datasets), [
         (_PINGS, len(group), raw_profiles(dataset, "", group)) for dataset, group in pairs
     ]

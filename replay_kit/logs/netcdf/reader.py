@@ -64,27 +64,6 @@ def log_of_columns(
     return WholeLog(paths, dialect.name, told, entries, config, dialect.read is None)
 
 
-def open_columns(
-    paths: Sequence[Path],
-    input: int = 0,
-    config: LogConfig | None = None,
-    wanted: frozenset[str] | None = None,
-) -> LogFile:
-    """Return the reader of the files of one log.
-
-    Args:
-        paths: Files of the log.
-        input: Ignored; the position among the run's inputs is set when the log is opened.
-        config: Settings of log reading.
-        wanted: Ignored.
-
-    Raises:
-        LogError: A file cannot be read, or is a forecast.
-    """
-    del input, wanted
-    return logs_of_columns(paths, config)[0]
-
-
 def logs_of_columns(paths: Sequence[Path], config: LogConfig | None) -> list[LogFile]:
     """Return the readers of files, of which those of one mission, or of one dialect, are one log.
 

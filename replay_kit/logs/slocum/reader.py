@@ -93,33 +93,12 @@ def read_segment(path: Path, lists: SensorLists) -> Segment:
     return Segment(header, rows, told, int((~near).sum()))
 
 
-def open_slocum(
-    paths: Sequence[Path],
-    input: int = 0,
-    config: LogConfig | None = None,
-    wanted: frozenset[str] | None = None,
-) -> LogFile:
-    """Return the reader of the binary files of one Slocum.
-
-    Args:
-        paths: Binary files.
-        input: Ignored; the position among the run's inputs is set when the log is opened.
-        config: Settings of log reading; ``caches`` is the folder of the sensor lists.
-        wanted: Ignored.
-
-    Raises:
-        LogError: No file can be read.
-    """
-    del input, wanted
-    return _log(paths, config)
-
-
 def logs_of_slocums(paths: Sequence[Path], config: LogConfig | None) -> list[LogFile]:
     """Return the readers of binary files, one per glider.
 
     Args:
         paths: Binary files; those whose header cannot be read count as the first glider's.
-        config: See ``open_slocum``.
+        config: Settings of log reading; ``caches`` is the folder of the sensor lists.
 
     Raises:
         LogError: No file of a glider can be read.
