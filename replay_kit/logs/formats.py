@@ -93,7 +93,7 @@ FORMATS = (
     LogFormat(
         "seaexplorer",
         "a SeaExplorer's file",
-        "netcdf.reader:logs_of_columns",
+        "netcdf.reader:logs_of_seaexplorers",
         recognises=is_seaexplorer,
         endings=r".*\.(gli|pld1)(\.(sub|raw|all))?(\.\d+)?(\.gz)?",
         unchecked=_VALUES,
@@ -121,7 +121,7 @@ FORMATS = (
     LogFormat(
         "radials",
         "radials of an HF radar (LLUV)",
-        "netcdf.reader:logs_of_columns",
+        "netcdf.radials:logs_of_radials",
         magic=rb"%CTF:",
         endings=r".*\.ruv",
         unchecked=_VALUES,
@@ -139,7 +139,7 @@ FORMATS = (
     LogFormat(
         "table",
         "a table of pings or drifters (CSV)",
-        "netcdf.reader:logs_of_columns",
+        "netcdf.reader:logs_of_tables",
         recognises=_is_csv,
         unchecked=_VALUES,
         grouped=True,
