@@ -137,20 +137,6 @@ def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
             f"{', '.join(file.names)}; write the file with its times"
         )
     values = read_values(file, dialect, chosen, notes)
-    lacking = [
-        f"{count} of {chosen[key]}"
-        for key, found in values.items()
-        if not key.endswith("time") and (count := int((~np.isfinite(found)).sum()))
-    ]
-    # the cycles of a Slocum each write some of the sensors
-    if lacking and not file.sources:
-        notes.append(f"missing (fill values or out of range): {', '.join(lacking)}")
-    if np.isfinite(values.get("declination", np.nan)).any():
-        declination = np.nanmedian(values["declination"])
-        notes.append(f"{chosen['declination']}: declination {declination:g} degrees")
-    for name in file.names:
-        if name.lower() == "depth_z":
-            notes.append(f"{name}: has the standard name depth but is positive up; not used")
     if (dive := file.dive_number) is not None:
         values["dive"] = np.array([float(dive)])
     remove_bad(file, dialect, chosen, values, told)

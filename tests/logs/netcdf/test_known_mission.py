@@ -120,7 +120,6 @@ DIALECTS = {
         made.bodc,
         notes=(
             "WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s",
-            "DEPTH_Z: has the standard name depth but is positive up; not used",
         ),
     ),
     "socib": Form(
@@ -257,7 +256,6 @@ def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path):
     assert said.counts() == {"/vehicle/fix": 4, "/vehicle/position": 22}
     assert said.fixes() == pytest.approx(made.PLACES, abs=1e-6)
     for words in (
-        "Declination: declination 17 degrees",
         "Timestamp: 1 values without a time, excluded",
         # cut off at its end
         "1 line with fewer or more columns than the heading, not used",
