@@ -20,8 +20,8 @@ _TOPIC = re.compile(r"mavlink/\d+/\d+/([A-Z][A-Z0-9_]*)", re.ASCII)
 _COPIES = re.compile(r"mavlink/out|mavlink/\d+/\d+/[A-Z][A-Z0-9_]*/\w+", re.ASCII)
 
 
-def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]] | str] | None:
-    """Return the schema name and the decoder of a JSON channel of MAVLink, or why it is not decoded; None for any other topic.
+def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]] | None] | None:
+    """Return the schema name and the decoder of a JSON channel of MAVLink; no decoder of one that repeats others; None for other topics.
 
     Args:
         topic: The channel's topic.
@@ -30,7 +30,7 @@ def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]] 
         name = match[1]
         fields = _fields().get(name, (frozenset(), ()))
         return name, lambda data: _payload(decode_json(data), fields)
-    return ("", "repeats messages of other topics") if _COPIES.fullmatch(topic) else None
+    return ("", None) if _COPIES.fullmatch(topic) else None
 
 
 #: Text fields of a MAVLink message, and those that are enums; both empty for an unknown message.

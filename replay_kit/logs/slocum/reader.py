@@ -170,19 +170,11 @@ def _joined(parts: Sequence[Segment], notes: list[str]) -> NetcdfFile:
     """Return the joined files of one computer in order of time."""
     is_science = parts[0].header.is_science
     rows = Rows.joined([part.rows for part in parts])
-    without: dict[tuple[str, ...], list[str]] = {}
-    for part in parts:
-        lacks = tuple(name for name in rows.units if name not in part.rows.units)
-        without.setdefault(lacks, []).append(part.header.path.name)
-    for lacks, files in without.items():
-        means, kept = (
-            any(names >= {*pair} for pair in CURRENTS)
-            for names in (rows.units.keys(), rows.units.keys() - {*lacks})
-        )
-        dives = "; their dives have no mean current" if means and not kept else ""
-        if lacks:
+    for pair in CURRENTS:
+        lacking = [part.header.path.name for part in parts if not {*pair} <= part.rows.units.keys()]
+        if rows.has(pair) and lacking:
             notes.append(
-                f"{', '.join(lacks)}: not among the sensors of {len(files)} of {len(parts)} files, such as {files[0]}{dives}"
+                f"{', '.join(pair)}: not among the sensors of {len(lacking)} of {len(parts)} files, such as {lacking[0]}"
             )
     if late := sum(part.out_of_time for part in parts):
         notes.append(

@@ -118,9 +118,7 @@ DIALECTS = {
     "bodc": Form(
         "og1",
         made.bodc,
-        notes=(
-            "WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s",
-        ),
+        notes=("WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s",),
     ),
     "socib": Form(
         "socib",

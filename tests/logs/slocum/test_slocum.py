@@ -170,7 +170,7 @@ def _only(suffix):
 
 
 _WHOLE, _LACKING = "expected a whole cycle", "segments without the file of the"
-_NO_CURRENTS = "m_water_vx, m_water_vy, m_final_water_vx, m_final_water_vy: not among the sensors of 1 of 2 files, such as "
+_NO_CURRENTS = "m_final_water_vx, m_final_water_vy: not among the sensors of 1 of 2 files, such as "
 
 
 @pytest.mark.parametrize(
