@@ -2,7 +2,6 @@
 
 import io
 import re
-from array import array
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -173,16 +172,15 @@ def _lines(path: Path) -> Iterator[str]:
 
 def _radials(file: Header) -> tuple[dict[str, Array], Counter[str]]:
     """Return the columns of the usable radials, and counts of the excluded ones."""
-    names, values, left_out = file.names, array("d"), 0
-    for line in _lines(file.path):
-        row = [] if line.startswith("%") else line.split()
-        left_out += 0 < len(row) != len(names)
-        if len(row) == len(names):
-            try:
-                values.extend(map(float, row))
-            except ValueError as error:
-                raise LogError(f"{file.path}: radials: expected numbers, got {error}") from error
-    of = dict(zip(names, np.array(values).reshape(-1, len(names)).T, strict=True))
+    names = file.names
+    lines = [line.split() for line in _lines(file.path) if not line.startswith("%")]
+    whole = [row for row in lines if len(row) == len(names)]
+    left_out = sum(map(bool, lines)) - len(whole)
+    try:
+        values = np.array(whole, np.float64).reshape(-1, len(names))
+    except ValueError as error:
+        raise LogError(f"{file.path}: radials: expected numbers, got {error}") from error
+    of = dict(zip(names, values.T, strict=True))
     _check_station(file, of)
     _check_unit(file, of["VELO"])
     n = of["VELO"].size
