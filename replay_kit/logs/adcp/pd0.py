@@ -6,13 +6,15 @@ Source: Teledyne RD Instruments, "WorkHorse Commands and Output Data Format", PD
 """
 
 import struct
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 from replay_kit.logs.adcp.frames import Record
+from replay_kit.logs.reader import Told
 
+#: Topic of the pings.
+PINGS = "/adcp"
 _FIXED, _VARIABLE = 0x0000, 0x0080
 #: Blocks with a number for each cell and beam: the bytes of one.
 _BLOCKS = {0x0100: 2, 0x0200: 1, 0x0300: 1, 0x0400: 1}
@@ -26,47 +28,33 @@ _LEAST_FIXED, _LEAST_VARIABLE = 42, 65
 _SETTINGS = ((2, 6), (8, 10), (12, 14), (25, 34), (58, 59))
 
 
-@dataclass(frozen=True, slots=True)
-class Ensembles:
-    """Readable ensembles of a file.
-
-    Attributes:
-        groups: Ordinals in the file of the ensembles of each configuration, increasing.
-        parts: Bytes of the ensembles by ordinal.
-        unreadable: Number of unreadable ensembles by reason.
-        notes: Notes on changes of the configuration.
-    """
-
-    groups: Sequence[Sequence[int]]
-    parts: Mapping[int, bytes]
-    unreadable: Mapping[str, int]
-    notes: tuple[str, ...]
+#: Ordinal in the file, and bytes, of each ensemble of a configuration.
+Group = list[tuple[int, bytes]]
 
 
-def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
-    """Return the ensembles of a file by configuration.
+def by_configuration(data: bytes, records: Sequence[Record], told: Told) -> list[Group]:
+    """Return the ensembles of a file that can be read, by configuration.
 
     Args:
         data: The file.
         records: Its valid ensembles.
+        told: Receives changes of the configuration, and counts of unreadable ensembles.
     """
-    groups = defaultdict[bytes, list[int]](list)
-    parts: dict[int, bytes] = {}
-    unreadable: Counter[str] = Counter()
-    order: list[tuple[int, bytes]] = []
+    groups = defaultdict[bytes, Group](list)
+    latest, changes = b"", list[str]()
     for ordinal, record in enumerate(records):
         types = _types(data, record)
         if reason := _missing_types(types):
-            unreadable[reason] += 1
+            told.skipped[PINGS, reason] += 1
             continue
         settings = b"".join(types[_FIXED][begin:end] for begin, end in _SETTINGS)
-        groups[settings].append(ordinal)
-        parts[ordinal] = data[record.start : record.end]
-        order.append((ordinal, settings))
-    changes = [k for (_, old), (k, new) in pairwise(order) if old != new]
-    what = "the instrument's configuration changes, each ping uses its own: from ping"
-    notes = (f"{what} {', '.join(map(str, changes[:_MOST_NOTED]))} on",) if changes else ()
-    return Ensembles([*groups.values()], parts, unreadable, notes)
+        groups[settings].append((ordinal, data[record.start : record.end]))
+        changes += [str(ordinal)] * (latest not in (b"", settings))
+        latest = settings
+    if changes:
+        what = "the instrument's configuration changes, each ping uses its own: from ping"
+        told.notes.append(f"{what} {', '.join(changes[:_MOST_NOTED])} on")
+    return [*groups.values()]
 
 
 def _types(data: bytes, record: Record) -> dict[int, bytes]:
