@@ -20,7 +20,6 @@ from replay_kit.logs.formats import FORMATS, LogFormat
 from replay_kit.logs.reader import LogFile, read_bytes, unreadable
 
 _HEAD = 1 << 16
-_TEXT = re.compile(rb"[ -~]{3,40}")
 _BAG = "metadata.yaml"
 _PART = re.compile(r"^\s*-\s+[\"']?([^\s\"':]+\.(?:mcap|db3)(?:\.zstd)?)[\"']?\s*$", re.MULTILINE)
 #: Files that are recognised only to say what to do with them.
@@ -185,15 +184,9 @@ def _format_of(path: Path) -> LogFormat:
             return form
     if not head:
         raise LogError(f"{path}: expected a log, the file is empty (0 bytes); give another")
-    foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
-    raise LogError(
-        f"{path}: expected {_titles()}; "
-        + (
-            f"this is {foreign}"
-            if foreign
-            else f"{_beginning(head)}; give a log of one of these formats"
-        )
-    )
+    unknown = f"it begins with {str(head[:24])[1:]}; give a log of one of these formats"
+    foreign = (f"this is {words}" for magic, words in _FOREIGN if head.startswith(magic))
+    raise LogError(f"{path}: expected {_titles()}; {next(foreign, unknown)}")
 
 
 def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:
@@ -208,13 +201,6 @@ def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:
 def _titles() -> str:
     *others, last = (form.title for form in _all_formats())
     return f"{', '.join(others)} or {last}"
-
-
-def _beginning(head: bytes) -> str:
-    """Return a description of the first bytes of a file: their text, which often names the format, else hex."""
-    text = _TEXT.search(head[:64])
-    first = f"its first bytes are {head[:16].hex(' ')}"
-    return f"it begins with {text[0].decode('ascii')!r}" if text else first
 
 
 def require_one_mission(folder: Path, logs: Sequence[LogFile]) -> None:

@@ -208,7 +208,7 @@ def _mean(
     of_dive = (times >= start.time_ns) & (times <= end.time_ns)
     depth, declination = samples["depth"][of_dive], samples["declination"][of_dive]
     once, dive = np.unique(times[rows]).size == 1, row.get("dive", np.nan)
-    deepest = np.nanmax(depth) if np.isfinite(depth).any() else row.get("deepest", np.nan)
+    deepest = np.fmax.reduce(depth, initial=row.get("deepest", np.nan))
     turn = np.nanmedian(declination) if np.isfinite(declination).any() else np.nan
     payload = {
         **({} if np.isnan(dive) else {"dive": int(dive)}),
