@@ -1,7 +1,8 @@
 """Reader of Slocum binary files: segments of one glider as two tables, flight and science."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,9 +20,10 @@ from replay_kit.logs.slocum.header import (
     FLIGHT,
     SCIENCE,
     Header,
-    SensorLists,
     first_header,
     read_header,
+    sensor_list,
+    sensors_of,
     unpacked,
 )
 from replay_kit.logs.slocum.tables import (
@@ -53,14 +55,15 @@ class Segment(NamedTuple):
     out_of_time: int
 
 
-def read_segment(path: Path, lists: SensorLists) -> Segment:
+def read_segment(path: Path, caches: Path | None, list_of: Callable[[Path], bytes]) -> Segment:
     """Return the contents of a file.
 
     The first cycle repeats earlier values and is skipped.
 
     Args:
         path: Binary file.
-        lists: Caches of sensor lists.
+        caches: As in ``sensors_of``, as the next one.
+        list_of: Returns the contents of a cache.
 
     Raises:
         LogError: The file or its list of sensors cannot be read.
@@ -68,7 +71,7 @@ def read_segment(path: Path, lists: SensorLists) -> Segment:
     stored = read_bytes(path)
     data, lost_at = unpacked(stored)
     header = read_header(path, data)
-    sensors, at = lists.sensors(header, data)
+    sensors, at = sensors_of(header, data, caches, list_of)
     cycles = read_cycles(data, at, sensors, WANTED)
     where = "decompressed byte" if len(data) != len(stored) else "byte"
     losses = [
@@ -114,13 +117,15 @@ def logs_of_slocums(paths: Sequence[Path], config: LogConfig | None) -> list[Log
 
 def _log(paths: Sequence[Path], config: LogConfig | None) -> WholeLog:
     """Return the reader of the files of one glider."""
-    lists = SensorLists(None if config is None or config.caches is None else Path(config.caches))
+    caches = None if config is None or config.caches is None else Path(config.caches)
+    # the files of a mission have few lists
+    list_of = cache(sensor_list)
     segments: list[Segment] = []
     errors: dict[Path, LogError] = {}
     notes: list[str] = []
     for file in _without_subsets(paths, notes):
         try:
-            segments.append(read_segment(file, lists))
+            segments.append(read_segment(file, caches, list_of))
         except LogError as error:
             errors[file] = error
     if not segments:

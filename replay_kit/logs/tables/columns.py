@@ -260,12 +260,14 @@ def _cells_of(cells: Sequence[Any], m: int, earth: bool) -> Array:
 
 
 def _components(cell: Any, earth: bool) -> Sequence[Any]:
-    """Return the components of a cell: a list, a message with ``east`` and ``north``, or null."""
+    """Return the components of a cell: a list, a message with ``value`` or with ``east`` and ``north``, or null."""
+    found = cell
     if isinstance(cell, Mapping):
-        cell = [cell.get(name) for name in ("east", "north", "up")]
-    if isinstance(cell, list | tuple) and (len(cell) >= 2 or not earth):
-        return cell
+        both = "east" in cell and "north" in cell
+        found = cell.get("value", [cell["east"], cell["north"], cell.get("up")] if both else [])
+    if isinstance(found, list | tuple) and (len(found) >= 2 or not earth):
+        return found
     # null, NaN or "NaN" in the place of a cell
-    if not earth or (not isinstance(cell, list | tuple) and np.isnan(number(cell))):
+    if not earth or (not isinstance(cell, list | tuple | Mapping) and np.isnan(number(cell))):
         return ()
     raise MeasurementError(f"ping: expected cells of east, north[, up], got {shorten(cell)}")

@@ -87,7 +87,7 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
         kind, lines = "velocity", _velocity(velocity) + place + (depth or _where(place))
     else:
         kind, lines = "position" if place else "depth", place + depth
-    head = f"# {len(found)} numbers in a {schema or 'message without a schema'}"
+    head = f"# {len(found)} numbers in a message of the schema {_quoted(schema)}"
     entry = [head, "[[measurements.map]]", f"topic = {_quoted(topic)}", f'kind = "{kind}"']
     return "\n".join([*entry, *lines, ""]) if lines else None
 
