@@ -15,25 +15,27 @@ Samples = Mapping[str, tuple[str, Mapping[str, Any]]]
 _ELSEWHERE = re.compile(
     r"(?<![A-Za-z])(?i:start|end|goal|home|target|waypoint|destination)(?![a-z])"
 )
-# units at the end of a name: of an angle or a pressure, or of a length, in a speed too
-_UNIT = r"_?(deg|rad|e7|dbar|mbar|bar|hpa|kpa|pa)|_(mm|cm|dm|m)(_?p?s|_per_s)?"
+_ANGLE, _PRESSURE = r"(_?(?P<unit>deg|rad|e7))?", r"(_?(?P<unit>dbar|mbar|bar|hpa|kpa|pa))?"
+_LENGTH, _SPEED = r"(_(?P<unit>mm|cm|dm|m))?", r"(_(?P<unit>mm|cm|dm|m)(_?p?s|_per_s)?)?"
 # ends of paths, in lower case, by what they may hold
 _ENDS = {
-    "latitude": "lat(itude)?",
-    "longitude": "(lon|lng|long|longitude)",
-    "depth": "depth",
-    "pressure": "press(ure)?",
-    "east": r"(east(ward)?(_vel(ocity)?)?|u|ve|vel_e|linear\.x)",
-    "north": r"(north(ward)?(_vel(ocity)?)?|v|vn|vel_n|linear\.y)",
-    "velocity": "(vel|velocity|velocities|currents?|(vel|velocity)_data)",
-    "depths": "(cell_|bin_)?depths?",
-    "distances": "(distances?|ranges?|cell_positions?)",
-    "cell_size": "(cell|bin)_?(size|length|height|depth)",
-    "first_cell": "(bin0_?distance|bin1_?distance|first_?(cell|bin)(_?distance)?)",
+    "latitude": f"lat(itude)?{_ANGLE}",
+    "longitude": f"(lon|lng|long|longitude){_ANGLE}",
+    "depth": f"depth{_LENGTH}",
+    "pressure": f"press(ure)?{_PRESSURE}",
+    "east": rf"(east(ward)?(_vel(ocity)?)?|u|ve|vel_e|linear\.x){_SPEED}",
+    "north": rf"(north(ward)?(_vel(ocity)?)?|v|vn|vel_n|linear\.y){_SPEED}",
+    "velocity": f"(vel|velocity|velocities|currents?|(vel|velocity)_data){_SPEED}",
+    "depths": f"(cell_|bin_)?depths?{_LENGTH}",
+    "distances": f"(distances?|ranges?|cell_positions?){_LENGTH}",
+    "cell_size": f"(cell|bin)_?(size|length|height|depth){_LENGTH}",
+    "first_cell": f"(bin0_?distance|bin1_?distance|first_?(cell|bin)(_?distance)?){_LENGTH}",
 }
-_NAMES = {key: re.compile(rf"(.*[._])?{end}({_UNIT})?") for key, end in _ENDS.items()}
+_NAMES = {key: re.compile(rf"(.*[._])?{end}") for key, end in _ENDS.items()}
 # units as the mapping spells them, where a name spells them otherwise
 _UNITS = {"e7": "degE7", "mbar": "hPa", "hpa": "hPa", "kpa": "kPa", "pa": "Pa"}
+# the setting of what has another name here
+_SETTINGS = {"pressure": "depth"}
 # a flat list this short is one velocity, not a profile
 _SHORTEST_FLAT = 6
 _CHECK = "NOT KNOWN from the names"
@@ -69,8 +71,8 @@ def _leaves(value: Any, path: str = "") -> Iterator[Leaf]:
         yield from (Leaf(one, (len(value), *inner)) for one, inner in _leaves(first, each))
 
 
-def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | None:
-    """Return the TOML of an entry for a topic, with a comment on each guess; None if nothing seems usable.
+def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Return the kind of an entry for a topic, and its TOML with a comment on each guess; None if nothing seems usable.
 
     Args:
         topic: Topic.
@@ -89,24 +91,25 @@ def suggestion(topic: str, schema: str, payload: Mapping[str, Any]) -> str | Non
         kind, lines = "position" if place else "depth", place + depth
     head = f"# {len(found)} numbers in a message of the schema {_quoted(schema)}"
     entry = [head, "[[measurements.map]]", f"topic = {_quoted(topic)}", f'kind = "{kind}"']
-    return "\n".join([*entry, *lines, ""]) if lines else None
+    return (kind, "\n".join([*entry, *lines, ""])) if lines else None
 
 
-def suggested_entries(samples: Samples) -> dict[str, str]:
-    """Return the TOML of each suggested entry by topic."""
+def suggested_entries(samples: Samples) -> dict[str, tuple[str, str]]:
+    """Return the kind and the TOML of each suggested entry by topic."""
     entries = {topic: suggestion(topic, *sample) for topic, sample in sorted(samples.items())}
     return {topic: entry for topic, entry in entries.items() if entry}
 
 
 def suggestions(samples: Samples) -> str:
     """Return a TOML file of entries for unknown topics."""
-    entries = "".join(f"\n{entry}" for entry in suggested_entries(samples).values())
+    entries = "".join(f"\n{entry}" for _, entry in suggested_entries(samples).values())
     nothing = "# Nothing in the log looks like a position, a depth, a velocity or a profile.\n"
     return _HEAD + (entries or nothing)
 
 
 def _quoted(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False)
+    # the one character that TOML forbids and JSON does not
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", r"\u007f")
 
 
 def _line(key: str, value: object, why: str = _CHECK) -> str:
@@ -126,10 +129,10 @@ def _picked(found: Sequence[Leaf], *keys: str) -> dict[str, str]:
 
 def _lines(picked: Mapping[str, str], unit: str, usual: str) -> list[str]:
     """Return the lines of settings and of their unit: that in a name, else the usual one."""
-    named = [_line(key, path, "by its name") for key, path in picked.items()]
-    for path in picked.values():
-        if match := re.search(f"({_UNIT})$", path.lower()):
-            stated = match[2] or match[3]
+    named = [_line(_SETTINGS.get(key, key), path, "by its name") for key, path in picked.items()]
+    for key, path in picked.items():
+        match = _NAMES[key].fullmatch(path.lower())
+        if match and (stated := match["unit"]):
             spelt = f"{stated}/s" if unit == "speed_unit" else _UNITS.get(stated, stated)
             return [*named, _line(unit, spelt, "in its name")]
     return [*named, _line(unit, usual)] if named else []
@@ -149,7 +152,7 @@ def _depth(numbers: Sequence[Leaf]) -> list[str]:
     if depth := _picked(numbers, "depth"):
         return [*_lines(depth, "depth_unit", "m"), _line("depth_positive", "down")]
     if pressure := _picked(numbers, "pressure"):
-        lines = _lines({"depth": pressure["pressure"]}, "depth_unit", "dbar")
+        lines = _lines(pressure, "depth_unit", "dbar")
         return [*lines, _line("depth_absolute", False, f"{_CHECK}: check a value at the surface")]
     return []
 
@@ -173,10 +176,11 @@ def _profile(found: Sequence[Leaf]) -> list[str]:
     sizes = [leaf.shape[:1] for leaf in found if leaf.path in columns.values()]
     listed = [leaf for leaf in lists if leaf.shape in sizes]
     cells = _picked(listed, "depths") or _picked(listed, "distances")
-    lines = _lines(cells, "distance_unit", "m")
-    for key in () if cells else ("cell_size", "first_cell"):
-        near = _picked([leaf for leaf in found if not leaf.shape], key)
-        lines += [_line(key, near.get(key, 1.0), "by its name" if near else f"{_CHECK}: in m")]
+    scalars = [leaf for leaf in found if not leaf.shape]
+    near = {} if cells else _picked(scalars, "cell_size") | _picked(scalars, "first_cell")
+    lines = _lines(cells or near, "distance_unit", "m")
+    lacking = () if cells else {"cell_size", "first_cell"} - near.keys()
+    lines += [_line(key, 1.0, f"{_CHECK}: the instrument's") for key in sorted(lacking)]
     flattened = [] if columns else [_line("components", 2)]
     frame = _line("frame", "enu", f"{_CHECK}: enu, ned, ship, instrument or beam")
     return [*_velocity(columns or flat), frame, *flattened, *lines]

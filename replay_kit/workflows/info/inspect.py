@@ -1,7 +1,6 @@
 """Contents of a log and its possible uses."""
 
 import time
-import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -159,10 +158,7 @@ class LogInfo:
     def mappable(self) -> Mapping[str, str]:
         """Type of usable content by topic of unknown type."""
         entries = suggested_entries({} if self.is_result else self.unknown)
-        return {
-            topic: tomllib.loads(entry)["measurements"]["map"][0]["kind"]
-            for topic, entry in entries.items()
-        }
+        return {topic: kind for topic, (kind, _) in entries.items()}
 
     @property
     def use(self) -> str:
