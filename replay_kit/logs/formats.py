@@ -10,7 +10,7 @@ from replay_kit.logs.reader import LogFile
 
 GZIP_MAGIC = b"\x1f\x8b"
 # names that the first column of a SeaExplorer's file has.
-_FIRST_COLUMNS = frozenset(("timestamp", "pld_realtimeclock"))
+_FIRST_COLUMNS = b"timestamp", b"pld_realtimeclock"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +65,7 @@ def is_seaexplorer(head: bytes) -> bool:
             head = zlib.decompressobj(wbits=31).decompress(head, 256)
         except zlib.error:
             return False
-    return head.lstrip(b"\xef\xbb\xbf").split(b";", 1)[0].strip().lower() in {
-        name.encode() for name in _FIRST_COLUMNS
-    }
+    return head.lstrip(b"\xef\xbb\xbf").split(b";", 1)[0].strip().lower() in _FIRST_COLUMNS
 
 
 _VALUES = "values of NetCDF, text or Slocum files"

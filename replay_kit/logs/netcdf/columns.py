@@ -54,7 +54,7 @@ def read_values(
     Raises:
         LogError: The unit of a time is unknown.
     """
-    notes.append("read as " + ", ".join(f"{_words(key)}: {name}" for key, name in chosen.items()))
+    notes.append("read as " + ", ".join(f"{key}: {name}" for key, name in chosen.items()))
     forced = dict(dialect.units)
     places = {
         key: file.array(chosen[key])
@@ -101,10 +101,6 @@ def read_values(
             notes.append(f"{chosen['depth']}: positive up ({how}), sign reversed")
             values["depth"] = -depth
     return values
-
-
-def _words(key: str) -> str:
-    return key.replace("_", " ").replace("dac ", "mean current ").replace("gps ", "GPS ")
 
 
 def _profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]]:

@@ -7,6 +7,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from itertools import chain, count, islice
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +47,11 @@ def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
         named = {name: Stored(np.empty(0), {}) for name, _ in headings if name}
         chosen = {*choose(named, {})}
         at = [k for k, (name, _) in enumerate(headings) if name in chosen]
+        # one or none has no getter of several
+        take = itemgetter(*at) if len(at) > 1 else lambda row: [row[k] for k in at]
         blocks, left_out = [np.empty((len(at), 0), "S1")], 0
         while some := list(islice(filter(None, table), _ROWS)):
-            rows = [[row[k] for k in at] for row in some if len(row) == len(headings)]
+            rows = [*map(take, [row for row in some if len(row) == len(headings)])]
             left_out += len(some) - len(rows)
             blocks.append(_block(rows, len(at)))
         cells = np.hstack(blocks)

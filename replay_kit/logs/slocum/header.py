@@ -137,8 +137,16 @@ def first_header(path: Path) -> Header | None:
         return None
 
 
+def sensor_list(path: Path) -> bytes:
+    """Return the contents of a cache, decompressed."""
+    return unpacked(read_bytes(path, _LARGEST_LIST), _LARGEST_LIST)[0]
+
+
 def sensors_of(
-    header: Header, data: bytes, caches: Path | None, list_of: Callable[[Path], bytes]
+    header: Header,
+    data: bytes,
+    caches: Path | None = None,
+    list_of: Callable[[Path], bytes] = sensor_list,
 ) -> tuple[list[Sensor], int]:
     """Return the sensors of a file in the order of their values, and the offset of its first cycle.
 
@@ -156,11 +164,6 @@ def sensors_of(
         return _parsed(header, list_of(path), path)[0], header.size
     sensors, length = _parsed(header, data[header.size :], header.path)
     return sensors, header.size + length
-
-
-def sensor_list(path: Path) -> bytes:
-    """Return the contents of a cache, decompressed."""
-    return unpacked(read_bytes(path, _LARGEST_LIST), _LARGEST_LIST)[0]
 
 
 def _cache_of(header: Header, caches: Path | None) -> Path:

@@ -1,10 +1,10 @@
 """Reader of Slocum binary files: segments of one glider as two tables, flight and science."""
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -106,24 +106,24 @@ def logs_of_slocums(paths: Sequence[Path], config: LogConfig | None) -> list[Log
     Raises:
         LogError: No file of a glider can be read.
     """
-    groups = defaultdict[str, list[Path]](list)
+    gliders = defaultdict[str, dict[Path, Header | None]](dict)
     for path in paths:
         header = first_header(path)
-        groups["" if header is None else header.vehicle].append(path)
-    if len(groups) > 1 and (damaged := groups.pop("", [])):
-        next(iter(groups.values())).extend(damaged)
-    return [_log(files, config) for files in groups.values()]
+        gliders["" if header is None else header.vehicle][path] = header
+    damaged = gliders.pop("", {}) if len(gliders) > 1 else {}
+    next(iter(gliders.values())).update(damaged)
+    return [_log(files, config) for files in gliders.values()]
 
 
-def _log(paths: Sequence[Path], config: LogConfig | None) -> WholeLog:
-    """Return the reader of the files of one glider."""
+def _log(files: Mapping[Path, Header | None], config: LogConfig | None) -> WholeLog:
+    """Return the reader of the files of one glider, with their headers where these can be read."""
     caches = None if config is None or config.caches is None else Path(config.caches)
     # the files of a mission have few lists
     list_of = cache(sensor_list)
     segments: list[Segment] = []
     errors: dict[Path, LogError] = {}
     notes: list[str] = []
-    for file in _without_subsets(paths, notes):
+    for file in _without_subsets(files, notes):
         try:
             segments.append(read_segment(file, caches, list_of))
         except LogError as error:
@@ -147,22 +147,19 @@ def _log(paths: Sequence[Path], config: LogConfig | None) -> WholeLog:
     return log_of_columns(parts, SLOCUM_BINARY, Told(notes, losses=losses), config)
 
 
-def _without_subsets(paths: Sequence[Path], notes: list[str]) -> list[Path]:
+def _without_subsets(files: Mapping[Path, Header | None], notes: list[str]) -> list[Path]:
     """Return the files without those of sensor subsets: one per segment and computer, with all sensors if possible."""
-    best: dict[tuple[str, ...], Path] = {}
-    left_out = []
-    for path in paths:
-        header = first_header(path)
+    alike = defaultdict[Any, list[Path]](list)
+    for path, header in files.items():
         # what is wrong is said where it is read
-        key = (str(path),) if header is None else (header.segment, str(header.is_science))
-        first, *others = sorted({path, best.get(key, path)}, key=_rank)
-        best[key] = first
-        left_out += others
+        alike[(header.segment, header.is_science) if header else path].append(path)
+    ranked = [sorted(paths, key=_rank) for paths in alike.values()]
+    left_out = [path for _, *others in ranked for path in others]
     if left_out:
         notes.append(
             f"{len(left_out)} files with fewer sensors of segments that are there with more, such as {left_out[0].name}: not used"
         )
-    return list(best.values())
+    return [first for first, *_ in ranked]
 
 
 def _rank(path: Path) -> int:

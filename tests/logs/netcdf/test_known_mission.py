@@ -320,7 +320,7 @@ def _stated(form, tmp_path, standard, renamed=None):
     written = DIALECTS[form].written(tmp_path / "a.nc")
     paths = written if isinstance(written, list) else [written]
     words = " ".join(read(paths).report.notes)
-    names = [re.search(rf"mean current {to}: (\w+)", words)[1] for to in ("east", "north")]
+    names = [re.search(rf"dac_{to}: (\w+)", words)[1] for to in ("east", "north")]
     for path in paths:
         with h5py.File(path, "a") as file:
             for name, stated, to in zip(names, standard, renamed or names, strict=True):

@@ -13,7 +13,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.slocum.cycles import read_cycles
-from replay_kit.logs.slocum.header import read_header, sensor_list, sensors_of, unpacked
+from replay_kit.logs.slocum.header import read_header, sensors_of, unpacked
 from tests.command import run_command
 from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read
@@ -32,7 +32,7 @@ def test_each_sensor_of_real_files_has_the_values_of_the_usual_reader():
     for name, stated in expected.items():
         data = (REAL / name).read_bytes()
         header = read_header(REAL / name, data)
-        sensors, at = sensors_of(header, data, None, sensor_list)
+        sensors, at = sensors_of(header, data)
         found = read_cycles(data, at, sensors, {sensor.name for sensor in sensors})
         assert not found.lost
         assert len(sensors) == stated["sensors"]
@@ -101,8 +101,7 @@ _VALUES = {
 
 def cycles_of(data, wanted):
     """The cycles of a file."""
-    header = read_header(Path("a.sbd"), data)
-    sensors, at = sensors_of(header, data, None, sensor_list)
+    sensors, at = sensors_of(read_header(Path("a.sbd"), data), data)
     return read_cycles(data, at, sensors, wanted)
 
 
