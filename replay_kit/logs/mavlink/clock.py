@@ -3,11 +3,11 @@
 The recorder's stamps order a replay unless the clock is ``header``. They are compared with UTC, and the senders' clocks are fitted.
 """
 
-import struct
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from replay_kit.logs.mavlink.fit import ClockFit, fit_clock
@@ -17,12 +17,20 @@ MESSAGE_ID = dialect.MAVLINK_MSG_ID_SYSTEM_TIME
 #: UTC [microseconds] before the year 2000 is a clock that was never set.
 UTC_SINCE_US = 946_684_800_000_000
 _MAX_US = (2**63 - 1) // 1000
-#: UTC [microseconds], then the time since start [ms].
-_PAYLOAD = struct.Struct("<QI")
+#: UTC, then the time since start.
+_PAYLOAD = np.dtype([("utc_us", "<u8"), ("boot_ms", "<u4")])
 #: A clock that goes back by more was started anew [ms].
 _RESTART_MS = 1000
-#: Position in the file, sender, recorder's stamp [microseconds], UTC [microseconds] and time since start [ms] of a SYSTEM_TIME message.
-Pair = tuple[int, int, int, int, int]
+_PAIR = np.dtype(
+    [
+        ("position", "i8"),
+        ("sender", "i8"),
+        ("start", "i8"),
+        ("stamp_us", "i8"),
+        ("utc_us", "i8"),
+        ("boot_ms", "i8"),
+    ]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,56 +50,80 @@ class StartClock:
     from_utc: bool
 
 
-def pairs_in(frames: Frames, position: int) -> Iterator[Pair]:
-    """Yield the SYSTEM_TIME messages of a block of entries; ``position`` is that of the first in the file."""
-    for k in np.flatnonzero(frames.message_id == MESSAGE_ID).tolist():
-        start = int(frames.payload[k])
+class SystemTimes:
+    """SYSTEM_TIME messages of a log, 48 bytes each."""
+
+    def __init__(self) -> None:
+        self._kept: list[NDArray[np.void]] = []
+        self._starts: dict[int, tuple[int, int]] = {}
+
+    def add(self, frames: Frames, position: int) -> None:
+        """Add a block of entries; ``position`` is that of the first in the file."""
+        places = np.flatnonzero(frames.message_id == MESSAGE_ID)
+        if not places.size:
+            return
+        payload = sliding_window_view(
+            np.frombuffer(frames.data, dtype=np.uint8), _PAYLOAD.itemsize
+        )[frames.payload[places]]
         # MAVLink 2 cuts zeros at the end
-        payload = frames.data[start : start + int(frames.length[k])].ljust(_PAYLOAD.size, b"\0")
-        utc_us, boot_ms = _PAYLOAD.unpack_from(payload)
-        stamped = int(frames.sender[k]), int(frames.stamp_us[k])
-        yield position + k, *stamped, min(utc_us, _MAX_US), boot_ms
+        payload[np.arange(_PAYLOAD.itemsize) >= frames.length[places, None]] = 0
+        stated = payload.view(_PAYLOAD)[:, 0]
+        pairs = np.zeros(places.size, dtype=_PAIR)
+        pairs["position"], pairs["sender"] = places + position, frames.sender[places]
+        pairs["stamp_us"], pairs["boot_ms"] = frames.stamp_us[places], stated["boot_ms"]
+        pairs["utc_us"] = np.minimum(stated["utc_us"], _MAX_US)
+        for sender in np.unique(pairs["sender"]).tolist():
+            self._count_starts(pairs, sender)
+        self._kept.append(pairs)
 
+    def clocks(self) -> list[StartClock]:
+        """Return the clock of each sender after each boot, in file order."""
+        found = []
+        pairs = self._pairs()
+        for sender, start in np.unique(pairs[["sender", "start"]]).tolist():
+            own = pairs[
+                (pairs["sender"] == sender) & (pairs["start"] == start) & (pairs["boot_ms"] > 0)
+            ]
+            if own.size:
+                timed = own[own["utc_us"] >= UTC_SINCE_US]
+                used, utc = (timed, "utc_us") if timed.size else (own, "stamp_us")
+                fit = fit_clock(used["boot_ms"] * 1_000_000, used[utc] * 1000)
+                found.append(StartClock(sender, int(own["position"][0]), fit, bool(timed.size)))
+        return sorted(found, key=lambda clock: clock.position)
 
-def start_clocks(pairs: Sequence[Pair]) -> list[StartClock]:
-    """Return the clock of each sender after each boot, in file order, from the SYSTEM_TIME messages in that order."""
-    found = []
-    table = np.array(pairs, np.int64).reshape(-1, 5)
-    for sender in np.unique(table[:, 1]).tolist():
-        own = table[table[:, 1] == sender]
-        boots = np.flatnonzero(np.diff(own[:, 4]) < -_RESTART_MS) + 1
-        for start in np.split(own, boots):
-            position, _, stamp_us, utc_us, boot_ms = start[start[:, 4] > 0].T
-            if position.size:
-                timed = utc_us >= UTC_SINCE_US
-                from_utc = bool(timed.any())
-                used = timed if from_utc else slice(None)
-                true_us = utc_us if from_utc else stamp_us
-                fit = fit_clock(boot_ms[used] * 1_000_000, true_us[used] * 1000)
-                found.append(StartClock(sender, int(position[0]), fit, from_utc))
-    return sorted(found, key=lambda clock: clock.position)
+    def notes(self) -> tuple[str, ...]:
+        """Return notes on the recorder's stamps against UTC, and on the fit of each clock."""
+        pairs = self._pairs()
+        timed = pairs[pairs["utc_us"] >= UTC_SINCE_US]
+        notes = []
+        if timed.size:
+            late = (timed["stamp_us"] - timed["utc_us"]) * 1e-6
+            notes.append(
+                f"the recorder's stamps are {np.median(late):+.3f} s from UTC by {timed.size} of {pairs.size} SYSTEM_TIME messages "
+                f"({late.min():+.3f} to {late.max():+.3f} s)"
+            )
+        elif pairs.size:
+            notes.append(
+                f"none of {pairs.size} SYSTEM_TIME messages has UTC: times are right if the recorder's clock was"
+            )
+        for clock in self.clocks():
+            source = "UTC" if clock.from_utc else "the recorder's stamps"
+            notes.append(
+                f"clock of {clock.sender >> 8}/{clock.sender & 0xFF} since its start against {source}: {clock.fit}"
+            )
+        return tuple(notes)
 
+    def _pairs(self) -> NDArray[np.void]:
+        return np.concatenate(self._kept) if self._kept else np.zeros(0, dtype=_PAIR)
 
-def clock_notes(pairs: Sequence[Pair]) -> list[str]:
-    """Return notes on the recorder's stamps against UTC, and on the fit of each clock."""
-    notes = []
-    late = [stamp_us - utc_us for _, _, stamp_us, utc_us, _ in pairs if utc_us >= UTC_SINCE_US]
-    if late:
-        middle, least, most = 1e-6 * np.quantile(late, (0.5, 0.0, 1.0))
-        notes.append(
-            f"the recorder's stamps are {middle:+.3f} s from UTC by {len(late)} of {len(pairs)} SYSTEM_TIME messages "
-            f"({least:+.3f} to {most:+.3f} s)"
-        )
-    elif pairs:
-        notes.append(
-            f"none of {len(pairs)} SYSTEM_TIME messages has UTC: times are right if the recorder's clock was"
-        )
-    for clock in start_clocks(pairs):
-        source = "UTC" if clock.from_utc else "the recorder's stamps"
-        notes.append(
-            f"clock of {clock.sender >> 8}/{clock.sender & 0xFF} since its start against {source}: {clock.fit}"
-        )
-    return notes
+    def _count_starts(self, pairs: NDArray[np.void], sender: int) -> None:
+        """Number the boots of one sender in its pairs."""
+        own = np.flatnonzero(pairs["sender"] == sender)
+        start, last_ms = self._starts.get(sender, (0, 0))
+        boot_ms = pairs["boot_ms"][own]
+        numbers = start + np.cumsum(np.diff(boot_ms, prepend=last_ms) < -_RESTART_MS)
+        pairs["start"][own] = numbers
+        self._starts[sender] = int(numbers[-1]), int(boot_ms[-1])
 
 
 def header_time(payload: dict[str, object], clock: ClockFit | None) -> int | None:

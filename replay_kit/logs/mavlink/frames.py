@@ -5,7 +5,6 @@ candidate is checked, and the next entry is the first valid one after the end of
 """
 
 import re
-from binascii import crc_hqx
 from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple
 
@@ -30,12 +29,11 @@ _BEYOND = 9
 #: Microseconds that fit int64 nanoseconds; later stamps are no stamps. Their first byte is 0, their second at most 0x20.
 _MAX_STAMP_US = (2**63 - 1) // 1000
 _ENTRY = re.compile(rb"\x00[\x00-\x20].{6}[\xfd\xfe]", re.DOTALL)
-# ``crc_hqx`` takes the bits of a byte in the reverse order of MAVLink's checksum
-_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
-#: Byte that each known message adds to its checksum, mirrored.
-_EXTRA = {
-    number: _MIRRORED[message.crc_extra :][:1] for number, message in dialect.mavlink_map.items()
-}
+_UNKNOWN = 256
+#: Checksum byte of each message id; the last element is for all ids beyond the known ones.
+_EXTRA = np.full(max(dialect.mavlink_map) + 2, _UNKNOWN, dtype=np.uint16)
+for _id, _message in dialect.mavlink_map.items():
+    _EXTRA[_id] = _message.crc_extra
 
 
 class Frames(NamedTuple):
@@ -140,14 +138,71 @@ def _candidates(data: bytes, offset: int, size: int, searched: int) -> Frames:
 
 def _sound(frames: Frames, size: int, at_end: bool) -> NDArray[np.bool_]:
     """Return the mask of valid entries: the checksum matches, or another candidate follows an unknown message."""
-    mirrored = frames.data.translate(_MIRRORED)
+    view = np.frombuffer(frames.data, dtype=np.uint8)
     check = frames.payload + frames.length
-    extra = [_EXTRA.get(one, b"") for one in frames.message_id.tolist()]
-    parts = zip((frames.start + 9).tolist(), check.tolist(), extra, strict=True)
-    crc = np.array([crc_hqx(mirrored[a:b] + more, 0xFFFF) for a, b, more in parts], np.int64)
-    view = np.frombuffer(mirrored, np.uint8)
-    sound: NDArray[np.bool_] = crc == view[check].astype(np.int64) << 8 | view[check + 1]
-    for at in [k for k, more in enumerate(extra) if not more]:
+    stated = view[check].astype(np.uint16) | view[check + 1].astype(np.uint16) << 8
+    extra = _EXTRA[np.minimum(frames.message_id, _EXTRA.size - 1)]
+    sound: NDArray[np.bool_] = checksums(view, frames.start + 9, check, extra) == stated
+    for at in np.flatnonzero(extra == _UNKNOWN).tolist():
         end = int(frames.end[at])
         sound[at] = at_end if end == size else _ENTRY.match(frames.data, end, size) is not None
     return sound
+
+
+_REVERSED = 0x8408
+#: Frames are processed together when their lengths differ by fewer words.
+_WORDS = 16
+PADDING = 2 * _WORDS
+
+
+def checksums(
+    data: NDArray[np.uint8], start: Indices, end: Indices, extra: NDArray[np.uint16]
+) -> NDArray[np.uint16]:
+    """Return the checksums of parts of the data, each with one more byte, shape (n,).
+
+    Args:
+        data: The bytes, and ``PADDING`` more of any value after the last part.
+        start: Start of each part, shape (n,).
+        end: End of each part.
+        extra: Additional byte of each.
+    """
+    words = (end - start) // 2
+    longest_first = np.argsort(words.astype(np.uint16), kind="stable")[::-1]
+    words, first = words[longest_first], start[longest_first]
+    register = np.full(start.size, 0xFFFF, dtype=np.uint16)
+    edges = np.flatnonzero(np.diff(-(-words // _WORDS), prepend=-1, append=-1))
+    for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        most = int(words[low])
+        if most == 0:
+            continue
+        # one row a word, one column a part; parts without such a word come last
+        rows = np.ascontiguousarray(
+            sliding_window_view(data, 2 * most)[first[low:high]].view("<u2").T
+        )
+        having = high - np.searchsorted(words[low:high][::-1], np.arange(most), side="right")
+        for row, stop in zip(rows, having.tolist(), strict=True):
+            register[low:stop] = _TWO_BYTES.take(register[low:stop] ^ row[: stop - low])
+    crc = np.empty_like(register)
+    crc[longest_first] = register
+    odd = np.flatnonzero((end - start) % 2)
+    crc[odd] = _with_byte(crc[odd], data[end[odd] - 1])
+    return _with_byte(crc, extra)
+
+
+def _with_byte(
+    register: NDArray[np.uint16], byte: NDArray[np.uint8] | NDArray[np.uint16]
+) -> NDArray[np.uint16]:
+    return (register >> np.uint16(8)) ^ _ONE_BYTE.take((register ^ byte) & 0xFF)
+
+
+def _after_bits(bits: int) -> NDArray[np.uint16]:
+    """Return each register value, shape (2**bits,), after ``bits`` shifts."""
+    register = np.arange(1 << bits, dtype=np.uint16)
+    for _ in range(bits):
+        register = (register >> np.uint16(1)) ^ (register & np.uint16(1)) * np.uint16(_REVERSED)
+    return register
+
+
+# The register is as wide as a word: its value after sixteen bits depends on its sum with the word alone.
+_ONE_BYTE = _after_bits(8)
+_TWO_BYTES = _after_bits(16)

@@ -12,14 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from replay_kit.core.errors import LogError
 from replay_kit.core.message import MAVLINK_FRAMES, LogReport, Message, RawChannel, RawMessage
 from replay_kit.logs.blocks import ReadStatistics
-from replay_kit.logs.mavlink.clock import (
-    Pair,
-    StartClock,
-    clock_notes,
-    header_time,
-    pairs_in,
-    start_clocks,
-)
+from replay_kit.logs.mavlink.clock import StartClock, SystemTimes, header_time
 from replay_kit.logs.mavlink.fit import ClockFit, spikes_note, without_spikes
 from replay_kit.logs.mavlink.frames import Frames, read_frames
 from replay_kit.logs.reader import LogFile
@@ -95,7 +88,7 @@ class TlogReader(LogFile):
     def _prepare(self) -> None:
         self._system = self._config.system
         self.statistics = ReadStatistics()
-        self._times: list[Pair] = []
+        self._times = SystemTimes()
         self._clocks: dict[int, list[StartClock]] = {}
         self._positions_of: set[int] = set()
         self._spikes = 0
@@ -112,13 +105,14 @@ class TlogReader(LogFile):
         """
         self._prepare()
         if self._clock == "header":
-            blocks = self._read(ReadStatistics())
-            times = [pair for frames, position, _ in blocks for pair in pairs_in(frames, position)]
-            for clock in start_clocks(times):
+            times = SystemTimes()
+            for frames, position, _ in self._read(ReadStatistics()):
+                times.add(frames, position)
+            for clock in times.clocks():
                 self._clocks.setdefault(clock.sender, []).append(clock)
         for frames, position, spikes in self._read(self.statistics):
             self._spikes += spikes
-            self._times += pairs_in(frames, position)
+            self._times.add(frames, position)
             yield from self._decoded(frames, position)
 
     def frames(self) -> Iterator[RawMessage]:
@@ -147,7 +141,7 @@ class TlogReader(LogFile):
 
     def report(self) -> LogReport:
         """Return the report on the entries read so far."""
-        notes = tuple(clock_notes(self._times))
+        notes = self._times.notes()
         if self._spikes:
             notes = (spikes_note(self._spikes), *notes)
         if len(self._positions_of) > 1:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pymavlink.dialects.v20.ardupilotmega import mavlink_map, x25crc
+from pymavlink.dialects.v20.ardupilotmega import x25crc
 
 from replay_kit.logs.blocks import ReadStatistics, chain
 from replay_kit.logs.mavlink import frames as mavlink_frames
+from replay_kit.logs.mavlink.frames import PADDING, checksums
 from tests.logs.log_samples import tlog
 from tests.reference.mavlink import slow_chain
 
@@ -18,17 +19,16 @@ quick = settings(max_examples=60, deadline=None, derandomize=True)
 
 @quick
 @given(
-    message_id=st.sampled_from([key for key in mavlink_map if key < 256]),
-    payload=st.binary(max_size=255),
-    damage=st.integers(0, 7),
+    data=st.binary(min_size=300, max_size=700),
+    ends=st.lists(st.tuples(st.integers(0, 300), st.integers(0, 268)), max_size=30),
 )
-def test_an_entry_is_sound_by_its_checksum(message_id, payload, damage):
-    body = bytes((len(payload), 0, 1, 1, message_id)) + payload
-    crc = x25crc(body + bytes((mavlink_map[message_id].crc_extra,))).crc
-    entry = bytes(8) + b"\xfe" + body + crc.to_bytes(2, "little")
-    assert places(b"??" + entry)[0] == [2]
-    entry = entry[:-1] + bytes((entry[-1] ^ 1 << damage,))
-    assert places(entry)[0] == []
+def test_checksums_of_stretches_of_all_lengths(data, ends):
+    start, length = np.array(ends, dtype=np.int64).reshape(-1, 2).T
+    end = np.minimum(start + length, len(data))
+    extra = (7 * np.arange(len(ends)) % 256).astype(np.uint16)
+    crc = checksums(np.frombuffer(data + bytes(PADDING), dtype=np.uint8), start, end, extra)
+    stretches = zip(start, end, extra.tolist(), strict=True)
+    assert crc.tolist() == [x25crc(data[a:b] + bytes((e,))).crc for a, b, e in stretches]
 
 
 @quick
