@@ -2,16 +2,15 @@
 
 import re
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from replay_kit.config.run import LogConfig
 from replay_kit.logs.reader import LogFile
 
 GZIP_MAGIC = b"\x1f\x8b"
 # names that the first column of a SeaExplorer's file has.
-_FIRST_COLUMNS = frozenset(("timestamp", "pld_realtimeclock"))
+_FIRST_COLUMNS = b"timestamp", b"pld_realtimeclock"
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,25 +20,26 @@ class LogFormat:
     Attributes:
         name: Name in ``info``; a reader may be more specific.
         title: Description of such a file.
-        reader: Creates the reader from files, input, configuration and wanted messages, as ``open_log``.
+        reader: Creates the reader of a file, from a list of it, input, configuration and wanted messages, as ``open_log``; of a grouped
+            format the readers of all its files, from these and the configuration.
         magic: Pattern of the first bytes of a file; empty if not specific.
         recognises: Returns whether the first 64 kB of a file are of the format; None if the magic bytes suffice.
         endings: Pattern of file names in a folder; empty if a folder's files are ignored.
         unchecked: Part of each message without a checksum; empty if all is covered or the reader counts it.
         grows: Whether it is written message by message, and may grow while it is read.
-        logs: Creates the readers of several files, one per log, from files and configuration; None if each file is a log.
+        grouped: Whether several files may be one log.
         damaged_by_name: Whether a file with a damaged beginning is recognised by its name.
     """
 
     name: str
     title: str
-    reader: str | Callable[..., LogFile]
+    reader: str | Callable[..., LogFile | list[LogFile]]
     magic: bytes = b""
     recognises: str | Callable[[bytes], bool] | None = None
     endings: str = ""
     unchecked: str = ""
     grows: bool = False
-    logs: str | Callable[[Sequence[Path], LogConfig | None], list[LogFile]] | None = None
+    grouped: bool = False
     damaged_by_name: bool = False
 
     def named(self, path: Path) -> bool:
@@ -65,9 +65,7 @@ def is_seaexplorer(head: bytes) -> bool:
             head = zlib.decompressobj(wbits=31).decompress(head, 256)
         except zlib.error:
             return False
-    return head.lstrip(b"\xef\xbb\xbf").split(b";", 1)[0].strip().lower() in {
-        name.encode() for name in _FIRST_COLUMNS
-    }
+    return head.lstrip(b"\xef\xbb\xbf").split(b";", 1)[0].strip().lower() in _FIRST_COLUMNS
 
 
 _VALUES = "values of NetCDF, text or Slocum files"
@@ -84,30 +82,30 @@ FORMATS = (
     LogFormat(
         "netcdf",
         "a NetCDF file of a glider, an HF radar, drifters or pings",
-        "netcdf.reader:open_columns",
+        "netcdf.reader:logs_of_columns",
         magic=rb"CDF[\x01\x02\x05]|\x89HDF",
         endings=r".*\.(nc|nc4|cdf)",
         unchecked=_VALUES,
-        logs="netcdf.reader:logs_of_columns",
+        grouped=True,
     ),
     LogFormat(
         "seaexplorer",
         "a SeaExplorer's file",
-        "netcdf.reader:open_columns",
+        "netcdf.reader:logs_of_seaexplorers",
         recognises=is_seaexplorer,
         endings=r".*\.(gli|pld1)(\.(sub|raw|all))?(\.\d+)?(\.gz)?",
         unchecked=_VALUES,
-        logs="netcdf.reader:logs_of_columns",
+        grouped=True,
     ),
     LogFormat(
         "slocum",
         "a Slocum's binary file (.dbd, .sbd)",
-        "slocum.reader:open_slocum",
+        "slocum.reader:logs_of_slocums",
         # as it is, or in the first block of a compressed file
         magic=rb"(?s:.{3,5})?dbd_label:",
         endings=r".*\.[demnst][bc]d",
         unchecked=_VALUES,
-        logs="slocum.reader:logs_of_slocums",
+        grouped=True,
         damaged_by_name=True,
     ),
     LogFormat(
@@ -121,11 +119,11 @@ FORMATS = (
     LogFormat(
         "radials",
         "radials of an HF radar (LLUV)",
-        "netcdf.reader:open_columns",
+        "netcdf.radials:logs_of_radials",
         magic=rb"%CTF:",
         endings=r".*\.ruv",
         unchecked=_VALUES,
-        logs="netcdf.reader:logs_of_columns",
+        grouped=True,
     ),
     LogFormat(
         "dataflash",
@@ -139,9 +137,10 @@ FORMATS = (
     LogFormat(
         "table",
         "a table of pings or drifters (CSV)",
-        "netcdf.reader:open_columns",
+        "netcdf.reader:logs_of_tables",
         recognises=_is_csv,
         unchecked=_VALUES,
+        grouped=True,
     ),
     LogFormat(
         "tlog",

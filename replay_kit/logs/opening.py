@@ -17,10 +17,9 @@ from replay_kit.core.extensions import additions
 from replay_kit.core.files.inputs import open_input
 from replay_kit.core.files.paths import as_path
 from replay_kit.logs.formats import FORMATS, LogFormat
-from replay_kit.logs.reader import LogFile, unreadable
+from replay_kit.logs.reader import LogFile, read_bytes, unreadable
 
 _HEAD = 1 << 16
-_TEXT = re.compile(rb"[ -~]{3,40}")
 _BAG = "metadata.yaml"
 _PART = re.compile(r"^\s*-\s+[\"']?([^\s\"':]+\.(?:mcap|db3)(?:\.zstd)?)[\"']?\s*$", re.MULTILINE)
 #: Files that are recognised only to say what to do with them.
@@ -90,11 +89,15 @@ def open_logs(
         groups.setdefault(_format_of(file), []).append(place)
     found: list[tuple[int, LogFile]] = []
     for form, places in groups.items():
-        own = [files[place] for place in places]
-        logs = _opened(own, form, config, wanted)
+        own, read = [files[place] for place in places], _function(form.reader)
+        logs = (
+            read(own, config) if form.grouped else [read([one], 0, config, wanted) for one in own]
+        )
         # a file may be given twice; of several files the first tells the place
         if len(logs) < len(own):
             places = [places[own.index(log.files[0])] for log in logs]
+        for log in logs:
+            log.unchecked = form.unchecked
         found += zip(places, logs, strict=True)
     logs = [log for _, log in sorted(found, key=itemgetter(0))]
     for number, log in enumerate(logs):
@@ -139,15 +142,8 @@ def may_grow(path: Path) -> bool:
 
 def _bag(path: Path) -> list[Path]:
     """Return the files of a bag in the order of its metadata."""
-    try:
-        listed = _PART.findall((path / _BAG).read_text(encoding="utf-8", errors="replace"))
-    except OSError as error:
-        raise LogError(
-            f"{path / _BAG}: cannot be read: {error.strerror}; check its permissions"
-        ) from error
-    files = [path / Path(name).name for name in dict.fromkeys(listed)] or sorted(
-        path.glob("*.mcap")
-    )
+    listed = _PART.findall(read_bytes(path / _BAG).decode("utf-8", "replace"))
+    files = [path / Path(name).name for name in dict.fromkeys(listed)]
     packed = [file.name for file in files if file.suffix == ".zstd"]
     if packed:
         raise LogError(
@@ -188,28 +184,9 @@ def _format_of(path: Path) -> LogFormat:
             return form
     if not head:
         raise LogError(f"{path}: expected a log, the file is empty (0 bytes); give another")
-    foreign = next((words for magic, words in _FOREIGN if head.startswith(magic)), None)
-    raise LogError(
-        f"{path}: expected {_titles()}; "
-        + (
-            f"this is {foreign}"
-            if foreign
-            else f"{_beginning(head)}; give a log of one of these formats"
-        )
-    )
-
-
-def _opened(
-    files: Sequence[Path], form: LogFormat, config: LogConfig | None, wanted: frozenset[str] | None
-) -> list[LogFile]:
-    """Return the readers of the files of one format."""
-    if form.logs is None or len(files) == 1:
-        found = [_function(form.reader)([file], 0, config, wanted) for file in files]
-    else:
-        found = _function(form.logs)(files, config)
-    for log in found:
-        log.unchecked = form.unchecked
-    return found
+    unknown = f"it begins with {str(head[:24])[1:]}; give a log of one of these formats"
+    foreign = (f"this is {words}" for magic, words in _FOREIGN if head.startswith(magic))
+    raise LogError(f"{path}: expected {_titles()}; {next(foreign, unknown)}")
 
 
 def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:
@@ -224,13 +201,6 @@ def _function(named: str | Callable[..., Any]) -> Callable[..., Any]:
 def _titles() -> str:
     *others, last = (form.title for form in _all_formats())
     return f"{', '.join(others)} or {last}"
-
-
-def _beginning(head: bytes) -> str:
-    """Return a description of the first bytes of a file: their text, which often names the format, else hex."""
-    text = _TEXT.search(head[:64])
-    first = f"its first bytes are {head[:16].hex(' ')}"
-    return f"it begins with {text[0].decode('ascii')!r}" if text else first
 
 
 def require_one_mission(folder: Path, logs: Sequence[LogFile]) -> None:

@@ -8,7 +8,7 @@ import struct
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,8 @@ from replay_kit.logs.adcp.profiles import RawProfiles, one_vertical
 
 BOTTOM_TRACK = 0x17
 _LEAST = 78
+#: Offset of the data, configuration, clock (years since 1900, months from 0, ..., seconds, then 0.1 ms), beams and coordinates, scaling.
+_HEAD = struct.Struct("<xBH4x6BH14xH28xb")
 _SYSTEMS = ("earth", "instrument", "beam")
 # by the bit that says that a field is there, the type of its numbers
 _VELOCITY, _DISTANCE, _MERIT = 1 << 5, 1 << 8, 1 << 9
@@ -30,7 +32,6 @@ _MISSING = -32768
 _MOST_MERIT = 1000
 # A ping and the bottom ping beside it are fractions of a second apart [ns].
 _BESIDE_NS = 3_000_000_000
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 NOT_FOUND = "bottom not found: by velocity, distance or figure of merit"
 
 
@@ -80,21 +81,23 @@ def _decoded(body: bytes) -> tuple[str, tuple[int, Array, Array]] | str:
     """Return coordinate system, and time [ns], velocity and distance, of a record, or why it is unusable."""
     if len(body) < _LEAST:
         return f"bottom track of {len(body)} bytes, {_LEAST} are needed"
-    (config,), (beams_cy,) = struct.unpack_from("<H", body, 2), struct.unpack_from("<H", body, 30)
-    (scaling,) = struct.unpack_from("<b", body, 60)
+    offset, config, year, month, *rest, ticks, beams_cy, scaling = _HEAD.unpack_from(body)
+    day, hour, minute, second = rest
     n, system = beams_cy >> 12, beams_cy >> 10 & 3
     if system >= len(_SYSTEMS) or not config & _VELOCITY or n < 3:
         return "bottom track without velocities, or in unknown coordinates"
-    values, offset = {_DISTANCE: np.full(n, np.nan), _MERIT: np.zeros(n)}, body[1]
+    values = {_DISTANCE: np.full(n, np.nan), _MERIT: np.zeros(n)}
     for bit, dtype in _TYPES.items():
         if config & bit:
             if offset + n * dtype.itemsize > len(body):
                 return "bottom track shorter than its configuration says"
             values[bit] = np.frombuffer(body, dtype, n, offset).astype(np.float64)
             offset += n * dtype.itemsize
-    time_ns = _time_ns(body)
-    if time_ns is None:
+    try:
+        time = datetime(1900 + year, month + 1, day, hour, minute, second, tzinfo=UTC)
+    except ValueError:
         return "bottom track without a time"
+    time_ns = int(time.timestamp()) * 1_000_000_000 + ticks * 100_000
     velocity, distance = values[_VELOCITY], values[_DISTANCE] / 1000.0
     lost = (velocity == _MISSING) | (distance <= 0.0) | (values[_MERIT] >= _MOST_MERIT)
     # of coordinates made of all beams, one that found no bottom spoils all
@@ -103,15 +106,6 @@ def _decoded(body: bytes) -> tuple[str, tuple[int, Array, Array]] | str:
         return NOT_FOUND
     moved = one_vertical(np.where(spoilt, np.nan, velocity * 10.0**scaling), _SYSTEMS[system])
     return _SYSTEMS[system], (time_ns, moved, np.where(lost, np.nan, distance))
-
-
-def _time_ns(body: bytes) -> int | None:
-    year, month, day, hour, minute, second, ticks = struct.unpack_from("<6BH", body, 8)
-    try:
-        since = datetime(1900 + year, month + 1, day, hour, minute, second, tzinfo=UTC) - _EPOCH
-    except ValueError:
-        return None
-    return int(since / timedelta(seconds=1)) * 1_000_000_000 + int(ticks) * 100_000
 
 
 def with_bottom(profiles: RawProfiles, tracks: Tracks) -> RawProfiles:

@@ -27,13 +27,12 @@ _KIND, _ENSEMBLE = 2, 72
 NO_ENSEMBLE = "no valid ensemble of velocities (checksums); copy it again"
 
 
-def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:
+def read_pd0(path: Path, parts: Sequence[bytes]) -> Any:
     """Return the MHKiT dataset (xarray) of ensembles of one configuration.
 
     Args:
         path: File named in errors.
         parts: The ensembles.
-        has_pressure: Whether the leaders hold the pressure; otherwise it is dropped.
 
     Raises:
         LogError: MHKiT is not installed or fails.
@@ -45,7 +44,7 @@ def read_pd0(path: Path, parts: Sequence[bytes], has_pressure: bool) -> Any:
         b"".join([*parts, parts[-1], parts[-1]]),
         lambda copy: [read_rdi(copy, userdata=False, nens=len(parts), debug=0)],
     )
-    return dataset if has_pressure else dataset.drop_vars("pressure", errors="ignore")
+    return dataset
 
 
 class Mode(NamedTuple):

@@ -1,77 +1,60 @@
 """Ensembles of a PD0 file grouped by the configuration in their leaders, and the reasons of unreadable ones.
 
-MHKiT applies one configuration to all ensembles of a file, and assumes the length of the variable leader from the firmware's number. It is
-therefore called per configuration, with leaders of full length.
+MHKiT applies one configuration to all ensembles of a file. It is therefore called per configuration.
 
 Source: Teledyne RD Instruments, "WorkHorse Commands and Output Data Format", PD0: header, fixed and variable leader.
 """
 
 import struct
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 from replay_kit.logs.adcp.frames import Record
+from replay_kit.logs.reader import Told
 
+#: Topic of the pings.
+PINGS = "/adcp"
 _FIXED, _VARIABLE = 0x0000, 0x0080
 #: Blocks with a number for each cell and beam: the bytes of one.
 _BLOCKS = {0x0100: 2, 0x0200: 1, 0x0300: 1, 0x0400: 1}
 _BEAMS = 4
 #: Changes of the configuration that are told.
 _MOST_NOTED = 9
-#: Length of a variable leader that every firmware fills at most, and where in it the clock with the century is [bytes].
-_FULL_LEADER, _CENTURY = 66, 57
-#: Least length of the leaders: up to the beams' first cell, and up to the temperature; and with the pressure [bytes].
-_LEAST_FIXED, _LEAST_VARIABLE, _WITH_PRESSURE = 42, 28, 56
+#: Least length of the leaders: up to the beams' first cell, and up to the clock with the century, which instruments before 2000 lack.
+_LEAST_FIXED, _LEAST_VARIABLE = 42, 65
 #: Where the fixed leader has what ensembles that are read together share [bytes]: firmware and system configuration, number of beams and
 #: cells, cell size, coordinates (EX), alignment (EA), declination (EB), sensors and first cell, bandwidth.
 _SETTINGS = ((2, 6), (8, 10), (12, 14), (25, 34), (58, 59))
-#: Those bytes, and whether the variable leader includes the pressure.
-Configuration = tuple[bytes, bool]
 
 
-@dataclass(frozen=True, slots=True)
-class Ensembles:
-    """Readable ensembles of a file.
-
-    Attributes:
-        groups: Configuration to the ordinals of its ensembles in the file, increasing.
-        parts: Bytes of the ensembles by ordinal, in the form that MHKiT needs.
-        unreadable: Number of unreadable ensembles by reason.
-        notes: Notes on changes of the configuration.
-    """
-
-    groups: Mapping[Configuration, Sequence[int]]
-    parts: Mapping[int, bytes]
-    unreadable: Mapping[str, int]
-    notes: tuple[str, ...]
+#: Ordinal in the file, and bytes, of each ensemble of a configuration.
+Group = list[tuple[int, bytes]]
 
 
-def by_configuration(data: bytes, records: Sequence[Record]) -> Ensembles:
-    """Return the ensembles of a file by configuration.
+def by_configuration(data: bytes, records: Sequence[Record], told: Told) -> list[Group]:
+    """Return the ensembles of a file that can be read, by configuration.
 
     Args:
         data: The file.
         records: Its valid ensembles.
+        told: Receives changes of the configuration, and counts of unreadable ensembles.
     """
-    groups = defaultdict[Configuration, list[int]](list)
-    parts: dict[int, bytes] = {}
-    unreadable: Counter[str] = Counter()
-    order: list[tuple[int, Configuration]] = []
+    groups = defaultdict[bytes, Group](list)
+    latest, changes = b"", list[str]()
     for ordinal, record in enumerate(records):
         types = _types(data, record)
         if reason := _missing_types(types):
-            unreadable[reason] += 1
+            told.skipped[PINGS, reason] += 1
             continue
-        configuration = _configuration(types[_FIXED], len(types[_VARIABLE]))
-        groups[configuration].append(ordinal)
-        parts[ordinal] = _with_full_leader(data[record.start : record.end], types[_VARIABLE])
-        order.append((ordinal, configuration))
-    changes = [k for (_, old), (k, new) in pairwise(order) if old != new]
-    what = "the instrument's configuration changes, each ping uses its own: from ping"
-    notes = (f"{what} {', '.join(map(str, changes[:_MOST_NOTED]))} on",) if changes else ()
-    return Ensembles(groups, parts, unreadable, notes)
+        settings = b"".join(types[_FIXED][begin:end] for begin, end in _SETTINGS)
+        groups[settings].append((ordinal, data[record.start : record.end]))
+        changes += [str(ordinal)] * (latest not in (b"", settings))
+        latest = settings
+    if changes:
+        what = "the instrument's configuration changes, each ping uses its own: from ping"
+        told.notes.append(f"{what} {', '.join(changes[:_MOST_NOTED])} on")
+    return [*groups.values()]
 
 
 def _types(data: bytes, record: Record) -> dict[int, bytes]:
@@ -110,28 +93,3 @@ def _missing_types(types: Mapping[int, bytes]) -> str:
                 f"{2 + _BEAMS * cells * width} are needed for {cells} cells"
             )
     return ""
-
-
-def _configuration(leader: bytes, variable_size: int) -> Configuration:
-    """Return the configuration in a fixed leader: see ``_SETTINGS``."""
-    settings = b"".join(leader[begin:end] for begin, end in _SETTINGS)
-    return settings, variable_size >= _WITH_PRESSURE
-
-
-def _with_full_leader(ensemble: bytes, leader: bytes) -> bytes:
-    """Return an ensemble with its variable leader padded by zeros to full length, and the clock's century set."""
-    missing = _FULL_LEADER - len(leader)
-    if missing <= 0:
-        return ensemble
-    full = bytearray(leader + bytes(missing))
-    if len(leader) < _CENTURY + 8:
-        full[_CENTURY : _CENTURY + 8] = bytes([20 if leader[4] < 80 else 19]) + leader[4:11]
-    count = ensemble[5]
-    offsets = struct.unpack_from(f"<{count}H", ensemble, 6)
-    place = next(at for at in offsets if ensemble[at : at + 2] == leader[:2])
-    moved = [at + missing if at > place else at for at in offsets]
-    head = struct.pack(
-        f"<2sHBB{count}H", ensemble[:2], len(ensemble) - 2 + missing, ensemble[4], count, *moved
-    )
-    whole = head + ensemble[len(head) : place] + full + ensemble[place + len(leader) : -2]
-    return whole + struct.pack("<H", sum(whole) & 0xFFFF)

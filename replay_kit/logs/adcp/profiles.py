@@ -185,8 +185,7 @@ def _depths(dataset: Any, tag: str, teledyne: bool) -> dict[str, Array]:
     """Return the pressure, if measured, and the transducer depth, if entered by the operator."""
     n = dataset[f"time{tag}"].size
     stated = f"pressure{tag}" in dataset
-    # of an old leader the depth stands for the pressure that it lacks
-    sensor = not teledyne or (stated and dataset.attrs["sensors_avail"][2] == "1")
+    sensor = not teledyne or dataset.attrs["sensors_avail"][2] == "1"
     pressure = _by_ping(dataset, f"pressure{tag}") if sensor and stated else np.full(n, np.nan)
     # unsigned in the file: a little below zero reads as the largest number
     pressure = np.where(np.abs(pressure) < _DEEPEST_DBAR, pressure, np.nan)

@@ -19,13 +19,13 @@ from replay_kit.logs.adcp.bottom_track import bottom_tracks, with_bottom
 from replay_kit.logs.adcp.frames import AD2CP_MAGICS, PD0_MAGIC, Record, losses_between, scan
 from replay_kit.logs.adcp.gps import Fixes, fixes_of
 from replay_kit.logs.adcp.library import BURST, NO_ENSEMBLE, modes_of, read_mode, read_pd0
-from replay_kit.logs.adcp.pd0 import by_configuration
+from replay_kit.logs.adcp.pd0 import PINGS, by_configuration
 from replay_kit.logs.adcp.profiles import RawProfiles, raw_profiles
 from replay_kit.logs.payloads import PING, Entry, entries, fix_entries, numbers
 from replay_kit.logs.reader import Told, WholeLog, read_bytes
 
 _SECOND_NS = 1_000_000_000
-_PINGS, _AVERAGES = "/adcp", "/adcp/average"
+_AVERAGES = "/adcp/average"
 # kind of a PD0 ensemble, and names of other packets
 _ENSEMBLE, _KNOWN = 0, {0x79: ", waves"}
 #: Topic, number of pings that the file holds, and what was read of them.
@@ -85,26 +85,24 @@ def _pd0(
 ) -> tuple[Fixes, list[Stream]]:
     """Return the fixes and the profiles of each configuration."""
     kinds = Counter(record.kind for record in records)
-    found = by_configuration(data, [record for record in records if record.kind == _ENSEMBLE])
-    if not found.parts:
-        why = "; ".join(f"{count} x {reason}" for reason, count in found.unreadable.items())
+    ensembles = [record for record in records if record.kind == _ENSEMBLE]
+    groups = by_configuration(data, ensembles, told)
+    if not groups:
+        why = "; ".join(f"{count} x {reason}" for (_, reason), count in told.skipped.items())
         raise LogError(f"{path}: {f'no ensemble can be read: {why}' if why else NO_ENSEMBLE}")
-    told.skipped.update({(_PINGS, why): n for why, n in found.unreadable.items()})
     others = [
         f"{count} packets of another kind ({PD0_MAGIC[0]:02X} {kind:02X}{_KNOWN.get(kind, '')})"
         for kind, count in sorted(kinds.items())
         if kind != _ENSEMBLE
     ]
-    told.notes += [*found.notes, *([f"{', '.join(others)}, skipped"] if others else [])]
-    datasets = [
-        read_pd0(path, [found.parts[k] for k in group], has_pressure)
-        for (_, has_pressure), group in found.groups.items()
-    ]
+    if others:
+        told.notes.append(f"{', '.join(others)}, skipped")
+    datasets = [read_pd0(path, [part for _, part in group]) for group in groups]
     if not any("vel" in dataset for dataset in datasets):
         told.notes.append("bottom track and fixes alone: the file holds no profile of the current")
-    pairs = zip(datasets, found.groups.values(), strict=True)
     return fixes_of(datasets), [
-        (_PINGS, len(group), raw_profiles(dataset, "", group)) for dataset, group in pairs
+        (PINGS, len(group), raw_profiles(dataset, "", [ordinal for ordinal, _ in group]))
+        for dataset, group in zip(datasets, groups, strict=True)
     ]
 
 
@@ -116,7 +114,7 @@ def _ad2cp(
     found: list[Stream] = []
     names, said, errors = Counter[str](), [], list[Exception]()
     for mode in modes_of(path, data, records):
-        topic = _PINGS if mode.kind == BURST else _AVERAGES
+        topic = PINGS if mode.kind == BURST else _AVERAGES
         names[topic] += 1
         topic = topic if names[topic] == 1 else f"{topic}/{names[topic]}"
         try:

@@ -13,14 +13,15 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from replay_kit.logs.decode.decoders import decode_json, loads
+from replay_kit.logs.decode.decoders import decode_json
 
 _TOPIC = re.compile(r"mavlink/\d+/\d+/([A-Z][A-Z0-9_]*)", re.ASCII)
-_PART = re.compile(r"mavlink/\d+/\d+/[A-Z][A-Z0-9_]*/\w+", re.ASCII)
+# all messages once more, and the fields of messages one by one
+_COPIES = re.compile(r"mavlink/out|mavlink/\d+/\d+/[A-Z][A-Z0-9_]*/\w+", re.ASCII)
 
 
-def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]]] | None:
-    """Return the schema name and the decoder of a JSON channel of MAVLink; None for any other topic.
+def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]] | None] | None:
+    """Return the schema name and the decoder of a JSON channel of MAVLink; no decoder of one that repeats others; None for other topics.
 
     Args:
         topic: The channel's topic.
@@ -29,9 +30,7 @@ def mavlink_channel(topic: str) -> tuple[str, Callable[[bytes], dict[str, Any]]]
         name = match[1]
         fields = _fields().get(name, (frozenset(), ()))
         return name, lambda data: _payload(decode_json(data), fields)
-    if _PART.fullmatch(topic):
-        return "", _field
-    return None
+    return ("", None) if _COPIES.fullmatch(topic) else None
 
 
 #: Text fields of a MAVLink message, and those that are enums; both empty for an unknown message.
@@ -97,9 +96,3 @@ def _text(value: Any) -> Any:
             chr(item) if isinstance(item, int) and 0 <= item < 256 else str(item) for item in value
         )
     return value.split("\x00", 1)[0] if isinstance(value, str) else value
-
-
-def _field(data: bytes) -> dict[str, Any]:
-    """Return the payload of a field on its own topic; a value that is no object becomes ``value``."""
-    value = loads(data)
-    return value if isinstance(value, dict) else {"value": value}

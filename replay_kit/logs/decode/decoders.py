@@ -139,7 +139,7 @@ class Sink:
     Attributes:
         topic: Topic of the channel.
         schema: Name of its schema; empty without one.
-        decode: Decoder; the reason for a missing one; or None for raw frames, whose decoded messages are on other topics.
+        decode: Decoder; the reason for a missing one; or None for raw frames and copies, whose messages are on other topics.
         channel: Channel as declared in the file.
     """
 

@@ -76,23 +76,11 @@ class Format:
         layout = struct.Struct("<" + "".join(_CODES[letter] for letter in self.letters))
         return layout if self.length == _HEAD + layout.size else None
 
-    @cached_property
-    def _stamp(self) -> tuple[struct.Struct, int] | None:
-        """Struct up to the field with the time since boot, and its unit [microseconds]; None without one."""
-        fields = [*zip(self.columns, self.letters, strict=False)] if self.layout else []
-        for field, unit in ((("TimeUS", "Q"), 1), (("TimeMS", "I"), 1000)):
-            if field in fields:
-                letters = self.letters[: fields.index(field) + 1]
-                return struct.Struct("<" + "".join(_CODES[letter] for letter in letters)), unit
-        return None
-
     def boot_us(self, data: mmap, at: int) -> int:
         """Return the time since boot in the record at an offset [microseconds]; -1 without one."""
-        if self._stamp is None:
+        if self.layout is None or (self.columns[:1], self.letters[:1]) != (("TimeUS",), "Q"):
             return -1
-        form, unit = self._stamp
-        count: int = form.unpack_from(data, at + _HEAD)[-1]
-        return min(count * unit, _MAX_BOOT_US + 1)
+        return min(int.from_bytes(data[at + _HEAD : at + _HEAD + 8], "little"), _MAX_BOOT_US + 1)
 
     def values(self, data: mmap | bytes, at: int) -> tuple[Any, ...]:
         """Return the stored fields of the record at an offset of a log."""

@@ -6,8 +6,7 @@ candidate is checked, and the next entry is the first valid one after the end of
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -37,8 +36,7 @@ for _id, _message in dialect.mavlink_map.items():
     _EXTRA[_id] = _message.crc_extra
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Frames:
+class Frames(NamedTuple):
     """Entries of one block with valid checksums, or of unknown messages followed by another entry.
 
     Attributes:
@@ -65,18 +63,8 @@ class Frames:
 
     def take(self, which: Indices | NDArray[np.bool_]) -> "Frames":
         """Return a subset of the entries."""
-        if which.all() if which.dtype == np.bool_ else which.size == self.start.size:
-            return self
-        columns = (
-            self.start,
-            self.end,
-            self.payload,
-            self.length,
-            self.stamp_us,
-            self.sender,
-            self.message_id,
-        )
-        return Frames(self.data, self.offset, *(column[which] for column in columns))
+        data, offset, *columns = self
+        return Frames(data, offset, *(column[which] for column in columns))
 
 
 def is_tlog(head: bytes) -> bool:

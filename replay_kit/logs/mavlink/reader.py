@@ -160,7 +160,7 @@ class TlogReader(LogFile):
         with self._opened() as file:
             for frames in read_frames(file, statistics):
                 stamp_us, spikes = without_spikes(frames.stamp_us, last_us)
-                yield replace(frames, stamp_us=stamp_us) if spikes else frames, position, spikes
+                yield frames._replace(stamp_us=stamp_us), position, spikes
                 position += frames.start.size
                 last_us = int(stamp_us[-1]) if stamp_us.size else last_us
 

@@ -54,7 +54,7 @@ def read_values(
     Raises:
         LogError: The unit of a time is unknown.
     """
-    notes.append("read as " + ", ".join(f"{_words(key)}: {name}" for key, name in chosen.items()))
+    notes.append("read as " + ", ".join(f"{key}: {name}" for key, name in chosen.items()))
     forced = dict(dialect.units)
     places = {
         key: file.array(chosen[key])
@@ -103,10 +103,6 @@ def read_values(
     return values
 
 
-def _words(key: str) -> str:
-    return key.replace("_", " ").replace("dac ", "mean current ").replace("gps ", "GPS ")
-
-
 def _profile_sizes(file: NetcdfFile) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Return the number of samples of each profile of a ragged array and its dimension; no dimension for other files."""
     for name, stored in file.variables.items():
@@ -137,20 +133,6 @@ def read_columns(file: NetcdfFile, dialect: Dialect, told: Told) -> Columns:
             f"{', '.join(file.names)}; write the file with its times"
         )
     values = read_values(file, dialect, chosen, notes)
-    lacking = [
-        f"{count} of {chosen[key]}"
-        for key, found in values.items()
-        if not key.endswith("time") and (count := int((~np.isfinite(found)).sum()))
-    ]
-    # the cycles of a Slocum each write some of the sensors
-    if lacking and not file.sources:
-        notes.append(f"missing (fill values or out of range): {', '.join(lacking)}")
-    if np.isfinite(values.get("declination", np.nan)).any():
-        declination = np.nanmedian(values["declination"])
-        notes.append(f"{chosen['declination']}: declination {declination:g} degrees")
-    for name in file.names:
-        if name.lower() == "depth_z":
-            notes.append(f"{name}: has the standard name depth but is positive up; not used")
     if (dive := file.dive_number) is not None:
         values["dive"] = np.array([float(dive)])
     remove_bad(file, dialect, chosen, values, told)

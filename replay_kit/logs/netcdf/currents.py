@@ -188,12 +188,9 @@ def _repeated(
     at_fix = np.isin(table["time"][rows], fixes["time"])
     rows = rows[~(at_fix & np.isin(velocity[rows], velocity[rows[~at_fix]]))]
     value, own = velocity[rows], table["dac_time"][rows]
-    segment = np.searchsorted(fixes["time"], table["time"][rows])
-    if not fixes["time"].size:
-        segment = np.cumsum((np.diff(value, prepend=np.nan) != 0) | (np.diff(own, prepend=0) != 0))
-    keys = np.column_stack([np.where(own > 0, own, segment), value.real, value.imag])
-    _, first, of = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    groups = [rows[of.ravel() == k] for k in np.argsort(first)]
+    segment = np.where(own > 0, own, np.searchsorted(fixes["time"], table["time"][rows]))
+    new = (np.diff(value) != 0.0) | (np.diff(segment) != 0)
+    groups = np.split(rows, np.flatnonzero(new) + 1) if rows.size else []
     if rows.size > len(groups) > 1:
         notes.append(f"mean current: {len(groups)} in {rows.size} values, each counted once")
     return groups
@@ -211,7 +208,7 @@ def _mean(
     of_dive = (times >= start.time_ns) & (times <= end.time_ns)
     depth, declination = samples["depth"][of_dive], samples["declination"][of_dive]
     once, dive = np.unique(times[rows]).size == 1, row.get("dive", np.nan)
-    deepest = np.nanmax(depth) if np.isfinite(depth).any() else row.get("deepest", np.nan)
+    deepest = np.fmax.reduce(depth, initial=row.get("deepest", np.nan))
     turn = np.nanmedian(declination) if np.isfinite(declination).any() else np.nan
     payload = {
         **({} if np.isnan(dive) else {"dive": int(dive)}),
@@ -274,9 +271,6 @@ def _time_within(row: Row, rows: NDArray[np.intp], samples: Table) -> int:
     known, stated = np.isfinite(depth), int(row.get("dac_time", 0))
     if not known.any() or not (stated or rows.size):
         return stated
-    own = rows[known[rows]]
-    if not stated and own.size and depth[own].max() > _SURFACE:
-        return int(time_ns[own[np.argmax(depth[own])]])
     at = stated or int(time_ns[rows[-1]])
     if np.interp(at, time_ns[known], depth[known]) > _SURFACE:
         return at

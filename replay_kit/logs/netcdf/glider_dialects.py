@@ -106,8 +106,9 @@ SLOCUM_BINARY = replace(
     log_of="mission",
 )
 
-# of IOOS templates and pyglider
-_CTD = {name: name for name in ("pressure", "temperature", "salinity", "conductivity")}
+# of OG1, IOOS templates and pyglider, in any case
+_CTD, _ATTITUDE = "pressure temperature salinity conductivity", "heading pitch roll"
+_USUAL = {name: name for name in f"time longitude latitude depth {_CTD} {_ATTITUDE}".split()}
 # a profile's means have one name in all files that follow the IOOS template
 _UV = {
     "dac_east": "u",
@@ -124,11 +125,9 @@ _GLIDERDAC = Dialect(
     "IOOS GliderDAC",
     "time lat lon profile_id profile_time|time_uv",
     {
-        "time": "time",
+        **_USUAL,
         "longitude": "lon",
         "latitude": "lat",
-        "depth": "depth",
-        **_CTD,
         **_UV,
     },
     log_of="mission",
@@ -160,9 +159,7 @@ _OG1 = Dialect(
     "OceanGliders OG1",
     "time latitude longitude profile_number|divenum|dive_number phase|trajectory",
     {
-        "time": "time",
-        "longitude": "longitude",
-        "latitude": "latitude",
+        **_USUAL,
         # not depth_z, which has the standard name of a depth and the sign of a height
         "depth": "depth glider_depth",
         "pressure": "pres pressure",
@@ -199,8 +196,6 @@ _SLOCUM_GLIDE = Dialect(
     "time lat lon dive_id climb_id state",
     {
         **_GLIDERDAC.names,
-        "pitch": "pitch",
-        "roll": "roll",
         "gps_time": "time_gps",
         "gps_longitude": "lon_gps",
         "gps_latitude": "lat_gps",
@@ -229,14 +224,7 @@ _PYGLIDER = Dialect(
     "pyglider time series (L0)",
     "time latitude longitude profile_index|profile_num|dive_num",
     {
-        "time": "time",
-        "longitude": "longitude",
-        "latitude": "latitude",
-        "depth": "depth",
-        **_CTD,
-        "heading": "heading",
-        "pitch": "pitch",
-        "roll": "roll",
+        **_USUAL,
         "declination": "declination",
         "dive": "dive_num",
         "dead_reckoning": "dead_reckoning",

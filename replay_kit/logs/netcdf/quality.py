@@ -73,8 +73,8 @@ def flagged_bad(name: str, stored: Stored, meanings: str, notes: list[str]) -> N
         notes: Receives notes on the result.
     """
     if stored.values.dtype.kind == "S":
-        digits = stored.values.ravel().astype("S1").astype(str)
-        numbers = np.where(np.char.isdigit(digits), digits, "-1").astype(np.int64)
+        digits = stored.values.ravel().astype("S1").tolist()
+        numbers = np.array([int(one) if one.isdigit() else -1 for one in digits], np.int64)
     else:
         numbers = np.nan_to_num(stored.unpacked(), nan=-1.0).astype(np.int64)
     words = meanings.split()

@@ -2,11 +2,11 @@
 
 import io
 import re
-from array import array
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,12 +16,10 @@ from replay_kit.core.errors import LogError
 from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.words.text import count_text
-from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.quality import deciding, is_failed, worst_flag
 from replay_kit.logs.netcdf.surface import LIGHT, RADAR, depth_of
-from replay_kit.logs.netcdf.variables import NetcdfFile
 from replay_kit.logs.payloads import Entry, numbers, stamp
-from replay_kit.logs.reader import Entries, Told, read_bytes
+from replay_kit.logs.reader import LogFile, Told, WholeLog, read_bytes
 
 #: First part of the topic, before the station's name.
 TOPIC = "/radar/radials"
@@ -29,14 +27,6 @@ _COLUMNS = ("LOND", "LATD", "VELO", "HEAD", "RNGE", "BEAR")
 # spatial and temporal standard deviation, and the accuracy that phased arrays state
 _ERRORS = ("ESPC", "ETMP", "EACC")
 _KEYS = ("TimeStamp", "Origin", "TransmitCenterFreqMHz", "TableColumnTypes")
-# keys with numbers, how many, and what stands for them where they are not stated
-_NUMBERS = {
-    "TimeStamp": (6, ""),
-    "Origin": (2, ""),
-    "TransmitCenterFreqMHz": (1, ""),
-    "TimeCoverage": (1, "60"),
-    "DopplerResolutionHzPerBin": (1, "nan"),
-}
 # cm/s: what stands for no error, the least, and the one taken where a file states none; of flags the one of radials over land
 _NO_ERROR, _LEAST_ERROR, _USUAL_ERROR, _OVER_LAND = 900.0, 3.0, 10.0, 128
 _NO_STATED_ERROR = f"radials state no error; {_USUAL_ERROR:g} cm/s is assumed for each"
@@ -46,12 +36,34 @@ _NEAR = 3.0
 _MOST = 1 << 24
 
 
-def open_radials(path: Path) -> NetcdfFile:
-    """Return a file without its columns, with the header's contents as attributes.
+class Header(NamedTuple):
+    """Header of a file.
 
-    These are the station's name (``deployment_name``), ``time`` [ns, UTC], the line of units (``units``), and lists of numbers by key:
-    ``Origin``, latitude and longitude of the station [degrees]; ``TransmitCenterFreqMHz``; ``TimeCoverage``, minutes that the radials are
-    averaged over; ``DopplerResolutionHzPerBin``, NaN if not stated.
+    Attributes:
+        path: The file.
+        station: Name of the station.
+        time_ns: Middle of the time that the radials are averaged over [ns, UTC].
+        names: Names of the columns.
+        units: Line of the columns' units.
+        origin: Latitude and longitude of the station [degrees].
+        frequency: Of the radar [MHz].
+        averaged: Time that the radials are averaged over [s].
+        resolution: Of the Doppler spectrum [Hz]; NaN if not stated.
+    """
+
+    path: Path
+    station: str
+    time_ns: int
+    names: list[str]
+    units: str
+    origin: list[float]
+    frequency: float
+    averaged: float
+    resolution: float
+
+
+def read_header(path: Path) -> Header:
+    """Return the header of a file.
 
     Raises:
         LogError: The file cannot be read, lacks a required key, or one is invalid.
@@ -73,62 +85,80 @@ def open_radials(path: Path) -> NetcdfFile:
         raise LogError(
             f"{path}: expected radials of a station as LLUV text, it lacks {', '.join(missing)}; give the original file"
         )
-    stated = {}
-    for key, (count, usual) in _NUMBERS.items():
+
+    def stated(key: str, count: int, usual: str = "") -> list[float]:
         parts = found.get(key, usual).split()[:count]
         try:
-            stated[key] = [float(part) for part in parts]
+            values = [*map(float, parts)]
         except ValueError:
-            stated[key] = []
-        if len(stated[key]) != count:
+            values = []
+        if len(values) != count:
             raise LogError(f"{path}: {key}: expected {count_text(count, 'number')}, got {parts}")
-    if not stated["TransmitCenterFreqMHz"][0] > 0.0:
-        raise LogError(
-            f"{path}: TransmitCenterFreqMHz: expected a frequency above 0, got {found['TransmitCenterFreqMHz']}"
-        )
+        return values
+
+    moment = stated("TimeStamp", 6)
     try:
-        time = datetime(*map(int, stated["TimeStamp"]), tzinfo=UTC)  # type: ignore[arg-type,misc]
+        time = datetime(*map(int, moment), tzinfo=UTC)  # type: ignore[arg-type,misc]
     except ValueError as error:
+        raise LogError(f"{path}: TimeStamp: expected a date and a time, got {moment}") from error
+    (frequency,) = stated("TransmitCenterFreqMHz", 1)
+    if not frequency > 0.0:
         raise LogError(
-            f"{path}: TimeStamp: expected six numbers, got {stated['TimeStamp']}"
-        ) from error
-    named = {
-        "deployment_name": (found.get("Site", "").split() or ["unnamed"])[0],
-        "time": round(time.timestamp()) * 1_000_000_000,
-        "units": units,
-    }
-    return NetcdfFile(path, named | stated, {}, tuple(names))
+            f"{path}: TransmitCenterFreqMHz: expected a frequency above 0, got {frequency:g}"
+        )
+    return Header(
+        path,
+        (found.get("Site", "").split() or ["unnamed"])[0],
+        round(time.timestamp()) * 1_000_000_000,
+        names,
+        units,
+        stated("Origin", 2),
+        frequency,
+        60.0 * stated("TimeCoverage", 1, "60")[0],
+        *stated("DopplerResolutionHzPerBin", 1, "nan"),
+    )
 
 
-def _read(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:
+def logs_of_radials(paths: Sequence[Path], config: LogConfig | None) -> list[LogFile]:
+    """Return the reader of the files of each station.
+
+    Args:
+        paths: Files.
+        config: Settings of log reading.
+
+    Raises:
+        LogError: A file cannot be read.
+    """
+    stations = defaultdict[str, list[Header]](list)
+    for header in map(read_header, paths):
+        stations[header.station].append(header)
+    return [_log(headers, config) for headers in stations.values()]
+
+
+def _log(files: Sequence[Header], config: LogConfig | None) -> WholeLog:
     """Return a message per file on ``/radar/radials/STATION``, without radials that are over land or fail their flags."""
-    del dialect, config
-    notes, begun = told.notes, len(told.notes)
+    told, station = Told(), files[0].station
 
     def entries() -> Iterator[Entry]:
-        del notes[begun:]
+        told.notes.clear()
         lost: Counter[str] = Counter()
-        for file in sorted(files, key=lambda each: (each.attributes["time"], each.path)):
+        for file in sorted(files, key=lambda each: (each.time_ns, each.path)):
             columns, dropped = _radials(file)
             lost.update(dropped)
-            station, time_ns = (file.attributes[name] for name in ("deployment_name", "time"))
             payload = {
-                "stamp": stamp(time_ns),
-                "depth": depth_of(file.attributes["TransmitCenterFreqMHz"][0]),
-                "averaged": 60.0 * file.attributes["TimeCoverage"][0],
+                "stamp": stamp(file.time_ns),
+                "depth": depth_of(file.frequency),
+                "averaged": file.averaged,
                 "error_length": 0.0,
                 **{key: numbers(values) for key, values in columns.items()},
             }
-            yield time_ns, f"{TOPIC}/{station}", RADAR, payload
-        notes.extend(f"{station}: {count} radials {what}, not used" for what, count in lost.items())
-        if not {*_ERRORS} & {*file.names}:
-            notes.append(f"{station}: {_NO_STATED_ERROR}")
+            yield file.time_ns, f"{TOPIC}/{station}", RADAR, payload
+        told.notes.extend(f"{station}: {n} radials {what}, not used" for what, n in lost.items())
+        if not {*_ERRORS} & {*files[-1].names}:
+            told.notes.append(f"{station}: {_NO_STATED_ERROR}")
 
-    return lambda: [(), entries()]
-
-
-#: Radials as LLUV text, which a file's first bytes tell.
-RADIALS = Dialect("radar-radials", "radials (LLUV)", "", {}, log_of="mission", read=_read)
+    paths = [file.path for file in files]
+    return WholeLog(paths, "radar-radials", told, lambda: [(), entries()], config)
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -140,18 +170,17 @@ def _lines(path: Path) -> Iterator[str]:
     return (line.decode("latin-1") for line in io.BytesIO(data))
 
 
-def _radials(file: NetcdfFile) -> tuple[dict[str, Array], Counter[str]]:
+def _radials(file: Header) -> tuple[dict[str, Array], Counter[str]]:
     """Return the columns of the usable radials, and counts of the excluded ones."""
-    names, values, left_out = file.names, array("d"), 0
-    for line in _lines(file.path):
-        row = [] if line.startswith("%") else line.split()
-        left_out += 0 < len(row) != len(names)
-        if len(row) == len(names):
-            try:
-                values.extend(map(float, row))
-            except ValueError as error:
-                raise LogError(f"{file.path}: radials: expected numbers, got {error}") from error
-    of = dict(zip(names, np.array(values).reshape(-1, len(names)).T, strict=True))
+    names = file.names
+    lines = [line.split() for line in _lines(file.path) if not line.startswith("%")]
+    whole = [row for row in lines if len(row) == len(names)]
+    left_out = sum(map(bool, lines)) - len(whole)
+    try:
+        values = np.array(whole, np.float64).reshape(-1, len(names))
+    except ValueError as error:
+        raise LogError(f"{file.path}: radials: expected numbers, got {error}") from error
+    of = dict(zip(names, values.T, strict=True))
     _check_station(file, of)
     _check_unit(file, of["VELO"])
     n = of["VELO"].size
@@ -181,29 +210,27 @@ def _radials(file: NetcdfFile) -> tuple[dict[str, Array], Counter[str]]:
     return used, +counts + Counter({"in incomplete lines": left_out})
 
 
-def _check_station(file: NetcdfFile, of: Mapping[str, Array]) -> None:
+def _check_station(file: Header, of: Mapping[str, Array]) -> None:
     """Raise LogError if radials do not lie at their range and bearing from the station in the header."""
-    latitude, longitude = file.attributes["Origin"]
+    latitude, longitude = file.origin
     x, y = to_local(Projection(longitude, latitude), of["LOND"], of["LATD"])
     distance, angle = 1e3 * of["RNGE"], np.deg2rad(of["BEAR"])
     away = np.hypot(x - distance * np.sin(angle), y - distance * np.cos(angle))
     if away.size and float(np.median(away)) > 1e3 * _NEAR:
         raise LogError(
             f"{file.path}: radials of another station: they lie {np.median(away) / 1e3:.0f} km from their range and bearing about "
-            f"{file.attributes['deployment_name']}; give the original file"
+            f"{file.station}; give the original file"
         )
 
 
-def _check_unit(file: NetcdfFile, speed: Array) -> None:
+def _check_unit(file: Header, speed: Array) -> None:
     """Raise LogError if speeds are not in cm/s, by the stated unit or the resolution of the Doppler spectrum."""
-    about = file.attributes
-    if _OTHER_UNITS.search(about["units"]):
+    if _OTHER_UNITS.search(file.units):
         raise LogError(
-            f"{file.path}: radials: expected speeds in cm/s, the file states {about['units'].strip('% ')}; convert them first"
+            f"{file.path}: radials: expected speeds in cm/s, the file states {file.units.strip('% ')}; convert them first"
         )
     # half a radar's wavelength a cycle, in cm
-    wavelength = LIGHT / about["TransmitCenterFreqMHz"][0]
-    resolution = 50.0 * wavelength * about["DopplerResolutionHzPerBin"][0]
+    resolution = 50.0 * LIGHT / file.frequency * file.resolution
     rms = float(np.sqrt(np.mean(speed**2))) if speed.size else np.nan
     if rms < resolution:
         raise LogError(

@@ -1,21 +1,22 @@
 """Reader of columnar files, NetCDF and text tables, by dialect."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from replay_kit.config.run import LogConfig
 from replay_kit.core.extensions import additions
 from replay_kit.logs.netcdf.dialects import Dialect
 from replay_kit.logs.netcdf.glider import glider, missions_of
 from replay_kit.logs.netcdf.glider_dialects import GLIDERS
-from replay_kit.logs.netcdf.radials import RADIALS, open_radials
 from replay_kit.logs.netcdf.surface import DRIFTERS, TOTALS
-from replay_kit.logs.netcdf.text import form_of, open_text
+from replay_kit.logs.netcdf.text import open_text
 from replay_kit.logs.netcdf.unknown import NEEDED, PINGS, ROWS, require_no_grid
 from replay_kit.logs.netcdf.variables import NetcdfFile, Stored, open_netcdf
 from replay_kit.logs.reader import LogFile, Told, WholeLog
 
+Form = Literal["netcdf", "seaexplorer", "table"]
 #: All dialects, in the order in which they are tried; a file of none is of ``PINGS`` or ``ROWS``.
 DIALECTS: tuple[Dialect, ...] = (*GLIDERS, TOTALS, DRIFTERS)
 
@@ -64,51 +65,30 @@ def log_of_columns(
     return WholeLog(paths, dialect.name, told, entries, config, dialect.read is None)
 
 
-def open_columns(
-    paths: Sequence[Path],
-    input: int = 0,
-    config: LogConfig | None = None,
-    wanted: frozenset[str] | None = None,
-) -> LogFile:
-    """Return the reader of the files of one log.
-
-    Args:
-        paths: Files of the log.
-        input: Ignored; the position among the run's inputs is set when the log is opened.
-        config: Settings of log reading.
-        wanted: Ignored.
-
-    Raises:
-        LogError: A file cannot be read, or is a forecast.
-    """
-    del input, wanted
-    return logs_of_columns(paths, config)[0]
-
-
-def logs_of_columns(paths: Sequence[Path], config: LogConfig | None) -> list[LogFile]:
+def logs_of_columns(
+    paths: Sequence[Path], config: LogConfig | None, form: Form = "netcdf"
+) -> list[LogFile]:
     """Return the readers of files, of which those of one mission, or of one dialect, are one log.
 
     Args:
         paths: Files.
         config: Settings of log reading.
+        form: NetCDF, text of a SeaExplorer, or another text table.
 
     Raises:
         LogError: A file cannot be read, or is a forecast.
     """
     groups: dict[Any, tuple[Dialect, list[NetcdfFile]]] = {}
     for number, path in enumerate(paths):
-        file, dialect = _opened(path, config or LogConfig())
+        file, dialect = _opened(path, form, config or LogConfig())
         missions = missions_of(file, dialect.name) if dialect.log_of == "mission" else ()
         key = number if dialect.log_of == "file" else (dialect.name, *missions)
         groups.setdefault(key, (dialect, []))[1].append(file)
     return [log_of_columns(files, dialect, Told(), config) for dialect, files in groups.values()]
 
 
-def _opened(path: Path, config: LogConfig) -> tuple[NetcdfFile, Dialect]:
+def _opened(path: Path, form: Form, config: LogConfig) -> tuple[NetcdfFile, Dialect]:
     """Return the variables of a file that its dialect reads, and the dialect."""
-    form = form_of(path)
-    if form == "radials":
-        return open_radials(path), RADIALS
     found: list[Dialect] = []
 
     def choose(held: Mapping[str, Stored], attributes: Mapping[str, Any]) -> list[str]:
@@ -127,3 +107,8 @@ def _opened(path: Path, config: LogConfig) -> tuple[NetcdfFile, Dialect]:
         open_netcdf(path, choose) if form == "netcdf" else open_text(path, choose, form == "table")
     )
     return file, found[0]
+
+
+#: Readers of text.
+logs_of_seaexplorers = partial(logs_of_columns, form="seaexplorer")
+logs_of_tables = partial(logs_of_columns, form="table")

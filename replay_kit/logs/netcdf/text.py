@@ -9,32 +9,20 @@ from contextlib import ExitStack
 from itertools import chain, count, islice
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replay_kit.core.errors import LogError
 from replay_kit.core.files.inputs import exceeds_claim, open_input
-from replay_kit.logs.formats import GZIP_MAGIC, is_seaexplorer
+from replay_kit.logs.formats import GZIP_MAGIC
 from replay_kit.logs.netcdf.variables import Choose, NetcdfFile, Stored, as_number
 
 # Rows that are read at once; letters of a value, of a line and of a piece of a file.
 _ROWS, _LONGEST, _LONGEST_LINE = 50_000, 128, 1 << 14
 _PIECE = 1 << 18
-_HEAD = 1 << 12
 _UNREADABLE = (OSError, EOFError, ValueError, csv.Error, zlib.error)
-
-
-def form_of(path: Path) -> Literal["netcdf", "radials", "seaexplorer", "table"]:
-    """Return the form of a columnar file: NetCDF, LLUV, SeaExplorer text or another text table."""
-    with open(path, "rb") as file:
-        head = file.read(_HEAD)
-    if head.startswith((b"CDF", b"\x89HDF")):
-        return "netcdf"
-    if head.startswith(b"%CTF:"):
-        return "radials"
-    return "seaexplorer" if is_seaexplorer(head) else "table"
 
 
 def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:

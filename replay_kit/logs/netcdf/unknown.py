@@ -120,33 +120,29 @@ def profiles_of(file: NetcdfFile, asked: Asked, notes: list[str]) -> tuple[list[
 
 def _over_rows(file: NetcdfFile, chosen: Mapping[str, str], values: Table) -> Table:
     """Return quantities by row in the order of all dimensions; missing dimensions are broadcast."""
-    sizes, dims = dict[str, int](), dict[str, list[str]]()
-    for key, own in values.items():
-        named = zip(file.variables[chosen[key]].dims, own.shape, strict=False)
-        # the place of a mooring may be two of them
-        longer = {dim: size for dim, size in named if size > 1}
-        dims[key] = [*longer]
-        for dim, size in longer.items():
-            if sizes.setdefault(dim, size) != size:
-                raise ConfigError(
-                    f"{file.path}: {_EXPECTED}, of one length: {chosen[key]} has {size} values, others {sizes[dim]}"
-                )
-    shape, order = tuple(sizes.values()), list(sizes)
+    import xarray as xr
+
+    # the place of a mooring may have two dimensions, of one value each
+    dims = {
+        key: file.variables[chosen[key]].dims or ("row",) * own.ndim for key, own in values.items()
+    }
+    held = {key: xr.DataArray(own, dims=dims[key]).squeeze() for key, own in values.items()}
+    try:
+        spread = xr.broadcast(*held.values())
+    except ValueError as error:
+        raise ConfigError(f"{file.path}: {_EXPECTED}, of one length: {error}") from error
     # of a grid, or of columns that have no rows in common
-    if len(shape) > 2 or np.prod(shape) > max(own.size for own in values.values()):
-        raise ConfigError(f"{file.path}: {_EXPECTED}, got columns over {some_text(order)}")
-    placed = {dim for key in (*_PLACE, "depth", "height") for dim in dims.get(key, ())}
-    if bare := sizes.keys() - placed:
+    if spread[0].ndim > 2 or spread[0].size > max(own.size for own in held.values()):
         raise ConfigError(
-            f"{file.path}: {chosen['u']} varies along {some_text([*bare])}, {chosen['depth']} does not; "
+            f"{file.path}: {_EXPECTED}, got columns over {some_text([*map(str, spread[0].dims)])}"
+        )
+    placed = {dim for key in (*_PLACE, "depth", "height") if key in held for dim in held[key].dims}
+    if bare := {*spread[0].dims} - placed:
+        raise ConfigError(
+            f"{file.path}: {chosen['u']} varies along {some_text([*map(str, bare)])}, {chosen['depth']} does not; "
             "name the depths with --columns depth=COLUMN"
         )
-    rows = {}
-    for key, own in values.items():
-        turned = own.squeeze().transpose(np.argsort([order.index(dim) for dim in dims[key]]))
-        spread = turned.reshape([sizes[dim] if dim in dims[key] else 1 for dim in order])
-        rows[key] = np.broadcast_to(spread, shape).ravel()
-    return rows
+    return {key: own.values.ravel() for key, own in zip(held, spread, strict=True)}
 
 
 def _pings(files: Sequence[NetcdfFile], dialect: Dialect, config: LogConfig, told: Told) -> Entries:

@@ -5,7 +5,7 @@ previous one; all else is read for many cycles at once.
 """
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -23,8 +23,8 @@ _KNOWN = {
 }
 _CYCLE, _END = b"dX"
 _KINDS = {1: "i1", 2: "i2", 4: "f4", 8: "f8"}
-# places tried to find a whole cycle after damage, whole cycles in a row that it takes, and cells of one block of cycles
-_TRIES, _IN_A_ROW, _CELLS = 20_000, 4, 1 << 21
+# places tried to find a whole cycle after damage, and whole cycles in a row that it takes
+_TRIES, _IN_A_ROW = 20_000, 4
 _PATTERNS = 1 << 14
 _SHIFTS = np.array([6, 4, 2, 0], np.uint8)
 
@@ -70,29 +70,34 @@ def read_cycles(data: bytes, at: int, sensors: Sequence[Sensor], wanted: Collect
     if order is None:
         what = "expected the 16 known bytes before the first cycle"
         return Cycles({}, {}, [Lost(at, len(data) - at, what)])
-    starts, runs, lost = _find_cycles(data, at + 16, sensors)
-    n, rows = starts.size, max(1, _CELLS // max(len(sensors), 1))
-    wanted_at = [k for k, sensor in enumerate(sensors) if sensor.name in wanted]
-    written, values = np.zeros((len(wanted_at), n), np.uint8), np.full((len(wanted_at), n), np.nan)
-    raw, states = np.frombuffer(data, np.uint8), np.arange((len(sensors) + 3) // 4)
-    lengths = np.array([sensor.size for sensor in sensors], np.int32)
-    for first in range(0, n, rows):
-        block = starts[first : first + rows]
-        bits = _bits(raw[block[:, None] + 1 + states])[:, : len(sensors)]
-        sizes = np.where(bits == 2, lengths, np.int32(0))
-        offsets = np.cumsum(sizes, axis=1, dtype=np.int32) - sizes
-        written[:, first : first + rows] = bits[:, wanted_at].T
-        for row, k in enumerate(wanted_at):
-            new = np.flatnonzero(bits[:, k] == 2)
-            begin = block[new] + 1 + states.size + offsets[new, k]
-            found = raw[begin[:, None] + np.arange(lengths[k])].view(
-                order + _KINDS[sensors[k].size]
-            )
-            with np.errstate(invalid="ignore"):
-                values[row, first + new] = found[:, 0]
-    for row in range(len(wanted_at)):
-        values[row] = _last_values(values[row], written[row] == 2, runs)
-    names = [sensors[k].name for k in wanted_at]
+    states, chosen = (
+        (len(sensors) + 3) // 4,
+        [k for k, one in enumerate(sensors) if one.name in wanted],
+    )
+    sizes = np.zeros(4 * states, np.int64)
+    sizes[: len(sensors)] = [sensor.size for sensor in sensors]
+
+    @lru_cache(_PATTERNS)
+    def form(pattern: bytes) -> tuple[int, NDArray[np.uint8], NDArray[np.int64]]:
+        """Return the bytes of the new values of a cycle by its states, -1 for invalid states; states and offsets of the wanted ones."""
+        bits = _bits(np.frombuffer(pattern, np.uint8))
+        new = np.where(bits == 2, sizes, 0)
+        length = -1 if (bits == 3).any() else int(new.sum())
+        return length, bits[chosen], (np.cumsum(new) - new)[chosen]
+
+    starts, runs, lost = _find_cycles(data, at + 16, states, lambda pattern: form(pattern)[0])
+    forms = [form(data[start + 1 : start + 1 + states]) for start in starts]
+    shape, first = (len(starts), len(chosen)), np.array(starts, np.int64)[:, None] + 1 + states
+    written = np.array([bits for _, bits, _ in forms], np.uint8).reshape(shape).T
+    offsets = (first + np.array([begin for *_, begin in forms], np.int64).reshape(shape)).T
+    raw, values = np.frombuffer(data, np.uint8), np.full(written.shape, np.nan)
+    for row, sensor in enumerate(sensors[k] for k in chosen):
+        new = written[row] == 2
+        found = raw[offsets[row, new][:, None] + np.arange(sensor.size)]
+        with np.errstate(invalid="ignore"):
+            values[row, new] = found.view(order + _KINDS[sensor.size])[:, 0]
+        values[row] = _last_values(values[row], new, np.array(runs))
+    names = [sensors[k].name for k in chosen]
     return Cycles(
         dict(zip(names, written, strict=True)), dict(zip(names, values, strict=True)), lost
     )
@@ -105,23 +110,22 @@ def _bits(states: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _find_cycles(
-    data: bytes, at: int, sensors: Sequence[Sensor]
-) -> tuple[NDArray[np.int64], NDArray[np.int64], list[Lost]]:
-    """Return the starts of the cycles, the first cycle of each intact run, and the damage between runs."""
-    states, size = (len(sensors) + 3) // 4, len(data)
+    data: bytes, at: int, states: int, length: Callable[[bytes], int]
+) -> tuple[list[int], list[int], list[Lost]]:
+    """Return the starts of the cycles, the first cycle of each intact run, and the damage between runs.
+
+    Args:
+        data: Decompressed file.
+        at: Offset of the first cycle.
+        states: Bytes of the states in a cycle.
+        length: Returns the bytes of the new values of a cycle by its states; -1 for invalid states.
+    """
+    size = len(data)
     # newer firmware writes no mark of the end; what fills the last block of a transfer is no cycle either
     last = len(data.rstrip(b"\0\x1a"))
     starts: list[int] = []
     runs, lost = [0], list[Lost]()
     tries = iter(range(_TRIES))
-    sizes = np.zeros(4 * states, np.int64)
-    sizes[: len(sensors)] = [sensor.size for sensor in sensors]
-
-    @lru_cache(_PATTERNS)
-    def length(pattern: bytes) -> int:
-        """Return the bytes of the new values of a cycle by its states; -1 for invalid states."""
-        bits = _bits(np.frombuffer(pattern, np.uint8))
-        return -1 if (bits == 3).any() else int(sizes[bits == 2].sum())
 
     def end_of(start: int) -> int:
         """Return the end of a cycle; -1 without a cycle or a tag after it."""
@@ -153,7 +157,7 @@ def _find_cycles(
             lost.append(Lost(at, end - at, "expected a whole cycle"))
             runs.append(len(starts))
         at = end
-    return np.array(starts, np.int64), np.array(runs, np.int64), lost
+    return starts, runs, lost
 
 
 def _last_values(values: Array, new: NDArray[np.bool_], runs: NDArray[np.int64]) -> Array:

@@ -5,7 +5,8 @@ Compressed files and caches are LZ4 blocks, each after its length as two bytes, 
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ from replay_kit.logs.reader import read_bytes
 #: Endings of the files of the flight and the science computer, in lower case: all sensors before subsets, raw before compressed.
 FLIGHT = (".dbd", ".dcd", ".mbd", ".mcd", ".sbd", ".scd")
 SCIENCE = (".ebd", ".ecd", ".nbd", ".ncd", ".tbd", ".tcd")
-_CACHES = (".cac", ".ccc")
+_CACHES = (".cac", ".CAC", ".ccc", ".CCC")
 # LZ4 writes the first bytes of a block as they are, after the block's length and their number
 _COMPRESSED = re.compile(rb".{3,5}(?:dbd_label:|s: [TF] )", re.DOTALL)
 _BLOCK = 1 << 16
@@ -136,59 +137,47 @@ def first_header(path: Path) -> Header | None:
         return None
 
 
-class SensorLists:
-    """Lists of sensors in files or in caches near them; each folder is listed and each cache read once."""
+def sensor_list(path: Path) -> bytes:
+    """Return the contents of a cache, decompressed."""
+    return unpacked(read_bytes(path, _LARGEST_LIST), _LARGEST_LIST)[0]
 
-    def __init__(self, folder: Path | None = None) -> None:
-        """Create an empty collection.
 
-        Args:
-            folder: Folder of the caches; None to search the file's folder, ``cac`` and ``cache`` in it, and the three folders above.
-        """
-        self._folder = folder
-        self._listed: dict[Path, dict[str, Path]] = {}
-        self._texts: dict[Path, bytes] = {}
+def sensors_of(
+    header: Header,
+    data: bytes,
+    caches: Path | None = None,
+    list_of: Callable[[Path], bytes] = sensor_list,
+) -> tuple[list[Sensor], int]:
+    """Return the sensors of a file in the order of their values, and the offset of its first cycle.
 
-    def sensors(self, header: Header, data: bytes) -> tuple[list[Sensor], int]:
-        """Return the sensors of a file in the order of their values, and the offset of its first cycle.
+    Args:
+        header: Header of the file.
+        data: The file, decompressed.
+        caches: Folder of the lists of sensors; None to search the file's folder, ``cac`` and ``cache`` in it, and the three folders above.
+        list_of: ``sensor_list``, or what remembers it.
 
-        Args:
-            header: Header of the file.
-            data: The file, decompressed.
+    Raises:
+        LogError: The list is missing, incomplete or does not match the header.
+    """
+    if header.tags.get("sensor_list_factored") == "1":
+        path = _cache_of(header, caches)
+        return _parsed(header, list_of(path), path)[0], header.size
+    sensors, length = _parsed(header, data[header.size :], header.path)
+    return sensors, header.size + length
 
-        Raises:
-            LogError: The list is missing, incomplete or does not match the header.
-        """
-        if header.tags.get("sensor_list_factored") == "1":
-            path = self._find(header)
-            return _parsed(header, self._text(path), path)[0], header.size
-        sensors, length = _parsed(header, data[header.size :], header.path)
-        return sensors, header.size + length
 
-    def _find(self, header: Header) -> Path:
-        """Return the path of the cache of a file."""
-        name, near = header.tags["sensor_list_crc"].lower(), header.path.resolve().parents
-        folders = [near[0], *(up / name for up in near[:4] for name in ("cac", "cache"))]
-        for folder in folders if self._folder is None else [self._folder]:
-            if folder not in self._listed:
-                try:
-                    held = sorted(folder.iterdir(), reverse=True)
-                except OSError:
-                    held = []
-                lists = [path for path in held if path.suffix.lower() in _CACHES]
-                self._listed[folder] = {path.stem.lower(): path for path in lists}
-            if path := self._listed[folder].get(name):
-                return path
-        place = self._folder or header.path.parent / "cac"
-        raise LogError(
-            f"{header.path}: expected its list of sensors in {name}.cac, there is none in {place}; copy it from the glider "
-            "(state/cache), or set logs.caches"
-        )
-
-    def _text(self, path: Path) -> bytes:
-        if path not in self._texts:
-            self._texts[path], _ = unpacked(read_bytes(path, _LARGEST_LIST), _LARGEST_LIST)
-        return self._texts[path]
+def _cache_of(header: Header, caches: Path | None) -> Path:
+    """Return the path of the cache of a file, whose name may be in capitals."""
+    name, near = header.tags["sensor_list_crc"], header.path.resolve().parents
+    folders = [near[0], *(up / part for up in near[:4] for part in ("cac", "cache"))]
+    names = [spelt + ending for spelt in (name.lower(), name.upper()) for ending in _CACHES]
+    for folder, held in product(folders if caches is None else [caches], names):
+        if (path := folder / held).is_file():
+            return path
+    raise LogError(
+        f"{header.path}: expected its list of sensors in {name.lower()}.cac, there is none in {caches or header.path.parent / 'cac'}; "
+        "copy it from the glider (state/cache), or set logs.caches"
+    )
 
 
 def _parsed(header: Header, text: bytes, where: Path) -> tuple[list[Sensor], int]:

@@ -1,9 +1,10 @@
 """Reader of Slocum binary files: segments of one glider as two tables, flight and science."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,9 +20,10 @@ from replay_kit.logs.slocum.header import (
     FLIGHT,
     SCIENCE,
     Header,
-    SensorLists,
     first_header,
     read_header,
+    sensor_list,
+    sensors_of,
     unpacked,
 )
 from replay_kit.logs.slocum.tables import (
@@ -53,14 +55,15 @@ class Segment(NamedTuple):
     out_of_time: int
 
 
-def read_segment(path: Path, lists: SensorLists) -> Segment:
+def read_segment(path: Path, caches: Path | None, list_of: Callable[[Path], bytes]) -> Segment:
     """Return the contents of a file.
 
     The first cycle repeats earlier values and is skipped.
 
     Args:
         path: Binary file.
-        lists: Caches of sensor lists.
+        caches: As in ``sensors_of``, as the next one.
+        list_of: Returns the contents of a cache.
 
     Raises:
         LogError: The file or its list of sensors cannot be read.
@@ -68,7 +71,7 @@ def read_segment(path: Path, lists: SensorLists) -> Segment:
     stored = read_bytes(path)
     data, lost_at = unpacked(stored)
     header = read_header(path, data)
-    sensors, at = lists.sensors(header, data)
+    sensors, at = sensors_of(header, data, caches, list_of)
     cycles = read_cycles(data, at, sensors, WANTED)
     where = "decompressed byte" if len(data) != len(stored) else "byte"
     losses = [
@@ -93,55 +96,36 @@ def read_segment(path: Path, lists: SensorLists) -> Segment:
     return Segment(header, rows, told, int((~near).sum()))
 
 
-def open_slocum(
-    paths: Sequence[Path],
-    input: int = 0,
-    config: LogConfig | None = None,
-    wanted: frozenset[str] | None = None,
-) -> LogFile:
-    """Return the reader of the binary files of one Slocum.
-
-    Args:
-        paths: Binary files.
-        input: Ignored; the position among the run's inputs is set when the log is opened.
-        config: Settings of log reading; ``caches`` is the folder of the sensor lists.
-        wanted: Ignored.
-
-    Raises:
-        LogError: No file can be read.
-    """
-    del input, wanted
-    return _log(paths, config)
-
-
 def logs_of_slocums(paths: Sequence[Path], config: LogConfig | None) -> list[LogFile]:
     """Return the readers of binary files, one per glider.
 
     Args:
         paths: Binary files; those whose header cannot be read count as the first glider's.
-        config: See ``open_slocum``.
+        config: Settings of log reading; ``caches`` is the folder of the sensor lists.
 
     Raises:
         LogError: No file of a glider can be read.
     """
-    groups = defaultdict[str, list[Path]](list)
+    gliders = defaultdict[str, dict[Path, Header | None]](dict)
     for path in paths:
         header = first_header(path)
-        groups["" if header is None else header.vehicle].append(path)
-    if len(groups) > 1 and (damaged := groups.pop("", [])):
-        next(iter(groups.values())).extend(damaged)
-    return [_log(files, config) for files in groups.values()]
+        gliders["" if header is None else header.vehicle][path] = header
+    damaged = gliders.pop("", {}) if len(gliders) > 1 else {}
+    next(iter(gliders.values())).update(damaged)
+    return [_log(files, config) for files in gliders.values()]
 
 
-def _log(paths: Sequence[Path], config: LogConfig | None) -> WholeLog:
-    """Return the reader of the files of one glider."""
-    lists = SensorLists(None if config is None or config.caches is None else Path(config.caches))
+def _log(files: Mapping[Path, Header | None], config: LogConfig | None) -> WholeLog:
+    """Return the reader of the files of one glider, with their headers where these can be read."""
+    caches = None if config is None or config.caches is None else Path(config.caches)
+    # the files of a mission have few lists
+    list_of = cache(sensor_list)
     segments: list[Segment] = []
     errors: dict[Path, LogError] = {}
     notes: list[str] = []
-    for file in _without_subsets(paths, notes):
+    for file in _without_subsets(files, notes):
         try:
-            segments.append(read_segment(file, lists))
+            segments.append(read_segment(file, caches, list_of))
         except LogError as error:
             errors[file] = error
     if not segments:
@@ -163,22 +147,19 @@ def _log(paths: Sequence[Path], config: LogConfig | None) -> WholeLog:
     return log_of_columns(parts, SLOCUM_BINARY, Told(notes, losses=losses), config)
 
 
-def _without_subsets(paths: Sequence[Path], notes: list[str]) -> list[Path]:
+def _without_subsets(files: Mapping[Path, Header | None], notes: list[str]) -> list[Path]:
     """Return the files without those of sensor subsets: one per segment and computer, with all sensors if possible."""
-    best: dict[tuple[str, ...], Path] = {}
-    left_out = []
-    for path in paths:
-        header = first_header(path)
+    alike = defaultdict[Any, list[Path]](list)
+    for path, header in files.items():
         # what is wrong is said where it is read
-        key = (str(path),) if header is None else (header.segment, str(header.is_science))
-        first, *others = sorted({path, best.get(key, path)}, key=_rank)
-        best[key] = first
-        left_out += others
+        alike[(header.segment, header.is_science) if header else path].append(path)
+    ranked = [sorted(paths, key=_rank) for paths in alike.values()]
+    left_out = [path for _, *others in ranked for path in others]
     if left_out:
         notes.append(
             f"{len(left_out)} files with fewer sensors of segments that are there with more, such as {left_out[0].name}: not used"
         )
-    return list(best.values())
+    return [first for first, *_ in ranked]
 
 
 def _rank(path: Path) -> int:
@@ -191,19 +172,11 @@ def _joined(parts: Sequence[Segment], notes: list[str]) -> NetcdfFile:
     """Return the joined files of one computer in order of time."""
     is_science = parts[0].header.is_science
     rows = Rows.joined([part.rows for part in parts])
-    without: dict[tuple[str, ...], list[str]] = {}
-    for part in parts:
-        lacks = tuple(name for name in rows.units if name not in part.rows.units)
-        without.setdefault(lacks, []).append(part.header.path.name)
-    for lacks, files in without.items():
-        means, kept = (
-            any(names >= {*pair} for pair in CURRENTS)
-            for names in (rows.units.keys(), rows.units.keys() - {*lacks})
-        )
-        dives = "; their dives have no mean current" if means and not kept else ""
-        if lacks:
+    for pair in CURRENTS:
+        lacking = [part.header.path.name for part in parts if not {*pair} <= part.rows.units.keys()]
+        if rows.has(pair) and lacking:
             notes.append(
-                f"{', '.join(lacks)}: not among the sensors of {len(files)} of {len(parts)} files, such as {files[0]}{dives}"
+                f"{', '.join(pair)}: not among the sensors of {len(lacking)} of {len(parts)} files, such as {lacking[0]}"
             )
     if late := sum(part.out_of_time for part in parts):
         notes.append(

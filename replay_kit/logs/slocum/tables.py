@@ -30,8 +30,8 @@ _TRACK = (*_PLACE, *_DEPTHS, *_ATTITUDE, *_OTHERS, *_WAYPOINT)
 _CTD = ("sci_water_pressure", "sci_water_temp", "sci_water_cond")
 #: All sensors that are read.
 WANTED = frozenset((*CLOCKS, *_FIX, *_QUALITY, *_TRACK, *_CTD)).union(*CURRENTS)
-# s; how long an attitude counts, and between which values depths and positions are interpolated
-_ATTITUDE_HOLDS, _BETWEEN_DEPTHS, _BETWEEN_PLACES = 60.0, 180.0, 1800.0
+# s; between values how far apart depths and positions are interpolated
+_BETWEEN_DEPTHS, _BETWEEN_PLACES = 180.0, 1800.0
 # m; a dive was deeper
 _DEEP = 3.0
 # horizontal dilution of precision; with more a position is not used
@@ -93,14 +93,6 @@ class Rows(NamedTuple):
         values = from_minutes(self.held[name])
         return np.where(np.abs(values) <= (90.0 if name.endswith("lat") else 360.0), values, np.nan)
 
-    def recent(self, name: str) -> Array:
-        """Return the last value of a sensor written within a minute; NaN without one."""
-        last = np.maximum.accumulate(
-            np.where(self.written[name] > 0, np.arange(self.time.size), -1)
-        )
-        recent = (last >= 0) & (self.time - self.time[last] <= _ATTITUDE_HOLDS)
-        return np.where(recent, self.held[name][last], np.nan)
-
 
 def science_table(rows: Rows, notes: list[str]) -> dict[str, Stored]:
     """Return pressure, temperature and conductivity at the cycles that write any of them.
@@ -146,8 +138,7 @@ def flight_table(rows: Rows, notes: list[str]) -> dict[str, Stored]:
         fixes = _stored("fix", {"gps_time": (rows.time[at], _EPOCH), **places, **flagged})
     track = rows.any_written(_TRACK)
     time = rows.time[track]
-    samples = {name: rows.now(name)[track] for name in rows.among(_OTHERS)}
-    samples |= {name: rows.recent(name)[track] for name in rows.among(_ATTITUDE)}
+    samples = {name: rows.now(name)[track] for name in rows.among((*_ATTITUDE, *_OTHERS))}
     for depth in rows.among(_DEPTHS)[:1]:
         known = np.isfinite(rows.now(depth))
         samples[depth] = _between(time, rows.time[known], rows.held[depth][known], _BETWEEN_DEPTHS)

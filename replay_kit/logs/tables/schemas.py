@@ -133,8 +133,6 @@ _SEPARATORS = re.compile(r"::|[/.]")
 # a pose on such a topic is where something should go, not where the vehicle is
 _WISH = re.compile(r"goal|target|setpoint|waypoint|command|cmd|desired", re.IGNORECASE)
 _POSES = ("geometry_msgs.PoseStamped", "geometry_msgs.PoseWithCovarianceStamped")
-_BLUEOS_COPY = "mavlink/out"
-_BLUEOS_FIELD = re.compile(r"mavlink/\d+/\d+/[A-Z][A-Z0-9_]*/\w+", re.ASCII)
 
 
 @lru_cache(maxsize=4096)
@@ -149,10 +147,6 @@ def reader_of(schema: str, topic: str) -> Reader | str | None:
         reader = _plain(lambda payloads: read_each("sensor", "measurement", payloads, added))
     if name in _POSES and _WISH.search(topic):
         return "topic name suggests a goal, not the vehicle position"
-    if reader is None and topic == _BLUEOS_COPY:
-        return "repeats messages of other topics"
-    if reader is None and _BLUEOS_FIELD.fullmatch(topic):
-        return "one field of a message on another topic"
     return reader
 
 

@@ -8,7 +8,6 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from operator import itemgetter
 from types import MappingProxyType
 from typing import Any
 
@@ -77,10 +76,7 @@ def _location_fixes(payloads: Payloads) -> Rows:
 def _metadata(pairs: Any) -> Payload:
     """Return key-value pairs or a mapping as a dict; other contents are ignored."""
     if isinstance(pairs, list | tuple):
-        try:
-            return dict(map(itemgetter("key", "value"), pairs))
-        except (KeyError, TypeError):
-            return {str(one.get("key")): one.get("value") for one in pairs if hasattr(one, "get")}
+        return {str(one.get("key")): one.get("value") for one in pairs if hasattr(one, "get")}
     return pairs or {}
 
 

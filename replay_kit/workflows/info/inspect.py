@@ -23,7 +23,7 @@ from replay_kit.logs.blocks import Block as RawBlock
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.stamps import doubtful_times
 from replay_kit.logs.tables.schemas import NOT_A_KIND
-from replay_kit.logs.tables.suggest import NAMED, sample_key, suggested_entries
+from replay_kit.logs.tables.suggest import suggested_entries
 from replay_kit.measurements.observed import begun, blocks, taken
 from replay_kit.measurements.profiles.pings import NO_POSITION
 from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
@@ -157,15 +157,8 @@ class LogInfo:
     @property
     def mappable(self) -> Mapping[str, str]:
         """Type of usable content by topic of unknown type."""
-        found = {}
-        for key, entry in suggested_entries({} if self.is_result else self.unknown).items():
-            kinds = [
-                line.rpartition("= ")[2].strip('"')
-                for line in entry.splitlines()
-                if line.lstrip("# ").startswith("kind = ")
-            ]
-            found[key.replace("\n", ", name ")] = kinds[0]
-        return found
+        entries = suggested_entries({} if self.is_result else self.unknown)
+        return {topic: kind for topic, (kind, _) in entries.items()}
 
     @property
     def use(self) -> str:
@@ -245,9 +238,9 @@ def _inspect(
         for due, topic, reason in found.outcomes[found.outcomes[:, 2] >= 0].tolist():
             name, why = found.topics[topic], found.reasons[reason]
             not_used[name, why] += 1
-            if why == NOT_A_KIND and (not name.startswith("mavlink/") or name.endswith(NAMED)):
+            if why == NOT_A_KIND and not name.startswith("mavlink/"):
                 message = messages[due - since]
-                unknown[sample_key(name, message.payload)] = message.schema, message.payload
+                unknown[name] = message.schema, message.payload
 
     def messages(blocks: Iterable[RawBlock]) -> Iterator[Message]:
         """Yield the decoded messages of blocks, after all of a block are put in order."""

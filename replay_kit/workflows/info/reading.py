@@ -15,7 +15,6 @@ from replay_kit.logs.blocks import Block
 from replay_kit.logs.merge import FAR_NS, Settled, Settling
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.tables.schemas import may_state
-from replay_kit.logs.tables.suggest import NAMED
 
 # of a topic's mean time between messages, and at least so long [ns], is a gap that is reported
 _TIMES_MEAN, _LEAST_GAP_NS = 10, 60_000_000_000
@@ -221,9 +220,9 @@ def read_log(log: LogFile, full: bool, config: MeasurementConfig) -> Reading:
 
 
 def _may_state(config: MeasurementConfig, topic: str, schema: str) -> bool:
-    """Return whether messages of a topic and schema can hold usable content, or differ from each other in kind."""
+    """Return whether messages of a topic and schema can hold usable content."""
     mapped = any(entry.topic == topic for entry in config.map)
-    return mapped or topic.rpartition("/")[2] in NAMED or may_state(schema, topic)
+    return mapped or may_state(schema, topic)
 
 
 def count_alike(

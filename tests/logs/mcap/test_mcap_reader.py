@@ -54,7 +54,7 @@ def test_a_time_that_int64_cannot_hold(tmp_path):
         (b"", "log"),
         (b"time,lat,lon\n", "log"),
         (b"\xa3\x95\x80" + bytes(100), "log"),
-        (b"\x89MCAP0", "it begins with 'MCAP0'"),
+        (b"\x89MCAP0", r"it begins with '\\x89MCAP0'"),
         (bytes(70_000), "log"),
     ],
 )

@@ -118,10 +118,7 @@ DIALECTS = {
     "bodc": Form(
         "og1",
         made.bodc,
-        notes=(
-            "WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s",
-            "DEPTH_Z: has the standard name depth but is positive up; not used",
-        ),
+        notes=("WATERCURRENTS_U, WATERCURRENTS_V: converted from cm/s to m/s",),
     ),
     "socib": Form(
         "socib",
@@ -257,7 +254,6 @@ def test_the_parts_of_a_seaexplorer_come_back_with_their_fixes(tmp_path):
     assert said.counts() == {"/vehicle/fix": 4, "/vehicle/position": 22}
     assert said.fixes() == pytest.approx(made.PLACES, abs=1e-6)
     for words in (
-        "Declination: declination 17 degrees",
         "Timestamp: 1 values without a time, excluded",
         # cut off at its end
         "1 line with fewer or more columns than the heading, not used",
@@ -324,7 +320,7 @@ def _stated(form, tmp_path, standard, renamed=None):
     written = DIALECTS[form].written(tmp_path / "a.nc")
     paths = written if isinstance(written, list) else [written]
     words = " ".join(read(paths).report.notes)
-    names = [re.search(rf"mean current {to}: (\w+)", words)[1] for to in ("east", "north")]
+    names = [re.search(rf"dac_{to}: (\w+)", words)[1] for to in ("east", "north")]
     for path in paths:
         with h5py.File(path, "a") as file:
             for name, stated, to in zip(names, standard, renamed or names, strict=True):

@@ -13,7 +13,7 @@ from replay_kit.config.run import LogConfig
 from replay_kit.core.errors import LogError
 from replay_kit.logs import open_log, open_logs
 from replay_kit.logs.slocum.cycles import read_cycles
-from replay_kit.logs.slocum.header import SensorLists, read_header, unpacked
+from replay_kit.logs.slocum.header import read_header, sensors_of, unpacked
 from tests.command import run_command
 from tests.logs.netcdf import glider_samples as made
 from tests.logs.said import read
@@ -28,11 +28,11 @@ real = needs(REAL)
 def test_each_sensor_of_real_files_has_the_values_of_the_usual_reader():
     """Number, first and last value with their times, and sum."""
     expected = json.loads((REAL / "expected.json").read_text())
-    lists, compared = SensorLists(), 0
+    compared = 0
     for name, stated in expected.items():
         data = (REAL / name).read_bytes()
         header = read_header(REAL / name, data)
-        sensors, at = lists.sensors(header, data)
+        sensors, at = sensors_of(header, data)
         found = read_cycles(data, at, sensors, {sensor.name for sensor in sensors})
         assert not found.lost
         assert len(sensors) == stated["sensors"]
@@ -101,7 +101,7 @@ _VALUES = {
 
 def cycles_of(data, wanted):
     """The cycles of a file."""
-    sensors, at = SensorLists().sensors(read_header(Path("a.sbd"), data), data)
+    sensors, at = sensors_of(read_header(Path("a.sbd"), data), data)
     return read_cycles(data, at, sensors, wanted)
 
 
@@ -170,7 +170,7 @@ def _only(suffix):
 
 
 _WHOLE, _LACKING = "expected a whole cycle", "segments without the file of the"
-_NO_CURRENTS = "m_water_vx, m_water_vy, m_final_water_vx, m_final_water_vy: not among the sensors of 1 of 2 files, such as "
+_NO_CURRENTS = "m_final_water_vx, m_final_water_vy: not among the sensors of 1 of 2 files, such as "
 
 
 @pytest.mark.parametrize(

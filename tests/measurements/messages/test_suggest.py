@@ -7,7 +7,6 @@ from numpy.testing import assert_array_equal
 
 from replay_kit.config.run import load_config
 from replay_kit.core.observation import Observation, VehicleState
-from replay_kit.logs.tables.suggest import sample_key
 from replay_kit.measurements import suggestions
 from tests.measurements.samples import fix, logged, only, run, the
 
@@ -37,14 +36,13 @@ AT = {"lat": -40.5, "lon": 152.25}
     ("payload", "depth"),
     [
         ({"fix": AT}, math.nan),
-        ({"gps_latitude": -405_000_000, "gps_longitude": 1_522_500_000}, math.nan),
-        ({"lat": math.radians(-40.5), "lng_rad": math.radians(152.25)}, math.nan),
+        ({"gps_latitude_e7": -405_000_000, "gps_longitude_e7": 1_522_500_000}, math.nan),
+        ({"lat_rad": math.radians(-40.5), "lng_rad": math.radians(152.25)}, math.nan),
         (AT | {"depth": 12.5}, 12.5),
-        (AT | {"vehicle_depth_cm": -1250.0}, 12.5),
+        (AT | {"vehicle_depth_cm": 1250.0}, 12.5),
         (AT | {"water_pressure_dbar": 100.0}, 99.2),
-        (AT | {"pressure": 1_101_325.0}, 99.2),
-        (AT | {"press_bar": 11.01325}, 109.3),
-        (AT | {"pressure_mbar": 1013.25}, 0.0),
+        (AT | {"press_bar": 10.0}, 99.2),
+        (AT | {"fluid_pressure_mbar": 1000.0}, 9.9),
     ],
 )
 def test_positions_and_depths(tmp_path, payload, depth):
@@ -59,7 +57,10 @@ def test_a_depth_alone(tmp_path):
     assert [entry.kind for entry in config.map] == ["depth"]
 
 
-CELLS = [{"east": 120, "north": -50, "depth": 10.0}, {"east": -32768, "north": 7, "depth": 20.0}]
+CELLS = [
+    {"east_mm_s": 120, "north_mm_s": -50, "depth": 10.0},
+    {"east_mm_s": None, "north_mm_s": 7, "depth": 20.0},
+]
 
 
 @pytest.mark.parametrize(
@@ -67,7 +68,7 @@ CELLS = [{"east": 120, "north": -50, "depth": 10.0}, {"east": -32768, "north": 7
     [
         ({"cells": CELLS}, [[0.12, -0.05], [math.nan, 0.007]], [10.0, 20.0]),
         (
-            {"u_cm_s": [10, 20], "v_cm_s": [30.0, math.nan], "depths_cm": [-500.0, -900.0]},
+            {"u_cm_s": [10, 20], "v_cm_s": [30.0, math.nan], "depths_cm": [500.0, 900.0]},
             [[0.1, 0.3], [0.2, math.nan]],
             [5.0, 9.0],
         ),
@@ -75,6 +76,11 @@ CELLS = [{"east": 120, "north": -50, "depth": 10.0}, {"east": -32768, "north": 7
             {"currents": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]},
             [[0.1, 0.2], [0.3, 0.4], [0.5, 0.6], [0.7, 0.8]],
             [1, 2, 3, 4],
+        ),
+        (
+            {"velocities": [[0.1, 0.2], [0.3, 0.4]], "cell_size_cm": 400, "first_cell_cm": 600.0},
+            [[0.1, 0.2], [0.3, 0.4]],
+            [6.0, 10.0],
         ),
     ],
 )
@@ -99,10 +105,10 @@ def test_profiles_are_not_used_until_a_person_states_the_reference(
         ({"lat": 1.0, "far": {"lon": 2.0}}, "Nothing in the log"),
         ({"field": {"z": 1.0}}, "Nothing in the log"),
         # where the vehicle is not now
-        ({"end_lat": 1.0, "end_lon": 20.0}, "# longitude = "),
-        ({"homePosition": {"lat": 1.0, "lon": 20.0}}, "# longitude = "),
+        ({"end_lat": 1.0, "end_lon": 20.0}, "Nothing in the log"),
+        ({"homePosition": {"lat": 1.0, "lon": 20.0}}, "Nothing in the log"),
         # a height that only a person can place
-        ({"z": -3.0}, '# depth = "z"'),
+        ({"z": -3.0}, "Nothing in the log"),
     ],
 )
 def test_nothing_that_looks_usable(tmp_path, payload, said):
@@ -132,26 +138,3 @@ def test_a_twist_on_a_topic_of_one_cell_is_a_velocity_at_a_distance(tmp_path, lo
     observation = the(Observation, messages, config.model_copy(update=looking))
     assert_array_equal(observation.velocity, [[0.12, -0.05]])
     assert observation.depth.tolist() == [depth]
-
-
-@pytest.mark.parametrize(
-    ("schema", "fields", "kind", "line"),
-    [
-        ("NAMED_VALUE_FLOAT", {"value": 12.5}, "depth", 'depth = "value"'),
-        ("DEBUG_FLOAT_ARRAY", {"data": [0.1] * 6}, "profile", 'velocity = "data"'),
-        ("DEBUG_VECT", {"x": 0.1, "y": 0.2, "z": 0.0}, "velocity", 'east = "x"'),
-    ],
-)
-def test_numbers_under_names_of_the_senders_own(tmp_path, schema, fields, kind, line):
-    names = {"depth": "Depth", "profile": "CURPROF", "velocity": "current"}
-    topic, payload = f"mavlink/1/1/{schema}", {"time_boot_ms": 5, "name": names[kind], **fields}
-    text = suggestions({sample_key(topic, payload): (schema, payload)})
-    assert f'topic = "{topic}"\nname = "{names[kind]}"\nkind = "{kind}"' in text
-    assert f"{line}  #" in text
-    if kind == "depth":
-        # a mapping of a name leaves other names alone
-        (tmp_path / "map.toml").write_text(text, encoding="utf-8")
-        config = load_config(tmp_path / "map.toml").measurements
-        other = logged(schema, payload | {"name": "Volt", "value": 24.0}, 1, topic)
-        messages = [logged(schema, payload, topic=topic), other, fix(2)]
-        assert the(VehicleState, messages, config).depth == 12.5
