@@ -62,7 +62,7 @@ def info(
     """Return exit code 0, or 4 when bytes of a log were lost; raises the error that a replay would end with.
 
     Args:
-        full: Read all of a large MCAP, not only its index and first messages: profiles, positions, late messages, gaps, damage.
+        full: Read all of a large MCAP, not only its index and first messages: profiles, positions, damage.
     """
     suggest, json_file = outputs.suggest, outputs.json_file
     if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":

@@ -14,18 +14,16 @@ from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import Flag, Reason, usable
-from replay_kit.core.observation.block import BinTest, Block
+from replay_kit.core.observation.block import Block
 from replay_kit.logs import merge
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.observed import begun, blocks
 from replay_kit.results.losses import coded, loss_json, lost_text
-from replay_kit.show.text import iso, not_used_lines, print_lines, print_table
+from replay_kit.show.text import not_used_lines, print_lines, print_table
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers
 
 _NO_PINGS = np.empty(0, np.int64)
-# of a topic, printed; JSON has all
-_LOST_SHOWN = 5
 
 
 @dataclass(slots=True, eq=False)
@@ -36,14 +34,6 @@ class _TestCount:
     flags: Counter[int] = field(default_factory=Counter)
     not_evaluated: Counter[str] = field(default_factory=Counter)
 
-    def add(self, test: BinTest, rows: NDArray[np.intp], present: NDArray[np.bool_]) -> None:
-        """Count the bins of pings of a block by their rows; ``present``, shape (n, m), are those with a velocity."""
-        flags = test.flags[rows]
-        self.flags.update(flags[present].tolist())
-        skipped = np.sum((flags == Flag.NOT_EVALUATED) & present, axis=1)
-        for k in np.flatnonzero(skipped):
-            self.not_evaluated[test.why_not[rows[k]] or "no number in the bin"] += int(skipped[k])
-
 
 @dataclass(slots=True, eq=False)
 class _TopicCount:
@@ -52,28 +42,26 @@ class _TopicCount:
     pings: int = 0
     flags: Counter[int] = field(default_factory=Counter)
     tests: dict[str, _TestCount] = field(default_factory=dict)
-    lost: list[dict[str, Any]] = field(default_factory=list)
+    lost: int = 0
 
     def add(self, block: Block, rows: NDArray[np.intp]) -> None:
         """Count pings of a block."""
-        columns, flags = block.ping, block.ping["flags"][rows]
-        real = np.arange(flags.shape[1]) < columns["bins"][rows, None]
+        flags = block.ping["flags"][rows]
+        real = np.arange(flags.shape[1]) < block.ping["bins"][rows, None]
         self.pings += rows.size
+        self.lost += int(np.sum(~usable(flags).any(axis=1)))
         self.flags.update(flags[real].tolist())
         for test in block.tests:
             made = np.array([why is not None for why in test.why_not[rows]])
-            if made.any():
-                count = self.tests.setdefault(test.name, _TestCount(test.reason))
-                count.add(test, rows[made], flags[made] != Flag.MISSING)
-        for k in rows[~usable(flags).any(axis=1)]:
-            of = Reason(int(np.bitwise_or.reduce(columns["reasons"][k])))
-            ping = {
-                "time": iso(int(columns["time"][k])),
-                "input": int(columns["input"][k]),
-                "position": int(columns["ordinal"][k]),
-                "reasons": [str(one.name).lower() for one in Reason if one and one in of],
-            }
-            self.lost.append(ping)
+            if not made.any():
+                continue
+            count = self.tests.setdefault(test.name, _TestCount(test.reason))
+            found, present = test.flags[rows[made]], flags[made] != Flag.MISSING
+            count.flags.update(found[present].tolist())
+            skipped = np.sum((found == Flag.NOT_EVALUATED) & present, axis=1).tolist()
+            for why, number in zip(test.why_not[rows[made]], skipped, strict=True):
+                if number:
+                    count.not_evaluated[why or "no number in the bin"] += number
 
 
 def check_quality(
@@ -217,11 +205,5 @@ def _print_topic(topic: Mapping[str, Any], use_suspect: bool, console: Console) 
     lines.append(
         f"Bins: {bins['good']} good, {bins['suspect']} suspect ({use}), {bins['fail']} failed, {bins['missing']} missing"
     )
-    lines += [f"Pings that lose every bin: {len(lost)}"] if lost else []
-    lines += [
-        f"  {ping['time']} (log {ping['input']}, position {ping['position']}): {', '.join(ping['reasons'])}"
-        for ping in lost[:_LOST_SHOWN]
-    ]
-    if len(lost) > _LOST_SHOWN:
-        lines.append(f"  and {len(lost) - _LOST_SHOWN} more, all in --json")
+    lines += [f"Pings that lose every bin: {lost}"] if lost else []
     print_lines(console, lines)
