@@ -7,12 +7,8 @@ from heapq import merge as merged_by
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from replay_kit.config.run import RunConfig
-from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
@@ -47,7 +43,7 @@ from replay_kit.workflows.replay.inputs.vehicles import first_windows
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.scoring import rival_inputs
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
-from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlannerFactory
+from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from replay_kit.workflows.replay.state import Setup
 
@@ -160,7 +156,7 @@ def prepare(
         for vehicle, of_vehicle in zip(job.each_vehicle, logs.by_vehicle, strict=True)
     ]
     problems = [
-        _problem(job, vehicle.goal, own, ensemble, planner_of, logs)
+        _problem(job, vehicle.goal, own, ensemble, planner_of)
         for vehicle, own in zip(job.each_vehicle, owns, strict=True)
     ]
     progress(0, 0, "computing the basis and the prior")
@@ -191,13 +187,12 @@ def _problem(
     config: RunConfig,
     ensemble: Ensemble,
     planner_of: PlannerFactory | None,
-    logs: Logs,
 ) -> PlanningProblem | None:
     """Return the planning problem of a vehicle; None without a goal or a planner."""
     if goal is None or planner_of is None:
         return None
     planner = planner_of(config.planner, ensemble.grid)
-    check_goal(planner, ensemble, goal, logs)
+    planner.check(ensemble, goal)
     goals = () if job.following is None else job.following.goals
     surface = config.measurements.surface_depth
     return PlanningProblem(planner, goal, config.planner, surface, goals)
@@ -277,19 +272,3 @@ def with_planner_kind(
         return config
     gliders = any(log.is_gliders() for log in readers)
     return config.model_copy(update={"planner": config.planner.resolved(gliders)})
-
-
-def check_goal(planner: Planner, flow: HasGrid, goal: Place, logs: Logs) -> None:
-    """Raise PlanError if the goal is outside the region or on land; the message adds if the logs are outside too."""
-    try:
-        planner.check(flow, goal)
-    except PlanError as error:
-        places = logs.reach.places
-        local = to_local(flow.grid.projection, *places.T)
-        if not len(places) or np.any(inside_grid(flow.grid, *local)):
-            raise
-        (west, south), (east, north) = places.min(axis=0), places.max(axis=0)
-        raise PlanError(
-            f"{error}. The whole log lies outside it too, in {west:.2f}..{east:.2f} E, {south:.2f}..{north:.2f} N: "
-            "use an ensemble of that place, or --place-ensemble for a study"
-        ) from error
