@@ -95,7 +95,8 @@ class Live:
     @property
     def position(self) -> VehicleState | None:
         """Last position of the vehicle; None before the first."""
-        return self._run.position
+        with self._threads.limit(limits=self._run.config.output.threads):
+            return self._run.finished().of[0].counts.last_position
 
     def plan(self, goal: At, *, start: At | None = None) -> Plan:
         """Return the best plan to a goal on the present estimate, as a replay of these messages ends with.

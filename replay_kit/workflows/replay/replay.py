@@ -99,7 +99,7 @@ def _replay(
     others = tuple(
         rivals(
             job,
-            lambda each: _replay(each, config, None, progress, None)[2].log_evidence,
+            lambda each: _replay(each, config, None, progress, None)[2].of[0].counts.log_evidence,
         )
     )
     run, inputs = prepare(job, config, planner_of, progress, forecasts)

@@ -6,7 +6,6 @@ estimate: each has its own messages, checks, counts and plans, and its observati
 
 from bisect import bisect_right
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
 from copy import copy
 from operator import itemgetter
 from typing import Any
@@ -19,9 +18,8 @@ from replay_kit.core.as_flown import FlownDive
 from replay_kit.core.errors import Finding, finding_json
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
-from replay_kit.core.observation import LinearMeasurement, Profiles, VehicleState
-from replay_kit.core.observation.block import LINEAR, PING, POSITION, Block
-from replay_kit.core.observation.evidence import Evidence
+from replay_kit.core.observation import LinearMeasurement, Profiles
+from replay_kit.core.observation.block import LINEAR, PING, Block
 from replay_kit.core.words.progress import Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.measurements.observed import begun, taken
@@ -31,7 +29,6 @@ from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.stages import consistency
 from replay_kit.workflows.replay.stages.admission import admitted
 from replay_kit.workflows.replay.stages.consistency import FoundWith
-from replay_kit.workflows.replay.stages.counts import summed
 from replay_kit.workflows.replay.stages.estimation import (
     Dive,
     Given,
@@ -54,13 +51,13 @@ END = "replay_kit.EndOfLogs"
 _BUFFERED = 4096
 # Mean currents of several vehicles that are assimilated together, where the estimator takes blocks.
 _MEANS_TOGETHER = 8
+# After every time [ns, UTC].
+_NEVER = 2**63 - 1
 # What of a run changes with its messages.
 _STATE = (
     *("current", "of", "_waiting", "_n_waiting", "kept"),
     *("next_slices_ns", "messages", "last_ns"),
 )
-# where a result is of one vehicle, its name begins nothing
-_ONLY = nullcontext()
 
 
 class Run:
@@ -96,7 +93,7 @@ class Run:
         """
         self.setups, self.clock = tuple(setups), clock
         self.writer: ResultWriter | None = None
-        self.follow_up: Callable[[Run, Sequence[tuple[int, Step]]], None] = _no_more
+        self.follow_up: Callable[[Run, Sequence[tuple[int, Step]]], None] = lambda run, steps: None
         self._measured_by, self._owners = measured_by, owners
         self._flown = dict[int, tuple[tuple[FlownDive, ...], PlanningProblem | None]]()
         prior, logs = setups[0].estimator.initial(), setups[0].config.logs
@@ -125,12 +122,6 @@ class Run:
     def is_pooled(self) -> bool:
         """Whether there are several vehicles."""
         return len(self.setups) > 1
-
-    @property
-    def log_evidence(self) -> Evidence | None:
-        """Log evidence of the observations of all vehicles; None if the estimator states no density."""
-        each = [of.counts for of in self.of]
-        return (summed(each) if self.is_pooled else each[0]).log_evidence
 
     def estimator(self, number: int) -> Estimator[Any]:
         """Return the estimator of a vehicle; its gate rejects neither of two contradicting sources."""
@@ -323,18 +314,12 @@ class Run:
             for number, of in enumerate(self.of)
             if of.due_ns is not None and not of.ended
         ]
-        until, last = min(running, default=(None, 0)), not running or close
+        (until_ns, first), last = min(running, default=(_NEVER, 0)), not running or close
         free = [
-            len(of.waiting)
-            if until[0] is None
-            else int(
-                np.searchsorted(
-                    of.waiting.due, until[0], side="right" if number <= until[1] else "left"
-                )
-            )
+            np.searchsorted(of.waiting.due, until_ns, side="right" if number <= first else "left")
             for number, of in enumerate(self.of)
         ]
-        some = [of.waiting.part(0, n) for of, n in zip(self.of, free, strict=True)]
+        some = [of.waiting.part(0, int(n)) for of, n in zip(self.of, free, strict=True)]
         due = [(at, number) for number, one in enumerate(some) for at in one.due.tolist()]
         due = sorted(due) if self.is_pooled else []
         found = list[Item]()
@@ -404,16 +389,6 @@ class Run:
             return self.estimator(0).flow(self.current)
         return self.dated(self.flow(0, self.current, self.last_ns))
 
-    @property
-    def position(self) -> VehicleState | None:
-        """Last position of the first vehicle; None before one."""
-        held = [self.of[0].counts.last_position]
-        held += [event[-1] for _, event in self._waiting if isinstance(event, Track)]
-        waiting = self.of[0].waiting
-        if (waiting.kind == POSITION).any():
-            held.append(Track(waiting.position, waiting.topics)[-1])
-        return max(filter(None, held), key=lambda one: one.time_ns, default=None)
-
     def dated(self, flow: FlowEstimate) -> FlowEstimate:
         """Return an estimate with the surface current of radars and the span of its data, which ends at its time."""
         first_ns, flow = self.of[0].first_ns, self.of[0].publishing.surface.added(flow)
@@ -424,15 +399,9 @@ class Run:
     def write(self, number: int, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
-            name = self.setups[number].name
-            own = self.writer.of(name) if name else _ONLY
-            with own, self.clock.stage("write"):
+            with self.writer.of(self.setups[number].name), self.clock.stage("write"):
                 for output in outputs:
                     output(self.writer)
-
-
-def _no_more(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
-    """Do nothing after steps."""
 
 
 def _light(event: Event) -> Event:
