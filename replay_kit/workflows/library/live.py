@@ -119,7 +119,7 @@ class Live:
             run = self._run.finished()
             estimate = run.flow_now()
             # the last dive has ended
-            known, _ = forecast_end(run.of[0].forecasts)
+            known = forecast_end(run.of[0].forecasts)
             query = PlanQuery(
                 place_of(start, "start"), place_of(goal, "goal"), estimate.time_ns or 0
             )

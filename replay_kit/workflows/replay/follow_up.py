@@ -123,13 +123,12 @@ def _plan(
         run.write(number, outputs)
 
 
-def _expect(run: Run, number: int, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]) -> None:
-    """Store the state of the surfacing forecasts, and write the outcomes of finished ones."""
-    forecasts, outcomes = expected
-    if forecasts is not run.of[number].forecasts:
+def _expect(run: Run, number: int, forecasts: ForecastState) -> None:
+    """Store the state of the surfacing forecasts, and write the outcomes that are new."""
+    before = run.of[number].forecasts
+    if forecasts is not before:
         run.put(number, forecasts=forecasts)
-    if outcomes:
-        run.write(number, map(_dive_outcome, outcomes))
+        run.write(number, map(_dive_outcome, forecasts.outcomes[len(before.outcomes) :]))
 
 
 def _dive_outcome(outcome: DiveOutcome) -> Output:
