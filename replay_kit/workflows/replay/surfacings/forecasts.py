@@ -88,8 +88,10 @@ class Gathered:
         known = np.flatnonzero(self.sums[:, 0])
         if self.dive != mean.dive or known.size == 0:
             return None
-        depth: Array = (known + 0.5) * _CELL
-        velocity: Array = self.sums[known, 1:] / self.sums[known, :1]
+        depth, velocity = (
+            np.asarray(each, np.float64)
+            for each in ((known + 0.5) * _CELL, self.sums[known, 1:] / self.sums[known, :1])
+        )
         return path_average(mean.depth, mean.weight, depth, velocity)
 
 
