@@ -48,17 +48,12 @@ def conclude(
     """
     job, useless = inputs.job, useless_of(run, inputs)
     flows, windows = _last_flows(run, run.config.output.metadata)
-    found = [_found(run, number, inputs, own) for number, own in enumerate(flows)]
-    for each, of in zip(found, run.of, strict=True):
-        if others and (evidence := of.counts.log_evidence) is not None:
-            each["comparison"] = comparison_part(name_of(job.ensemble), evidence, others)
-    files = (*job.logs, *job.forecasts)
+    found = [_found(run, number, inputs, own, others) for number, own in enumerate(flows)]
     if job.vehicles:
-        outcome = made(_of_several(run, inputs, flows, found, useless, bool(windows)), files)
+        values = _of_several(run, inputs, flows, found, useless, bool(windows))
     else:
-        outcome = made(
-            found[0] | {"notes": _notes(run, inputs, flows[0], found[0]["notes"])}, files
-        )
+        values = found[0] | {"notes": _notes(run, inputs, flows[0], found[0]["notes"])}
+    outcome = made(values, (*job.logs, *job.forecasts))
     with run.clock.stage("write"):
         _write(run, inputs, outcome, [each["consistency"] for each in found], flows[0], windows)
     score, said = None, list[str]()
@@ -164,7 +159,13 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
     return useless
 
 
-def _found(run: Run, number: int, inputs: Prepared, flow: FlowEstimate) -> dict[str, Any]:
+def _found(
+    run: Run,
+    number: int,
+    inputs: Prepared,
+    flow: FlowEstimate,
+    others: Sequence[tuple[str, Evidence]],
+) -> dict[str, Any]:
     """Return the values of an outcome for one vehicle."""
     setup, of, account = run.setups[number], run.of[number], inputs.accounts(run)[number]
     of_file = check_file(setup.estimator, of.monitoring.means)
@@ -173,7 +174,10 @@ def _found(run: Run, number: int, inputs: Prepared, flow: FlowEstimate) -> dict[
     depth = told if isinstance(told, float) else None
     following = next_surfacing(of.forecasts, flow, depth)
     plan = None if planning.result is None else planning.result.plan
+    evidence, ensemble = of.counts.log_evidence, name_of(inputs.job.ensemble)
+    compared = comparison_part(ensemble, evidence, others) if evidence and others else None
     return account.part() | {
+        "comparison": compared,
         "plan": plan_part(plan, planning.failure),
         "surfacings": surfacings_part(planning.outcomes),
         "predicted_surfacings": expected_part(of.forecasts.outcomes, following, planning.outcomes),
