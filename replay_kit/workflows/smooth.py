@@ -141,8 +141,7 @@ def _forward(
     def keep(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
         for _, step in steps:
             if not isinstance(step.event, Aside):
-                found = step.assimilation
-                done.append((step.event, None if found is None else found.innovation))
+                done.append((step.event, step.innovation))
 
     run.follow_up = keep
     advance = reading(inputs.logs.all, progress, "reading the logs")

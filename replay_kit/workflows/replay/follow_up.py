@@ -4,7 +4,9 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
+from replay_kit.core.arrays import replace
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation import VehicleState
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.workflows.replay.events import Aside, Track
 from replay_kit.workflows.replay.run import Run
@@ -14,14 +16,13 @@ from replay_kit.workflows.replay.stages.plans import PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
     Output,
     depth_slices,
-    publish_step,
+    publish_surface,
     publish_track,
     publish_windows,
 )
 from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
     forecast_end,
-    forecast_mean,
     forecast_step,
     forecast_track,
 )
@@ -38,10 +39,10 @@ def follow_up(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
 def _follow_up(run: Run, number: int, step: Step) -> None:
     """Publish a step with its consequences."""
     if not isinstance(step.event, Track):
-        _follow_one(run, number, step, step.event)
+        _follow_one(run, number, step)
     elif not _passed(run, number, step, step.event):
         for position in step.event:
-            _follow_one(run, number, step, position)
+            _follow_one(run, number, replace(step, event=position))
 
 
 def _passed(run: Run, number: int, step: Step, track: Track) -> bool:
@@ -61,29 +62,36 @@ def _passed(run: Run, number: int, step: Step, track: Track) -> bool:
     return True
 
 
-def _follow_one(run: Run, number: int, step: Step, event: Any) -> None:
+def _follow_one(run: Run, number: int, step: Step) -> None:
     """Publish a position or observation with its consequences."""
     before, after = (partial(run.flow, number, state) for state in (step.before, step.after))
-    setup = run.setups[number]
-    if isinstance(event, Aside):
-        _expect(run, number, forecast_mean(run.of[number].forecasts, event.mean))
+    setup, event = run.setups[number], step.event
+    depth = setup.config.measurements.surface_depth
+    if not isinstance(event, Aside):
+        _plan(run, number, plans.before_event, event, before)
+        _publish(run, number, step, after)
+    _expect(run, number, forecast_step(run.of[number].forecasts, step, before, depth))
+    if not isinstance(event, Aside):
+        _plan(run, number, plans.after_event, event, after)
+
+
+def _publish(run: Run, number: int, step: Step, flow_at: Callable[[int], FlowEstimate]) -> None:
+    """Publish a position, or the surface current and due depth slices after an observation."""
+    if run.writer is None:
         return
-    _plan(run, number, plans.before_event, event, before)
-    if run.writer is not None:
-        state, settings = run.of[number].publishing, setup.config.output
-        publishing, outputs = publish_step(state, event, step.assimilation, after)
-        run.put(number, publishing=publishing)
-        run.write(number, outputs)
-        # vehicles share the slices of a window
-        window = run.estimator(number).window(step.after) if run.is_pooled else None
-        due_ns = run.next_slices_ns.get(window)
-        if step.assimilation is not None and (due_ns is None or event.time_ns >= due_ns):
-            run.next_slices_ns[window] = event.time_ns + int(settings.interval * 1e9)
-            slices = depth_slices(event.time_ns, after(event.time_ns), settings)
-            run.write(number, (slices,))
-    depth, forecasts = setup.config.measurements.surface_depth, run.of[number].forecasts
-    _expect(run, number, forecast_step(forecasts, event, step.assimilation, before, depth))
-    _plan(run, number, plans.after_event, event, after)
+    event, state = step.event, run.of[number].publishing
+    if isinstance(event, VehicleState):
+        publishing, outputs = publish_track(state, [event], flow_at)
+    else:
+        publishing, outputs = publish_surface(state, step, flow_at)
+    run.put(number, publishing=publishing)
+    run.write(number, outputs)
+    # vehicles share the slices of a window
+    window = run.estimator(number).window(step.after) if run.is_pooled else None
+    due_ns, settings = run.next_slices_ns.get(window), run.setups[number].config.output
+    if step.innovation is not None and (due_ns is None or event.time_ns >= due_ns):
+        run.next_slices_ns[window] = event.time_ns + int(settings.interval * 1e9)
+        run.write(number, (depth_slices(event.time_ns, flow_at(event.time_ns), settings),))
 
 
 def left_windows(run: Run, flows: Iterator[FlowEstimate]) -> list[int]:

@@ -11,6 +11,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Observation, PathMean, Profiles, Source
 from replay_kit.core.surfacing import ellipse_of
 from replay_kit.results.outcome.parts import expected_part
+from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.surfacings.forecasts import (
     _CELL,
     ForecastState,
@@ -177,7 +178,7 @@ def followed(events, flow_at):
     state = ForecastState()
     for event in events:
         given = Profiles.of([event]) if isinstance(event, Observation) else event
-        state = forecast_step(state, given, None, flow_at, BELOW)
+        state = forecast_step(state, Step(given, None, None), flow_at, BELOW)
     return forecast_end(state), state.outcomes
 
 

@@ -6,7 +6,6 @@ log without DACs dives are predicted from displacements (``displacements.py``).
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -26,8 +25,8 @@ from replay_kit.core.surfacing import (
 from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
-from replay_kit.workflows.replay.events import Track
-from replay_kit.workflows.replay.stages.estimation import Assimilation
+from replay_kit.workflows.replay.events import Aside, Track
+from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.surfacings.displacements import (
     Between,
     Dive,
@@ -144,8 +143,7 @@ class ForecastState:
 
 def forecast_step(
     state: ForecastState,
-    event: Any,
-    assimilation: Assimilation | None,
+    step: Step,
     flow_at: FlowAt,
     surface_depth: float,
 ) -> ForecastState:
@@ -153,16 +151,16 @@ def forecast_step(
 
     Args:
         state: State before it.
-        event: Position or observation.
-        assimilation: Assimilation of the observation.
+        step: Step of a position, an observation, or a DAC that is not assimilated.
         flow_at: Function of the estimate before the event at a time [ns, UTC].
         surface_depth: Depth above which the vehicle is at the surface [m].
     """
+    event = step.event
+    if isinstance(event, Aside):
+        return forecast_mean(state, event.mean)
     if isinstance(event, PathMean):
-        if assimilation is None:
-            return forecast_mean(state, event)
-        state = _beside_estimate(state, event, assimilation)
-        return forecast_mean(state, event, _backgrounds(event, assimilation))
+        state = _beside_estimate(state, event, step)
+        return forecast_mean(state, event, _backgrounds(event, step))
     if state.between is not None and isinstance(event, VehicleState | Profiles):
         state = _between_fixes(state, state.between, event, flow_at, surface_depth)
     if isinstance(event, Profiles) and (more := state.gathered.after(event)) is not state.gathered:
@@ -349,11 +347,9 @@ def flown_of(mean: PathMean) -> FlownDive | None:
     return flown_dive(seconds, way, mean.depth, *about)
 
 
-def _beside_estimate(
-    state: ForecastState, mean: PathMean, assimilation: Assimilation
-) -> ForecastState:
+def _beside_estimate(state: ForecastState, mean: PathMean, step: Step) -> ForecastState:
     """Return the state with the local correction updated by a DAC; unchanged where the estimate does not predict it."""
-    innovation, std = assimilation.dive_innovation, assimilation.dive_std
+    innovation, std = step.dive_innovation, step.dive_std
     known = std is not None and innovation.shape == (1, 2)
     if std is None or not known or not np.isfinite([*innovation, *std]).all():
         return state
@@ -361,14 +357,14 @@ def _beside_estimate(
     return replace(state, local=local_step(state.local, middle_ns, innovation[0], std[0]))
 
 
-def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:
+def _backgrounds(mean: PathMean, step: Step) -> Array:
     """Return the DAC predicted by the prior and by the estimate before the dive, as in ``forecast_mean``."""
-    found = assimilation.innovation
-    if (used := found.used_current) is None or not np.any(used):
+    used = None if (found := step.innovation) is None else found.used_current
+    if found is None or used is None or not np.any(used):
         return _UNKNOWN
     # the mean on both axes turns local ones to true ones
     turn, each = complex(*mean.used) / complex(*used), list[Array]()
-    for innovation in (found.prior_innovation, assimilation.dive_innovation):
+    for innovation in (found.prior_innovation, step.dive_innovation):
         each.append(used - (innovation[0] if innovation.shape == (1, 2) else np.nan))
     predicted = np.stack(each)
     turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
