@@ -174,9 +174,9 @@ def test_a_plan_that_does_not_arrive_comes_first_in_the_table_and_on_the_page(ca
     print_fleet(outcomes, SafeConsole(width=200))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"ALARM: b: {alarm}"
-    assert [line.split()[-3:] for line in lines[3:5]] == [
-        ["reached", "3", "0"],
-        ["unreachable", "3", "0"],
+    assert [line.split() for line in lines[-4:-2]] == [
+        ["a", "3", "reached", "trust"],
+        ["b", "3", "unreachable", "with", "care"],
     ]
     page = fleet_page([*outcomes, Outcome("<b>", failed="<script>alert(1)</script>")])
     assert page.index(f"b: {alarm}") < page.index("<table>")

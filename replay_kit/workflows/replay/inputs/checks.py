@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
@@ -181,6 +180,16 @@ class DryRun:
     memory_mb: float
     seconds: float
 
+    def __str__(self) -> str:
+        """Return the dry run as a sentence."""
+        (rows, columns), levels = self.grid, self.levels
+        return (
+            f"Would use {self.profiles_used} of {self.profiles} profiles with {self.members} members "
+            f"on {rows} x {columns} points and {len(levels)} levels ({levels[0]:g} to {levels[-1]:g} m): "
+            f"{self.modes} modes a level, a state of {self.state_size} unknowns. "
+            f"Expected: {self.memory_mb:.0f} MB, {self.seconds:.0f} s for the updates"
+        )
+
 
 def dry_run(
     job: ReplayJob,
@@ -228,15 +237,3 @@ def dry_run(
 def dry_run_json(result: DryRun) -> dict[str, Any]:
     """Return the dry run for JSON."""
     return {"status": "dry run", "exit_code": 0, **asdict(result)}
-
-
-def print_dry_run(result: DryRun, console: Console) -> None:
-    """Print the dry run as a sentence."""
-    rows, columns = result.grid
-    levels = result.levels
-    console.print(
-        f"Would use {result.profiles_used} of {result.profiles} profiles with {result.members} members "
-        f"on {rows} x {columns} points and {len(levels)} levels ({levels[0]:g} to {levels[-1]:g} m): "
-        f"{result.modes} modes a level, a state of {result.state_size} unknowns. "
-        f"Expected: {result.memory_mb:.0f} MB, {result.seconds:.0f} s for the updates. Nothing was written.",
-    )
