@@ -92,31 +92,30 @@ def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConf
         if math.isfinite(declination := declination_of(message)):
             declinations[message.input, message.topic] = declination
 
-    def keep(profile: Profiles) -> None:
+    def keep(profile: Profiles, used: bool) -> None:
         source = profile.source
         found.append(Sounding(profile, declinations[source.input, source.topic]))
 
     with threadpool_limits(limits=config.output.threads):
         try:
             job = ReplayJob(tuple(logs), ensemble)
-            checked = check_inputs(job, config, on_message=note, on_profile=keep)
+            forecasts, findings = check_inputs(job, config, on_message=note, on_profile=keep)
         except (ForecastError, MeasurementError) as error:
             unit = any(finding.name == UNIT for finding in error.findings)
             what = "the directions were" if unit else "the log was"
             return ImportCheck(
                 0, error.findings, note=f"{what} not compared with the ensemble", refusal=error
             )
-        if any(finding.name in _GROSS for finding in checked.findings):
+        if any(finding.name in _GROSS for finding in findings):
             return ImportCheck(
-                0, checked.findings, note="the directions were not compared with the ensemble"
+                0, findings, note="the directions were not compared with the ensemble"
             )
-        forecasts = checked.forecasts
         forecast, region = forecasts.ensemble, forecasts.region
         if forecasts.read is not None and region is not None:
             # a replay would read windows that follow the vehicle
             forecast = forecasts.read(around(Logs([logs], config).places, region.margin))
         compared = check_import(found, build([forecast], config.estimator))
-        return replace(compared, findings=checked.findings + compared.findings)
+        return replace(compared, findings=findings + compared.findings)
 
 
 def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) -> ImportCheck:
