@@ -31,8 +31,8 @@ from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlanQuery
-from replay_kit.workflows.replay.state import Setup
 from replay_kit.workflows.replay.surfacings.forecasts import forecast_end
+from replay_kit.workflows.replay.vehicle import Setup
 
 
 def live(ensemble: Paths, *, settings: Settings = None) -> Live:

@@ -26,117 +26,109 @@ from replay_kit.workflows.replay.surfacings.forecasts import (
     forecast_step,
     forecast_track,
 )
+from replay_kit.workflows.replay.vehicle import OfVehicle
 
 
 def follow_up(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
     """Publish a block of steps by vehicle with their consequences, then the last estimates of finished windows."""
     for number, step in steps:
-        _follow_up(run, number, step)
+        _follow_up(run, run.of[number], step)
     if run.writer is not None:
-        left_windows(run, map(run.dated, run.estimator(0).left_flows(run.current)))
+        left_windows(run, map(run.dated, run.of[0].estimator.left_flows(run.current)))
 
 
-def _follow_up(run: Run, number: int, step: Step) -> None:
+def _follow_up(run: Run, of: OfVehicle, step: Step) -> None:
     """Publish a step with its consequences."""
     if not isinstance(step.event, Track):
-        _follow_one(run, number, step)
-    elif not _passed(run, number, step, step.event):
+        _follow_one(run, of, step)
+    elif not _passed(run, of, step, step.event):
         for position in step.event:
-            _follow_one(run, number, replace(step, event=position))
+            _follow_one(run, of, replace(step, event=position))
 
 
-def _passed(run: Run, number: int, step: Step, track: Track) -> bool:
+def _passed(run: Run, of: OfVehicle, step: Step, track: Track) -> bool:
     """Publish consecutive positions without further consequences, and return whether the step was that."""
-    of, setup = run.of[number], run.setups[number]
-    if setup.problem or run.is_pooled:
+    if of.setup.problem or run.is_pooled:
         return False
-    depth = setup.config.measurements.surface_depth
+    depth = of.setup.config.measurements.surface_depth
     if (forecasts := forecast_track(of.forecasts, track, depth)) is None:
         return False
-    run.put(number, forecasts=forecasts)
+    of.forecasts = forecasts
     if run.writer is not None:
-        flow = partial(run.flow, number, step.after)
-        publishing, outputs = publish_track(of.publishing, track, flow)
-        run.put(number, publishing=publishing)
-        run.write(number, outputs)
+        of.publishing, outputs = publish_track(of.publishing, track, partial(of.flow, step.after))
+        run.write(of, outputs)
     return True
 
 
-def _follow_one(run: Run, number: int, step: Step) -> None:
+def _follow_one(run: Run, of: OfVehicle, step: Step) -> None:
     """Publish a position or observation with its consequences."""
-    before, after = (partial(run.flow, number, state) for state in (step.before, step.after))
-    setup, event = run.setups[number], step.event
-    depth = setup.config.measurements.surface_depth
+    before, after = partial(of.flow, step.before), partial(of.flow, step.after)
+    depth, event = of.setup.config.measurements.surface_depth, step.event
     if not isinstance(event, Aside):
-        _plan(run, number, plans.before_event, event, before)
-        _publish(run, number, step, after)
-    _expect(run, number, forecast_step(run.of[number].forecasts, step, before, depth))
+        _plan(run, of, plans.before_event, event, before)
+        _publish(run, of, step, after)
+    _expect(run, of, forecast_step(of.forecasts, step, before, depth))
     if not isinstance(event, Aside):
-        _plan(run, number, plans.after_event, event, after)
+        _plan(run, of, plans.after_event, event, after)
 
 
-def _publish(run: Run, number: int, step: Step, flow_at: Callable[[int], FlowEstimate]) -> None:
+def _publish(
+    run: Run, of: OfVehicle, step: Step, flow_after: Callable[[int], FlowEstimate]
+) -> None:
     """Publish a position, or the surface current and due depth slices after an observation."""
     if run.writer is None:
         return
-    event, state = step.event, run.of[number].publishing
-    if isinstance(event, VehicleState):
-        publishing, outputs = publish_track(state, [event], flow_at)
+    if isinstance(event := step.event, VehicleState):
+        of.publishing, outputs = publish_track(of.publishing, [event], flow_after)
     else:
-        publishing, outputs = publish_surface(state, step, flow_at)
-    run.put(number, publishing=publishing)
-    run.write(number, outputs)
+        of.publishing, outputs = publish_surface(of.publishing, step, flow_after)
+    run.write(of, outputs)
     # vehicles share the slices of a window
-    window = run.estimator(number).window(step.after) if run.is_pooled else None
-    due_ns, settings = run.next_slices_ns.get(window), run.setups[number].config.output
+    window = of.estimator.window(step.after) if run.is_pooled else None
+    due_ns, settings = run.next_slices_ns.get(window), of.setup.config.output
     if step.innovation is not None and (due_ns is None or event.time_ns >= due_ns):
         run.next_slices_ns[window] = event.time_ns + int(settings.interval * 1e9)
-        run.write(number, (depth_slices(event.time_ns, flow_at(event.time_ns), settings),))
+        run.write(of, (depth_slices(event.time_ns, flow_after(event.time_ns), settings),))
 
 
 def left_windows(run: Run, flows: Iterator[FlowEstimate]) -> list[int]:
     """Publish the last estimates of windows; return their numbers."""
-    before = run.of[0].publishing
-    publishing, windows = publish_windows(before, flows)
-    run.put(0, publishing=publishing)
-    run.write(0, windows)
-    return list(range(before.windows + 1, publishing.windows + 1))
+    of, before = run.of[0], run.of[0].publishing.windows
+    of.publishing, windows = publish_windows(of.publishing, flows)
+    run.write(of, windows)
+    return list(range(before + 1, of.publishing.windows + 1))
 
 
-def end(run: Run, number: int) -> FlowEstimate:
+def end(run: Run, of: OfVehicle) -> FlowEstimate:
     """Finish a surfacing of a vehicle and plan from its last position; return the estimate used."""
-    at = partial(run.flow, number, run.current)
-    _expect(run, number, forecast_end(run.of[number].forecasts))
-    flow = at(run.last_ns)
-    _plan(run, number, plans.plan_at_end, at, flow, run.last_ns)
+    _expect(run, of, forecast_end(of.forecasts))
+    flow = of.flow(run.current, run.last_ns)
+    _plan(run, of, plans.plan_at_end, partial(of.flow, run.current), flow, run.last_ns)
     return flow
 
 
 def publish(run: Run, flow: FlowEstimate, time_ns: int) -> None:
     """Publish the last depth slices of an estimate for a time [ns, UTC]."""
-    run.write(0, (depth_slices(time_ns, flow, run.setups[0].config.output),))
+    run.write(run.of[0], (depth_slices(time_ns, flow, run.config.output),))
 
 
 def _plan(
     run: Run,
-    number: int,
+    of: OfVehicle,
     stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]],
     *arguments: Any,
 ) -> None:
     """Run one step of the planning stage, if there is a goal."""
-    if (problem := run.problem(number)) is not None:
+    if (problem := of.problem) is not None:
         with run.clock.stage("plan"):
-            planning, outputs = stage(problem, run.of[number].planning, *arguments)
-        run.put(number, planning=planning)
-        run.write(number, outputs)
+            of.planning, outputs = stage(problem, of.planning, *arguments)
+        run.write(of, outputs)
 
 
-def _expect(run: Run, number: int, forecasts: ForecastState) -> None:
+def _expect(run: Run, of: OfVehicle, forecasts: ForecastState) -> None:
     """Store the state of the surfacing forecasts, and write the outcomes that are new."""
-    before = run.of[number].forecasts
-    if forecasts is not before:
-        run.put(number, forecasts=forecasts)
-        run.write(number, map(_dive_outcome, forecasts.outcomes[len(before.outcomes) :]))
+    known, of.forecasts = len(of.forecasts.outcomes), forecasts
+    run.write(of, map(_dive_outcome, forecasts.outcomes[known:]))
 
 
 def _dive_outcome(outcome: DiveOutcome) -> Output:

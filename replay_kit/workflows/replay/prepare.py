@@ -43,7 +43,7 @@ from replay_kit.workflows.replay.scoring import rival_inputs
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
-from replay_kit.workflows.replay.state import Setup
+from replay_kit.workflows.replay.vehicle import Setup
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -178,7 +178,8 @@ def _begin_result(run: Run, inputs: Prepared, time_ns: int) -> None:
         writer.start(projection, time_ns, inputs.metadata, settings)
         for note in inputs.forecasts.notes:
             writer.log(time_ns, "warning", note)
-        beds = (one.problem.planner.seabed for one in run.setups if one.problem is not None)
+        problems = (of.setup.problem for of in run.of)
+        beds = (one.planner.seabed for one in problems if one is not None)
         for seabed in [bed for bed in beds if bed is not None][:1]:
             writer.seabed(time_ns, seabed)
         copy_inputs(writer, inputs.job, run.config.logs)

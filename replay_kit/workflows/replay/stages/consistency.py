@@ -1,6 +1,6 @@
 """Consistency stage: events are checked before use, and findings change the input of the estimate."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -188,11 +188,6 @@ def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | No
         wrong = findings.ensemble_unit(evidence, ensemble.source)
         raise ForecastError(str(wrong), (wrong,))
     return ensemble_speeds(ensemble.grid.levels, ensemble.velocity)
-
-
-def is_distrusted(found: Iterable[Finding]) -> bool:
-    """Return whether findings exclude an instrument, so that the estimate is rebuilt without it."""
-    return any(finding.distrusts for finding in found)
 
 
 def left_out(state: MonitoringState, found: FoundWith) -> tuple[MonitoringState, FoundWith]:
