@@ -157,10 +157,6 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     notes += local_notes(known.local, begin_ns)
     asked = _Asked(job, on, flow, drawn, origin)
     planned = _judged(asked, request, made, notes)
-    shaped = request.shape is not None or compared or job.risk is not None
-    if planned.plan.status == "uncertain" and job.objective in (None, "time") and not shaped:
-        hint = "--objective odds searches for better odds"
-        planned = replace(planned, notes=(*planned.notes, hint))
     each = replace(asked, job=job.model_copy(update={"waypoints": False, "held": False}))
     departures = [_judged(each, request, plan, ()) for plan in compared]
     rows = ((one.plan, None if one.odds is None else one.odds.reached) for one in departures)
