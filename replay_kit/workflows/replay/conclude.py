@@ -239,12 +239,14 @@ def _score(
 ) -> tuple[dict[str, float] | None, list[str]]:
     """Return the score, None with the reason where none of the truth can be scored."""
     job, forecasts, config = inputs.job, inputs.forecasts, run.config
-    if forecasts.evolves:
-        # the estimate is of the log's end, and so is what it is compared with
-        truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
+    box, near_ns = forecasts.box, forecasts.near_ns
     if forecasts.read is not None:
         forecasts, box = forecasts.in_last_window(flow.grid)
-        truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
+    elif forecasts.evolves:
+        # the estimate is of the log's end, and so is what it is compared with
+        near_ns = flow.time_ns
+    if forecasts.read is not None or forecasts.evolves:
+        truth = open_truth(job, config, near_ns, forecasts.ensemble, box) or truth
     ensemble = forecasts.nearest(flow.time_ns)
     try:
         return score_against_truth(flow, ensemble, truth, config.estimator), []
