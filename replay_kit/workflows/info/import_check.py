@@ -125,7 +125,7 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
         found: Profiles of the log.
         estimator: Estimator of the ensemble.
     """
-    inside = [sounding for sounding in found if _usable(sounding.profile, estimator).any()]
+    inside = [one for one in found if usable(_offered(one.profile, estimator)["flags"]).any()]
     if len(inside) < _LEAST_PROFILES:
         return ImportCheck(
             0, (), note=f"fewer than {_LEAST_PROFILES} profiles lie in the ensemble's water"
@@ -165,8 +165,7 @@ def _blind_spot(chosen: Sequence[Sounding]) -> str:
 def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
     """Return a profile with the estimator's inflated errors where its bins repeat each other."""
     profile = sounding.profile
-    offered = _offered(profile, _usable(profile, estimator))
-    _, (stepped,) = estimator.assimilate(estimator.initial(), [offered])
+    _, (stepped,) = estimator.assimilate(estimator.initial(), [_offered(profile, estimator)])
     factor = math.sqrt(stepped.innovation.error_inflation)
     return replace(sounding, profile=profile.changed(error_std=factor * profile["error_std"]))
 
@@ -176,7 +175,7 @@ def _likelihood(
 ) -> tuple[float, float]:
     """Return the log density of all profiles under the prior, and the normalised innovation squared per value."""
     trusting = replace(estimator, evidence=None, probability=None)
-    offered = [_offered(profile, _usable(profile, estimator)) for profile in profiles]
+    offered = [_offered(profile, estimator) for profile in profiles]
     _, steps = trusting.assimilate(trusting.initial(), offered)
     # one bin relative to a platform of unknown velocity says nothing
     said = [step.innovation for step in steps if step.innovation.accepted]
@@ -184,20 +183,21 @@ def _likelihood(
     return log, nis / dof
 
 
-def _offered(profile: Profiles, good: NDArray[np.bool_]) -> Profiles:
-    """Return a profile with some bins good, shape (1, m), and all others failed."""
-    return profile.changed(flags=np.where(good, Flag.GOOD, Flag.FAIL).astype(np.int8))
-
-
-def _usable(profile: Profiles, estimator: ReducedBasisEstimator) -> NDArray[np.bool_]:
-    """Return which bins in the ensemble's water are good, or bad only as a fault could have made them, shape (1, m)."""
+def _offered(profile: Profiles, estimator: ReducedBasisEstimator) -> Profiles:
+    """Return a profile whose bins in the ensemble's water are good, or bad only as a fault could have made them; others failed."""
     possible = (
         (usable(profile["flags"]) | ((profile["reasons"] & ~np.int32(REPAIRABLE)) == 0))
         & np.isfinite(profile["velocity"]).all(axis=2)
         & (profile["depth"] >= 0.0)
     )
-    flags, _ = screen(_offered(profile, possible).columns, estimator.grid, relative=False)
-    return np.asarray(flags == Flag.GOOD)
+    offered = _with_good(profile, possible)
+    flags, _ = screen(offered.columns, estimator.grid, relative=False)
+    return _with_good(offered, flags == Flag.GOOD)
+
+
+def _with_good(profile: Profiles, good: NDArray[np.bool_]) -> Profiles:
+    """Return a profile with some bins good, shape (1, m), and all others failed."""
+    return profile.changed(flags=np.where(good, Flag.GOOD, Flag.FAIL).astype(np.int8))
 
 
 def import_check_json(found: ImportCheck) -> dict[str, Any]:
