@@ -39,7 +39,7 @@ from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_
 from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
-from replay_kit.workflows.replay.scoring import check_against, rivals
+from replay_kit.workflows.replay.scoring import rivals
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.state_file import StateError
 
@@ -70,7 +70,10 @@ def replay(
         PlanError: The goal is outside the region or on land.
         ConfigError: An output exists and may not be replaced, or an option is wrong.
     """
-    check_against(job)
+    if job.against and job.following is not None:
+        raise ConfigError(
+            "--against: expected a finished log, got one that is followed; compare forecasts when it has ended"
+        )
     check_outputs(job)
     threads = threadpool_limits(limits=config.output.threads)
     with threads, _collecting_seldom():
