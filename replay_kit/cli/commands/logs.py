@@ -147,7 +147,7 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
     from replay_kit.workflows.info.qc import check_quality, print_quality
 
     with progress() as advance:
-        report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))
+        report = check_quality(list(logs), config, advance)
     print_quality(report, console_beside(answer.json_file))
     write_json(answer.json_file, report)
     return int(report["exit_code"])

@@ -39,7 +39,6 @@ from replay_kit.measurements.checks.profile import (
     UNIT,
 )
 from replay_kit.measurements.checks.slips import (
-    Fault,
     Sounding,
     declination_of,
     direction_faults,
@@ -144,22 +143,19 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
         key=lambda each: -each[0],
     )
     least = max(_LEAST_GAIN, gains[0][0] - _ALIKE)
-    named = tuple(_warning(fault, gain) for gain, fault in gains if gain >= least)
+    likely = "with this undone the profiles are e^{:.0f} times as likely under the ensemble"
+    named = tuple(
+        Finding(ENSEMBLE, 0, likely.format(gain), fault.name, fault.advice, "warning")
+        for gain, fault in gains
+        if gain >= least
+    )
     undetermined = () if named else tuple(f.name for gain, f in gains[::-1] if gain > -_LEAST_GAIN)
-    return ImportCheck(min(len(inside), _MOST_PROFILES), named, undetermined, _blind_spot(inside))
-
-
-def _warning(fault: Fault, gain: float) -> Finding:
-    evidence = f"with this undone the profiles are e^{gain:.0f} times as likely under the ensemble"
-    return Finding(ENSEMBLE, 0, evidence, fault.name, fault.advice, "warning")
-
-
-def _blind_spot(chosen: Sequence[Sounding]) -> str:
-    if any(math.isfinite(sounding.declination) for sounding in chosen):
-        return ""
-    return (
+    note = (
         "the log states no magnetic declination, so that a missing or doubled one was not examined"
     )
+    stated = any(math.isfinite(sounding.declination) for sounding in inside)
+    used = min(len(inside), _MOST_PROFILES)
+    return ImportCheck(used, named, undetermined, "" if stated else note)
 
 
 def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:

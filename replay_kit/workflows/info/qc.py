@@ -1,7 +1,7 @@
 """Quality control of a mission's logs: results of each test, and pings without a usable bin, as JSON and tables."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,10 @@ from rich.console import Console
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.message import LogReport, Message
+from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Flag, Reason, usable
 from replay_kit.core.observation.block import Block
+from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.observed import begun, blocks
@@ -65,14 +66,14 @@ class _TopicCount:
 
 
 def check_quality(
-    logs: Sequence[Path], config: RunConfig, on_message: Callable[[int], None] = lambda _: None
+    logs: Sequence[Path], config: RunConfig, progress: Progress = silent
 ) -> dict[str, Any]:
     """Return the results of each test on the pings of one mission's logs, for JSON.
 
     Args:
         logs: Logs, read completely and merged by time.
         config: Settings; ``[logs]`` and ``[measurements]`` apply.
-        on_message: Called with each message's time [ns], for progress.
+        progress: Called with each block of messages.
 
     Raises:
         LogError: A log cannot be opened.
@@ -83,7 +84,8 @@ def check_quality(
     topics: dict[str, _TopicCount] = {}
     counts: Counter[tuple[str, str]] = Counter()
     stream = begun(settings.system, settings.component)
-    for block in blocks(_told(merged, on_message), config.measurements, stream=stream):
+    for block in blocks(merged, config.measurements, stream=stream):
+        progress(0, 0, "testing")
         for number in np.unique(block.ping.get("topic", _NO_PINGS)).tolist():
             topic = topics.setdefault(block.topics[number], _TopicCount())
             topic.add(block, np.flatnonzero(block.ping["topic"] == number))
@@ -105,13 +107,6 @@ def check_quality(
         "late": late,
         "losses": losses,
     }
-
-
-def _told(messages: Iterable[Message], on_message: Callable[[int], None]) -> Iterator[Message]:
-    """Yield messages, after reporting their times."""
-    for message in messages:
-        on_message(message.time_ns)
-        yield message
 
 
 def _nothing(

@@ -203,22 +203,18 @@ def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
 def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
     angles = (f"{row[name]:.1f}" for name in ("heading_deg", "glide_angle_deg", "pitch_deg"))
     where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
+    # with which the leg still arrives
+    turns = row.get("heading_from_deg"), row.get("heading_to_deg")
     when = time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-"
     return (
         f"{row['leg']:.0f}",
         *angles,
-        _headings_text(row),
+        "-" if None in turns else "{:.0f} to {:.0f}".format(*turns),
         f"{row['depth_m']:.0f}",
         f"{row['surfacing_s'] / 3600.0:.2f}",
         when,
         where,
     )
-
-
-def _headings_text(row: Mapping[str, Any]) -> str:
-    """Return the range of headings with which a leg still arrives, as text."""
-    low, high = row.get("heading_from_deg"), row.get("heading_to_deg")
-    return "-" if low is None or high is None else f"{low:.0f} to {high:.0f}"
 
 
 def unsafe_reason(planned: PlannedMission) -> str | None:

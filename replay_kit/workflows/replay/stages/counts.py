@@ -189,7 +189,11 @@ class Counts:
                 ((step.event.kind, 1) for step, _ in used if isinstance(step.event, PathMean)),
             ),
             corrections=self.corrections
-            + tuple(_correction(event) for event in means if event.corrected),
+            + tuple(
+                abs(complex(*event.used) - complex(*event.velocity))
+                for event in means
+                if event.corrected
+            ),
             evidence=_with_evidence(self.evidence, innovations),
             sources=sources,
             repeated=self.repeated + sum(map(_is_repeat, innovations)),
@@ -277,8 +281,3 @@ def _reasons(innovation: Innovation) -> list[tuple[str, int]]:
     if innovation.totals is not None:
         return list(innovation.totals.not_used)
     return reasons_of(innovation.reasons, innovation.flags)
-
-
-def _correction(mean: PathMean) -> float:
-    """Return the magnitude of a DAC's flight-model correction [m/s]."""
-    return abs(complex(*mean.used) - complex(*mean.velocity))
