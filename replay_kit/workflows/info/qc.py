@@ -12,7 +12,6 @@ from rich.console import Console
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.message import LogReport
 from replay_kit.core.observation import Flag, Reason, usable
 from replay_kit.core.observation.block import Block
 from replay_kit.core.words.progress import Progress, silent
@@ -93,7 +92,11 @@ def check_quality(
         counts.update({key: n for key, n in said if key[1] not in ("", NOT_A_KIND)})
     reports = [reader.report() for reader in readers]
     if not topics:
-        raise MeasurementError(_nothing(logs, reports, counts))
+        why = "; ".join(f"{count} x {topic}: {reason}" for (topic, reason), count in counts.items())
+        raise MeasurementError(
+            f"{', '.join(map(str, logs))}: expected ADCP pings whose bins can be tested, got none; not used: "
+            f"{why or 'nothing that could be a ping'}"
+        )
     losses = [{"file": log.path, **loss_json(loss)} for log in reports for loss in log.losses]
     late = sum(merged.late.values())
     return {
@@ -107,16 +110,6 @@ def check_quality(
         "late": late,
         "losses": losses,
     }
-
-
-def _nothing(
-    logs: Sequence[Path], reports: Sequence[LogReport], counts: Mapping[tuple[str, str], int]
-) -> str:
-    expected = f"{', '.join(map(str, logs))}: expected ADCP pings whose bins can be tested"
-    if any("/dac" in report.read for report in reports):
-        return f"{expected}, got mean currents only, which a replay uses unchanged"
-    why = "; ".join(f"{count} x {topic}: {reason}" for (topic, reason), count in counts.items())
-    return f"{expected}, got none; not used: {why or 'nothing that could be a ping'}"
 
 
 def _topic_json(name: str, topic: _TopicCount, settings: MeasurementConfig) -> dict[str, Any]:
