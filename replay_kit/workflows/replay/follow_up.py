@@ -54,9 +54,7 @@ def _passed(run: Run, of: OfVehicle, step: Step, track: Track) -> bool:
     if (forecasts := forecast_track(of.forecasts, track, depth)) is None:
         return False
     of.forecasts = forecasts
-    if run.writer is not None:
-        of.publishing, outputs = publish_track(of.publishing, track, partial(of.flow, step.after))
-        run.write(of, outputs)
+    _publish(run, of, step, partial(of.flow, step.after))
     return True
 
 
@@ -75,11 +73,12 @@ def _follow_one(run: Run, of: OfVehicle, step: Step) -> None:
 def _publish(
     run: Run, of: OfVehicle, step: Step, flow_after: Callable[[int], FlowEstimate]
 ) -> None:
-    """Publish a position, or the surface current and due depth slices after an observation."""
+    """Publish positions, or the surface current and due depth slices after an observation."""
     if run.writer is None:
         return
-    if isinstance(event := step.event, VehicleState):
-        of.publishing, outputs = publish_track(of.publishing, [event], flow_after)
+    if isinstance(event := step.event, Track | VehicleState):
+        track = event if isinstance(event, Track) else [event]
+        of.publishing, outputs = publish_track(of.publishing, track, flow_after)
     else:
         of.publishing, outputs = publish_surface(of.publishing, step, flow_after)
     run.write(of, outputs)
