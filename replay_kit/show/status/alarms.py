@@ -1,13 +1,68 @@
-"""Alarms of a result, each with an action."""
+"""Alarms of a result, each with an action, and reasons for a changed command."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
+from replay_kit.core.geodesy import distance
+from replay_kit.core.plan import Plan
 from replay_kit.core.words.quantities import parse_time
 from replay_kit.core.words.text import time_text
 from replay_kit.results.outcome.verdict import Alarm, finding_alarms, plan_alarm
 from replay_kit.show.numbers import clock, hours_text
 from replay_kit.show.status.held import Held, Values, course
+
+# Changes that are worth a reason [degrees].
+_SMALL_TURN = 2.0
+# A current is a surprise when it is this many times the expected difference from the estimate.
+_SURPRISE = 2.0
+
+
+def change_of(held: Held, current: Values | None) -> Iterator[str]:
+    """Yield the change of the command since the previous plan, and its reasons; nothing for the first plan.
+
+    Args:
+        held: Data of the result.
+        current: Answer on the current.
+    """
+    if len(held.plans) < 2:
+        return
+    before, now = held.plans
+    old, new = (_heading(plan, now.start_time_ns) for plan in held.plans)
+    turn = (new - old + 180.0) % 360.0 - 180.0
+    if abs(turn) < _SMALL_TURN:
+        yield "heading unchanged since the previous plan"
+        return
+    turned = f"was {old:.0f}°: {abs(turn):.0f}° to the {'right' if turn > 0.0 else 'left'}"
+    if math.isnan(turn):
+        turned = f"was {before.status}, is {now.status}"
+    reasons = [*_reasons(held, before, now, current)] or ["the estimate changed a little"]
+    yield f"{turned}; {', '.join(reasons)}"
+
+
+def _reasons(held: Held, before: Plan, now: Plan, current: Values | None) -> Iterator[str]:
+    goals = [(plan.goal.longitude, plan.goal.latitude) for plan in (before, now)]
+    if (moved := float(distance(*goals[0], *goals[1]))) > 1.0:
+        yield f"the goal moved {moved / 1e3:.1f} km"
+    since = before.start_time_ns
+    outcomes = [one for one in held.outcomes if one.timestamp.ToNanoseconds() >= since]
+    if outcomes:
+        one = outcomes[-1]
+        when = f"{abs(one.delay) / 60.0:.0f} min {'late' if one.delay >= 0.0 else 'early'}"
+        yield f"it surfaced {one.distance / 1e3:.1f} km from the plan toward {one.direction_deg:.0f}°, {when}"
+    if current is None or current["since"] < time_text(since):
+        return
+    off, expected = current["difference_m_s"], current["predicted_difference_m_s"]
+    if None not in (off, expected) and off > _SURPRISE * expected:
+        yield f"the current differed by {100.0 * off:.0f} cm/s from the estimate"
+
+
+def _heading(plan: Plan, time_ns: int) -> float:
+    """Return the planned heading at a time [degrees]; NaN for a failed plan."""
+    since = (time_ns - plan.start_time_ns) / 1e9
+    for leg in plan.legs:
+        if since < leg["surfacing_s"]:
+            return float(leg["heading_deg"])
+    return plan.heading_deg if plan.status != "failed" else math.nan
 
 
 def alarms_of(held: Held, answers: Mapping[str, Values]) -> tuple[Alarm, ...]:

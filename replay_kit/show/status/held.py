@@ -1,6 +1,7 @@
 """Data of a status, read from the result with as few messages decoded as possible."""
 
 import math
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -14,7 +15,7 @@ from replay_kit.core.plan import Plan
 from replay_kit.core.words.quantities import parse_time
 from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.mcap.schemas import decode
-from replay_kit.results.mcap.topics import complete
+from replay_kit.results.mcap.topics import CONFIG_NAME, complete
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.plans import plan_of
 from replay_kit.results.reader import ResultReader, check_result
@@ -22,8 +23,8 @@ from replay_kit.show.sentences import SOURCES
 
 #: Values of an answer by name.
 Values = dict[str, Any]
-# Surfacings of the last plan, and measurements of a vehicle that does not dive, at most.
-_MOST = 50
+# Two plans tell what changed; their surfacings and the measurements between them tell why.
+_PLANS, _OUTCOMES = 2, 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +52,12 @@ class Held:
         name: File name.
         last_ns: Time of the last message but plans for later [ns, UTC].
         metadata: Records by name.
+        settings: Effective configuration.
         outcome: Outcome of the run; None if unfinished.
         projection: Local frame.
         fixes: The first, the last one a day older than the last, and the last.
         reckoned: Dead-reckoned position, if newer.
-        plan: Last plan; None without one.
+        plans: Last two plans.
         outcomes: Last surfacings, ``replay_kit.PlanOutcome``.
         dive: Innovations of the last dive; None without any.
     """
@@ -63,22 +65,28 @@ class Held:
     name: str
     last_ns: int
     metadata: Mapping[str, Mapping[str, str]]
+    settings: Mapping[str, Any]
     outcome: Outcome | None
     projection: Projection
     fixes: Sequence[Fix]
     reckoned: Fix | None
-    plan: Plan | None
+    plans: Sequence[Plan]
     outcomes: Sequence[Any]
     dive: Columns | None
 
     @property
     def goal(self) -> tuple[float, float, float] | None:
         """Longitude, latitude [degrees] and depth [m] of the goal of the last plan or the run; None without one."""
-        if self.plan is not None:
-            goal = self.plan.goal
+        if self.plans:
+            goal = self.plans[-1].goal
             return goal.longitude, goal.latitude, goal.depth
         text = self.metadata.get("replay_kit.options", {}).get("goal", "")
         return tuple(float(part) for part in text.split(",")) if text else None  # type: ignore[return-value]
+
+    @property
+    def fix_error(self) -> float:
+        """Standard error of a fix [m]; 0 if not set."""
+        return float(self.settings.get("measurements", {}).get("fix_std", 0.0))
 
     @property
     def forecast_ns(self) -> tuple[int, int] | None:
@@ -106,8 +114,8 @@ def read_held(reader: ResultReader) -> Held:
     assert ends is not None
     with complete(reader.path):
         fixes, reckoned = _positions(reader)
-        plans = [plan_of(one) for one in _last(reader, "/plan/controls", "Plan", 1)]
-        outcomes = _last(reader, "/plan/outcome", "PlanOutcome", _MOST)
+        plans = [plan_of(one) for one in _last(reader, "/plan/controls", "Plan", _PLANS)]
+        outcomes = _last(reader, "/plan/outcome", "PlanOutcome", _OUTCOMES)
         dive = _last_dive(reader)
     known = [
         *(fix.time_ns for fix in fixes),
@@ -121,11 +129,12 @@ def read_held(reader: ResultReader) -> Held:
             default=ends.message_end_time,
         ),
         metadata=reader.metadata,
+        settings=tomllib.loads(reader.text(CONFIG_NAME)),
         outcome=reader.outcome,
         projection=reader.projection,
         fixes=fixes,
         reckoned=reckoned,
-        plan=plans[0] if plans else None,
+        plans=plans,
         outcomes=outcomes,
         dive=dive,
     )
@@ -152,12 +161,12 @@ def _last_dive(reader: ResultReader) -> Columns | None:
         # those after the last row of another dive
         own = np.logical_and.accumulate(block["dive"][::-1] == dive)[::-1]
         kept.insert(0, picked(block, own))
-        if not own.all() or (not dive and sum(one["dive"].size for one in kept) >= _MOST):
+        if not own.all() or (not dive and sum(one["dive"].size for one in kept) >= _OUTCOMES):
             break
     if not kept:
         return None
     rows = (found := joined(kept))["dive"].size
-    return found if found["dive"][-1] else picked(found, np.arange(rows) >= rows - _MOST)
+    return found if found["dive"][-1] else picked(found, np.arange(rows) >= rows - _OUTCOMES)
 
 
 def _positions(reader: ResultReader) -> tuple[list[Fix], Fix | None]:

@@ -248,6 +248,7 @@ def details(status: Status) -> Iterator[Detail]:
         "goal": ("Made good", _rates),
         "current": ("Current", _compared),
         "surfacing": ("Surfacing", _expected),
+        "command": ("Steer", lambda values: values["why"]),
         "odds": ("Plan", _planned),
         "forecast": ("Forecast", _ages),
         "fit": ("Trust", lambda values: values.get("basis", ())),
@@ -259,7 +260,8 @@ def details(status: Status) -> Iterator[Detail]:
 
 
 def _reckoned(values: Values) -> Iterator[str]:
-    yield f"fix {_place(values)}"
+    error = f" ± {values['error_m']:g} m" if values["error_m"] else ""
+    yield f"fix {_place(values)}{error}"
     if at := values.get("dead_reckoned"):
         yield f"dead reckoned {_place(at)} at {clock(at['time'])} UTC"
 
@@ -268,7 +270,8 @@ def _rates(values: Values) -> Iterator[str]:
     yield f"goal {_place(values)}, {values['depth_m']:g} m"
     for one in values["made_good"]:
         over = hours_text(86_400.0 * one["days"])
-        yield f"{one['km_a_day']:+.1f} km a day over {over}"
+        # over a long time the fixes' errors are far below the digit that is shown
+        yield f"{one['km_a_day']:+.1f} ± {max(one['error'], 0.01):.1g} km a day over {over}"
 
 
 def _compared(values: Values) -> Iterator[str]:
@@ -288,6 +291,8 @@ def _expected(values: Values) -> Iterator[str]:
             yield f"OVERDUE by {hours_text(late)}"
         elif "margin_s" in one:
             yield f"overdue {hours_text(one['margin_s'])} after that"
+        if "why" in one:
+            yield one["why"]
     if one := values.get("last"):
         side = {True: ", inside its ellipse", False: ", outside its ellipse", None: ""}
         late = f"{hours_text(one['delay_s'])} {'late' if one['delay_s'] >= 0.0 else 'early'}"

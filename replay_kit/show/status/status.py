@@ -10,13 +10,13 @@ import numpy as np
 from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, rotate_to_geographic
-from replay_kit.core.plan import ORIGIN, Plan, share_interval
+from replay_kit.core.plan import ORIGIN, share_interval
 from replay_kit.core.words.text import time_text
 from replay_kit.results.innovations import Columns
 from replay_kit.results.mcap.schemas import attributes
 from replay_kit.results.outcome.verdict import Alarm
 from replay_kit.show.sentences import by_habit, profile_bins
-from replay_kit.show.status.alarms import alarms_of
+from replay_kit.show.status.alarms import alarms_of, change_of
 from replay_kit.show.status.held import Fix, Held, Values
 
 _SECOND, _DAY_NS = 1_000_000_000, 86_400 * 10**9
@@ -52,6 +52,8 @@ def status_of(held: Held, now_ns: int | None = None) -> Status:
     """
     now = held.last_ns if now_ns is None else now_ns
     answers = {key: values for key, answer in _ANSWERS.items() if (values := answer(held, now))}
+    if "command" in answers:
+        answers["command"]["why"] = list(change_of(held, answers.get("current")))
     alarms = alarms_of(held, answers)
     mission = held.outcome.mission if held.outcome else ""
     about = {
@@ -72,6 +74,7 @@ def _position(held: Held, now_ns: int) -> Values:
         "since": time_text(fix.time_ns),
         "longitude": fix.longitude,
         "latitude": fix.latitude,
+        "error_m": held.fix_error or None,
         "age_s": (now_ns - fix.time_ns) / _SECOND,
     }
     if (at := held.reckoned) is not None:
@@ -92,7 +95,8 @@ def _goal(held: Held, now_ns: int) -> Values:
     rates = []
     for fix, away in zip(held.fixes[-2::-1], far[-2::-1], strict=True):
         if days := (last.time_ns - fix.time_ns) / _DAY_NS:
-            rates.append({"days": days, "km_a_day": (away - far[-1]) / days})
+            error = math.sqrt(2.0) * held.fix_error / 1e3 / days
+            rates.append({"days": days, "km_a_day": (away - far[-1]) / days, "error": error})
     return {
         "since": time_text(last.time_ns),
         **dict(zip(("longitude", "latitude", "depth_m"), goal, strict=True)),
@@ -155,14 +159,26 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else math.nan
 
 
+def _next_leg(held: Held) -> Mapping[str, Any]:
+    """Return the leg of the last plan after the vehicle's last surfacing; empty without one."""
+    if not held.plans:
+        return {}
+    legs = held.plans[-1].legs
+    planned_ns = held.plans[-1].start_time_ns
+    surfaced = sum(one.planned_time.ToNanoseconds() == planned_ns for one in held.outcomes)
+    return legs[surfaced] if surfaced < len(legs) else {}
+
+
 def _surfacing(held: Held, now_ns: int) -> Values:
     """Return the next surfacing by the plan and by the last dive, the more reliable first, and the last surfacing."""
-    found = (held.outcome.predicted_surfacings if held.outcome else None) or {}
-    each = [_by_plan(held, now_ns), _as_last_dive(found.get("next"), held.fixes)]
+    found = held.outcome.predicted_surfacings if held.outcome else None
+    each = [_by_plan(held, now_ns), _as_last_dive((found or {}).get("next"), held.fixes)]
     first, other = each[::-1] if not each[0] or by_habit(found) else each
     values: Values = {"since": time_text(held.last_ns)}
     if first:
-        values |= {"next": first, "other": other or None}
+        count = ((found or {}).get("record") or {}).get("count", 0)
+        why = _why_first(first["basis"], bool(other), count, bool(held.plans))
+        values |= {"next": first | {"why": why}, "other": other or None}
     if held.outcomes:
         one = held.outcomes[-1]
         values["last"] = {
@@ -174,13 +190,15 @@ def _surfacing(held: Held, now_ns: int) -> Values:
     return values if len(values) > 1 else {}
 
 
-def _next_leg(held: Held) -> tuple[Plan | None, Mapping[str, Any]]:
-    """Return the last plan, and its leg after the vehicle's last surfacing; empty without one."""
-    if (plan := held.plan) is None:
-        return None, {}
-    begin_ns = plan.start_time_ns
-    surfaced = sum(one.planned_time.ToNanoseconds() == begin_ns for one in held.outcomes)
-    return plan, plan.legs[surfaced] if surfaced < len(plan.legs) else {}
+def _why_first(basis: str, compared: bool, count: int, planned: bool) -> str:
+    """Return a short reason for the choice between predicted surfacings."""
+    if not compared:
+        if basis == "plan":
+            return "its dives are unknown"
+        return "the plan has no surfacing left" if planned else "no plan is flown"
+    judged = f"{count} surfacing{'s' * (count != 1)}"
+    better = "past dives" if basis == "last_dive" else "plans"
+    return f"{better} predicted {judged} better" if count else "no surfacing was predicted yet"
 
 
 def _by_plan(held: Held, now_ns: int) -> Values:
@@ -188,15 +206,15 @@ def _by_plan(held: Held, now_ns: int) -> Values:
 
     A dive is not late while the longest before it would have gone on, and of few dives the longest may be a short one.
     """
-    (plan, leg), flown = _next_leg(held), AsFlown.in_metadata(held.metadata)
-    if plan is None or not leg:
+    leg, flown = _next_leg(held), AsFlown.in_metadata(held.metadata)
+    if not leg:
         return {}
     lasts, longest, share = leg["surfacing_s"] - leg["start_s"], 0.0, OVERDUE_SHARE
     if flown is not None:
         longest = flown.longest or flown.duration
         share = 1.0 if flown.longest and flown.dives < OVERDUE_FEW else share
     margin = max(longest - lasts, 0.0) + max(share * max(longest, lasts), OVERDUE_LEAST)
-    time_ns = plan.start_time_ns + int(leg["surfacing_s"] * _SECOND)
+    time_ns = held.plans[-1].start_time_ns + int(leg["surfacing_s"] * _SECOND)
     late = (now_ns - time_ns) / _SECOND
     return {
         "basis": "plan",
@@ -224,9 +242,9 @@ def _as_last_dive(following: Mapping[str, Any] | None, fixes: Sequence[Fix]) -> 
 
 
 def _command(held: Held, now_ns: int) -> Values:
-    plan, leg = _next_leg(held)
-    if plan is None:
+    if not held.plans:
         return {}
+    plan, leg = held.plans[-1], _next_leg(held)
     # a failed plan may state where its search ended
     failed = plan.status == "failed"
     heading = None if failed else _finite(leg.get("heading_deg", plan.heading_deg))
@@ -251,8 +269,9 @@ def _odds(held: Held, now_ns: int) -> Values:
     if said is not None and said["status"] == "failed":
         about = {name: said[name] for name in ("status", "message")}
         return {"since": time_text(held.last_ns), **about}
-    if (plan := held.plan) is None:
+    if not held.plans:
         return {}
+    plan = held.plans[-1]
     begin, odds, statistics = plan.start_time_ns, plan.odds, plan.statistics
     values: Values = {
         "since": time_text(begin),

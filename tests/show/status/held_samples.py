@@ -76,6 +76,7 @@ def held(**values: Any) -> Held:
     given = {
         **{"name": "r.mcap", "last_ns": end, "reckoned": None},
         "metadata": {"replay_kit.forecast": times},
+        "settings": {"measurements": {"fix_std": 20.0}},
         "outcome": Outcome(nis_per_dof=1.0),
         "projection": Projection(5.0, 62.0),
         "fixes": [
@@ -83,7 +84,7 @@ def held(**values: Any) -> Held:
             Fix(end - 25 * HOUR_NS, 4.9, 62.0, False),
             Fix(end, 5.0, 62.0, False),
         ],
-        "plan": plan(end),
+        "plans": [plan(end - 4 * HOUR_NS, heading_2=60.0), plan(end)],
         "outcomes": [outcome(end, end - 4 * HOUR_NS)],
         "dive": mean_current(end, (0.1, 0.0), (0.0, 0.0), 0.02),
     }

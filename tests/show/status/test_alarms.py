@@ -81,8 +81,8 @@ def test_a_replay_that_could_make_no_plan_in_the_end_says_so_first():
     outcome = outcome_of(note="the goal is on land")
     said = "the plan failed: the goal is on land: keep the last command and mend what failed"
     assert outcome.to_json()["alarms"][0] == {"kind": "plan", "text": said}
-    for plan in (held().plan, None):
-        status = status_of(held(outcome=outcome, plan=plan))
+    for plans in (held().plans, []):
+        status = status_of(held(outcome=outcome, plans=plans))
         assert status.alarms[0].text == said
         assert not any(line.label == "Arrive" for line in lines(status))
 

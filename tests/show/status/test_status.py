@@ -11,7 +11,7 @@ from pyproj import Geod
 from replay_kit.core.as_flown import AS_FLOWN, AsFlown
 from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Source, VehicleState
-from replay_kit.core.plan import ORIGIN
+from replay_kit.core.plan import ORIGIN, Place
 from replay_kit.core.words.text import time_text
 from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome
@@ -60,7 +60,8 @@ def test_what_is_made_good_is_how_much_nearer_the_goal_came_a_day():
     )
     assert day["days"] == pytest.approx(25.0 / 24.0)
     assert day["km_a_day"] == pytest.approx((before - end) / day["days"])
-    assert mission == pytest.approx({"days": 2.0, "km_a_day": (begin - end) / 2.0})
+    error = 0.02 * 2.0**0.5 / 2.0
+    assert mission == pytest.approx({"days": 2.0, "km_a_day": (begin - end) / 2.0, "error": error})
     assert answer("goal", fixes=held().fixes[-1:])["made_good"] == []
 
 
@@ -110,7 +111,8 @@ def test_the_current_of_the_last_dive_is_told_as_measured_corrected_and_against_
 
 def surfacing(**values):
     status = status_of(held(**values), END_NS)
-    return [str(line.said) for line in lines(status) if line.label in ("Next", "  or")]
+    said = [str(line.said) for line in lines(status) if line.label in ("Next", "  or")]
+    return said, status.figures["surfacing"].get("next", {}).get("why")
 
 
 def test_both_next_surfacings_are_named_and_first_the_one_that_the_record_says_to_believe():
@@ -119,15 +121,27 @@ def test_both_next_surfacings_are_named_and_first_the_one_that_the_record_says_t
     plan_first = [f"17 Nov 02:13 UTC {by_plan}", f"16 Nov 23:13 {by_dive}"]
     dive_first = [f"16 Nov 23:13 UTC {by_dive}", f"17 Nov 02:13 {by_plan}"]
     over, later = [outcome(END_NS, END_NS)] * 2, Fix(COMING["time_ns"] + 1, 5.0, 62.0, False)
-    for values, said in (
-        ({"outcome": expected()}, plan_first),
-        ({"outcome": expected(**HABIT)}, dive_first),
-        ({"outcome": expected(), "plan": None, "outcomes": []}, dive_first[:1]),
-        ({"outcome": expected(), "outcomes": over}, dive_first[:1]),
-        ({"outcomes": over}, []),
-        ({"outcome": expected(), "outcomes": over, "fixes": [later]}, []),
+    for values, said, why in (
+        ({"outcome": expected()}, plan_first, "no surfacing was predicted yet"),
+        (
+            {"outcome": expected(**HABIT)},
+            dive_first,
+            "past dives predicted 3 surfacings better",
+        ),
+        (
+            {"outcome": expected(), "plans": [], "outcomes": []},
+            dive_first[:1],
+            "no plan is flown",
+        ),
+        (
+            {"outcome": expected(), "outcomes": over},
+            dive_first[:1],
+            "the plan has no surfacing left",
+        ),
+        ({"outcomes": over}, [], None),
+        ({"outcome": expected(), "outcomes": over, "fixes": [later]}, [], None),
     ):
-        assert surfacing(**values) == said
+        assert surfacing(**values) == (said, why)
 
 
 def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
@@ -151,15 +165,15 @@ def test_a_surfacing_is_not_overdue_while_the_dives_flown_would_go_on():
 
 
 def test_each_alarm_is_given_for_its_cause_alone():
-    assert kinds() == kinds(plan=None, fixes=[], dive=None, outcomes=[], outcome=None) == []
+    assert kinds() == kinds(plans=[], fixes=[], dive=None, outcomes=[], outcome=None) == []
     outside = [outcome(END_NS, END_NS - 4 * HOUR_NS, inside=False)]
     assert kinds(outcomes=outside) == ["outside its ellipse"]
     finding = {"name": "headings", "evidence": "off", "set": "check", "severity": "inconsistent"}
     assert kinds(outcome=Outcome(consistency=[finding])) == ["consistency"]
     late = END_NS + 60 * HOUR_NS
-    assert kinds(late, plan=None) == ["forecast ended"]
+    assert kinds(late, plans=[]) == ["forecast ended"]
     static = held().metadata["replay_kit.forecast"] | {"evolves": "false"}
-    assert kinds(late, plan=None, metadata={"replay_kit.forecast": static}) == []
+    assert kinds(late, plans=[], metadata={"replay_kit.forecast": static}) == []
 
 
 def test_the_ellipse_that_was_shown_first_is_judged_by_the_surfacing():
@@ -172,9 +186,24 @@ def test_the_ellipse_that_was_shown_first_is_judged_by_the_surfacing():
     )
 
 
+def test_a_change_of_the_command_is_told_with_its_reasons():
+    def why(**values):
+        return answer("command", **values)["why"]
+
+    (change,) = why()
+    # the plan before would steer its second leg now
+    assert "was 60°: 20° to the right" in change
+    moved = plan(END_NS, goal=Place(6.0, 62.0, 0.0), status="uncertain")
+    assert "the goal moved 26.2 km" in why(plans=[held().plans[0], moved])[0]
+    small = mean_current(END_NS, (0.01, 0.0), (0.0, 0.0), 0.02)
+    plans = [plan(END_NS - HOUR_NS), plan(END_NS)]
+    unchanged = ["heading unchanged since the previous plan"]
+    assert why(plans=plans, outcomes=[], dive=small) == unchanged
+
+
 def test_what_the_summary_leaves_out_is_told_on_80_columns():
     origin = {ORIGIN: "as flown: 0.21 m/s, 500 m, 57 degrees"}
-    status = status_of(held(plan=plan(END_NS, statistics=origin)), END_NS + 3 * HOUR_NS)
+    status = status_of(held(plans=[plan(END_NS, statistics=origin)]), END_NS + 3 * HOUR_NS)
     assert max(map(len, detail_lines(status))) <= WIDTH
     text = text_of(status)
     for said in (
@@ -188,7 +217,7 @@ def test_what_the_summary_leaves_out_is_told_on_80_columns():
 
 def test_the_page_holds_the_same_answers_loads_itself_again_and_runs_nothing_of_a_log_s():
     unsafe = plan(END_NS, status="unsafe", message="<b>crosses</b>")
-    page = status_page(status_of(held(name="<script>x</script>.mcap", plan=unsafe)), 30)
+    page = status_page(status_of(held(name="<script>x</script>.mcap", plans=[unsafe])), 30)
     assert 'data-again="30"' in page
     assert page.count("<script") == 1
     script = page.partition("<script>")[2].partition("</script>")[0]
@@ -206,8 +235,8 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
         (found, "DO NOT USE no observation was used; the plan is unsafe; "),
         (replace(found, consistency=[many] * 3), "DO NOT USE headings: off; headings: off;"),
     ):
-        said = [title(status_of(held(plan=unsafe)))]
-        said += map(str, lines(status_of(held(plan=unsafe, outcome=outcome_))))
+        said = [title(status_of(held(plans=[unsafe])))]
+        said += map(str, lines(status_of(held(plans=[unsafe], outcome=outcome_))))
         assert len(said) <= 10
         assert max(map(len, said)) <= WIDTH
         assert said[1].startswith(first)
@@ -215,13 +244,13 @@ def test_ten_lines_say_first_how_far_to_trust_and_then_what_to_steer():
     assert said[2] == steer
     made = plan(END_NS, statistics={"arrive": "0.85"})
     used = Outcome(observations={**Outcome().observations, "used": 9})
-    first, *_ = lines(status_of(held(plan=made, outcome=used)))
+    first, *_ = lines(status_of(held(plans=[made], outcome=used)))
     assert str(first) == "TRUST      9 of 10 simulated flights arrive (9 required)"
 
 
 def test_a_heading_is_true_and_by_the_compass_of_a_vehicle_whose_declination_is_known():
     flown = AsFlown(0.3, 20.0, 500.0, 14_400.0, 5, declination=-100.0)
-    status = status_of(held(plan=plan(END_NS), metadata={AS_FLOWN: flown.to_record()}))
+    status = status_of(held(plans=[plan(END_NS)], metadata={AS_FLOWN: flown.to_record()}))
     assert status.figures["command"]["magnetic_heading_deg"] == 180.0
     (steer,) = (str(line) for line in lines(status) if line.label == "Steer")
     assert "080° true, 180° magnetic to 62°" in steer
