@@ -137,6 +137,10 @@ PATH = "expected a path (str or Path), got"
         (lambda: rk.open_log([LOG]), f"log: {PATH} list"),
         (lambda: rk.replay([LOG, None], ENSEMBLE), f"log: {PATH} NoneType"),
         (lambda: rk.replay(LOG, rk.open_log(LOG)), f"ensemble: {PATH} McapReader"),
+        (
+            lambda: rk.replay(LOG, ENSEMBLE, overwite=True),
+            "replay: expected options among overwrite, estimator, planner, got overwite",
+        ),
         (lambda: rk.replay([], ENSEMBLE), "logs: expected one log or several, got none"),
         (lambda: rk.plan("flow.nc", START, GOAL), "estimate: expected a FlowEstimate, got str"),
         (lambda: rk.replay(LOG, ENSEMBLE, out=1), f"out: {PATH} int"),

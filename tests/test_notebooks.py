@@ -42,7 +42,7 @@ def test_the_code_of_a_notebook_runs_and_shows_what_it_ends_with(name, monkeypat
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", NOTEBOOKS)
-def test_a_notebook_runs_in_a_kernel_and_shows_its_figure(name, monkeypatch):
+def test_a_notebook_runs_in_a_kernel_and_shows_its_figure_and_no_bar(name, monkeypatch):
     import nbclient
     import nbformat
 
@@ -57,6 +57,7 @@ def test_a_notebook_runs_in_a_kernel_and_shows_its_figure(name, monkeypatch):
         ).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert any("image/png" in output.get("data", {}) for output in outputs)
+    assert not any("<progress" in output.get("data", {}).get("text/html", "") for output in outputs)
     assert not any(output.output_type == "error" for output in outputs)
 
 

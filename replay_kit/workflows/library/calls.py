@@ -3,14 +3,18 @@
 # keeps the signatures in help() short: the names of types, not what they stand for
 from __future__ import annotations
 
+import builtins
+import html
 import shutil
 import tempfile
 import warnings
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from time import monotonic
+from typing import Any, TypedDict, Unpack
 
 from threadpoolctl import threadpool_limits
 
@@ -31,6 +35,7 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import LogReader
 from replay_kit.core.observation import Observation, PathMean
 from replay_kit.core.plan import Place, Plan
+from replay_kit.core.words.progress import Progress, silent
 from replay_kit.core.words.quantities import to_time_ns
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
@@ -65,8 +70,25 @@ Logs = (
 )
 #: Paths of an ensemble, or what holds its values.
 Forecast = Paths | Ensemble | Any
+# s between two updates of a bar
+_REDRAWN = 0.2
+_PARTS = ("estimator", "planner")
 #: A place, or longitude, latitude [degrees] and depth [m].
 At = Place | tuple[float, float, float]
+
+
+class ReplayOptions(TypedDict, total=False):
+    """Keyword options of ``replay``.
+
+    Attributes:
+        overwrite: Whether an existing result is replaced.
+        estimator: An ``Estimator``, or a function of the ``Ensemble`` and ``EstimatorConfig`` that returns one.
+        planner: A ``Planner``, or a function of the ``PlannerConfig`` and the ``Grid`` that returns one.
+    """
+
+    overwrite: bool
+    estimator: EstimatorBuilder | Estimator[Any] | None
+    planner: PlannerFactory | Planner | None
 
 
 def replay(
@@ -76,9 +98,7 @@ def replay(
     goal: At | Mapping[str, At] | None = None,
     out: str | Path | None = None,
     settings: Settings = None,
-    overwrite: bool = False,
-    estimator: EstimatorBuilder | Estimator[Any] | None = None,
-    planner: PlannerFactory | Planner | None = None,
+    **options: Unpack[ReplayOptions],
 ) -> Result:
     """Estimate the current from logs and an ensemble forecast.
 
@@ -94,15 +114,19 @@ def replay(
         goal: Goal of the vehicle or of all vehicles, or a mapping of names to goals; None plans nothing.
         out: Result MCAP; None for a temporary file, which exists as long as the value returned.
         settings: Settings such as ``{"forecast": {"levels": [5, 150, 500]}}``; for all see ``replay_kit.RunConfig``.
-        overwrite: Whether an existing result is replaced.
-        estimator: In place of that of the settings: an ``Estimator``, or a function of the ``Ensemble`` and ``EstimatorConfig`` that
-            returns one.
-        planner: In place of that of the settings: a ``Planner``, or a function of the ``PlannerConfig`` and the ``Grid`` that returns one.
+        **options: ``overwrite=True`` replaces an existing result. ``estimator=`` and ``planner=`` replace those of the
+            settings: see ``ReplayOptions``.
 
     Raises:
         ReplayKitError: An input cannot be used, or a setting is wrong.
     """
-    config, provided = settings_of(settings), {"estimator": estimator, "planner": planner}
+    if unknown := options.keys() - ReplayOptions.__annotations__.keys():
+        known = ", ".join(ReplayOptions.__annotations__)
+        raise ConfigError(
+            f"replay: expected options among {known}, got {', '.join(sorted(unknown))}"
+        )
+    config, overwrite = settings_of(settings), options.get("overwrite", False)
+    estimator = options.get("estimator")
     of_each = logs if isinstance(logs, Mapping) and not is_observed(logs) else None
     if goal is not None and any(map(is_observed, [logs] if of_each is None else of_each.values())):
         raise ConfigError(
@@ -127,14 +151,17 @@ def replay(
             vehicles=vehicles,
             overwrite=overwrite,
             estimator=None if estimator is None else given(estimator),
-            provided=tuple(name for name, part in provided.items() if part is not None),
+            provided=tuple(name for name in _PARTS if options.get(name) is not None),
         )
         if addresses_in(job.ensemble):
             # loads a client of servers
             from replay_kit.workflows.fetch import with_local_forecast
 
             job = with_local_forecast(job, config)
-        outcome, flow = replay_job(job, config, planner_factory(planner))
+        with _notebook_progress() as progress:
+            outcome, flow = replay_job(
+                job, config, planner_factory(options.get("planner")), progress
+            )
     except BaseException as error:
         if folder is not None:
             shutil.rmtree(folder)
@@ -152,6 +179,31 @@ def replay(
     if folder is not None:
         weakref.finalize(result, shutil.rmtree, folder, ignore_errors=True)
     return result
+
+
+@contextmanager
+def _notebook_progress() -> Iterator[Progress]:
+    """Show progress in a notebook cell until the work is done; nothing elsewhere."""
+    shell = getattr(builtins, "get_ipython", lambda: None)()
+    if type(shell).__name__ != "ZMQInteractiveShell":
+        yield silent
+        return
+    from IPython.display import HTML, display
+
+    bar: Any = display(HTML("<progress></progress>"), display_id=True)
+    due = 0.0
+
+    def show(done: float, total: float, what: str) -> None:
+        nonlocal due
+        if (now := monotonic()) >= due:
+            due = now + _REDRAWN
+            share = f"value={done / total:.3f}" if total else ""
+            bar.update(HTML(f"<progress {share}></progress> {html.escape(what)}"))
+
+    try:
+        yield show
+    finally:
+        bar.update(HTML(""))
 
 
 @dataclass(frozen=True)
