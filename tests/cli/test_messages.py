@@ -64,11 +64,14 @@ def test_a_place_whose_swapped_numbers_lie_in_the_region_is_asked_about(ocean, t
     assert "choose a place inside it or a forecast that covers it" in answer
 
 
-def test_a_goal_outside_is_told(ocean):
+def test_a_goal_outside_is_told_from_a_log_outside(ocean):
     answer = said(ocean, "--goal=10,-40,100", code=3)
     outside = "goal at 10.00000, -40.00000, 100 m is outside the forecast's region (west, south, "
     assert answer.startswith(outside)
     assert answer.endswith("); choose a place inside it or a forecast that covers it")
+    answer = said(ocean, "--goal=152.2,-39.8,100", ensemble="elsewhere.nc", code=3)
+    assert "The whole log lies outside it too, in 152." in answer
+    assert "use an ensemble of that place, or --place-ensemble" in answer
 
 
 @pytest.mark.parametrize("span", ["--start 2019-01-01", "--start 2018-01-01 --end 2018-11-15"])

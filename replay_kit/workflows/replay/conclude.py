@@ -11,6 +11,7 @@ from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation.evidence import Evidence
+from replay_kit.forecast import ensemble_files
 from replay_kit.forecast.members.rules import Elsewhere
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
 from replay_kit.results.outcome.outcome import Outcome, made
@@ -25,6 +26,7 @@ from replay_kit.workflows.replay.account import together
 from replay_kit.workflows.replay.follow_up import end, left_windows, publish
 from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.inputs.job import open_truth
+from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.prepare import Prepared
 from replay_kit.workflows.replay.run import Run
 from replay_kit.workflows.replay.scoring import (
@@ -47,7 +49,8 @@ def conclude(
         others: Names of competing forecasts, and the log evidence under each.
     """
     job, useless = inputs.job, useless_of(run, inputs)
-    flows, windows = _last_flows(run, run.config.output.metadata)
+    about = cited((*job.log_files, *ensemble_files(job.ensemble)), run.config)
+    flows, windows = _last_flows(run, about)
     found = [_found(run, number, inputs, own, others) for number, own in enumerate(flows)]
     if job.vehicles:
         values = _of_several(run, inputs, flows, found, useless, bool(windows))
@@ -206,6 +209,7 @@ def _of_several(
             f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {names[0]}; "
             "the result holds all"
         )
+    notes += [f"{one.name}: {text}" for one in named for text in one.notes]
     return _counted(run, inputs) | {
         "vehicles": {name: made(one) for name, one in zip(names, each, strict=True)},
         "unused": unused,

@@ -7,8 +7,12 @@ from heapq import merge as merged_by
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from replay_kit.config.run import RunConfig
+from replay_kit.core.errors import PlanError
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
@@ -41,7 +45,7 @@ from replay_kit.workflows.replay.inputs.vehicles import first_windows
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.scoring import rival_inputs
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
-from replay_kit.workflows.replay.stages.planner import PlannerFactory
+from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from replay_kit.workflows.replay.vehicle import Setup
 
@@ -152,7 +156,7 @@ def prepare(
     each = list[tuple[Vehicle, RunConfig, PlanningProblem | None]]()
     for vehicle, own_logs in zip(job.each_vehicle, logs.by_vehicle, strict=True):
         own = with_planner_kind(vehicle, own_logs, config)
-        each.append((vehicle, own, _problem(job, vehicle.goal, own, ensemble, planner_of)))
+        each.append((vehicle, own, _problem(job, vehicle.goal, own, ensemble, planner_of, logs)))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         if estimator is None:
@@ -181,12 +185,13 @@ def _problem(
     config: RunConfig,
     ensemble: Ensemble,
     planner_of: PlannerFactory | None,
+    logs: Logs,
 ) -> PlanningProblem | None:
     """Return the planning problem of a vehicle; None without a goal or a planner."""
     if goal is None or planner_of is None:
         return None
     planner = planner_of(config.planner, ensemble.grid)
-    planner.check(ensemble, goal)
+    check_goal(planner, ensemble, goal, logs)
     goals = () if job.following is None else job.following.goals
     surface = config.measurements.surface_depth
     return PlanningProblem(planner, goal, config.planner, surface, goals)
@@ -232,3 +237,19 @@ def with_planner_kind(vehicle: Vehicle, readers: Sequence[LogFile], config: RunC
         return config
     gliders = any(log.is_gliders() for log in readers)
     return config.model_copy(update={"planner": config.planner.resolved(gliders)})
+
+
+def check_goal(planner: Planner, flow: HasGrid, goal: Place, logs: Logs) -> None:
+    """Raise PlanError if the goal is outside the region or on land; the message adds if the logs are outside too."""
+    try:
+        planner.check(flow, goal)
+    except PlanError as error:
+        places = logs.reach.places
+        local = to_local(flow.grid.projection, *places.T)
+        if not len(places) or np.any(inside_grid(flow.grid, *local)):
+            raise
+        (west, south), (east, north) = places.min(axis=0), places.max(axis=0)
+        raise PlanError(
+            f"{error}. The whole log lies outside it too, in {west:.2f}..{east:.2f} E, {south:.2f}..{north:.2f} N: "
+            "use an ensemble of that place, or --place-ensemble for a study"
+        ) from error

@@ -55,6 +55,7 @@ class Vehicle:
         goal: Goal; None plans nothing for it.
         why_not: Reason that it contributes nothing to the estimate; empty otherwise.
         places: Longitude and latitude of some positions [degrees].
+        notes: Notes on its times compared with other vehicles.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Vehicle:
     goal: Place | None = None
     why_not: str = ""
     places: tuple[tuple[float, float], ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

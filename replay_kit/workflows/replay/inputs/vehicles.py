@@ -1,7 +1,7 @@
 """Assignment of logs to vehicles: by the user's names, by the missions stated in the logs, or by their tracks."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +19,9 @@ from replay_kit.workflows.replay.inputs.scan import Logs, open_readers
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 # What follows a vehicle's name in that of a mission: its number, or a date.
 _OF_MISSION = re.compile(r"([ _-]+mission\b.*|[ _.-]+\d{8}.*|\.\d+)$", re.IGNORECASE)
-_YEAR_NS = 366 * 86_400 * 10**9
+_HOUR_NS, _YEAR_NS = 3600 * 10**9, 366 * 86_400 * 10**9
+# Two spans that are apart by the same time at both ends, to so much, may be one by a wrong clock [ns].
+_SAME_NS = _HOUR_NS // 6
 _SHOWN = 50
 
 
@@ -105,37 +107,58 @@ def _stated(path: Path, config: RunConfig) -> str:
 
 
 def _placed(vehicles: Sequence[Vehicle], config: RunConfig) -> list[Vehicle]:
-    """Return vehicles with some of their places; those without a place are excluded.
+    """Return vehicles with some of their places and notes on their times; those without a place are excluded.
 
     Raises:
-        MeasurementError: No vehicle has a place, or one begins more than a year from all others.
+        MeasurementError: No vehicle has a place, or the vehicles are more than a year apart.
     """
-    found, begun = list[Vehicle](), dict[str, int]()
+    found, spans = list[Vehicle](), dict[str, tuple[int, int]]()
     for one in vehicles:
-        reach = Logs([() if one.why_not else one.logs], config).reach
         if one.why_not:
             found.append(one)
-        elif reach.first_ns is None or not len(reach.places):
+            continue
+        reach = Logs([one.logs], config).reach
+        if not len(reach.places) or reach.first_ns is None or reach.last_ns is None:
             why = "no position in its logs, so it is not used; the others are replayed"
             found.append(replace(one, why_not=why))
-        else:
-            begun[one.name] = reach.first_ns
-            some = reach.places[:: max(1, len(reach.places) // _SHOWN)]
-            found.append(replace(one, places=tuple((east, north) for east, north in some.tolist())))
-    if not begun:
+            continue
+        spans[one.name] = reach.first_ns, reach.last_ns
+        step = max(1, len(reach.places) // _SHOWN)
+        places = tuple((float(east), float(north)) for east, north in reach.places[::step])
+        found.append(replace(one, places=places))
+    if not spans:
         raise MeasurementError(
             f"{some_text([one.name for one in vehicles])}: expected positions, no vehicle's logs hold any"
         )
-    for name, first_ns in begun.items():
-        others = [other_ns for other, other_ns in begun.items() if other != name]
-        # that of most vehicles must not be blamed for the times of one
-        nearest_ns = min(others, key=lambda at: (abs(at - first_ns), at), default=first_ns)
-        if abs(first_ns - nearest_ns) > _YEAR_NS:
-            raise MeasurementError(
-                f"{name}: begins at {time_text(first_ns)}, the nearest of the others at {time_text(nearest_ns)}: measurements of different "
-                "years do not share an estimate; replay it separately, or correct its clock"
-            )
-    return found
+    return [replace(one, notes=_of_times(one.name, spans)) for one in found]
+
+
+def _of_times(name: str, spans: Mapping[str, tuple[int, int]]) -> tuple[str, ...]:
+    """Return notes on a vehicle's times compared with those of the others.
+
+    Raises:
+        MeasurementError: They are more than a year apart.
+    """
+    others = [span for other, span in spans.items() if other != name]
+    if name not in spans or not others:
+        return ()
+    first_ns, last_ns = spans[name]
+    # that of most vehicles must not be blamed for the times of one
+    begin_ns, end_ns = min(others, key=lambda span: (abs(span[0] - first_ns), span))
+    if abs(first_ns - begin_ns) > _YEAR_NS:
+        raise MeasurementError(
+            f"{name}: begins at {time_text(first_ns)}, the nearest of the others at {time_text(begin_ns)}: measurements of different "
+            "years do not share an estimate; replay it separately, or correct its clock"
+        )
+    later, ends_later = first_ns - begin_ns, last_ns - end_ns
+    if abs(later) >= _HOUR_NS and abs(later - ends_later) <= _SAME_NS:
+        return (
+            f"its messages begin and end {abs(later) / _HOUR_NS:.1f} h {'after' if later > 0 else 'before'} those of any other vehicle: "
+            "if they flew at the same time, a clock is wrong",
+        )
+    if all(first_ns > span[1] or last_ns < span[0] for span in others):
+        return ("its logs have no time in common with those of the others",)
+    return ()
 
 
 def first_windows(job: ReplayJob, forecasts: Forecasts) -> dict[str, Region]:
