@@ -187,6 +187,8 @@ def _surfacing(held: Held, now_ns: int) -> Values:
             "delay_s": one.delay,
             "inside": bool(one.inside_ellipse) if math.isfinite(one.ellipse_major) else None,
         }
+    if found:
+        values["predicted"] = {name: found[name] for name in ("inside_50", "inside_90", "count")}
     return values if len(values) > 1 else {}
 
 
