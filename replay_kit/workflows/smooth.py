@@ -5,7 +5,7 @@ published times; an observation's residual is that to the previous smoothed esti
 the replay. Innovations, NIS and gate decisions are those of the replay, without later observations.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 from typing import Any, TypeGuard
@@ -141,8 +141,7 @@ def _forward(
     def keep(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
         for _, step in steps:
             if not isinstance(step.event, Aside):
-                found = step.assimilation
-                done.append((step.event, None if found is None else found.innovation))
+                done.append((step.event, step.innovation))
 
     run.follow_up = keep
     advance = reading(inputs.logs.all, progress, "reading the logs")
@@ -187,7 +186,11 @@ def _write(
         for note in _notes(estimator):
             writer.log(min(times), "info", note)
         due, block = 0, list[Innovation]()
-        for event, innovation in _one_by_one(done):
+        # observations, and positions one by one
+        each = (
+            (one, found) for event, found in done for one in (event if found is None else [event])
+        )
+        for event, innovation in each:
             while due < len(published) and published[due] <= event.time_ns:
                 flow = flow_at(estimator, states[due], published[due])
                 depth_slices(published[due], flow, config.output)(writer)
@@ -211,14 +214,6 @@ def _write(
     except BaseException:
         writer.abandon()
         raise
-
-
-def _one_by_one(
-    done: Sequence[tuple[Any, Innovation | None]],
-) -> Iterator[tuple[Any, Innovation | None]]:
-    """Yield observations with their innovations, and positions one by one."""
-    for event, innovation in done:
-        yield from ((one, None) for one in event) if innovation is None else ((event, innovation),)
 
 
 def _smoothed(

@@ -51,19 +51,10 @@ def write_pages(
         ConfigError: A page cannot be written.
     """
     if "" in statuses:
-        write_page(statuses[""], path, refresh_s)
+        write_whole(path, status_page(statuses[""], refresh_s))
         return
     pages = {name: part_path(path, name, path.parent) for name in statuses}
     for name, page in pages.items():
-        write_page(statuses[name], page, refresh_s)
+        write_whole(page, status_page(statuses[name], refresh_s))
     names = {name: page.name for name, page in pages.items()}
     write_whole(path, several_page(statuses, outcome, names, refresh_s))
-
-
-def write_page(status: Status, path: Path, refresh_s: int = 60) -> None:
-    """Write a status as a page that reloads itself every ``refresh_s`` seconds.
-
-    Raises:
-        ConfigError: The page cannot be written.
-    """
-    write_whole(path, status_page(status, refresh_s))

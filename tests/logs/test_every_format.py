@@ -12,7 +12,7 @@ from replay_kit.logs import FORMATS, open_log
 from replay_kit.show.text import SafeConsole
 from replay_kit.workflows.convert import convert, convert_json, print_converted
 from replay_kit.workflows.info.inspect import inspect_logs
-from replay_kit.workflows.info.listing import info_json, print_info
+from replay_kit.workflows.info.listing import info_json, print_infos
 from tests.fuzz.damage import bursts, ensembles, frames, records
 from tests.logs.sound import SOUND
 from tests.places import ROOT
@@ -101,13 +101,13 @@ def test_info_and_convert_say_what_no_checksum_covers(path, form, tmp_path):
     messages = sum(read.read.values())
     assert dict(read.unchecked) == ({form.unchecked: messages} if form.unchecked else {})
     line = f"Without a checksum, so that damage cannot be detected: {path}: {form.unchecked} ({messages})"
-    found = inspect_logs([path], RunConfig())[0]
+    found = inspect_logs([path], RunConfig())
     summary = convert([path], tmp_path / "out.mcap", False, LogConfig())
-    for show, value in ((print_info, found), (print_converted, summary)):
+    for show, value in ((print_infos, found), (print_converted, summary)):
         text = StringIO()
         show(value, SafeConsole(file=text, width=400))
         assert (line in text.getvalue()) is bool(form.unchecked)
-    assert info_json(found)["unchecked"] == dict(read.unchecked)
+    assert info_json(found[0])["unchecked"] == dict(read.unchecked)
     told = [{"file": str(path), "what": w, "count": n} for w, n in read.unchecked.items()]
     assert convert_json(summary)["unchecked"] == told
 

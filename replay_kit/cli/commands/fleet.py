@@ -154,8 +154,8 @@ def _dry_run(
 
     made = workers.starmap(expected_of, zip(each))
     found = {mission.name: one for mission, one in zip(each, made, strict=True)}
+    print_expected(found, workers.size, console)
     answer = expected_json(found, workers.size)
-    print_expected(answer, console)
     write_json(outputs.json_file, answer)
     return int(answer["exit_code"])
 

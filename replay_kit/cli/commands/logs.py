@@ -62,7 +62,7 @@ def info(
     """Return exit code 0, or 4 when bytes of a log were lost; raises the error that a replay would end with.
 
     Args:
-        full: Read all of a large MCAP, not only its index and first messages: profiles, positions, late messages, gaps, damage.
+        full: Read all of a large MCAP, not only its index and first messages: profiles, positions, damage.
     """
     suggest, json_file = outputs.suggest, outputs.json_file
     if suggest is not None and json_file is not None and str(suggest) == str(json_file) == "-":
@@ -147,7 +147,7 @@ def qc(*logs: Log, settings: Settings, answer: Annotated[Answer, TO_OUTPUTS] = A
     from replay_kit.workflows.info.qc import check_quality, print_quality
 
     with progress() as advance:
-        report = check_quality(list(logs), config, lambda time_ns: advance(0, 0, "testing"))
+        report = check_quality(list(logs), config, advance)
     print_quality(report, console_beside(answer.json_file))
     write_json(answer.json_file, report)
     return int(report["exit_code"])

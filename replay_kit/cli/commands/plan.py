@@ -138,9 +138,7 @@ def _plan(config: "RunConfig", outputs: Outputs, known: "Mapping[Path, FlowFile]
 
     console = console_beside(outputs.geojson, outputs.csv, outputs.json_file)
     unsafe = {
-        name: why
-        for name, one in made.planned.items()
-        if (why := unsafe_reason(one, config.plan)) is not None
+        name: why for name, one in made.planned.items() if (why := unsafe_reason(one)) is not None
     }
     withheld = {} if outputs.write_unsafe else unsafe
     try:
@@ -159,5 +157,5 @@ def _plan(config: "RunConfig", outputs: Outputs, known: "Mapping[Path, FlowFile]
                 write_mission(own.out, own.overwrite, one, config.model_copy(update={"plan": plan}))
     finally:
         # after the files, which a reader of the first lines alone would end; and also where one cannot be written
-        print_plans(made, console, config.plan.battery, withheld)
+        print_plans(made, console, withheld)
     return _UNSAFE if unsafe else on.exit_code

@@ -208,12 +208,12 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob
 def _dry_run(job: "ReplayJob", config: "RunConfig", outputs: Outputs, console: "Console") -> int:
     """Report the data to be used; return the exit code."""
     from replay_kit.workflows.planning.adapters import planner_of
-    from replay_kit.workflows.replay.inputs.checks import dry_run, dry_run_json, print_dry_run
+    from replay_kit.workflows.replay.inputs.checks import dry_run, dry_run_json
 
     with progress() as advance:
         advance(0, 0, "reading the forecast and the logs")
         result = dry_run(job, config, planner_of)
-    print_dry_run(result, console)
+    console.print(f"{result}. Nothing was written.")
     write_json(outputs.json_file, dry_run_json(result))
     return 0
 

@@ -173,8 +173,9 @@ def _positions(reader: ResultReader) -> tuple[list[Fix], Fix | None]:
     """Return the fixes and the last dead-reckoned position, see ``Held``."""
 
     def fixes(newest: bool = True, until_ns: int | None = None) -> Iterator[Fix]:
-        found = reader.decoded("/vehicle/fix", newest, until_ns)
-        return (_fix(time_ns, message) for time_ns, message in found)
+        for time_ns, message in reader.decoded("/vehicle/fix", newest, until_ns):
+            told = [(pair.key, pair.value) for pair in message.metadata]
+            yield Fix(time_ns, message.longitude, message.latitude, ("dead_reckoned", "1") in told)
 
     def measured(newest: bool = True, until_ns: int | None = None) -> Fix | None:
         return next((fix for fix in fixes(newest, until_ns) if not fix.reckoned), None)
@@ -186,8 +187,3 @@ def _positions(reader: ResultReader) -> tuple[list[Fix], Fix | None]:
     return [
         fix for fix in found if fix is not None
     ], end if end.reckoned and end.time_ns > last.time_ns else None
-
-
-def _fix(time_ns: int, message: Any) -> Fix:
-    reckoned = any(pair.key == "dead_reckoned" and pair.value == "1" for pair in message.metadata)
-    return Fix(time_ns, message.longitude, message.latitude, reckoned)

@@ -138,36 +138,25 @@ def missions_of(
         out: Folder of the results.
 
     Raises:
-        ConfigError: A setting is wrong, two results share a name, or a mission has no ensemble; all errors are reported at once.
-        LogError: The first error is a pattern without a log.
+        ConfigError: A setting is wrong, two results share a name, or a mission has no ensemble.
+        LogError: No log matches a pattern.
     """
-    out = out.absolute()
-    missions: list[Mission] = []
     names: dict[str, Mission] = {}
-    wrong: list[ReplayKitError] = []
     for entry in (_completed(entry, table.all) for entry in table.mission):
-        try:
-            settings = _config(entry, folder, config)
-            for name, vehicles in _vehicles(entry, folder):
-                mission = Mission(name, _job(entry, name, vehicles, folder, out), settings)
-                missions.append(mission)
-                # file systems that ignore case would have one file for both
-                if (other := names.setdefault(name.casefold(), mission)) is not mission:
-                    first, second = (str(each.job.logs[0]) for each in (other, mission))
-                    wrong.append(
-                        ConfigError(
-                            f"{name}: two missions have this name, those of {first} and {second}; give one of them another name"
-                        )
-                    )
-        except ReplayKitError as error:
-            wrong.append(error)
-    if wrong:
-        raise type(wrong[0])("; ".join(map(str, wrong)))
-    return tuple(missions)
+        settings = _config(entry, folder, config)
+        for name, vehicles in _vehicles(entry, folder):
+            mission = Mission(name, _job(entry, name, vehicles, folder, out.absolute()), settings)
+            # file systems that ignore case would have one file for both
+            if (other := names.setdefault(name.casefold(), mission)) is not mission:
+                first, second = (str(each.job.logs[0]) for each in (other, mission))
+                raise ConfigError(
+                    f"{name}: two missions have this name, those of {first} and {second}; give one of them another name"
+                )
+    return tuple(names.values())
 
 
 def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -> None:
-    """Raise an error unless every input exists and every result may be written; all errors are reported at once.
+    """Raise an error unless every input exists and every result may be written.
 
     Args:
         missions: All missions.
@@ -177,7 +166,6 @@ def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -
     Raises:
         ConfigError: An input is missing, or a result may not be written.
     """
-    wrong: dict[str, list[str]] = {}
     for mission in missions:
         try:
             for path in mission.files:
@@ -185,16 +173,7 @@ def check_missions(missions: Sequence[Mission], overwrite: bool, resume: bool) -
                     raise LogError(f"{path}: file not found; correct its name")
             check_paths(mission.files, (mission.result, mission.record), overwrite or resume)
         except ReplayKitError as error:
-            wrong.setdefault(str(error), []).append(mission.name)
-    if wrong:
-        said = [
-            f"{names[0]}{f' and {len(names) - 1} others' if names[1:] else ''}: {error}"
-            for error, names in wrong.items()
-        ]
-        more = f"; and {len(said) - 10} more" if len(said) > 10 else ""
-        raise ConfigError(
-            f"{sum(map(len, wrong.values()))} of {len(missions)} missions cannot begin: {'; '.join(said[:10])}{more}"
-        )
+            raise ConfigError(f"{mission.name}: cannot begin: {error}") from error
 
 
 def _completed(entry: MissionEntry, common: MissionEntry) -> MissionEntry:

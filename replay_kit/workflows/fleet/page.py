@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from html import escape
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -11,27 +10,17 @@ from rich.console import Console
 
 from replay_kit.core.files.atomic import write_whole
 from replay_kit.core.words.text import csv_text
+from replay_kit.results.outcome.outcome import Outcome as Replayed
 from replay_kit.results.outcome.outcome import outcome_from
 from replay_kit.show.page.page import Section, items_html, page_html, table_html
 from replay_kit.show.text import print_lines, print_table
+from replay_kit.show.vehicles import COLUMNS, vehicle_rows
 from replay_kit.workflows.fleet.run import Outcome
 from replay_kit.workflows.replay.inputs.checks import DryRun
 
 TABLE, PAGE = "fleet.csv", "index.html"
-_COLUMNS = (
-    "mission",
-    "status",
-    "verdict",
-    "plan",
-    "profiles",
-    "dives",
-    "prior forecast",
-    "before",
-    "after [cm/s]",
-    "NIS/dof",
-    "contradictions",
-    "s",
-)
+# The report's table of several vehicles.
+_COLUMNS = ("mission", *COLUMNS[1:])
 #: Of several exit codes the first of these counts.
 _CODES = (1, 2, 3, 7, 4, 6)
 
@@ -44,12 +33,12 @@ def exit_code(outcomes: Sequence[Outcome]) -> int:
 
 def row_of(outcome: Outcome) -> dict[str, Any]:
     """Return the figures of a mission by column; None where undefined."""
-    answer = outcome.answer
-    found = outcome_from(answer) if answer else None
-    bad_plan = None if found is None else found.plan_alarm
+    answer, found = outcome.answer, _found(outcome)
+    alarm = None if found is None else found.plan_alarm
     rms, used, truth = (
         answer.get(name) or {} for name in ("rms_innovation", "observations", "truth")
     )
+    named = {finding["name"] for finding in answer.get("consistency", ())}
     return {
         "mission": outcome.name,
         "status": answer.get("status", "failed"),
@@ -63,15 +52,18 @@ def row_of(outcome: Outcome) -> dict[str, Any]:
         "nis_per_dof": answer.get("nis_per_dof"),
         "truth_rmse_m_s": truth.get("rmse"),
         "truth_ensemble_mean_rmse_m_s": truth.get("ensemble_mean_rmse"),
-        "contradictions": " ".join(
-            sorted({finding["name"] for finding in answer.get("consistency", ())})
-        ),
+        "contradictions": " ".join(sorted(named)),
         "plan": (answer.get("plan") or {}).get("status"),
-        "plan_alarm": None if bad_plan is None else bad_plan.text,
+        "plan_alarm": None if alarm is None else alarm.text,
         "seconds": answer.get("seconds_in_all"),
         "sha256": outcome.sha256,
         "failed": outcome.failed,
     }
+
+
+def _found(outcome: Outcome) -> Replayed | None:
+    """Return the outcome of the replay; None of a mission that failed."""
+    return outcome_from(outcome.answer) if outcome.answer else None
 
 
 def write_table(outcomes: Sequence[Outcome], path: Path) -> None:
@@ -99,7 +91,7 @@ def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
         console,
         [f"ALARM: {row['mission']}: {row['plan_alarm']}" for row in rows if row["plan_alarm"]],
     )
-    print_table(console, "Missions", _COLUMNS, map(_cells, rows))
+    print_table(console, "Missions", _COLUMNS, _cells(outcomes))
     kept, failed = (
         sum(outcome.kept for outcome in outcomes),
         [outcome for outcome in outcomes if outcome.failed],
@@ -114,24 +106,12 @@ def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
     print_lines(console, [f"FAILED: {outcome.name}: {outcome.failed}" for outcome in failed])
 
 
-def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    speeds = (_number(row[f"rms_{name}_m_s"], 100.0, 2) for name in ("ensemble", "before", "after"))
-    counts = (str("" if row[name] is None else row[name]) for name in ("profiles_used", "dives"))
-    return (
-        row["mission"],
-        row["status"],
-        row["verdict"],
-        row["plan"] or "",
-        *counts,
-        *speeds,
-        _number(row["nis_per_dof"], 1.0, 2),
-        row["contradictions"],
-        _number(row["seconds"]),
-    )
-
-
-def _number(value: float | None, factor: float = 1.0, digits: int = 1) -> str:
-    return "" if value is None else f"{factor * value:.{digits}f}"
+def _cells(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
+    """Return a row for each mission, as for vehicles of one replay."""
+    each = {one.name: found for one in outcomes if (found := _found(one)) is not None}
+    rows = {row[0]: row for row in vehicle_rows(Replayed(vehicles=each))}
+    failed = *[""] * (len(_COLUMNS) - 2), "failed"
+    return [rows.get(one.name, (one.name, *failed)) for one in outcomes]
 
 
 def write_page(outcomes: Sequence[Outcome], path: Path) -> None:
@@ -141,10 +121,11 @@ def write_page(outcomes: Sequence[Outcome], path: Path) -> None:
 
 def fleet_page(outcomes: Sequence[Outcome]) -> str:
     """Return the page with alarms, the table, and the reasons of failed missions."""
-    rows = [row_of(outcome) for outcome in outcomes]
-    cells = [list(map(escape, _cells(row))) for row in rows]
-    for row, each in zip(rows, cells, strict=True):
-        each[0] = each[0] if row["failed"] else f'<a href="{each[0]}.mcap">{each[0]}</a>'
+    rows, cells = [row_of(outcome) for outcome in outcomes], list[list[str]]()
+    for row, (name, *others) in zip(rows, _cells(outcomes), strict=True):
+        shown = escape(name)
+        link = shown if row["failed"] else f'<a href="{shown}.mcap">{shown}</a>'
+        cells.append([link, *map(escape, others)])
     alarms, failed = (
         items_html([escape(f"{row['mission']}: {row[name]}") for row in rows if row[name]])
         for name in ("plan_alarm", "failed")
@@ -169,26 +150,20 @@ def expected_json(found: Mapping[str, DryRun | Outcome], workers: int) -> dict[s
     }
 
 
-def print_expected(answer: Mapping[str, Any], console: Console) -> None:
-    """Print the expected memory and time of missions from ``expected_json``, or why they cannot be replayed."""
-    columns = ("mission", "profiles", "points", "levels", "updates [s]", "memory [MB]")
-    rows = [
-        (
-            one["mission"],
-            str(one["profiles"]),
-            str(prod(one["grid"])),
-            str(len(one["levels"])),
-            f"{one['seconds']:.1f}",
-            f"{one['memory_mb']:.0f}",
-        )
-        for one in answer["missions"]
-    ]
-    print_table(console, "Expected", columns, rows)
-    print_lines(console, [f"FAILED: {name}: {why}" for name, why in answer["failed"].items()])
+def print_expected(found: Mapping[str, DryRun | Outcome], workers: int, console: Console) -> None:
+    """Print the expected memory and time of missions by name, or why they cannot be replayed."""
     print_lines(
         console,
         [
-            f"{len(rows)} missions on {answer['workers']} workers: about {answer['seconds']:.0f} s of updates; up to "
+            f"{name}: {one}" if isinstance(one, DryRun) else f"FAILED: {name}: {one.failed}"
+            for name, one in found.items()
+        ],
+    )
+    answer = expected_json(found, workers)
+    print_lines(
+        console,
+        [
+            f"{len(answer['missions'])} missions on {workers} workers: about {answer['seconds']:.0f} s of updates; up to "
             f"{answer['memory_mb']:.0f} MB in all. Nothing was written."
         ],
     )

@@ -41,11 +41,16 @@ from replay_kit.workflows.follow.watch import (
     write_memory,
 )
 from replay_kit.workflows.replay.inputs.estimator import build
-from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
-from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle, logs_of
+from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.job import (
+    Following,
+    ReplayJob,
+    Vehicle,
+    forecasts_of,
+    logs_of,
+)
 from replay_kit.workflows.replay.inputs.provenance import named_hash
-from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region, from_record
-from replay_kit.workflows.replay.inputs.scan import Logs
+from replay_kit.workflows.replay.inputs.region import from_record
 from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
@@ -331,8 +336,8 @@ class Follower:
 
     def _forecasts(self, job: ReplayJob) -> Forecasts:
         """Return the forecast, read again when its files or the beginning of the logs changed."""
-        logs = logs_of(job, self._config)
-        stamps, ahead = stamps_of(ensemble_files(job.ensemble)), logs.ahead()
+        stamps = stamps_of(ensemble_files(job.ensemble))
+        ahead = logs_of(job, self._config).ahead()
         if (
             self._forecast is not None
             and self._forecast[0] == stamps
@@ -340,9 +345,10 @@ class Follower:
         ):
             return self._forecast[1]
         try:
-            found = read_forecasts(
-                job.ensemble, self._config, ahead[1], ahead[0], self._region(job, logs, ahead[1])
-            )
+            # found from the first files, it does not change: states depend on it
+            record = json.loads(self._memory.region or "null")
+            region = None if record is None else from_record(record)
+            found = forecasts_of(replace(job, region=region), self._config)
         except ReplayKitError as error:
             if self._forecast is None or self._forecast[2] != ahead:
                 raise
@@ -355,17 +361,10 @@ class Follower:
             self._say(
                 f"a newer forecast: {name}, before it {before}; all observations so far are used with it"
             )
-        self._remember(forecast=name)
+        part = None if found.region is None else found.region.to_record()
+        self._remember(forecast=name, region=json.dumps(part))
         self._forecast = stamps, found, ahead
         return found
-
-    def _region(self, job: ReplayJob, logs: Logs, near_ns: int | None) -> FoundRegion | None:
-        """Return the part of the forecast that the first replay needed; None for all of it, or if the settings state it."""
-        if not self._memory.region:
-            found = find_region(logs, job.ensemble, self._config, near_ns, job.goals)
-            self._remember(region=json.dumps(None if found is None else found.to_record()))
-        record = json.loads(self._memory.region)
-        return None if record is None else from_record(record)
 
     def _answer(self) -> None:
         """Write the status page, and give new alarms."""

@@ -130,34 +130,20 @@ def judged(known: Mapping[Path, Source], found: Source, now_ns: int) -> Source:
     return found
 
 
-def change_words(before: Source | None, now: Source, known: Mapping[Path, Source]) -> str:
+def change_words(before: Source | None, now: Source) -> str:
     """Return the change of a file, as words to follow its name; empty without a relevant change.
 
     Args:
         before: The file at the look before; None for a new file.
         now: The file now.
-        known: The other files at the look before, already replayed.
     """
     if now.aside:
-        return (
-            "" if before is not None and before.aside == now.aside else f"not used: it {now.aside}"
-        )
+        known = before is not None and before.aside == now.aside
+        return "" if known else f"not used: it {now.aside}"
     if before is None or before.aside:
-        times = [
-            source.first_ns
-            for source in known.values()
-            if source.first_ns is not None and not source.aside
-        ]
-        late = now.first_ns is not None and bool(times) and now.first_ns < max(times)
-        return f"new{', older than replayed data: the replay goes back before it' if late else ''}"
-    if now.sha256 == before.sha256:
-        return ""
-    if (
-        now.stamp[2] > before.stamp[2]
-        and _sha256_or_none(now.path, before.stamp[2]) == before.sha256
-    ):
-        return f"grew from {before.stamp[2]} to {now.stamp[2]} bytes"
-    return "was changed: the replay goes back before the change"
+        return "new"
+    sizes = f"changed, from {before.stamp[2]} to {now.stamp[2]} bytes"
+    return "" if now.sha256 == before.sha256 else sizes
 
 
 def _sha256(path: Path, size: int) -> str:
@@ -168,13 +154,6 @@ def _sha256(path: Path, size: int) -> str:
             digest.update(block)
             left -= len(block)
     return digest.hexdigest()
-
-
-def _sha256_or_none(path: Path, size: int) -> str | None:
-    try:
-        return _sha256(path, size)
-    except OSError:
-        return None
 
 
 def read_goal(path: Path) -> Place:

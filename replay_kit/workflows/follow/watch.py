@@ -173,15 +173,9 @@ def look_again(
             now, look(watched.paths, watched.own)
         )
         there = {path: stamps[path] for path in now if path in stamps}
-    gone = [source for path, source in known.items() if path not in now]
-    replayed = {path: source for path, source in known.items() if path in now}
-    sources = dict(replayed)
-    lost = [source.path.name for source in gone if not source.aside]
-    said = (
-        [f"{some_text(lost)}: missing, so excluded: the replay goes back before their data"]
-        if lost
-        else []
-    )
+    sources = {path: source for path, source in known.items() if path in now}
+    lost = [path.name for path, one in known.items() if path not in now and not one.aside]
+    said = [f"{some_text(lost)}: missing, so excluded"] if lost else []
     changed = bool(lost)
     for path, stamp in there.items():
         before = sources.get(path)
@@ -194,9 +188,7 @@ def look_again(
             if watched.vehicle_of(other) == watched.vehicle_of(path)
         }
         found = judged(own, examine(path, stamp, watched.logs), watched.clock.now_ns())
-        words = change_words(
-            before, found, {other: source for other, source in replayed.items() if other != path}
-        )
+        words = change_words(before, found)
         said += [f"{path.name} {words}"] if words else []
         changed |= bool(words) and (not found.aside or (before is not None and not before.aside))
         sources[path] = found

@@ -39,7 +39,6 @@ from replay_kit.measurements.checks.profile import (
     UNIT,
 )
 from replay_kit.measurements.checks.slips import (
-    Fault,
     Sounding,
     declination_of,
     direction_faults,
@@ -92,31 +91,30 @@ def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConf
         if math.isfinite(declination := declination_of(message)):
             declinations[message.input, message.topic] = declination
 
-    def keep(profile: Profiles) -> None:
+    def keep(profile: Profiles, used: bool) -> None:
         source = profile.source
         found.append(Sounding(profile, declinations[source.input, source.topic]))
 
     with threadpool_limits(limits=config.output.threads):
         try:
             job = ReplayJob(tuple(logs), ensemble)
-            checked = check_inputs(job, config, on_message=note, on_profile=keep)
+            forecasts, findings = check_inputs(job, config, on_message=note, on_profile=keep)
         except (ForecastError, MeasurementError) as error:
             unit = any(finding.name == UNIT for finding in error.findings)
             what = "the directions were" if unit else "the log was"
             return ImportCheck(
                 0, error.findings, note=f"{what} not compared with the ensemble", refusal=error
             )
-        if any(finding.name in _GROSS for finding in checked.findings):
+        if any(finding.name in _GROSS for finding in findings):
             return ImportCheck(
-                0, checked.findings, note="the directions were not compared with the ensemble"
+                0, findings, note="the directions were not compared with the ensemble"
             )
-        forecasts = checked.forecasts
         forecast, region = forecasts.ensemble, forecasts.region
         if forecasts.read is not None and region is not None:
             # a replay would read windows that follow the vehicle
             forecast = forecasts.read(around(Logs([logs], config).places, region.margin))
         compared = check_import(found, build([forecast], config.estimator))
-        return replace(compared, findings=checked.findings + compared.findings)
+        return replace(compared, findings=findings + compared.findings)
 
 
 def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) -> ImportCheck:
@@ -126,7 +124,7 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
         found: Profiles of the log.
         estimator: Estimator of the ensemble.
     """
-    inside = [sounding for sounding in found if _usable(sounding.profile, estimator).any()]
+    inside = [one for one in found if usable(_offered(one.profile, estimator)["flags"]).any()]
     if len(inside) < _LEAST_PROFILES:
         return ImportCheck(
             0, (), note=f"fewer than {_LEAST_PROFILES} profiles lie in the ensemble's water"
@@ -145,29 +143,25 @@ def check_import(found: Sequence[Sounding], estimator: ReducedBasisEstimator) ->
         key=lambda each: -each[0],
     )
     least = max(_LEAST_GAIN, gains[0][0] - _ALIKE)
-    named = tuple(_warning(fault, gain) for gain, fault in gains if gain >= least)
+    likely = "with this undone the profiles are e^{:.0f} times as likely under the ensemble"
+    named = tuple(
+        Finding(ENSEMBLE, 0, likely.format(gain), fault.name, fault.advice, "warning")
+        for gain, fault in gains
+        if gain >= least
+    )
     undetermined = () if named else tuple(f.name for gain, f in gains[::-1] if gain > -_LEAST_GAIN)
-    return ImportCheck(min(len(inside), _MOST_PROFILES), named, undetermined, _blind_spot(inside))
-
-
-def _warning(fault: Fault, gain: float) -> Finding:
-    evidence = f"with this undone the profiles are e^{gain:.0f} times as likely under the ensemble"
-    return Finding(ENSEMBLE, 0, evidence, fault.name, fault.advice, "warning")
-
-
-def _blind_spot(chosen: Sequence[Sounding]) -> str:
-    if any(math.isfinite(sounding.declination) for sounding in chosen):
-        return ""
-    return (
+    note = (
         "the log states no magnetic declination, so that a missing or doubled one was not examined"
     )
+    stated = any(math.isfinite(sounding.declination) for sounding in inside)
+    used = min(len(inside), _MOST_PROFILES)
+    return ImportCheck(used, named, undetermined, "" if stated else note)
 
 
 def _widened(sounding: Sounding, estimator: ReducedBasisEstimator) -> Sounding:
     """Return a profile with the estimator's inflated errors where its bins repeat each other."""
     profile = sounding.profile
-    offered = _offered(profile, _usable(profile, estimator))
-    _, (stepped,) = estimator.assimilate(estimator.initial(), [offered])
+    _, (stepped,) = estimator.assimilate(estimator.initial(), [_offered(profile, estimator)])
     factor = math.sqrt(stepped.innovation.error_inflation)
     return replace(sounding, profile=profile.changed(error_std=factor * profile["error_std"]))
 
@@ -177,7 +171,7 @@ def _likelihood(
 ) -> tuple[float, float]:
     """Return the log density of all profiles under the prior, and the normalised innovation squared per value."""
     trusting = replace(estimator, evidence=None, probability=None)
-    offered = [_offered(profile, _usable(profile, estimator)) for profile in profiles]
+    offered = [_offered(profile, estimator) for profile in profiles]
     _, steps = trusting.assimilate(trusting.initial(), offered)
     # one bin relative to a platform of unknown velocity says nothing
     said = [step.innovation for step in steps if step.innovation.accepted]
@@ -185,20 +179,21 @@ def _likelihood(
     return log, nis / dof
 
 
-def _offered(profile: Profiles, good: NDArray[np.bool_]) -> Profiles:
-    """Return a profile with some bins good, shape (1, m), and all others failed."""
-    return profile.changed(flags=np.where(good, Flag.GOOD, Flag.FAIL).astype(np.int8))
-
-
-def _usable(profile: Profiles, estimator: ReducedBasisEstimator) -> NDArray[np.bool_]:
-    """Return which bins in the ensemble's water are good, or bad only as a fault could have made them, shape (1, m)."""
+def _offered(profile: Profiles, estimator: ReducedBasisEstimator) -> Profiles:
+    """Return a profile whose bins in the ensemble's water are good, or bad only as a fault could have made them; others failed."""
     possible = (
         (usable(profile["flags"]) | ((profile["reasons"] & ~np.int32(REPAIRABLE)) == 0))
         & np.isfinite(profile["velocity"]).all(axis=2)
         & (profile["depth"] >= 0.0)
     )
-    flags, _ = screen(_offered(profile, possible).columns, estimator.grid, relative=False)
-    return np.asarray(flags == Flag.GOOD)
+    offered = _with_good(profile, possible)
+    flags, _ = screen(offered.columns, estimator.grid, relative=False)
+    return _with_good(offered, flags == Flag.GOOD)
+
+
+def _with_good(profile: Profiles, good: NDArray[np.bool_]) -> Profiles:
+    """Return a profile with some bins good, shape (1, m), and all others failed."""
+    return profile.changed(flags=np.where(good, Flag.GOOD, Flag.FAIL).astype(np.int8))
 
 
 def import_check_json(found: ImportCheck) -> dict[str, Any]:

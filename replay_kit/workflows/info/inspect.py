@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.logs.tables.suggest import suggested_entries
 from replay_kit.measurements.observed import begun, blocks, taken
 from replay_kit.measurements.profiles.pings import NO_POSITION
-from replay_kit.workflows.info.reading import Order, TopicInfo, count_alike, read_log
+from replay_kit.workflows.info.reading import Spans, TopicInfo, count_alike, may_be_used
 from replay_kit.workflows.replay.inputs.scan import next_block
 
 
@@ -79,22 +79,17 @@ class LogContent:
         return found._with_positions(block.position) if position.size else found
 
     def _with_positions(self, rows: Columns) -> "LogContent":
-        longitude, latitude, fixes = rows["longitude"], rows["latitude"], ~rows["dead_reckoned"]
+        longitude, fixes, box = rows["longitude"], ~rows["dead_reckoned"], self.box
         first = float(longitude[0]) if self.first_longitude is None else self.first_longitude
         far = np.abs(longitude - first) > 180.0
         longitude = np.where(far, unwrap_longitude(longitude, first), longitude)
-        has_fix, box = self.has_fix or bool(fixes.any()), self.box
-        if has_fix:
-            longitude, latitude = longitude[fixes], latitude[fixes]
-            box = box if self.has_fix else None
-        if longitude.size:
-            west, south, east, north = box or (np.inf, np.inf, -np.inf, -np.inf)
-            box = (
-                min(west, float(longitude.min())),
-                min(south, float(latitude.min())),
-                max(east, float(longitude.max())),
-                max(north, float(latitude.max())),
-            )
+        places = np.column_stack([longitude, rows["latitude"]])
+        if has_fix := self.has_fix or bool(fixes.any()):
+            places, box = places[fixes], box if self.has_fix else None
+        if box is not None:
+            places = np.vstack([places, box[:2], box[2:]])
+        if places.size:
+            box = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
         return replace(self, box=box, first_longitude=first, has_fix=has_fix)
 
 
@@ -225,7 +220,7 @@ def _inspect(
     log: LogFile, config: RunConfig, full: bool, advance: Callable[[], None] = lambda: None
 ) -> LogInfo:
     stream, content = begun(config.logs.system, config.logs.component), LogContent()
-    order = Order(config.logs.reorder_window)
+    spans = Spans()
     not_used: Counter[tuple[str, str]] = Counter()
     decoded: Counter[str] = Counter()
     unknown: dict[str, tuple[str, Mapping[str, Any]]] = {}
@@ -242,10 +237,15 @@ def _inspect(
                 message = messages[due - since]
                 unknown[name] = message.schema, message.payload
 
-    def messages(blocks: Iterable[RawBlock]) -> Iterator[Message]:
-        """Yield the decoded messages of blocks, after all of a block are put in order."""
-        for block in blocks:
-            order.add(block)
+    overview = "" if full else log.overview()
+    # one block, and what the index does not tell is unknown; or why all of it is read
+    sampled = len(overview.messages) if isinstance(overview, RawBlock) else None
+
+    def messages() -> Iterator[Message]:
+        """Yield the decoded messages of all blocks, and note what blocks hold."""
+        wanted = partial(may_be_used, config.measurements)
+        for block in [overview] if isinstance(overview, RawBlock) else log.blocks(wanted):
+            spans.add(block)
             decoded.update(message.topic for message in block.messages)
             advance()
             for message in block.messages:
@@ -254,15 +254,20 @@ def _inspect(
 
     before = stamps_of(log.files)
     with log:
-        reading = read_log(log, full, config.measurements)
         # blocks of a reader may be small, and each costs as much to measure as many messages
-        read = messages(reading.blocks)
+        read = messages()
         while together := next_block(read):
             take(together)
         take((), last=True)
-        order.finish()
+        spans.finish()
         check_unchanged(before)
-        report, topics = reading.completed(log.report(), order.topics)
+        report = log.report()
+    if overview and sampled is None:
+        report = replace(report, notes=(*report.notes, f"all of it was read: {overview}"))
+    topics = spans.topics | {
+        name: replace(spans.topics.get(name, TopicInfo()), messages=number)
+        for name, number in report.read.items()
+    }
     times = [at for of in topics.values() for at in (of.first_ns, of.last_ns) if at is not None]
     if times and (
         doubt := doubtful_times(
@@ -272,7 +277,7 @@ def _inspect(
         )
     ):
         report = replace(report, notes=(doubt, *report.notes))
-    if reading.sampled is None:
+    if sampled is None:
         count_alike(not_used, report, decoded)
     return LogInfo(
         report,
@@ -281,7 +286,7 @@ def _inspect(
         int(stream.memory.depths["dive"][0]),
         by_topic(not_used),
         unknown,
-        reading.sampled,
+        sampled,
         log.files,
     )
 

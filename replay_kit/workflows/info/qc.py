@@ -1,7 +1,7 @@
 """Quality control of a mission's logs: results of each test, and pings without a usable bin, as JSON and tables."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,20 +12,18 @@ from rich.console import Console
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.errors import MeasurementError
-from replay_kit.core.message import LogReport, Message
 from replay_kit.core.observation import Flag, Reason, usable
-from replay_kit.core.observation.block import BinTest, Block
+from replay_kit.core.observation.block import Block
+from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.observed import begun, blocks
 from replay_kit.results.losses import coded, loss_json, lost_text
-from replay_kit.show.text import iso, not_used_lines, print_lines, print_table
+from replay_kit.show.text import not_used_lines, print_lines, print_table
 from replay_kit.workflows.info.inspect import by_topic
 from replay_kit.workflows.replay.inputs.scan import open_readers
 
 _NO_PINGS = np.empty(0, np.int64)
-# of a topic, printed; JSON has all
-_LOST_SHOWN = 5
 
 
 @dataclass(slots=True, eq=False)
@@ -36,14 +34,6 @@ class _TestCount:
     flags: Counter[int] = field(default_factory=Counter)
     not_evaluated: Counter[str] = field(default_factory=Counter)
 
-    def add(self, test: BinTest, rows: NDArray[np.intp], present: NDArray[np.bool_]) -> None:
-        """Count the bins of pings of a block by their rows; ``present``, shape (n, m), are those with a velocity."""
-        flags = test.flags[rows]
-        self.flags.update(flags[present].tolist())
-        skipped = np.sum((flags == Flag.NOT_EVALUATED) & present, axis=1)
-        for k in np.flatnonzero(skipped):
-            self.not_evaluated[test.why_not[rows[k]] or "no number in the bin"] += int(skipped[k])
-
 
 @dataclass(slots=True, eq=False)
 class _TopicCount:
@@ -52,39 +42,37 @@ class _TopicCount:
     pings: int = 0
     flags: Counter[int] = field(default_factory=Counter)
     tests: dict[str, _TestCount] = field(default_factory=dict)
-    lost: list[dict[str, Any]] = field(default_factory=list)
+    lost: int = 0
 
     def add(self, block: Block, rows: NDArray[np.intp]) -> None:
         """Count pings of a block."""
-        columns, flags = block.ping, block.ping["flags"][rows]
-        real = np.arange(flags.shape[1]) < columns["bins"][rows, None]
+        flags = block.ping["flags"][rows]
+        real = np.arange(flags.shape[1]) < block.ping["bins"][rows, None]
         self.pings += rows.size
+        self.lost += int(np.sum(~usable(flags).any(axis=1)))
         self.flags.update(flags[real].tolist())
         for test in block.tests:
             made = np.array([why is not None for why in test.why_not[rows]])
-            if made.any():
-                count = self.tests.setdefault(test.name, _TestCount(test.reason))
-                count.add(test, rows[made], flags[made] != Flag.MISSING)
-        for k in rows[~usable(flags).any(axis=1)]:
-            of = Reason(int(np.bitwise_or.reduce(columns["reasons"][k])))
-            ping = {
-                "time": iso(int(columns["time"][k])),
-                "input": int(columns["input"][k]),
-                "position": int(columns["ordinal"][k]),
-                "reasons": [str(one.name).lower() for one in Reason if one and one in of],
-            }
-            self.lost.append(ping)
+            if not made.any():
+                continue
+            count = self.tests.setdefault(test.name, _TestCount(test.reason))
+            found, present = test.flags[rows[made]], flags[made] != Flag.MISSING
+            count.flags.update(found[present].tolist())
+            skipped = np.sum((found == Flag.NOT_EVALUATED) & present, axis=1).tolist()
+            for why, number in zip(test.why_not[rows[made]], skipped, strict=True):
+                if number:
+                    count.not_evaluated[why or "no number in the bin"] += number
 
 
 def check_quality(
-    logs: Sequence[Path], config: RunConfig, on_message: Callable[[int], None] = lambda _: None
+    logs: Sequence[Path], config: RunConfig, progress: Progress = silent
 ) -> dict[str, Any]:
     """Return the results of each test on the pings of one mission's logs, for JSON.
 
     Args:
         logs: Logs, read completely and merged by time.
         config: Settings; ``[logs]`` and ``[measurements]`` apply.
-        on_message: Called with each message's time [ns], for progress.
+        progress: Called with each block of messages.
 
     Raises:
         LogError: A log cannot be opened.
@@ -95,7 +83,8 @@ def check_quality(
     topics: dict[str, _TopicCount] = {}
     counts: Counter[tuple[str, str]] = Counter()
     stream = begun(settings.system, settings.component)
-    for block in blocks(_told(merged, on_message), config.measurements, stream=stream):
+    for block in blocks(merged, config.measurements, stream=stream):
+        progress(0, 0, "testing")
         for number in np.unique(block.ping.get("topic", _NO_PINGS)).tolist():
             topic = topics.setdefault(block.topics[number], _TopicCount())
             topic.add(block, np.flatnonzero(block.ping["topic"] == number))
@@ -103,7 +92,11 @@ def check_quality(
         counts.update({key: n for key, n in said if key[1] not in ("", NOT_A_KIND)})
     reports = [reader.report() for reader in readers]
     if not topics:
-        raise MeasurementError(_nothing(logs, reports, counts))
+        why = "; ".join(f"{count} x {topic}: {reason}" for (topic, reason), count in counts.items())
+        raise MeasurementError(
+            f"{', '.join(map(str, logs))}: expected ADCP pings whose bins can be tested, got none; not used: "
+            f"{why or 'nothing that could be a ping'}"
+        )
     losses = [{"file": log.path, **loss_json(loss)} for log in reports for loss in log.losses]
     late = sum(merged.late.values())
     return {
@@ -117,23 +110,6 @@ def check_quality(
         "late": late,
         "losses": losses,
     }
-
-
-def _told(messages: Iterable[Message], on_message: Callable[[int], None]) -> Iterator[Message]:
-    """Yield messages, after reporting their times."""
-    for message in messages:
-        on_message(message.time_ns)
-        yield message
-
-
-def _nothing(
-    logs: Sequence[Path], reports: Sequence[LogReport], counts: Mapping[tuple[str, str], int]
-) -> str:
-    expected = f"{', '.join(map(str, logs))}: expected ADCP pings whose bins can be tested"
-    if any("/dac" in report.read for report in reports):
-        return f"{expected}, got mean currents only, which a replay uses unchanged"
-    why = "; ".join(f"{count} x {topic}: {reason}" for (topic, reason), count in counts.items())
-    return f"{expected}, got none; not used: {why or 'nothing that could be a ping'}"
 
 
 def _topic_json(name: str, topic: _TopicCount, settings: MeasurementConfig) -> dict[str, Any]:
@@ -217,11 +193,5 @@ def _print_topic(topic: Mapping[str, Any], use_suspect: bool, console: Console) 
     lines.append(
         f"Bins: {bins['good']} good, {bins['suspect']} suspect ({use}), {bins['fail']} failed, {bins['missing']} missing"
     )
-    lines += [f"Pings that lose every bin: {len(lost)}"] if lost else []
-    lines += [
-        f"  {ping['time']} (log {ping['input']}, position {ping['position']}): {', '.join(ping['reasons'])}"
-        for ping in lost[:_LOST_SHOWN]
-    ]
-    if len(lost) > _LOST_SHOWN:
-        lines.append(f"  and {len(lost) - _LOST_SHOWN} more, all in --json")
+    lines += [f"Pings that lose every bin: {lost}"] if lost else []
     print_lines(console, lines)

@@ -31,8 +31,8 @@ from replay_kit.workflows.replay.inputs.forecast import read_forecasts
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import PlanQuery
-from replay_kit.workflows.replay.state import Setup
 from replay_kit.workflows.replay.surfacings.forecasts import forecast_end
+from replay_kit.workflows.replay.vehicle import Setup
 
 
 def live(ensemble: Paths, *, settings: Settings = None) -> Live:
@@ -95,7 +95,8 @@ class Live:
     @property
     def position(self) -> VehicleState | None:
         """Last position of the vehicle; None before the first."""
-        return self._run.position
+        with self._threads.limit(limits=self._run.config.output.threads):
+            return self._run.finished().of[0].counts.last_position
 
     def plan(self, goal: At, *, start: At | None = None) -> Plan:
         """Return the best plan to a goal on the present estimate, as a replay of these messages ends with.
@@ -118,7 +119,7 @@ class Live:
             run = self._run.finished()
             estimate = run.flow_now()
             # the last dive has ended
-            known, _ = forecast_end(run.of[0].forecasts)
+            known = forecast_end(run.of[0].forecasts)
             query = PlanQuery(
                 place_of(start, "start"), place_of(goal, "goal"), estimate.time_ns or 0
             )

@@ -4,7 +4,7 @@ KML is converted to GeoJSON features. References: RFC 7946; OGC 12-007r2, KML 2.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -20,8 +20,6 @@ from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.grid import Grid
 from replay_kit.core.words.quantities import parse_time
 
-# Whether one is drawn as a line, and the area.
-_Drawn = tuple[bool, NoGo]
 # Of KML, in which all values are words.
 _WORDS: dict[Any, bool] = {"true": True, "1": True, "false": False, "0": False}
 # What a file of areas may take in memory [bytes], and each of its marks: a list, a tag, a value.
@@ -39,27 +37,37 @@ class _NoAreaError(ValueError):
 
 
 def read_areas(path: Path) -> tuple[NoGo, ...]:
-    """Return the polygons and closed lines of a file as no-go areas; with the property ``fence`` true as fences.
+    """Return the polygons and lines of a file as no-go areas, GeoJSON or KML; with the property ``fence`` true as fences.
 
     An area excludes its holes; a fence's holes may not be entered. ``begin`` and ``end`` limit the time of an area. Heights are ignored.
 
     Raises:
         PlanError: The file is not GeoJSON or KML, or a geometry encloses no area.
     """
-    return tuple(area for _, area in _drawn(path))
+    try:
+        with open_input(path) as file:
+            content = file.read(_MOST_BYTES // 2 + 1)
+    except OSError as error:
+        raise PlanError(f"{path}: cannot read the no-go areas: {error.strerror}") from error
+    try:
+        features = enumerate(_features_of(content), 1)
+        return tuple(one for number, each in features for one in _of_feature(each, number))
+    except _NoAreaError as error:
+        raise PlanError(
+            f"{path}: expected GeoJSON or KML with polygons of longitude and latitude, or lines around areas, got {error}; "
+            "convert it with a GIS, or correct it"
+        ) from error
 
 
-def area_notes(path: Path, grid: Grid) -> tuple[str, ...]:
-    """Return notes on the areas of a file in a region: lines, open or crossing outlines, times, distant areas.
+def area_notes(path: Path, areas: Sequence[NoGo], grid: Grid) -> tuple[str, ...]:
+    """Return notes on the areas of a file in a region: open or crossing outlines, times, distant areas.
 
     Raises:
         PlanError: An area lies in the region only with latitude and longitude exchanged.
     """
     notes = []
-    for of_line, area in _drawn(path):
+    for area in areas:
         name, corners = area.name, np.array(area.polygon)
-        if of_line:
-            notes.append(f"{name}: drawn as a line; the enclosed area is forbidden")
         if area.polygon[0] != area.polygon[-1]:
             notes.append(
                 f"{name}: its outline is open; it is closed from the last corner to the first"
@@ -85,30 +93,6 @@ def _overlaps(corners: Array, grid: Grid) -> bool:
     longitude = unwrap_longitude(corners[:, 0], float(grid.longitude.mean()))
     places = (longitude, grid.longitude), (corners[:, 1], grid.latitude)
     return all(own.min() <= theirs.max() and own.max() >= theirs.min() for own, theirs in places)
-
-
-def _drawn(path: Path) -> list[_Drawn]:
-    """Return the areas of a file; GeoJSON may be a FeatureCollection, a Feature or a single geometry.
-
-    Raises:
-        PlanError: See ``read_areas``.
-    """
-    try:
-        with open_input(path) as file:
-            content = file.read(_MOST_BYTES // 2 + 1)
-    except OSError as error:
-        raise PlanError(f"{path}: cannot read the no-go areas: {error.strerror}") from error
-    try:
-        return [
-            one
-            for number, feature in enumerate(_features_of(content), 1)
-            for one in _of_feature(feature, number)
-        ]
-    except _NoAreaError as error:
-        raise PlanError(
-            f"{path}: expected GeoJSON or KML with polygons of longitude and latitude, or lines around areas, got {error}; "
-            "convert it with a GIS, or correct it"
-        ) from error
 
 
 def _features_of(content: bytes) -> list[Any]:
@@ -182,7 +166,7 @@ def _kind(value: Any) -> str:
     return kind[:50] if isinstance(kind, str) else "an object without a type"
 
 
-def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Drawn]:
+def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[NoGo]:
     """Yield the areas of a feature."""
     properties = feature.get("properties") or {}
     if not isinstance(properties, Mapping):
@@ -195,12 +179,9 @@ def _of_feature(feature: Mapping[str, Any], number: int) -> Iterator[_Drawn]:
     begin, end = (_time(properties.get(key), name) for key in ("begin", "end"))
     if begin is not None and end is not None and end < begin:
         raise _NoAreaError(f"{name} that ends before it begins")
-    for of_line, rings in _rings(feature.get("geometry"), name):
+    for rings in _rings(feature.get("geometry"), name):
         corners, *holes = (_corners(ring, name) for ring in rings)
-        yield (
-            of_line,
-            NoGo(corners, name, bool(surface_only), tuple(holes), bool(fence), begin, end),
-        )
+        yield NoGo(corners, name, bool(surface_only), tuple(holes), bool(fence), begin, end)
 
 
 def _time(value: Any, name: str) -> int | None:
@@ -213,8 +194,8 @@ def _time(value: Any, name: str) -> int | None:
         raise _NoAreaError(f"{name} with the time {value!r:.100}: {error}") from error
 
 
-def _rings(geometry: Any, name: str) -> Iterator[tuple[bool, list[Any]]]:
-    """Yield whether it is a line, and the rings, for each polygon and line of a geometry."""
+def _rings(geometry: Any, name: str) -> Iterator[list[Any]]:
+    """Yield the rings of each polygon, and each line, of a geometry."""
     kind = _kind(geometry)
     if kind == "GeometryCollection" and isinstance(geometry.get("geometries"), list):
         for part in geometry["geometries"]:
@@ -222,14 +203,12 @@ def _rings(geometry: Any, name: str) -> Iterator[tuple[bool, list[Any]]]:
         return
     if kind not in ("Polygon", "MultiPolygon", "LineString", "MultiLineString"):
         raise _NoAreaError(f"{kind} as {name}")
-    coordinates, of_line = geometry.get("coordinates"), kind.endswith("LineString")
-    for part in (
-        coordinates if kind.startswith("Multi") and isinstance(coordinates, list) else [coordinates]
-    ):
-        rings = [part] if of_line else part
+    parts = geometry.get("coordinates")
+    for part in parts if kind.startswith("Multi") and isinstance(parts, list) else [parts]:
+        rings = [part] if kind.endswith("LineString") else part
         if not isinstance(rings, list) or not rings:
             raise _NoAreaError(f"{name} without corners")
-        yield of_line, rings
+        yield rings
 
 
 def _corners(ring: Any, name: str) -> tuple[tuple[float, float], ...]:

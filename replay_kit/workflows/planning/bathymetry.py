@@ -207,7 +207,7 @@ def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
-    """Return notes on a bathymetry in a region: gaps, cells wider than the forecast's, uncovered water."""
+    """Return notes on a bathymetry in a region: lowest water, gaps, uncovered water."""
     notes = list[str]()
     inside = within(bounds_of(grid), bathymetry.longitude, bathymetry.latitude)
     if bathymetry.lowest_water is not None:
@@ -219,13 +219,6 @@ def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
     if gaps:
         notes.append(
             f"the bathymetry has no depth at {gaps} of its {int(inside.sum())} points in the region; they count as land"
-        )
-    places = to_local(grid.projection, bathymetry.longitude, bathymetry.latitude)
-    spacing, cells = (_spacing(*each) for each in (places, (grid.east, grid.north)))
-    if spacing > 1.05 * cells:
-        notes.append(
-            f"the bathymetry's points are {spacing / 1e3:.1f} km apart, wider than the forecast's, {cells / 1e3:.1f} "
-            "km; between four of them the shallowest is used"
         )
     west = unwrap_longitude(grid.longitude, float(bathymetry.longitude.mean()))
     covered = (bathymetry.longitude, west), (bathymetry.latitude, grid.latitude)

@@ -224,23 +224,13 @@ class KnownCurrent:
         """Return notes on the parts of a mission [ns, UTC] outside the known times; empty if a forecast covers it."""
         last = self.ends_ns
         if last is None:
-            return (self._of_one_time() + self._beyond(begin_ns, end_ns),)
+            return (self._of_one_time(),)
         over = (end_ns - max(last, begin_ns)) / 3.6e12
         if over <= 0.0:
             return ()
         return (
             f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held constant",
         )
-
-    def _beyond(self, begin_ns: int, end_ns: int) -> str:
-        """Return a note on a mission [ns, UTC] too far from the only known time."""
-        known, limit = self.first.time_ns, self.hours_known
-        if known is None:
-            return ""
-        earlier, later = (known - begin_ns) / 3.6e12, (end_ns - known) / 3.6e12
-        if earlier > limit:
-            return f". The mission begins {_long(earlier)} before that time: the current there is little known"
-        return f". The mission ends {_long(later)} after that time" if later > limit else ""
 
     def _of_one_time(self) -> str:
         hours = self.hours_known
@@ -275,10 +265,6 @@ class KnownCurrent:
             return float(self.process.tau.min()) * log(2.0) / 3600.0
         rotation = float(np.sqrt(np.mean(_vorticity(self.first) ** 2)))
         return 1.0 / (3600.0 * rotation) if rotation > 1e-9 else inf
-
-
-def _long(hours: float) -> str:
-    return f"{hours:.0f} h" if hours < 240.0 else f"{hours / 24.0:.0f} days"
 
 
 def known_current(files: Sequence[tuple[Path, FlowEstimate]], flow_step: float) -> KnownCurrent:

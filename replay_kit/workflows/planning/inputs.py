@@ -78,7 +78,8 @@ def planned_on(
     if request.no_go is not None:
         from replay_kit.workflows.planning.areas import area_notes, read_areas
 
-        areas, notes = read_areas(request.no_go), notes + area_notes(request.no_go, region)
+        areas = read_areas(request.no_go)
+        notes += area_notes(request.no_go, areas, region)
     if request.bathymetry is not None:
         from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
 

@@ -1,6 +1,7 @@
 """Planned missions as tables and JSON, and reasons not to hand one to a vehicle."""
 
 from collections.abc import Iterator, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ from rich.console import Console
 
 from planners.output.mission import as_plan, legs_table, places_table, to_csv, to_json
 from planners.output.waypoints import waypoint_json, waypoint_text
-from replay_kit.config.plan import PlanRequest
+from replay_kit.core.plan import share_interval
 from replay_kit.core.region import collection_file, feature, positions
 from replay_kit.core.words.text import time_text
 from replay_kit.show.sentences import energy_sentence
@@ -55,22 +56,42 @@ def plans_json(made: Together) -> dict[str, Any]:
 def _mission_json(planned: PlannedMission) -> dict[str, Any]:
     return {
         **to_json(planned.plan, planned.odds),
-        "samples": planned.samples,
+        "samples": _samples_json(planned),
         "waypoints": None if planned.waypoints is None else waypoint_json(planned.waypoints),
         "notes": list(planned.notes),
         "departures": departures_table(planned),
     }
 
 
-def print_plans(
-    made: Together, console: Console, battery: float | None, withheld: Mapping[str, str]
-) -> None:
+def _samples_json(planned: PlannedMission) -> dict[str, Any] | None:
+    if (odds := planned.odds) is None:
+        return None
+    figures = {
+        "count": odds.count,
+        "radius_m": odds.radius,
+        "deadline_s": odds.deadline,
+        "reached": odds.reached,
+        "arrival_median_s": odds.arrival_median,
+        "arrival_90_percent_s": odds.arrival_90_percent,
+        "miss_median_m": odds.miss_median,
+        "miss_90_percent_m": odds.miss_90_percent,
+        "safe": odds.safe,
+    }
+    return {
+        **{name: value if isfinite(value) else None for name, value in figures.items()},
+        "reached_interval": share_interval(odds.reached, odds.count),
+        "violations": dict(odds.violations),
+        "allowed": planned.job.risk,
+        "held": planned.held,
+    }
+
+
+def print_plans(made: Together, console: Console, withheld: Mapping[str, str]) -> None:
     """Print plans: odds, outcome, loss by waypoints, and the commands to a glider at each surfacing.
 
     Args:
         made: The plans.
         console: Console.
-        battery: Energy of a vehicle [MJ]; None if not stated.
         withheld: Reason not to write the files of a plan, by vehicle.
     """
     if made.goals:
@@ -79,14 +100,14 @@ def print_plans(
         if name:
             console.print()
             console.print(name, style="bold")
-        _print_mission(planned, console, battery)
+        _print_mission(planned, console)
         if name in withheld:
             whose = f"file of {name}" if name else "other file"
             console.print(f"{withheld[name]}; no {whose} is written without --write-unsafe")
 
 
-def _print_mission(planned: PlannedMission, console: Console, battery: float | None) -> None:
-    made = planned.plan
+def _print_mission(planned: PlannedMission, console: Console) -> None:
+    made, battery = planned.plan, planned.job.battery
     if planned.departures:
         _print_departures(planned, console)
     console.print(f"{made.status}: {made.message}")
@@ -127,7 +148,7 @@ def _print_departures(planned: PlannedMission, console: Console) -> None:
         "hours",
         "energy [kJ]",
         "legs",
-        *(("arrive",) if planned.samples is not None else ()),
+        *(("arrive",) if planned.odds is not None else ()),
         "",
     )
     print_table(console, "Departures compared", columns, (_departure_cells(row) for row in rows))
@@ -182,11 +203,13 @@ def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
 def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
     angles = (f"{row[name]:.1f}" for name in ("heading_deg", "glide_angle_deg", "pitch_deg"))
     where = f"{row['longitude']:.4f}, {row['latitude']:.4f}"
+    # with which the leg still arrives
+    turns = row.get("heading_from_deg"), row.get("heading_to_deg")
     when = time_text(start_ns + round(row["surfacing_s"] * 1e9)) if start_ns else "-"
     return (
         f"{row['leg']:.0f}",
         *angles,
-        _headings_text(row),
+        "-" if None in turns else "{:.0f} to {:.0f}".format(*turns),
         f"{row['depth_m']:.0f}",
         f"{row['surfacing_s'] / 3600.0:.2f}",
         when,
@@ -194,16 +217,10 @@ def _leg_cells(row: Mapping[str, Any], start_ns: int) -> tuple[str, ...]:
     )
 
 
-def _headings_text(row: Mapping[str, Any]) -> str:
-    """Return the range of headings with which a leg still arrives, as text."""
-    low, high = row.get("heading_from_deg"), row.get("heading_to_deg")
-    return "-" if low is None or high is None else f"{low:.0f} to {high:.0f}"
-
-
-def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
+def unsafe_reason(planned: PlannedMission) -> str | None:
     """Return the reason not to hand a mission to a vehicle without confirmation; None if it is safe."""
-    made, few, figures = planned.plan, planned.waypoints, planned.samples
-    violating = 0.0 if figures is None else 1.0 - figures["safe"]
+    made, few, odds, job = planned.plan, planned.waypoints, planned.odds, planned.job
+    violating = 0.0 if odds is None else 1.0 - odds.safe
     if few is not None and (
         few.violation is not None or (job.risk is None and violating > job.accepted_risk)
     ):
@@ -212,13 +229,13 @@ def unsafe_reason(planned: PlannedMission, job: PlanRequest) -> str | None:
         return f"the waypoints are not safe{share}{other}"
     if few is not None and made.status == "unsafe":
         return "waypoints of an unsafe plan"
-    if job.risk is None or figures is None:
+    if job.risk is None or odds is None:
         return None
     if made.status != "unsafe" and violating <= job.risk + 1e-9:
         return None
     drivers = ", ".join(
         f"{name} {100.0 * share:.0f} %"
-        for name, share in sorted(figures["violations"].items(), key=lambda one: -one[1])
+        for name, share in sorted(odds.violations.items(), key=lambda one: -one[1])
     )
     least = f"the least found is {100.0 * violating:.0f} %"
     by = f", from {drivers}" if drivers else ""
@@ -239,7 +256,7 @@ def _print_together(made: Together, console: Console) -> None:
 
 
 def _cells(made: Together, name: str, one: PlannedMission) -> tuple[str, ...]:
-    share = "-" if one.samples is None else f"{100.0 * one.samples['reached']:.0f} %"
+    share = "-" if one.odds is None else f"{100.0 * one.odds.reached:.0f} %"
     hours = f"{one.plan.duration / 3600.0:.1f}"
     return name, f"goal {made.goals[name]}", one.plan.status, hours, share
 

@@ -33,29 +33,26 @@ def completed(request: PlanRequest) -> "tuple[PlanRequest, dict[Path, FlowFile]]
     if not is_result(request.flows[-1]):
         return request, {}
     file = read_flow(request.flows[-1])
-    ends = dict(file.held)
-    if len(ends) > 1:
-        if request.start is not None or request.goal:
-            raise ConfigError(
-                f"--start and --goal: expected both, or neither, for a result of several vehicles ({', '.join(ends)}), got one of them"
-            )
-        ends = {name: held for name, held in ends.items() if held.fixes and held.goal is not None}
-    starts = {
-        name: f"{held.fixes[-1].longitude},{held.fixes[-1].latitude},0"
-        for name, held in ends.items()
-        if held.fixes
-    }
-    goals = {
-        name: ",".join(map(str, held.goal)) for name, held in ends.items() if held.goal is not None
-    }
+    several, starts, goals = len(file.held) > 1, dict[str, str](), dict[str, str]()
+    if several and (request.start is not None or request.goal):
+        raise ConfigError(
+            f"--start and --goal: expected both, or neither, for a result of several vehicles ({', '.join(file.held)}), got one of them"
+        )
+    for name, held in file.held.items():
+        if several and not (held.fixes and held.goal):
+            continue
+        if held.fixes:
+            starts[name] = f"{held.fixes[-1].longitude},{held.fixes[-1].latitude},0"
+        if held.goal:
+            goals[name] = ",".join(map(str, held.goal))
     found: dict[str, Any] = {}
-    if len(ends) > 1:
+    if len(starts) > 1:
         found["glider"] = tuple(f"{name}={start}" for name, start in starts.items())
         found["goal"] = tuple(f"{name}={goal}" for name, goal in goals.items())
     else:
         found["start"] = request.start or next(iter(starts.values()), None)
         found["goal"] = request.goal or tuple(goals.values())
-        found["of_glider"] = next(iter(ends), "") or None
+        found["of_glider"] = next(iter(starts), "") or None
     return request.model_copy(update=found), {file.path: file}
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite
+from math import inf
 from time import monotonic
 from typing import Any
 
@@ -48,25 +48,27 @@ class PlannedMission:
     """Planned mission with its odds.
 
     Attributes:
-        plan: The mission.
+        job: Request of the plan.
         on: Inputs of the plan.
+        plan: The mission.
         odds: Odds of a glider steered along it or its waypoints; None without samples or legs.
-        samples: The odds for JSON; None without samples or legs.
         waypoints: Short list of waypoints; None if not requested, or without legs.
         notes: Notes for the user.
         drawn: Number of samples drawn.
         helps: Tolerance of another, safe list of waypoints [m]; None if this one is safe, or none was found.
+        held: Fraction of samples that arrive with headings held at every surfacing; None if not requested.
         departures: Compared departures, in order, each with the fraction of samples that arrive, None without samples.
     """
 
-    plan: MissionPlan
+    job: PlanRequest
     on: PlannedOn
+    plan: MissionPlan
     odds: MissionOdds | None
-    samples: dict[str, Any] | None
     waypoints: Waypoints | None
     notes: tuple[str, ...]
     drawn: int
     helps: float | None = None
+    held: float | None = None
     departures: tuple[tuple[MissionPlan, float | None], ...] = ()
 
 
@@ -155,10 +157,6 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     notes += local_notes(known.local, begin_ns)
     asked = _Asked(job, on, flow, drawn, origin)
     planned = _judged(asked, request, made, notes)
-    shaped = request.shape is not None or compared or job.risk is not None
-    if planned.plan.status == "uncertain" and job.objective in (None, "time") and not shaped:
-        hint = "--objective odds searches for better odds"
-        planned = replace(planned, notes=(*planned.notes, hint))
     each = replace(asked, job=job.model_copy(update={"waypoints": False, "held": False}))
     departures = [_judged(each, request, plan, ()) for plan in compared]
     rows = ((one.plan, None if one.odds is None else one.odds.reached) for one in departures)
@@ -317,23 +315,20 @@ def _judged(
     if not asked.drawn:
         made = without_odds(made, asked.on.known.first)
     made = with_origin(made, asked.origin)
-    planned = PlannedMission(made, asked.on, None, None, few, notes, len(asked.drawn), helps)
+    planned = PlannedMission(job, asked.on, made, None, few, notes, len(asked.drawn), helps)
     if not asked.drawn or len(made.headings_deg) == 0:
         return planned
     announce("flying the samples")
     # one that was cut is to come to where it was cut
     flown = to_its_end(made) if made.status == "partial" else made
     odds = of_list or mission_odds(*currents, flown, request)
-    judged, samples = with_odds(made, odds, job.arrive, job.accepted_risk), samples_json(odds, job)
-    if job.held:
-        radius = made.settings.radius or made.settings.tolerance
-        held = float((fly_mission(asked.drawn, made)[1] <= radius).all(axis=1).mean())
-        samples["held"], told = (
-            held,
-            f"{100.0 * held:.0f} % arrive with headings held at every surfacing",
-        )
-        planned = replace(planned, notes=(*notes, told))
-    return replace(planned, plan=judged, odds=odds, samples=samples)
+    planned = replace(planned, plan=with_odds(made, odds, job.arrive, job.accepted_risk), odds=odds)
+    if not job.held:
+        return planned
+    radius = made.settings.radius or made.settings.tolerance
+    held = float((fly_mission(asked.drawn, made)[1] <= radius).all(axis=1).mean())
+    told = f"{100.0 * held:.0f} % arrive with headings held at every surfacing"
+    return replace(planned, held=held, notes=(*notes, told))
 
 
 def _is_safe(few: Waypoints, odds: MissionOdds | None, job: PlanRequest) -> bool:
@@ -351,28 +346,6 @@ def _other_tolerance(asked: _Asked, request: MissionRequest, made: MissionPlan) 
         if _is_safe(*waypoints_of(asked.flow, made, request, tolerance, asked.drawn), asked.job):
             return tolerance
     return None
-
-
-def samples_json(odds: MissionOdds, job: PlanRequest) -> dict[str, Any]:
-    """Return the odds for JSON."""
-    figures = {
-        "count": odds.count,
-        "radius_m": odds.radius,
-        "deadline_s": odds.deadline,
-        "reached": odds.reached,
-        "arrival_median_s": odds.arrival_median,
-        "arrival_90_percent_s": odds.arrival_90_percent,
-        "miss_median_m": odds.miss_median,
-        "miss_90_percent_m": odds.miss_90_percent,
-        "safe": odds.safe,
-    }
-    return {
-        **{name: value if isfinite(value) else None for name, value in figures.items()},
-        "reached_interval": share_interval(odds.reached, odds.count),
-        "violations": dict(odds.violations),
-        "allowed": job.risk,
-        "held": None,
-    }
 
 
 def _apart(asked: _Asked, joint: JointMissions, names: Sequence[str]) -> Iterator[dict[str, Any]]:

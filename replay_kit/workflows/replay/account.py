@@ -139,7 +139,7 @@ class Account:
         )
 
     def notes(self) -> list[str]:
-        """Return notes on log clocks, unused observations and undecodable messages."""
+        """Return notes on log clocks and unused observations; ``topics`` has the reasons of unused messages."""
         return [
             *filter(None, [self.merged.doubtful_times]),
             *(
@@ -152,25 +152,16 @@ class Account:
                 f"{self.reports[jump.input - self.first_input].path}: {jump}"
                 for jump in self.merged.jumps
             ),
-            *(
-                f"{count} messages on {topic} were excluded: their stamps are more than a day from those before and after"
-                for topic, count in sorted(self.merged.astray.items())
-            ),
             *self.counts.notes(),
             *(
                 f"{count} mean currents ({kind}): not supported by this estimator"
                 for kind, count in sorted(self.counts.unsupported.items())
             ),
-            *(
-                f"{report.path}: {count} messages on {topic} could not be decoded: {why}"
-                for report in self.reports
-                for topic, (count, why) in sorted(report.undecodable.items())
-            ),
         ]
 
     def lost_pings(self) -> str:
         """Return the pings lost for lack of a setting, if more than a fifth of a topic's; otherwise empty."""
-        words, rows, late = [], self.topics(), self.merged.late
+        rows, late = self.topics(), self.merged.late
         if any(late.get(row["topic"], 0) > _MANY_LOST * row["read"] for row in rows):
             seconds = math.ceil(self.merged.late_by_s)
             # what they would have placed follows from it
@@ -178,17 +169,13 @@ class Account:
                 f"{sum(late.values())} messages came up to {seconds} s later than others before them, more than "
                 f"the reorder window allows; logs.reorder_window = {seconds} keeps them"
             )
-        for row in rows:
-            for reason, count in row["reasons"].items():
-                keeping = next(
-                    (setting for begin, setting in _KEEPING if reason.startswith(begin)), None
-                )
-                if keeping is not None and count > _MANY_LOST * row["read"]:
-                    why = reason.partition(";")[0]
-                    words.append(
-                        f"{count} of {row['read']} pings on {row['topic']} were not used: {why}; {keeping} would keep them"
-                    )
-        return ". ".join(words)
+        return ". ".join(
+            f"{count} of {row['read']} pings on {row['topic']} were not used: {reason.partition(';')[0]}; {setting} would keep them"
+            for row in rows
+            for reason, count in row["reasons"].items()
+            for begin, setting in _KEEPING
+            if reason.startswith(begin) and count > _MANY_LOST * row["read"]
+        )
 
     def part(self) -> dict[str, Any]:
         """Return the part of an outcome on messages and observations."""
@@ -284,20 +271,19 @@ def _notes_of(reports: Sequence[LogReport]) -> list[str]:
 
 def _describe(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the topics found: currents and positions first, with reasons; the number of the others."""
-    words = []
-    for row in sorted(rows, key=lambda row: (not _is_relevant(row), -row["read"]))[:_TOPICS_SHOWN]:
-        why = (
-            ", ".join(f"{count} x {reason}" for reason, count in row["reasons"].items())
-            if _is_relevant(row)
-            else ""
-        )
-        words.append(f"{row['topic']} ({row['read']}{': ' + why if why else ''})")
+
+    def why(row: Mapping[str, Any]) -> str:
+        """Return why messages were not used, if one was used or skipped because of its contents; otherwise empty."""
+        passed = ("not needed", NOT_A_KIND)
+        relevant = row["used"] or any(not one.startswith(passed) for one in row["reasons"])
+        each = (f"{count} x {reason}" for reason, count in row["reasons"].items())
+        return ", ".join(each) if relevant else ""
+
+    some = sorted(rows, key=lambda row: (not (row["used"] or why(row)), -row["read"]))
+    words = [
+        f"{row['topic']} ({row['read']}{': ' if said else ''}{said})"
+        for row in some[:_TOPICS_SHOWN]
+        for said in [why(row)]
+    ]
     more = f", and {len(rows) - _TOPICS_SHOWN} more topics" if len(rows) > _TOPICS_SHOWN else ""
     return "; ".join(words) + more
-
-
-def _is_relevant(row: Mapping[str, Any]) -> bool:
-    """Return whether a message of a topic was used, or skipped because of its contents."""
-    return row["used"] > 0 or any(
-        not reason.startswith(("not needed", NOT_A_KIND)) for reason in row["reasons"]
-    )

@@ -51,17 +51,12 @@ def conclude(
     job, useless = inputs.job, useless_of(run, inputs)
     about = cited((*job.log_files, *ensemble_files(job.ensemble)), run.config)
     flows, windows = _last_flows(run, about)
-    found = [_found(run, number, inputs, own) for number, own in enumerate(flows)]
-    for each, of in zip(found, run.of, strict=True):
-        if others and (evidence := of.counts.log_evidence) is not None:
-            each["comparison"] = comparison_part(name_of(job.ensemble), evidence, others)
-    files = (*job.logs, *job.forecasts)
+    found = [_found(run, number, inputs, own, others) for number, own in enumerate(flows)]
     if job.vehicles:
-        outcome = made(_of_several(run, inputs, flows, found, useless, bool(windows)), files)
+        values = _of_several(run, inputs, flows, found, useless, bool(windows))
     else:
-        outcome = made(
-            found[0] | {"notes": _notes(run, inputs, flows[0], found[0]["notes"])}, files
-        )
+        values = found[0] | {"notes": _notes(run, inputs, flows[0], found[0]["notes"])}
+    outcome = made(values, (*job.logs, *job.forecasts))
     with run.clock.stage("write"):
         _write(run, inputs, outcome, [each["consistency"] for each in found], flows[0], windows)
     score, said = None, list[str]()
@@ -83,8 +78,8 @@ def _write(
 ) -> None:
     """Write the end of the result, and the files of the estimate."""
     if (writer := run.writer) is not None:
-        for setup, of, own in zip(run.setups, run.of, findings, strict=True):
-            with writer.of(setup.name):
+        for of, own in zip(run.of, findings, strict=True):
+            with writer.of(of.setup.name):
                 writer.consistency(run.last_ns, own)
                 if (flown := of.forecasts.as_flown) is not None:
                     writer.record(AS_FLOWN, flown.to_record())
@@ -113,12 +108,11 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
     held, flows = dict[Hashable, FlowEstimate](), list[FlowEstimate]()
     begun = [of.first_ns for of in run.of if of.first_ns is not None]
     span_ns = (min(begun, default=run.last_ns), run.last_ns)
-    for number, setup in enumerate(run.setups):
-        planned_on, window = end(run, number), setup.estimator.window(run.current)
+    for of in run.of:
+        planned_on, estimator = end(run, of), of.setup.estimator
+        window = estimator.window(run.current)
         if window not in held:
-            own = (
-                flow_at(setup.estimator, run.current, run.last_ns) if run.is_pooled else planned_on
-            )
+            own = flow_at(estimator, run.current, run.last_ns) if run.is_pooled else planned_on
             dated = replace(run.dated(own), about=about)
             held[window] = replace(dated, span_ns=span_ns) if run.is_pooled else dated
         flows.append(held[window])
@@ -126,8 +120,8 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
     numbers = dict(zip(map(id, others), left_windows(run, iter(others)), strict=True))
     for one in (*others, flows[0]):
         publish(run, one, run.last_ns)
-    each = zip(run.setups, flows, strict=True)
-    return flows, {setup.name: numbers[id(own)] for setup, own in each if id(own) in numbers}
+    each = zip(run.of, flows, strict=True)
+    return flows, {of.setup.name: numbers[id(own)] for of, own in each if id(own) in numbers}
 
 
 def so_far(run: Run, inputs: Prepared) -> Outcome:
@@ -139,7 +133,7 @@ def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
     accounts = inputs.accounts(run)
     if not inputs.job.vehicles:
         return accounts[0].part()
-    return together({one.name: own for one, own in zip(run.setups, accounts, strict=True)})
+    return together({of.setup.name: own for of, own in zip(run.of, accounts, strict=True)})
 
 
 def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
@@ -149,34 +143,44 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
         MeasurementError: No vehicle contributed anything.
     """
     useless, last = dict[str, str](), None
-    for setup, of, account in zip(run.setups, run.of, inputs.accounts(run), strict=True):
+    for of, account in zip(run.of, inputs.accounts(run), strict=True):
         try:
             names = [*[""] * account.first_input, *(one.path for one in account.reports)]
             require_one_vehicle(of.monitoring, names)
             if not of.monitoring.explains_no_profile:
                 account.require_usable(inputs.forecasts.ensemble.grid)
-            account.require_left_out(setup.config.measurements.without)
+            account.require_left_out(of.setup.config.measurements.without)
         except MeasurementError as error:
             if not inputs.job.vehicles or error.findings:
                 found = error.findings or of.monitoring.findings
                 said = dict.fromkeys((str(error), *map(str, of.monitoring.findings)))
                 raise MeasurementError(". ".join(said), found) from error
-            useless[setup.name], last = str(error), error
-    if last is not None and len(useless) == len(run.setups):
+            useless[of.setup.name], last = str(error), error
+    if last is not None and len(useless) == len(run.of):
         raise last
     return useless
 
 
-def _found(run: Run, number: int, inputs: Prepared, flow: FlowEstimate) -> dict[str, Any]:
+def _found(
+    run: Run,
+    number: int,
+    inputs: Prepared,
+    flow: FlowEstimate,
+    others: Sequence[tuple[str, Evidence]],
+) -> dict[str, Any]:
     """Return the values of an outcome for one vehicle."""
-    setup, of, account = run.setups[number], run.of[number], inputs.accounts(run)[number]
+    of, account = run.of[number], inputs.accounts(run)[number]
+    setup = of.setup
     of_file = check_file(setup.estimator, of.monitoring.means)
     findings, blind = conclusions(of.monitoring, of.counts, setup.config, of_file)
     told, planning = setup.config.planner.depth, of.planning
     depth = told if isinstance(told, float) else None
     following = next_surfacing(of.forecasts, flow, depth)
     plan = None if planning.result is None else planning.result.plan
+    evidence, ensemble = of.counts.log_evidence, name_of(inputs.job.ensemble)
+    compared = comparison_part(ensemble, evidence, others) if evidence and others else None
     return account.part() | {
+        "comparison": compared,
         "plan": plan_part(plan, planning.failure),
         "surfacings": surfacings_part(planning.outcomes),
         "predicted_surfacings": expected_part(of.forecasts.outcomes, following, planning.outcomes),
@@ -197,7 +201,7 @@ def _of_several(
     windowed: bool,
 ) -> dict[str, Any]:
     """Return the values of an outcome for several vehicles together."""
-    names, named = [one.name for one in run.setups], inputs.job.vehicles
+    names, named = [of.setup.name for of in run.of], inputs.job.vehicles
     unused = {one.name: one.why_not for one in named if one.why_not} | useless
     notes = [*_notes(run, inputs, flows[0], ()), *map(": ".join, unused.items())]
     if windowed:
@@ -221,7 +225,7 @@ def _of_several(
 
 def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str]) -> list[str]:
     """Return notes on the forecast, the logs, the basis, the prior and the instrument, as sentences."""
-    kernel, estimator = flow.horizontal.kernel, run.setups[0].estimator
+    kernel, estimator = flow.horizontal.kernel, run.of[0].setup.estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
     no_goal = (
@@ -239,12 +243,14 @@ def _score(
 ) -> tuple[dict[str, float] | None, list[str]]:
     """Return the score, None with the reason where none of the truth can be scored."""
     job, forecasts, config = inputs.job, inputs.forecasts, run.config
-    if forecasts.evolves:
-        # the estimate is of the log's end, and so is what it is compared with
-        truth = open_truth(job, config, flow.time_ns, forecasts.ensemble, forecasts.box) or truth
+    box, near_ns = forecasts.box, forecasts.near_ns
     if forecasts.read is not None:
         forecasts, box = forecasts.in_last_window(flow.grid)
-        truth = open_truth(job, config, forecasts.near_ns, forecasts.ensemble, box) or truth
+    elif forecasts.evolves:
+        # the estimate is of the log's end, and so is what it is compared with
+        near_ns = flow.time_ns
+    if forecasts.read is not None or forecasts.evolves:
+        truth = open_truth(job, config, near_ns, forecasts.ensemble, box) or truth
     ensemble = forecasts.nearest(flow.time_ns)
     try:
         return score_against_truth(flow, ensemble, truth, config.estimator), []

@@ -264,54 +264,60 @@ def items(
             end = i + 1
         else:
             first, end = int(rows[PING][i]) - 1, i + 1
-            if grouping is None:
-                found.append(Item(due[i], vehicle, vehicle, events.profiles(first, first + 1)))
-                i = end
-                continue
-            if not alone[i]:
-                end = _group_end(events, grouping, i, rows[PING])
-            closed = [(float(due[end]), vehicle)] if end < n else []
-            latest = events.time[i] + grouping.seconds * _NS
-            closed += next(([(float(at), of)] for at, of in beside if at > latest), [])
-            if last:
-                closed.append((np.inf, vehicle))
-            if not closed:
-                return found, i
-            at = min(closed)
+            at: tuple[float, int] = due[i], vehicle
+            if grouping is not None:
+                if not alone[i]:
+                    end = _group_end(events, grouping, i, rows[PING])
+                closed = [(float(due[end]), vehicle)] if end < n else []
+                latest = events.time[i] + grouping.seconds * _NS
+                closed += next(([(float(at), of)] for at, of in beside if at > latest), [])
+                if last:
+                    closed.append((np.inf, vehicle))
+                if not closed:
+                    return found, i
+                at = min(closed)
             found.append(Item(*at, vehicle, events.profiles(first, int(rows[PING][end - 1]))))
             tracks(i, end, at)
         i = end
     return found, n
 
 
+def _go_on(
+    events: Events, grouping: Grouping, row: Indices, begin: Indices, at: Indices
+) -> NDArray[np.bool_]:
+    """Return whether events, shape (n,), belong to the groups that profiles begin, shape (n,), if all between do.
+
+    Args:
+        events: Events of one vehicle.
+        grouping: Rule for combining profiles.
+        row: Number of profiles up to each event.
+        begin: Events that begin the groups.
+        at: The events.
+    """
+    ping, elapsed = events.kind[at] == PING, (events.time[at] - events.time[begin]) / _NS
+    found: NDArray[np.bool_] = (events.kind[at] == POSITION) & grouping.lasts(elapsed)
+    if ping.any():
+        first, later = row[begin[ping]], row[at[ping]]
+        found[ping] = grouping.fit(events.ping, first - 1, later - 1, later - first)
+    return found
+
+
 def _alone(events: Events, grouping: Grouping | None) -> list[bool]:
     """Return for each event whether the next one ends the group that it begins."""
-    if grouping is None or len(events) < 2:
-        return [False] * len(events)
     found = np.zeros(len(events), np.bool_)
-    pings = np.flatnonzero((events.kind[:-1] == PING) & (events.kind[1:] == PING))
-    row = (np.cumsum(events.kind == PING) - 1)[pings]
-    if row.size:
-        found[pings] = ~grouping.fit(events.ping, row, row + 1, np.ones(row.size))
-    other = np.flatnonzero((events.kind[:-1] == PING) & (events.kind[1:] != PING))
-    elapsed = (events.time[other + 1] - events.time[other]) / _NS
-    found[other] = (events.kind[other + 1] != POSITION) | ~grouping.lasts(elapsed)
+    begin = np.flatnonzero(events.kind[:-1] == PING)
+    if grouping is not None and begin.size:
+        row = np.cumsum(events.kind == PING)
+        found[begin] = ~_go_on(events, grouping, row, begin, begin + 1)
     return found.tolist()
 
 
 def _group_end(events: Events, grouping: Grouping, begin: int, row: Indices) -> int:
     """Return the event that ends the group of a profile, or the number of events."""
-    looked, n, first = _LOOKED, len(events), row[begin] - 1
+    looked, n = _LOOKED, len(events)
     while True:
         at = np.arange(begin + 1, min(begin + 1 + looked, n))
-        kind, number = events.kind[at], row[at] - row[begin]
-        goes_on = (kind == POSITION) & grouping.lasts((events.time[at] - events.time[begin]) / _NS)
-        ping = kind == PING
-        if ping.any():
-            goes_on[ping] = grouping.fit(
-                events.ping, np.array([first]), row[at[ping]] - 1, number[ping]
-            )
-        ends = np.flatnonzero(~goes_on)
+        ends = np.flatnonzero(~_go_on(events, grouping, row, np.full(at.size, begin), at))
         if ends.size or at.size < looked:
             return int(at[ends[0]]) if ends.size else n
         looked *= 4

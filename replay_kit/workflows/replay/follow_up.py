@@ -4,7 +4,9 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
+from replay_kit.core.arrays import replace
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation import VehicleState
 from replay_kit.core.surfacing import DiveOutcome
 from replay_kit.workflows.replay.events import Aside, Track
 from replay_kit.workflows.replay.run import Run
@@ -14,122 +16,118 @@ from replay_kit.workflows.replay.stages.plans import PlanningState
 from replay_kit.workflows.replay.stages.publishing import (
     Output,
     depth_slices,
-    publish_step,
+    publish_surface,
     publish_track,
     publish_windows,
 )
 from replay_kit.workflows.replay.surfacings.forecasts import (
     ForecastState,
     forecast_end,
-    forecast_mean,
     forecast_step,
     forecast_track,
 )
+from replay_kit.workflows.replay.vehicle import OfVehicle
 
 
 def follow_up(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
     """Publish a block of steps by vehicle with their consequences, then the last estimates of finished windows."""
     for number, step in steps:
-        _follow_up(run, number, step)
+        _follow_up(run, run.of[number], step)
     if run.writer is not None:
-        left_windows(run, map(run.dated, run.estimator(0).left_flows(run.current)))
+        left_windows(run, map(run.dated, run.of[0].estimator.left_flows(run.current)))
 
 
-def _follow_up(run: Run, number: int, step: Step) -> None:
+def _follow_up(run: Run, of: OfVehicle, step: Step) -> None:
     """Publish a step with its consequences."""
     if not isinstance(step.event, Track):
-        _follow_one(run, number, step, step.event)
-    elif not _passed(run, number, step, step.event):
+        _follow_one(run, of, step)
+    elif not _passed(run, of, step, step.event):
         for position in step.event:
-            _follow_one(run, number, step, position)
+            _follow_one(run, of, replace(step, event=position))
 
 
-def _passed(run: Run, number: int, step: Step, track: Track) -> bool:
+def _passed(run: Run, of: OfVehicle, step: Step, track: Track) -> bool:
     """Publish consecutive positions without further consequences, and return whether the step was that."""
-    of, setup = run.of[number], run.setups[number]
-    if setup.problem or run.is_pooled:
+    if of.setup.problem or run.is_pooled:
         return False
-    depth = setup.config.measurements.surface_depth
+    depth = of.setup.config.measurements.surface_depth
     if (forecasts := forecast_track(of.forecasts, track, depth)) is None:
         return False
-    run.put(number, forecasts=forecasts)
-    if run.writer is not None:
-        flow = partial(run.flow, number, step.after)
-        publishing, outputs = publish_track(of.publishing, track, flow)
-        run.put(number, publishing=publishing)
-        run.write(number, outputs)
+    of.forecasts = forecasts
+    _publish(run, of, step, partial(of.flow, step.after))
     return True
 
 
-def _follow_one(run: Run, number: int, step: Step, event: Any) -> None:
+def _follow_one(run: Run, of: OfVehicle, step: Step) -> None:
     """Publish a position or observation with its consequences."""
-    before, after = (partial(run.flow, number, state) for state in (step.before, step.after))
-    setup = run.setups[number]
-    if isinstance(event, Aside):
-        _expect(run, number, forecast_mean(run.of[number].forecasts, event.mean))
+    before, after = partial(of.flow, step.before), partial(of.flow, step.after)
+    depth, event = of.setup.config.measurements.surface_depth, step.event
+    if not isinstance(event, Aside):
+        _plan(run, of, plans.before_event, event, before)
+        _publish(run, of, step, after)
+    _expect(run, of, forecast_step(of.forecasts, step, before, depth))
+    if not isinstance(event, Aside):
+        _plan(run, of, plans.after_event, event, after)
+
+
+def _publish(
+    run: Run, of: OfVehicle, step: Step, flow_after: Callable[[int], FlowEstimate]
+) -> None:
+    """Publish positions, or the surface current and due depth slices after an observation."""
+    if run.writer is None:
         return
-    _plan(run, number, plans.before_event, event, before)
-    if run.writer is not None:
-        state, settings = run.of[number].publishing, setup.config.output
-        publishing, outputs = publish_step(state, event, step.assimilation, after)
-        run.put(number, publishing=publishing)
-        run.write(number, outputs)
-        # vehicles share the slices of a window
-        window = run.estimator(number).window(step.after) if run.is_pooled else None
-        due_ns = run.next_slices_ns.get(window)
-        if step.assimilation is not None and (due_ns is None or event.time_ns >= due_ns):
-            run.next_slices_ns[window] = event.time_ns + int(settings.interval * 1e9)
-            slices = depth_slices(event.time_ns, after(event.time_ns), settings)
-            run.write(number, (slices,))
-    depth, forecasts = setup.config.measurements.surface_depth, run.of[number].forecasts
-    _expect(run, number, forecast_step(forecasts, event, step.assimilation, before, depth))
-    _plan(run, number, plans.after_event, event, after)
+    if isinstance(event := step.event, Track | VehicleState):
+        track = event if isinstance(event, Track) else [event]
+        of.publishing, outputs = publish_track(of.publishing, track, flow_after)
+    else:
+        of.publishing, outputs = publish_surface(of.publishing, step, flow_after)
+    run.write(of, outputs)
+    # vehicles share the slices of a window
+    window = of.estimator.window(step.after) if run.is_pooled else None
+    due_ns, settings = run.next_slices_ns.get(window), of.setup.config.output
+    if step.innovation is not None and (due_ns is None or event.time_ns >= due_ns):
+        run.next_slices_ns[window] = event.time_ns + int(settings.interval * 1e9)
+        run.write(of, (depth_slices(event.time_ns, flow_after(event.time_ns), settings),))
 
 
 def left_windows(run: Run, flows: Iterator[FlowEstimate]) -> list[int]:
     """Publish the last estimates of windows; return their numbers."""
-    before = run.of[0].publishing
-    publishing, windows = publish_windows(before, flows)
-    run.put(0, publishing=publishing)
-    run.write(0, windows)
-    return list(range(before.windows + 1, publishing.windows + 1))
+    of, before = run.of[0], run.of[0].publishing.windows
+    of.publishing, windows = publish_windows(of.publishing, flows)
+    run.write(of, windows)
+    return list(range(before + 1, of.publishing.windows + 1))
 
 
-def end(run: Run, number: int) -> FlowEstimate:
+def end(run: Run, of: OfVehicle) -> FlowEstimate:
     """Finish a surfacing of a vehicle and plan from its last position; return the estimate used."""
-    at = partial(run.flow, number, run.current)
-    _expect(run, number, forecast_end(run.of[number].forecasts))
-    flow = at(run.last_ns)
-    _plan(run, number, plans.plan_at_end, at, flow, run.last_ns)
+    _expect(run, of, forecast_end(of.forecasts))
+    flow = of.flow(run.current, run.last_ns)
+    _plan(run, of, plans.plan_at_end, partial(of.flow, run.current), flow, run.last_ns)
     return flow
 
 
 def publish(run: Run, flow: FlowEstimate, time_ns: int) -> None:
     """Publish the last depth slices of an estimate for a time [ns, UTC]."""
-    run.write(0, (depth_slices(time_ns, flow, run.setups[0].config.output),))
+    run.write(run.of[0], (depth_slices(time_ns, flow, run.config.output),))
 
 
 def _plan(
     run: Run,
-    number: int,
+    of: OfVehicle,
     stage: Callable[..., tuple[PlanningState, tuple[Output, ...]]],
     *arguments: Any,
 ) -> None:
     """Run one step of the planning stage, if there is a goal."""
-    if (problem := run.problem(number)) is not None:
+    if (problem := of.problem) is not None:
         with run.clock.stage("plan"):
-            planning, outputs = stage(problem, run.of[number].planning, *arguments)
-        run.put(number, planning=planning)
-        run.write(number, outputs)
+            of.planning, outputs = stage(problem, of.planning, *arguments)
+        run.write(of, outputs)
 
 
-def _expect(run: Run, number: int, expected: tuple[ForecastState, tuple[DiveOutcome, ...]]) -> None:
-    """Store the state of the surfacing forecasts, and write the outcomes of finished ones."""
-    forecasts, outcomes = expected
-    if forecasts is not run.of[number].forecasts:
-        run.put(number, forecasts=forecasts)
-    if outcomes:
-        run.write(number, map(_dive_outcome, outcomes))
+def _expect(run: Run, of: OfVehicle, forecasts: ForecastState) -> None:
+    """Store the state of the surfacing forecasts, and write the outcomes that are new."""
+    known, of.forecasts = len(of.forecasts.outcomes), forecasts
+    run.write(of, map(_dive_outcome, forecasts.outcomes[known:]))
 
 
 def _dive_outcome(outcome: DiveOutcome) -> Output:

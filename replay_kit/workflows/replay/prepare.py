@@ -16,12 +16,10 @@ from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
-from replay_kit.core.region import Region, centre, inside
 from replay_kit.core.words.progress import Progress, Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.forecast import find_sources
 from replay_kit.logs.reader import LogFile
-from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.region import for_region
 from replay_kit.results.vehicles import VEHICLES_RECORD
 from replay_kit.workflows.replay.account import Account
@@ -49,7 +47,7 @@ from replay_kit.workflows.replay.scoring import rival_inputs
 from replay_kit.workflows.replay.stages.consistency import checked_speeds
 from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlannerFactory
 from replay_kit.workflows.replay.stages.plans import PlanningProblem
-from replay_kit.workflows.replay.state import Setup
+from replay_kit.workflows.replay.vehicle import Setup
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,27 +153,23 @@ def prepare(
         truth = open_truth(job, config, forecasts.near_ns, ensemble, forecasts.box)
     firsts = first_windows(job, forecasts)
     # goals out of reach are refused before the basis is computed
-    owns = [
-        with_planner_kind(vehicle, of_vehicle, config)
-        for vehicle, of_vehicle in zip(job.each_vehicle, logs.by_vehicle, strict=True)
-    ]
-    problems = [
-        _problem(job, vehicle.goal, own, ensemble, planner_of, logs)
-        for vehicle, own in zip(job.each_vehicle, owns, strict=True)
-    ]
+    each = list[tuple[Vehicle, RunConfig, PlanningProblem | None]]()
+    for vehicle, own_logs in zip(job.each_vehicle, logs.by_vehicle, strict=True):
+        own = with_planner_kind(vehicle, own_logs, config)
+        each.append((vehicle, own, _problem(job, vehicle.goal, own, ensemble, planner_of, logs)))
     progress(0, 0, "computing the basis and the prior")
     with clock.stage("basis"):
         if estimator is None:
-            make = job.estimator or partial(build, vehicles=len(job.each_vehicle))
-            estimator = make(forecasts, with_planner_kind(job, logs.all, config))
+            make = job.estimator or partial(build, vehicles=len(each))
+            estimator = make(forecasts, config)
         prior_flow = estimator.flow(estimator.initial())
-    setups, speeds_of = list[Setup](), _speeds_of(firsts, forecasts, config, speeds)
-    for number, vehicle in enumerate(job.each_vehicle):
-        follows = estimator
-        if vehicle.name in speeds_of:
-            follows = estimator.of_vehicle(number, firsts[vehicle.name])
-            speeds = speeds_of[vehicle.name]
-        setups.append(Setup(follows, owns[number], problems[number], speeds, vehicle.name))
+    setups = list[Setup]()
+    for number, (vehicle, own, problem) in enumerate(each):
+        follows, expected, first = estimator, speeds, firsts.get(vehicle.name)
+        if first is not None and forecasts.read is not None:
+            follows = estimator.of_vehicle(number, first)
+            expected = checked_speeds(forecasts.read(first), config)
+        setups.append(Setup(follows, own, problem, expected, vehicle.name))
     # without a goal nothing reads the bathymetry
     bathymetry = config.planner.bathymetry_path if any(one.problem for one in setups) else None
     metadata = _metadata(job, forecasts, logs.all, prior_flow, bathymetry)
@@ -201,32 +195,6 @@ def _problem(
     goals = () if job.following is None else job.following.goals
     surface = config.measurements.surface_depth
     return PlanningProblem(planner, goal, config.planner, surface, goals)
-
-
-def _speeds_of(
-    firsts: Mapping[str, Region],
-    forecasts: Forecasts,
-    config: RunConfig,
-    speeds: EnsembleSpeeds | None,
-) -> dict[str, EnsembleSpeeds | None]:
-    """Return the expected speeds for the checks in the first window of each vehicle by name; computed once per window.
-
-    Args:
-        firsts: First windows by vehicle name.
-        forecasts: Forecast with the first window of the run.
-        config: The run's settings.
-        speeds: Speeds in that window.
-    """
-    found = dict[str, EnsembleSpeeds | None]()
-    if forecasts.read is None:
-        return found
-    known = {} if forecasts.box is None else {forecasts.box: speeds}
-    for name, first in firsts.items():
-        region = next((each for each in known if inside(each, *centre(first))), first)
-        if region not in known:
-            known[region] = checked_speeds(forecasts.read(region), config)
-        found[name] = known[region]
-    return found
 
 
 def _metadata(
@@ -263,17 +231,9 @@ def _metadata(
     return metadata
 
 
-def with_planner_kind(
-    job: ReplayJob | Vehicle, readers: Sequence[LogFile], config: RunConfig
-) -> RunConfig:
-    """Return the settings with the kind of plan resolved for a job with a goal: a mission for a glider's logs.
-
-    Args:
-        job: Job; without a goal nothing changes.
-        readers: Its opened logs.
-        config: The settings.
-    """
-    if job.goal is None or config.planner.kind != "auto":
+def with_planner_kind(vehicle: Vehicle, readers: Sequence[LogFile], config: RunConfig) -> RunConfig:
+    """Return the settings with the kind of plan resolved for a vehicle with a goal: a mission for a glider's logs."""
+    if vehicle.goal is None or config.planner.kind != "auto":
         return config
     gliders = any(log.is_gliders() for log in readers)
     return config.model_copy(update={"planner": config.planner.resolved(gliders)})

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import (
     ConfigError,
+    ForecastError,
     LogError,
     MeasurementError,
     PlanError,
@@ -22,6 +23,7 @@ from replay_kit.core.errors import (
 from replay_kit.core.files.atomic import part_of
 from replay_kit.core.files.inputs import check_unchanged, stamps_of
 from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation.evidence import Evidence
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs.reader import reading
 from replay_kit.results.mcap.writer import ResultWriter
@@ -39,7 +41,7 @@ from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_
 from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.prepare import Prepared, prepare
 from replay_kit.workflows.replay.run import Run
-from replay_kit.workflows.replay.scoring import check_against, rivals
+from replay_kit.workflows.replay.scoring import name_of
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.replay.state_file import StateError
 
@@ -70,7 +72,10 @@ def replay(
         PlanError: The goal is outside the region or on land.
         ConfigError: An output exists and may not be replaced, or an option is wrong.
     """
-    check_against(job)
+    if job.against and job.following is not None:
+        raise ConfigError(
+            "--against: expected a finished log, got one that is followed; compare forecasts when it has ended"
+        )
     check_outputs(job)
     threads = threadpool_limits(limits=config.output.threads)
     with threads, _collecting_seldom():
@@ -96,12 +101,7 @@ def _replay(
 ) -> tuple[Outcome, FlowEstimate, Run]:
     read = stamps_of([*job.log_files, *job.forecasts])
     # before the run itself: a forecast that cannot be used should cost no result
-    others = tuple(
-        rivals(
-            job,
-            lambda each: _replay(each, config, None, progress, None)[2].log_evidence,
-        )
-    )
+    others = tuple(_rivals(job, config, progress))
     run, inputs = prepare(job, config, planner_of, progress, forecasts)
     run.follow_up = follow_up
     states = _states(run, inputs)
@@ -131,6 +131,20 @@ def _replay(
     if states is not None:
         states.end()
     return outcome, flow, run
+
+
+def _rivals(
+    job: ReplayJob, config: RunConfig, progress: Progress
+) -> Iterator[tuple[str, Evidence]]:
+    """Yield the name of each competing forecast, and the log evidence under it."""
+    for each in job.against:
+        alone = ReplayJob(job.logs, each, estimator=job.estimator, tell=job.tell)
+        counts = _replay(alone, config, None, progress, None)[2].of[0].counts
+        if (evidence := counts.log_evidence) is None:
+            raise ForecastError(
+                f"{name_of(each)}: this estimator states no density of the measurements, so there is no evidence to compare"
+            )
+        yield name_of(each), evidence
 
 
 def _states(run: Run, inputs: Prepared) -> States | None:
@@ -178,7 +192,8 @@ def _begin_result(run: Run, inputs: Prepared, time_ns: int) -> None:
         writer.start(projection, time_ns, inputs.metadata, settings)
         for note in inputs.forecasts.notes:
             writer.log(time_ns, "warning", note)
-        beds = (one.problem.planner.seabed for one in run.setups if one.problem is not None)
+        problems = (of.setup.problem for of in run.of)
+        beds = (one.planner.seabed for one in problems if one is not None)
         for seabed in [bed for bed in beds if bed is not None][:1]:
             writer.seabed(time_ns, seabed)
         copy_inputs(writer, inputs.job, run.config.logs)

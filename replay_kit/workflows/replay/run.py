@@ -6,7 +6,6 @@ estimate: each has its own messages, checks, counts and plans, and its observati
 
 from bisect import bisect_right
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
 from copy import copy
 from operator import itemgetter
 from typing import Any
@@ -15,23 +14,18 @@ import numpy as np
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.arrays import replace
-from replay_kit.core.as_flown import FlownDive
 from replay_kit.core.errors import Finding, finding_json
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
-from replay_kit.core.observation import LinearMeasurement, Profiles, VehicleState
-from replay_kit.core.observation.block import LINEAR, PING, POSITION, Block
-from replay_kit.core.observation.evidence import Evidence
+from replay_kit.core.observation import LinearMeasurement, Profiles
+from replay_kit.core.observation.block import LINEAR, PING, Block
 from replay_kit.core.words.progress import Stopwatch
 from replay_kit.estimator import Estimator
 from replay_kit.measurements.observed import begun, taken
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.workflows.replay.events import Aside, Event, Item, Track, items
-from replay_kit.workflows.replay.inputs.estimator import flow_at
 from replay_kit.workflows.replay.stages import consistency
-from replay_kit.workflows.replay.stages.admission import admitted
 from replay_kit.workflows.replay.stages.consistency import FoundWith
-from replay_kit.workflows.replay.stages.counts import summed
 from replay_kit.workflows.replay.stages.estimation import (
     Dive,
     Given,
@@ -39,14 +33,12 @@ from replay_kit.workflows.replay.stages.estimation import (
     assimilate,
     kept,
 )
-from replay_kit.workflows.replay.stages.planner import VehiclePlanner
-from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from replay_kit.workflows.replay.stages.publishing import (
     Output,
     publish_innovations,
     withdraw_windows,
 )
-from replay_kit.workflows.replay.state import OfVehicle, Setup
+from replay_kit.workflows.replay.vehicle import OfVehicle, Setup
 
 #: Schema of what stands in the stream where the logs of a vehicle end.
 END = "replay_kit.EndOfLogs"
@@ -54,25 +46,24 @@ END = "replay_kit.EndOfLogs"
 _BUFFERED = 4096
 # Mean currents of several vehicles that are assimilated together, where the estimator takes blocks.
 _MEANS_TOGETHER = 8
+# After every time [ns, UTC].
+_NEVER = 2**63 - 1
 # What of a run changes with its messages.
 _STATE = (
-    *("current", "of", "_waiting", "_n_waiting", "kept"),
+    *("current", "_waiting", "_n_waiting", "kept"),
     *("next_slices_ns", "messages", "last_ns"),
 )
-# where a result is of one vehicle, its name begins nothing
-_ONLY = nullcontext()
 
 
 class Run:
     """Running replay, mutable. Without a ``writer`` nothing is published.
 
     Attributes:
-        setups: Setup of each vehicle, in order of name.
         clock: Wall time of each stage so far.
         writer: Writer of the result; None writes nothing.
         follow_up: Called with each block of steps and their vehicles.
         current: Estimator's state.
-        of: States of each vehicle.
+        of: The vehicles, in order of name.
         kept: Observations of several vehicles so far, in order; empty for a single one.
         next_slices_ns: Due time of the next depth slices of each window [ns, UTC].
         messages: Number of processed messages.
@@ -94,14 +85,13 @@ class Run:
             clock: Measures the time of stages.
             owners: Number of the vehicle of each log; empty for a single vehicle.
         """
-        self.setups, self.clock = tuple(setups), clock
+        self.clock = clock
         self.writer: ResultWriter | None = None
-        self.follow_up: Callable[[Run, Sequence[tuple[int, Step]]], None] = _no_more
+        self.follow_up: Callable[[Run, Sequence[tuple[int, Step]]], None] = lambda run, steps: None
         self._measured_by, self._owners = measured_by, owners
-        self._flown = dict[int, tuple[tuple[FlownDive, ...], PlanningProblem | None]]()
         prior, logs = setups[0].estimator.initial(), setups[0].config.logs
-        first = OfVehicle(begun(logs.system, logs.component), Dive(prior))
-        self.current, self.of = prior, [first] * len(setups)
+        stream, self.current = begun(logs.system, logs.component), prior
+        self.of = [OfVehicle(setup, stream, Dive(prior)) for setup in setups]
         self._waiting, self._n_waiting, self.kept = list[Given](), 0, list[Given]()
         self.next_slices_ns = dict[Hashable, int | None]()
         self.messages = self.last_ns = 0
@@ -109,56 +99,28 @@ class Run:
     @property
     def state(self) -> dict[str, Any]:
         """State kept in a checkpoint: what changes with messages, by name."""
-        return {name: copy(getattr(self, name)) for name in _STATE}
+        of_run = {name: copy(getattr(self, name)) for name in _STATE}
+        return {**of_run, "of": [of.state for of in self.of]}
 
     @state.setter
     def state(self, state: Mapping[str, Any]) -> None:
-        for name, value in state.items():
-            setattr(self, name, copy(value))
+        for name in _STATE:
+            setattr(self, name, copy(state[name]))
+        self.of = [OfVehicle(of.setup, **own) for of, own in zip(self.of, state["of"], strict=True)]
 
     @property
     def config(self) -> RunConfig:
         """Settings of the run."""
-        return self.setups[0].config
+        return self.of[0].setup.config
 
     @property
     def is_pooled(self) -> bool:
         """Whether there are several vehicles."""
-        return len(self.setups) > 1
-
-    @property
-    def log_evidence(self) -> Evidence | None:
-        """Log evidence of the observations of all vehicles; None if the estimator states no density."""
-        each = [of.counts for of in self.of]
-        return (summed(each) if self.is_pooled else each[0]).log_evidence
-
-    def estimator(self, number: int) -> Estimator[Any]:
-        """Return the estimator of a vehicle; its gate rejects neither of two contradicting sources."""
-        found: Estimator[Any] = consistency.trusting(
-            self.setups[number].estimator, self.of[number].monitoring
-        )
-        return found
+        return len(self.of) > 1
 
     @property
     def _estimators(self) -> list[Estimator[Any]]:
-        return [self.estimator(number) for number in range(len(self.of))]
-
-    def problem(self, number: int) -> PlanningProblem | None:
-        """Return the planning problem of a vehicle with flight parameters as flown so far; None without a goal."""
-        problem, forecasts = self.setups[number].problem, self.of[number].forecasts
-        dives = forecasts.dives
-        if problem is None or not dives or not isinstance(problem.planner, VehiclePlanner):
-            return problem
-        if number not in self._flown or self._flown[number][0] is not dives:
-            # asked for at every event, and another one only after a dive
-            flown = forecasts.as_flown
-            planner = problem.planner if flown is None else problem.planner.as_flown(flown)
-            self._flown[number] = dives, replace(problem, planner=planner)
-        return self._flown[number][1]
-
-    def put(self, number: int, **changes: Any) -> None:
-        """Change states of a vehicle, by field of ``OfVehicle``."""
-        self.of[number] = replace(self.of[number], **changes)
+        return [of.estimator for of in self.of]
 
     # ---- messages in
 
@@ -185,7 +147,7 @@ class Run:
                 self.give(other, block, given[other], end)
                 given[other] = max(end, given[other])
                 self._reach(other, [messages[k] for k in at[other] if k < place])
-            self._act_on(number, told, messages[place].time_ns)
+            self._act_on(self.of[number], told, messages[place].time_ns)
         for number, (block, _) in measured.items():
             self.give(number, block, given[number], len(block.events))
             self._reach(number, [messages[k] for k in at[number]])
@@ -197,24 +159,23 @@ class Run:
     def _reach(self, number: int, messages: Sequence[Message]) -> None:
         """Mark a vehicle as begun with the first of some messages, until when others need not wait for it, or as ended."""
         if messages:
-            of, ended = self.of[number], messages[-1].schema == END
-            due_ns = messages[0].time_ns if of.due_ns is None else of.due_ns
-            self.put(number, due_ns=due_ns, ended=of.ended or ended)
+            of = self.of[number]
+            of.due_ns = messages[0].time_ns if of.due_ns is None else of.due_ns
+            of.ended = of.ended or messages[-1].schema == END
 
     def _measured(
         self, number: int, own: Sequence[Message], places: Sequence[int]
     ) -> tuple[Block, Mapping[int, FoundWith], Sequence[int]]:
         """Return the block measured by messages of a vehicle, the findings by event, and the position of each event's message."""
-        of, setup, read = self.of[number], self.setups[number], [m for m in own if m.schema != END]
+        of, read = self.of[number], [message for message in own if message.schema != END]
         first = of.stream.order
         with self.clock.stage("measure"):
-            stream, block = taken(of.stream, read, self._measured_by, len(read) < len(own))
+            of.stream, block = taken(of.stream, read, self._measured_by, len(read) < len(own))
         with self.clock.stage("check"):
-            monitoring, block, found = consistency.checked(
-                of.monitoring, block, setup.config, setup.speeds
+            of.monitoring, block, found = consistency.checked(
+                of.monitoring, block, of.setup.config, of.setup.speeds
             )
-        counts = of.counts.after_messages(block.counts())
-        self.put(number, stream=stream, monitoring=monitoring, counts=counts)
+        of.counts = of.counts.after_messages(block.counts())
         # what waited for the end of the logs comes with it
         due = np.minimum(block.events[:, 0] - first, len(places) - 1)
         return block, found, [places[k] for k in due.tolist()]
@@ -222,44 +183,38 @@ class Run:
     def give(self, number: int, block: Block, begin: int, end: int) -> None:
         """Process events of a vehicle, from ``begin`` to before ``end`` of a checked block."""
         if end > begin:
-            rows = block.events[begin:end]
-            self.of[number] = admitted(self.of[number], self.setups[number], block, rows)
+            self.of[number].admit(block, block.events[begin:end])
 
-    def _act_on(self, number: int, found: FoundWith, time_ns: int) -> None:
+    def _act_on(self, of: OfVehicle, found: FoundWith, time_ns: int) -> None:
         """Apply findings: rebuild the estimate without a faulty instrument, or open the gate between two sources.
 
         Raises:
             MeasurementError: The log is unusable, or a contradiction is set to stop the run.
         """
-        of, setup = self.of[number], self.setups[number]
-        others = [one for other, one in enumerate(self.of) if other != number]
-        monitoring = of.monitoring
+        others, monitoring = [one for one in self.of if one is not of], of.monitoring
         if any(contradict for _, contradict in found) and not all(
             one.monitoring.left_out for one in others
         ):
             monitoring, found = consistency.left_out(monitoring, found)
-        monitoring = consistency.noted(monitoring, found, setup.config)
-        self.put(number, monitoring=monitoring)
+        of.monitoring = consistency.noted(monitoring, found, of.setup.config)
         named = [finding for finding, _ in found]
         self._release(close=True)
         self._assimilate()
-        if consistency.is_distrusted(named):
-            self._rebuild(number)
-        of, estimator = self.of[number], self.estimator(number)
-        self.current, monitoring, counts = consistency.readmitted(
-            estimator, self.current, of.monitoring, of.counts
+        if any(finding.distrusts for finding in named):
+            self._rebuild(of)
+        self.current, of.monitoring, of.counts = consistency.readmitted(
+            of.estimator, self.current, of.monitoring, of.counts
         )
-        self.put(number, monitoring=monitoring, counts=counts)
-        self.write(number, map(_warning, named))
-        every = [*map(finding_json, monitoring.findings)]
-        self.write(number, (lambda writer: writer.consistency(time_ns, every),))
+        self.write(of, map(_warning, named))
+        every = [*map(finding_json, of.monitoring.findings)]
+        self.write(of, (lambda writer: writer.consistency(time_ns, every),))
 
-    def _rebuild(self, number: int) -> None:
+    def _rebuild(self, of: OfVehicle) -> None:
         """Rebuild the estimate without the profiles of a vehicle, or without all its observations if excluded.
 
         With a single vehicle only its DACs remain.
         """
-        of, estimator = self.of[number], self.estimator(number)
+        number = self.of.index(of)
         given: list[Given] = [(number, mean) for mean in of.monitoring.means]
         if self.is_pooled:
             every = of.monitoring.left_out
@@ -271,25 +226,21 @@ class Run:
             unused = of.waiting.kind == PING
             if every:
                 unused |= of.waiting.kind == LINEAR
-            self.put(number, waiting=of.waiting.without(unused))
+            of.waiting = of.waiting.without(unused)
             given = self.kept
-        elif not estimator.supports_path_means:
+        elif not of.estimator.supports_path_means:
             given = []
-        prior = self.setups[0].estimator.initial()
+        prior = self.of[0].setup.estimator.initial()
         with self.clock.stage("estimate"):
             self.current, dives, steps = assimilate(
                 self._estimators, prior, [Dive(prior)] * len(self.of), given
             )
-        for other, dive in enumerate(dives):
-            own, before = [step for of, step in steps if of == other], self.of[other]
-            fresh = replace(before.monitoring, gated=(), decisions={})
-            self.put(
-                other,
-                dive=dive,
-                counts=before.counts.rebuilt(own),
-                monitoring=consistency.with_gated(fresh, own),
-            )
-        self.put(0, publishing=withdraw_windows(self.of[0].publishing))
+        for other, (one, dive) in enumerate(zip(self.of, dives, strict=True)):
+            own = [step for of_step, step in steps if of_step == other]
+            one.dive, one.counts = dive, one.counts.rebuilt(own)
+            fresh = replace(one.monitoring, gated=(), decisions={})
+            one.monitoring = consistency.with_gated(fresh, own)
+        self.of[0].publishing = withdraw_windows(self.of[0].publishing)
 
     # ---- events into the estimate
 
@@ -297,7 +248,7 @@ class Run:
         """Return the number of observations that an event counts for in a block."""
         if isinstance(event, Track | Aside):
             return 0
-        size = self.setups[number].estimator.block_size
+        size = self.of[number].setup.estimator.block_size
         # after values at many places the state has a covariance of its own, tens of megabytes: of a block all states are held
         large = isinstance(event, LinearMeasurement) and not event.at_one_place
         # each block asks all vehicles
@@ -312,7 +263,7 @@ class Run:
         for item in self._released(close):
             self._waiting.append((item.vehicle, item.event))
             self._n_waiting += self._weight(item.vehicle, item.event)
-            size = self.setups[item.vehicle].estimator.block_size
+            size = self.of[item.vehicle].setup.estimator.block_size
             if self._n_waiting >= size or len(self._waiting) >= _BUFFERED:
                 self._assimilate()
 
@@ -323,29 +274,21 @@ class Run:
             for number, of in enumerate(self.of)
             if of.due_ns is not None and not of.ended
         ]
-        until, last = min(running, default=(None, 0)), not running or close
+        (until_ns, first), last = min(running, default=(_NEVER, 0)), not running or close
         free = [
-            len(of.waiting)
-            if until[0] is None
-            else int(
-                np.searchsorted(
-                    of.waiting.due, until[0], side="right" if number <= until[1] else "left"
-                )
-            )
+            np.searchsorted(of.waiting.due, until_ns, side="right" if number <= first else "left")
             for number, of in enumerate(self.of)
         ]
-        some = [of.waiting.part(0, n) for of, n in zip(self.of, free, strict=True)]
+        some = [of.waiting.part(0, int(n)) for of, n in zip(self.of, free, strict=True)]
         due = [(at, number) for number, one in enumerate(some) for at in one.due.tolist()]
         due = sorted(due) if self.is_pooled else []
         found = list[Item]()
-        for number, events in enumerate(some):
+        for number, (of, events) in enumerate(zip(self.of, some, strict=True)):
             beside = [one for one in due if one[1] != number]
-            grouping = self.setups[number].estimator.grouping
-            of_vehicle, n = items(events, grouping, number, beside, last)
+            of_vehicle, n = items(events, of.setup.estimator.grouping, number, beside, last)
             found += of_vehicle
-            waiting = self.of[number].waiting
             if n:
-                self.put(number, waiting=waiting.part(n, len(waiting)))
+                of.waiting = of.waiting.part(n, len(of.waiting))
         if self.is_pooled:
             # a group that another vehicle's event ends comes before that
             found.sort(key=lambda one: (one.due_ns, one.of, one.of == one.vehicle))
@@ -364,19 +307,15 @@ class Run:
                 for number, event in given
                 if not isinstance(event, Track | Aside)
             ]
-        for number, dive in enumerate(dives):
-            own, of = [step for other, step in steps if other == number], self.of[number]
-            self.put(
-                number,
-                dive=dive,
-                counts=of.counts.after(own) if own else of.counts,
-                monitoring=consistency.with_gated(of.monitoring, own),
-            )
-            self.write(number, publish_innovations(own))
+        for number, (of, dive) in enumerate(zip(self.of, dives, strict=True)):
+            own = [step for other, step in steps if other == number]
+            of.dive, of.counts = dive, of.counts.after(own) if own else of.counts
+            of.monitoring = consistency.with_gated(of.monitoring, own)
+            self.write(of, publish_innovations(own))
         self.follow_up(self, steps)
-        self.current = self.estimator(0).without_left(self.current)
-        for number, of in enumerate(self.of):
-            self.put(number, dive=kept(self.estimator(number), of.dive))
+        self.current = self.of[0].estimator.without_left(self.current)
+        for of in self.of:
+            of.dive = kept(of.estimator, of.dive)
 
     def finish(self) -> None:
         """Pass on all waiting events."""
@@ -386,33 +325,15 @@ class Run:
     def finished(self) -> "Run":
         """Return a copy for a single vehicle to which all waiting events were passed on; they keep waiting here."""
         found = copy(self)
-        found.of, found._waiting = [*self.of], [*self._waiting]
+        found.of, found._waiting = [copy(of) for of in self.of], [*self._waiting]
         found.finish()
         return found
-
-    def flow(self, number: int, state: Any, time_ns: int) -> FlowEstimate:
-        """Return the estimate of a state for a time [ns, UTC], with the local correction from the dives so far."""
-        flow, local = (
-            flow_at(self.estimator(number), state, time_ns),
-            self.of[number].forecasts.local,
-        )
-        return flow if local is None else replace(flow, local=local)
 
     def flow_now(self) -> FlowEstimate:
         """Return the estimate at the time of the last message; without one the prior."""
         if not self.messages:
-            return self.estimator(0).flow(self.current)
-        return self.dated(self.flow(0, self.current, self.last_ns))
-
-    @property
-    def position(self) -> VehicleState | None:
-        """Last position of the first vehicle; None before one."""
-        held = [self.of[0].counts.last_position]
-        held += [event[-1] for _, event in self._waiting if isinstance(event, Track)]
-        waiting = self.of[0].waiting
-        if (waiting.kind == POSITION).any():
-            held.append(Track(waiting.position, waiting.topics)[-1])
-        return max(filter(None, held), key=lambda one: one.time_ns, default=None)
+            return self.of[0].estimator.flow(self.current)
+        return self.dated(self.of[0].flow(self.current, self.last_ns))
 
     def dated(self, flow: FlowEstimate) -> FlowEstimate:
         """Return an estimate with the surface current of radars and the span of its data, which ends at its time."""
@@ -421,18 +342,12 @@ class Run:
             return flow
         return replace(flow, span_ns=(first_ns, max(first_ns, flow.time_ns)))
 
-    def write(self, number: int, outputs: Iterable[Output]) -> None:
+    def write(self, of: OfVehicle, outputs: Iterable[Output]) -> None:
         """Write outputs, if there is a result."""
         if self.writer is not None:
-            name = self.setups[number].name
-            own = self.writer.of(name) if name else _ONLY
-            with own, self.clock.stage("write"):
+            with self.writer.of(of.setup.name), self.clock.stage("write"):
                 for output in outputs:
                     output(self.writer)
-
-
-def _no_more(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
-    """Do nothing after steps."""
 
 
 def _light(event: Event) -> Event:

@@ -1,7 +1,7 @@
 """Scores of an estimate against a truth at its wet points, and of competing forecasts by log evidence."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
-from replay_kit.core.errors import ConfigError, ForecastError, MeasurementError
+from replay_kit.core.errors import MeasurementError
 from replay_kit.core.files.paths import Paths
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.observation.evidence import Evidence
 from replay_kit.estimator import embed_member
 from replay_kit.forecast import ensemble_files
-from replay_kit.workflows.replay.inputs.job import Against, ReplayJob
+from replay_kit.workflows.replay.inputs.job import Against
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,61 +130,6 @@ def _ensemble_mean_at(
 
 #: Begin the keys of the rivals' files among the inputs.
 RIVAL = "against"
-
-
-def check_against(job: ReplayJob) -> None:
-    """Check that competing forecasts can be compared.
-
-    Raises:
-        ConfigError: The logs are followed, or two forecasts are the same files.
-        ForecastError: A file is missing.
-    """
-    if job.against and job.following is not None:
-        raise ConfigError(
-            "--against: expected a finished log, got one that is followed; compare forecasts when it has ended"
-        )
-    seen = {tuple(sorted(path.resolve() for path in ensemble_files(job.ensemble)))}
-    for each in job.against:
-        if missing := [path for path in ensemble_files(each) if not path.exists()]:
-            raise ForecastError(f"{missing[0]}: file not found; check --against")
-        files = tuple(sorted(path.resolve() for path in ensemble_files(each)))
-        if files in seen:
-            raise ConfigError(
-                f"--against: expected another ensemble each time, got {name_of(each)} again; give each once"
-            )
-        seen.add(files)
-
-
-def rivals(
-    job: ReplayJob, run: Callable[[ReplayJob], Evidence | None]
-) -> Iterator[tuple[str, Evidence]]:
-    """Yield the name of each competing forecast, and the log evidence under it.
-
-    Args:
-        job: Run to compare with.
-        run: Replays a job, and returns the log evidence.
-
-    Raises:
-        ForecastError: The estimate from one states no density of the observations.
-    """
-    alone = replace(
-        job,
-        out=None,
-        goal=None,
-        netcdf=None,
-        save_estimate=None,
-        truth=None,
-        checkpoint=None,
-        region=None,
-        against=(),
-    )
-    for each in job.against:
-        evidence = run(replace(alone, ensemble=each))
-        if evidence is None:
-            raise ForecastError(
-                f"{name_of(each)}: this estimator states no density of the measurements, so there is no evidence to compare"
-            )
-        yield name_of(each), evidence
 
 
 def name_of(ensemble: Paths) -> str:

@@ -16,7 +16,7 @@ from replay_kit.core.files.atomic import sealed, unsealed, write_whole
 from replay_kit.core.files.inputs import open_input
 
 # First line of the file; the number is that of the form.
-_KIND, _FORM = b"replay-kit state ", b"16\n"
+_KIND, _FORM = b"replay-kit state ", b"17\n"
 _ARRAYS = frozenset({"_reconstruct", "_frombuffer", "scalar", "dtype", "ndarray"})
 
 

@@ -58,7 +58,7 @@ def test_dives_out_of_order_and_one_corrected_give_the_bytes_of_one_replay(ocean
     assert rms[0] <= rms[1] * (1 + 1e-12)
     # of a chunk that is cut nothing is read
     assert any(text.startswith("dive003.mcap not used: it has no message yet") for text in sea.told)
-    assert any(text.startswith("dive003.mcap new, older than replayed data") for text in sea.told)
+    assert any(text.startswith("dive003.mcap new") for text in sea.told)
     assert sea.options.status.is_file()
     assert verify(sea.out, [sea.inbox, ocean], planner_of).same
 
@@ -109,7 +109,7 @@ def test_a_growing_log_is_replayed_up_to_what_is_whole(name, tmp_path):
     data, sea = (SAMPLES / name).read_bytes(), Sea(SAMPLES, tmp_path)
     sea.follow([sea.put(name, data[: k * len(data) // 4]) for k in (2, 3, 4)])
     assert same(sea)
-    assert sum("grew from" in text for text in sea.told) >= 1
+    assert sum("changed, from" in text for text in sea.told) >= 1
     assert sum("replayed in" in text for text in sea.told) >= 2
 
 

@@ -73,12 +73,12 @@ def sounded(tmp_path):
         (stated,) = {declination_of(one) for one in messages if one.topic == "/adcp"} or {math.nan}
         job = ReplayJob((written(tmp_path, messages),), ENSEMBLE)
         try:
-            kept = check_inputs(
-                job, CONFIG, on_profile=lambda one: found.append(Sounding(one, stated))
+            _, findings = check_inputs(
+                job, CONFIG, on_profile=lambda one, _: found.append(Sounding(one, stated))
             )
         except MeasurementError as error:
-            kept = error
-        return found, [finding.name for finding in kept.findings]
+            findings = error.findings
+        return found, [finding.name for finding in findings]
 
     return of
 

@@ -1,4 +1,4 @@
-"""Late messages as ``merge`` counts them, and gaps, however the log is cut into blocks."""
+"""Times of topics as ``merge`` settles them, however the log is cut into blocks."""
 
 from types import SimpleNamespace
 
@@ -8,8 +8,8 @@ import pytest
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
 from replay_kit.logs.blocks import blocks_of
-from replay_kit.workflows.info.listing import asks_for_replay, gap_lines
-from replay_kit.workflows.info.reading import Order, TopicInfo
+from replay_kit.workflows.info.listing import asks_for_replay
+from replay_kit.workflows.info.reading import Spans
 
 SECOND, DAY = 10**9, 86_400.0
 
@@ -21,12 +21,12 @@ def messages(times_s, topics="a"):
     ]
 
 
-def ordered(said, size, window_s=1.0):
-    order = Order(window_s)
+def spanned(said, size):
+    spans = Spans()
     for begin in range(0, len(said), size):
-        order.add(*blocks_of(said[begin : begin + size]))
-    order.finish()
-    return order.topics
+        spans.add(*blocks_of(said[begin : begin + size]))
+    spans.finish()
+    return spans.topics
 
 
 def jittered(by_s):
@@ -47,63 +47,25 @@ BACK = (slice(100, None), -20.0)
 
 @pytest.mark.parametrize("size", [1, 7, 1000])
 @pytest.mark.parametrize(
-    ("times", "topics", "late"),
+    ("times", "topics"),
     [
-        (jittered(0.4), "abc", False),
-        (jittered(3.0), "abc", True),
-        (jittered(30.0), "abc", True),
+        (jittered(0.4), "abc"),
+        (jittered(30.0), "abc"),
         # a latched message's stamp stays as it is where it is far
-        (changed(([0, 5, 150], [90.0, 400.0, -30.0])), ("a", "config", "b"), False),
-        (changed(BACK), "ab", False),
-        (changed(BACK, (slice(200, None), -7.0), ([50, 130], -5.0 / DAY)), "ab", True),
-        # as old as what a replay has passed on is not late and a nanosecond more is
-        ([0.0, 10.0, 20.0, 10.0], "a", False),
-        ([0.0, 10.0, 20.0, 10.0 - 1e-9], "a", True),
+        (changed(([0, 5, 150], [90.0, 400.0, -30.0])), ("a", "config", "b")),
+        (changed(BACK), "ab"),
+        (changed(BACK, (slice(200, None), -7.0), ([50, 130], -5.0 / DAY)), "ab"),
     ],
 )
-def test_late_messages_are_those_that_a_replay_leaves_out(size, times, topics, late):
+def test_times_of_topics_are_those_of_a_replay_that_waits_for_every_message(size, times, topics):
     said = messages(times, topics)
-    merged = merge([SimpleNamespace(messages=lambda: iter(said))], 1.0)
+    merged = merge([SimpleNamespace(messages=lambda: iter(said))], 1e6)
     kept = list(merged)
-    found = ordered(said, size)
-    assert {topic: info.late for topic, info in found.items() if info.late} == merged.late
-    assert bool(merged.late) == late
+    assert merged.late == {}
+    found = spanned(said, size)
     for topic, info in found.items():
-        own, used = ([one.time_ns for one in each if one.topic == topic] for each in (said, kept))
-        # those that are late count for a topic's span, those set aside do not
-        assert (info.first_ns, info.last_ns) == (min(own if times[0] < DAY else used), max(used))
-        assert len(used) + info.late + merged.astray.get(topic, 0) == len(own)
-
-
-@pytest.mark.parametrize("size", [1, 2, 5, 100])
-def test_the_longest_gap_is_counted_from_the_newest_message_before_it(size):
-    # the message of 3 s comes after that of 10 s and shortens nothing
-    found = ordered(messages([0.0, 1.0, 10.0, 3.0, 110.0, 112.0]), size, 1000.0)["a"]
-    assert (found.gap_ns, found.gap_from_ns) == (100 * SECOND, 10 * SECOND)
-
-
-def gappy(gap_s, messages=101, span_s=600.0):
-    return TopicInfo("S", messages, 0, round(span_s * SECOND), 0, round(gap_s * SECOND), 5 * SECOND)
-
-
-@pytest.mark.parametrize(
-    ("topic", "stands_out"),
-    [
-        (gappy(60.0), True),
-        (gappy(59.0, span_s=500.0), False),
-        (gappy(60.0, span_s=601.0), False),
-        (gappy(60.0, 1, 0.0), False),
-    ],
-)
-def test_a_gap_stands_out_from_a_minute_and_ten_times_the_mean_on(topic, stands_out):
-    assert topic.has_gap is stands_out
-
-
-def test_the_longest_gaps_are_said():
-    lines = list(gap_lines({f"/t{k}": gappy(60.0 + k) for k in range(7)}))
-    assert lines[0] == "Gap: /t6 has no message for 66 s from 1970-01-01T00:00:05Z"
-    assert lines[4].startswith("Gap: /t2 has no message for 62 s")
-    assert lines[5].startswith("Gaps on 2 more topics")
+        own = [one.time_ns for one in kept if one.topic == topic]
+        assert (info.first_ns, info.last_ns) == (min(own), max(own))
 
 
 @pytest.mark.parametrize(

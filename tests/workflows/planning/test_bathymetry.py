@@ -133,13 +133,12 @@ def test_what_is_not_understood_is_refused(dataset, words, tmp_path):
         read(tmp_path, dataset)
 
 
-def test_gaps_wide_cells_and_water_that_is_not_covered_are_noted():
+def test_gaps_and_water_that_is_not_covered_are_noted():
     grid, holed = still_flow().grid, DEPTH.copy()
     holed[5, 10:12] = np.nan
     for depth, part, words in (
         (DEPTH, np.s_[:], None),
         (holed, np.s_[:], "no depth at 2 of its"),
-        (DEPTH, np.s_[::3, ::6], "are 25.6 km apart, wider than the forecast's, 8.5 km"),
         (DEPTH, np.s_[:, :20], "does not cover the whole region"),
     ):
         told = bathymetry_notes(Bathymetry(*(one[part] for one in (*CURVED, depth))), grid)

@@ -41,8 +41,9 @@ SAFE, CROSSING = (SimpleNamespace(violation=violation) for violation in (None, "
 def test_a_mission_is_handed_over_where_it_is_safe_or_no_one_asked(
     waypoints, status, risk, safe, why
 ):
-    samples = None if safe is None else {"safe": safe, "violations": {"land": 0.05, "banks": 0.15}}
+    odds = SimpleNamespace(safe=safe, violations={"land": 0.05, "banks": 0.15})
     planned = SimpleNamespace(
-        waypoints=waypoints, samples=samples, plan=SimpleNamespace(status=status), helps=None
+        **{"waypoints": waypoints, "odds": None if safe is None else odds, "helps": None},
+        **{"plan": SimpleNamespace(status=status), "job": PlanRequest(risk=risk)},
     )
-    assert unsafe_reason(planned, PlanRequest(risk=risk)) == why
+    assert unsafe_reason(planned) == why

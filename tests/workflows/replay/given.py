@@ -10,7 +10,7 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.run import Run
-from replay_kit.workflows.replay.state import Setup
+from replay_kit.workflows.replay.vehicle import Setup
 
 
 def position(seconds, longitude=152.0, latitude=-40.0, depth=0.0, reckoned=False):

@@ -11,6 +11,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Observation, PathMean, Profiles, Source
 from replay_kit.core.surfacing import ellipse_of
 from replay_kit.results.outcome.parts import expected_part
+from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.surfacings.forecasts import (
     _CELL,
     ForecastState,
@@ -46,7 +47,7 @@ def mean(k, velocity=CURRENT, ends=None, way=WAY):
 def after(*means):
     state = ForecastState()
     for each in means:
-        state, _ = forecast_mean(state, each)
+        state = forecast_mean(state, each)
     return state
 
 
@@ -100,8 +101,7 @@ def test_a_dive_that_is_told_to_go_deeper_than_the_last_lasts_longer_and_leads_f
 def test_the_current_of_a_dive_does_not_move_its_own_ellipse():
     before = after(mean(0), mean(1))
     plain, other = (
-        forecast_mean(before, mean(2, velocity))[0].outcomes[-1]
-        for velocity in (CURRENT, (-0.3, 0.4))
+        forecast_mean(before, mean(2, velocity)).outcomes[-1] for velocity in (CURRENT, (-0.3, 0.4))
     )
     assert plain.forecast.outer.major == pytest.approx(other.forecast.outer.major)
     assert plain.forecast.longitude == pytest.approx(other.forecast.longitude, abs=1e-6)
@@ -175,12 +175,11 @@ def estimate(flows, asked=None):
 
 def followed(events, flow_at):
     """The state after events and the end of the log, and the outcomes that were written before it."""
-    state, written = ForecastState(), []
+    state = ForecastState()
     for event in events:
         given = Profiles.of([event]) if isinstance(event, Observation) else event
-        state, ended = forecast_step(state, given, None, flow_at, BELOW)
-        written += ended
-    return forecast_end(state)[0], written
+        state = forecast_step(state, Step(given, None, None), flow_at, BELOW)
+    return forecast_end(state), state.outcomes
 
 
 def stated(outcomes):
@@ -256,7 +255,7 @@ def test_a_mean_current_takes_the_place_of_what_its_displacement_tells():
     given = [*events[:n], mean(0, (0.1, 0.0), ends), *events[n:]]
     state, written = followed(given, estimate(flows))
     assert [one.forecast.basis for one in written] == ["mean_currents"]
-    assert state.outcomes == tuple(written)
+    assert state.outcomes == written
 
 
 def test_where_positions_have_no_depths_the_number_of_the_dive_tells():

@@ -88,7 +88,7 @@ def planned(events, finds=False, concluded=False, **settings):
     problem = PlanningProblem(asked, Place(152.6, -40.0, 0.0), config.planner, 3.0)
     run = fed(run_of(Recorder(), config, problem), events)
     if concluded:
-        end(run, 0)
+        end(run, run.of[0])
     return asked.calls
 
 

@@ -85,10 +85,12 @@ def test_a_glider_s_replay_plans_missions_where_nothing_else_is_asked_for(
         log = tmp_path / log
     config = RunConfig(planner=PlannerConfig(**asked))
     job = job_in(ocean, goal=GOAL, logs=(log,))
-    found = with_planner_kind(job, open_readers(job.logs, config), config).planner
+    found = with_planner_kind(job.each_vehicle[0], open_readers(job.logs, config), config).planner
     assert (found.kind, found.diving(deepest=300.0).depth) == (kind, depth)
     without = job_in(ocean, logs=(log,))
-    assert with_planner_kind(without, open_readers(job.logs, config), config) is config
+    assert (
+        with_planner_kind(without.each_vehicle[0], open_readers(job.logs, config), config) is config
+    )
 
 
 def test_dives_that_are_not_stated_reach_their_goal_as_far_as_the_forecast():

@@ -5,13 +5,12 @@ A dry run also estimates memory and time of a replay.
 """
 
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from threadpoolctl import threadpool_limits
 
 from replay_kit.config.run import RunConfig
@@ -32,26 +31,7 @@ from replay_kit.workflows.replay.prepare import prepare
 from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CheckedInputs:
-    """Usable inputs of a replay.
-
-    Attributes:
-        forecasts: Part of the forecast to read.
-        profiles: Number of profiles in the logs.
-        used: Number of profiles with a usable bin in the region.
-        first: First of these, as many as are assimilated together.
-        findings: Contradictions within the logs of the first vehicle.
-    """
-
-    forecasts: Forecasts
-    profiles: int
-    used: int
-    first: tuple[Profiles, ...]
-    findings: tuple[Finding, ...]
-
-
-def _ignore(_: Any) -> None: ...
+def _ignore(*_: Any) -> None: ...
 
 
 def check_inputs(
@@ -59,16 +39,16 @@ def check_inputs(
     config: RunConfig,
     planner_of: PlannerFactory | None = None,
     on_message: Callable[[Message], None] = _ignore,
-    on_profile: Callable[[Profiles], None] = _ignore,
-) -> CheckedInputs:
-    """Return the usable inputs of a replay; reads the logs completely.
+    on_profile: Callable[[Profiles, bool], None] = _ignore,
+) -> tuple[Forecasts, tuple[Finding, ...]]:
+    """Return the part of the forecast that a replay reads, and contradictions within the first vehicle's logs; reads all logs.
 
     Args:
         job: The replay.
         config: Settings of the replay.
         planner_of: Factory of the planner for a job with a goal; None leaves the goal unchecked.
         on_message: Called with each message, before the profiles that it completes.
-        on_profile: Called with each profile after the checks, usable or not.
+        on_profile: Called with each profile after the checks, and whether it has a usable bin in the region.
 
     Raises:
         ReplayKitError: The replay would refuse the inputs.
@@ -86,19 +66,17 @@ def check_inputs(
 
     deque(inputs.played(run, messages()), 0)
     useless_of(run, inputs)
-    findings = run.of[0].monitoring.findings
-    return CheckedInputs(forecasts, screen.profiles, screen.used, tuple(screen.first), findings)
+    return forecasts, run.of[0].monitoring.findings
 
 
 class _Screen(Estimator[None]):
-    """Estimator that only screens observations and keeps the first profiles; mutable."""
+    """Estimator that only screens observations."""
 
     supports_path_means = True
     block_size = ReducedBasisEstimator.block_size
 
-    def __init__(self, forecasts: Forecasts, on_profile: Callable[[Profiles], None]) -> None:
+    def __init__(self, forecasts: Forecasts, on_profile: Callable[[Profiles, bool], None]) -> None:
         self._forecasts, self._on_profile = forecasts, on_profile
-        self.profiles, self.used, self.first = 0, 0, list[Profiles]()
 
     def initial(self) -> None:
         """Return the only state, None."""
@@ -113,10 +91,7 @@ class _Screen(Estimator[None]):
             accepted = one.is_used or _in_later_window(one, self._forecasts)
             found.append(Stepped(event, None, None, replace(one.unused(0), accepted=accepted)))
             if isinstance(event, Profiles):
-                self._on_profile(event)
-                self.profiles, self.used = self.profiles + 1, self.used + accepted
-                if accepted and len(self.first) < self.block_size:
-                    self.first.append(event)
+                self._on_profile(event, accepted)
         return None, found
 
     def innovation(self, state: None, event: Measurement) -> Array:
@@ -181,6 +156,16 @@ class DryRun:
     memory_mb: float
     seconds: float
 
+    def __str__(self) -> str:
+        """Return the dry run as a sentence."""
+        (rows, columns), levels = self.grid, self.levels
+        return (
+            f"Would use {self.profiles_used} of {self.profiles} profiles with {self.members} members "
+            f"on {rows} x {columns} points and {len(levels)} levels ({levels[0]:g} to {levels[-1]:g} m): "
+            f"{self.modes} modes a level, a state of {self.state_size} unknowns. "
+            f"Expected: {self.memory_mb:.0f} MB, {self.seconds:.0f} s for the updates"
+        )
+
 
 def dry_run(
     job: ReplayJob,
@@ -201,42 +186,37 @@ def dry_run(
         raise ConfigError(
             f"--dry-run describes the reduced basis, not {config.estimator.name}; leave one of the two out"
         )
+    seen, some = Counter[bool](), list[Profiles]()
+
+    def note(profile: Profiles, used: bool) -> None:
+        seen[used] += 1
+        if used and len(some) < ReducedBasisEstimator.block_size:
+            some.append(profile)
+
     with threadpool_limits(limits=config.output.threads):
-        inputs = check_inputs(job, config, planner_of)
-        ensemble = inputs.forecasts.ensemble
+        forecasts, _ = check_inputs(job, config, planner_of, on_profile=note)
+        ensemble = forecasts.ensemble
         # Any: a baseline was refused above, and the two that are left have what is asked for here
-        estimator: Any = build(inputs.forecasts, config)
-        timed = list(filter(estimator.usable, inputs.first))
+        estimator: Any = build(forecasts, config)
+        timed = list(filter(estimator.usable, some))
         began = time.perf_counter()
         if timed:
             estimator.assimilate(estimator.initial(), timed)
         spent = time.perf_counter() - began
     size = estimator.unknowns
     return DryRun(
-        profiles=inputs.profiles,
-        profiles_used=inputs.used,
+        profiles=seen.total(),
+        profiles_used=seen[True],
         members=ensemble.n_members,
         grid=(ensemble.grid.east.shape[0], ensemble.grid.east.shape[1]),
         levels=tuple(float(level) for level in ensemble.grid.levels),
         modes=estimator.flow(estimator.initial()).n_modes,
         state_size=size,
         memory_mb=_BASE_MB + _COVARIANCES * 8e-6 * size**2 + 2e-6 * ensemble.velocity.nbytes,
-        seconds=inputs.used * spent / len(timed) if timed else 0.0,
+        seconds=seen[True] * spent / len(timed) if timed else 0.0,
     )
 
 
 def dry_run_json(result: DryRun) -> dict[str, Any]:
     """Return the dry run for JSON."""
     return {"status": "dry run", "exit_code": 0, **asdict(result)}
-
-
-def print_dry_run(result: DryRun, console: Console) -> None:
-    """Print the dry run as a sentence."""
-    rows, columns = result.grid
-    levels = result.levels
-    console.print(
-        f"Would use {result.profiles_used} of {result.profiles} profiles with {result.members} members "
-        f"on {rows} x {columns} points and {len(levels)} levels ({levels[0]:g} to {levels[-1]:g} m): "
-        f"{result.modes} modes a level, a state of {result.state_size} unknowns. "
-        f"Expected: {result.memory_mb:.0f} MB, {result.seconds:.0f} s for the updates. Nothing was written.",
-    )

@@ -28,20 +28,17 @@ def build(forecasts: Forecasts, config: RunConfig, vehicles: int = 1) -> Estimat
     Raises:
         ConfigError: The estimator's name is unknown.
     """
+    made: Estimator[Any]
     if forecasts.region is not None and forecasts.read is not None:
-        return with_window(
-            _windowed(forecasts, forecasts.region, forecasts.read, config, vehicles),
-            config.time.window,
-        )
-    if forecasts.evolves:
-        return with_window(
-            build_reduced(forecasts.series, config.estimator, config.gating, config.time),
-            config.time.window,
-        )
-    if config.estimator.name == OWN:
-        made = build_reduced([forecasts.ensemble], config.estimator, config.gating)
-        return with_window(made, config.time.window)
-    return build_named(forecasts.ensemble, config.estimator)
+        made = _windowed(forecasts, forecasts.region, forecasts.read, config, vehicles)
+    elif config.estimator.name != OWN:
+        made = build_named(forecasts.ensemble, config.estimator)
+    else:
+        series, time = [forecasts.ensemble], None
+        if forecasts.evolves:
+            series, time = [*forecasts.series], config.time
+        made = build_reduced(series, config.estimator, config.gating, time)
+    return with_window(made, config.time.window)
 
 
 def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> Estimator[Any]:

@@ -3,14 +3,13 @@
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from replay_kit.config.run import ForecastConfig, RunConfig
+from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.files.paths import Paths
-from replay_kit.core.grid import Ensemble, Grid, Projection
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.region import Region, bounds_of
 from replay_kit.estimator.basis.slices import correlation_length
 from replay_kit.forecast import read_ensemble, read_series
@@ -126,29 +125,22 @@ def read_forecasts(
     note = _unfitted_spread(config, evolves, series[0].made_from)
     few = _too_few(config, series[0].n_members)
     series = (replace(series[0], notes=(*of_region, *series[0].notes, *note, *few)), *series[1:])
-    forecasts = Forecasts(_warned(series), series[0], evolves)
+    for text in series[0].notes:
+        # matters before a long run
+        if text.startswith(WARNING):
+            _LOG.warning(text.removeprefix(WARNING))
+    forecasts = Forecasts(series, series[0], evolves)
     first = forecasts.nearest(near_ns)
-    read = None
-    if region is not None and region.follows:
+
+    def read(window: Region) -> Ensemble:
+        """Return a window of the forecast in the frame of the first."""
         # terrain-following levels would be those of each window's own deepest column
         levels = tuple(float(level) for level in first.grid.levels)
-        read = partial(
-            _read_window,
-            path,
-            part.model_copy(update={"levels": levels}),
-            near_ns,
-            first.grid.projection,
-        )
-    return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=read)
+        asked = part.model_copy(update={"levels": levels, "region": window})
+        return in_frame(read_ensemble(path, asked, near_ns=near_ns), first.grid.projection)
 
-
-def _read_window(
-    path: Paths, config: ForecastConfig, near_ns: int | None, frame: Projection, region: Region
-) -> Ensemble:
-    """Return a window of a forecast in a local frame."""
-    return in_frame(
-        read_ensemble(path, config.model_copy(update={"region": region}), near_ns=near_ns), frame
-    )
+    follows = read if region is not None and region.follows else None
+    return replace(forecasts, ensemble=first, near_ns=near_ns, region=region, read=follows)
 
 
 def _check_width(ensemble: Ensemble) -> None:
@@ -202,11 +194,3 @@ def _too_few(config: RunConfig, n_members: int) -> tuple[str, ...]:
         f"{WARNING}{n_members} members are too few to state errors, expected {_LEAST_MEMBERS} or more; "
         "set estimator.representation_error_std [m/s], such as to the RMS innovation that this replay prints",
     )
-
-
-def _warned(series: tuple[Ensemble, ...]) -> tuple[Ensemble, ...]:
-    """Return a forecast after emitting its warnings, which matter before a long run."""
-    for note in series[0].notes:
-        if note.startswith(WARNING):
-            _LOG.warning(note.removeprefix(WARNING))
-    return series

@@ -251,9 +251,7 @@ def with_bathymetry(config: RunConfig, path: Path) -> RunConfig:
 
 
 def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
+    if isinstance(value, bool | str):
         # TOML's escapes are those of JSON
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, list):

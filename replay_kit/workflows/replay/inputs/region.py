@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -173,13 +174,14 @@ def _length_near(extent: Extent, places: Array) -> float:
     """Return the correlation length [m] near the middle of positions, shape (n, 2), or near one of them if that is on land."""
     reach = _PATCH * np.array(extent.step)
     tried = [np.array(centre(around(places, 0.0))), *places[:: max(1, len(places) // 4)]]
-    for last, place in enumerate(tried, 1 - len(tried)):
-        try:
-            return correlation_length(extent.patch(around([place - reach, place + reach], 0.0)))
-        except ForecastError:
-            if last == 0:
-                raise
-    raise AssertionError("unreachable")
+
+    def length(place: Array) -> float:
+        return correlation_length(extent.patch(around([place - reach, place + reach], 0.0)))
+
+    for place in tried[:-1]:
+        with suppress(ForecastError):
+            return length(place)
+    return length(tried[-1])
 
 
 def window_points(extent: Extent, length: float, latitude: float) -> int:

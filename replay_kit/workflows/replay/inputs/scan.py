@@ -111,7 +111,12 @@ class Logs:
         settings = self.config.logs
         if self.config.forecast.place:
             if self.reach.middle is None:
-                raise _nowhere(self.config)
+                start, end = settings.start, settings.end
+                span = f" between {start or 'their start'} and {end or 'their end'}"
+                raise MeasurementError(
+                    f"--place-ensemble moves the ensemble to the mean fix, the logs hold no position{span if start or end else ''}; "
+                    "widen --start and --end, or leave it out"
+                )
             return self.reach.middle, self.reach.first_ns
         for one in self._begun:
             one.looked_at = True
@@ -213,12 +218,3 @@ def next_block(messages: Iterator[Message], longest_s: float = np.inf) -> list[M
         if message.schema == _LARGE or message.time_ns - found[0].time_ns >= 1e9 * longest_s:
             break
     return found
-
-
-def _nowhere(config: RunConfig) -> MeasurementError:
-    """Return the error of logs without a position for the ensemble."""
-    start, end = config.logs.start, config.logs.end
-    span = f" between {start or 'their start'} and {end or 'their end'}" if start or end else ""
-    return MeasurementError(
-        f"--place-ensemble moves the ensemble to the mean fix, the logs hold no position{span}; widen --start and --end, or leave it out"
-    )

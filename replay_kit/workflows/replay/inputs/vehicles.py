@@ -40,7 +40,11 @@ def identified(job: ReplayJob, config: RunConfig) -> ReplayJob:
     vehicles = job.vehicles or _by_missions(job.logs, config)
     if all(one.places or one.why_not for one in vehicles):
         return job
-    _check_names(vehicles)
+    for name in (one.name for one in vehicles):
+        if not _NAME.fullmatch(name) or name in RESERVED:
+            raise ConfigError(
+                f"vehicle '{name}': expected a name of letters, digits and _.-, none of {', '.join(RESERVED)}; choose another"
+            )
     _check_contents(vehicles)
     if config.time.biases or job.against:
         what = "--against" if job.against else "time.biases"
@@ -59,14 +63,6 @@ def _in_order(vehicle: Vehicle) -> Vehicle:
         return vehicle
     logs = sorted(vehicle.logs, key=lambda path: (in_folder(path), input_hash(path)))
     return replace(vehicle, logs=tuple(logs))
-
-
-def _check_names(vehicles: Sequence[Vehicle]) -> None:
-    for name in (one.name for one in vehicles):
-        if not _NAME.fullmatch(name) or name in RESERVED:
-            raise ConfigError(
-                f"vehicle '{name}': expected a name of letters, digits and _.-, none of {', '.join(RESERVED)}; choose another"
-            )
 
 
 def _check_contents(vehicles: Sequence[Vehicle]) -> None:

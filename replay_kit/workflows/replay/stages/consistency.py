@@ -1,6 +1,6 @@
 """Consistency stage: events are checked before use, and findings change the input of the estimate."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -134,27 +134,19 @@ def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
 
 def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
     """Return the state with the gate's decisions in some steps."""
-    # Any: what has an innovation is a measurement
-    done: list[Any] = [
-        (step.event, step.assimilation.innovation)
-        for step in steps
-        if step.assimilation is not None
-    ]
-    gated = [
-        event for event, found in done if found.gate_statistic > found.gate and not found.accepted
-    ]
-    more = tuple(gated)
-    decisions = dict(state.decisions)
-    for event, found in done:
-        if found.decision == "unusable":
+    gated, decisions = [*state.gated], dict(state.decisions)
+    for step in steps:
+        if (found := step.innovation) is None:
             continue
-        kind = kind_of(event)
-        asked, rejected = decisions.get(kind, (0, 0))
-        decisions[kind] = asked + found.profiles, rejected + found.profiles * (not found.accepted)
-    if not done:
-        return state
-    gated_now = (state.gated + more)[-_MOST_GATED:] if more else state.gated
-    return replace(state, gated=gated_now, decisions=decisions)
+        # Any: what has an innovation is a measurement
+        event: Any = step.event
+        if found.gate_statistic > found.gate and not found.accepted:
+            gated.append(event)
+        if found.decision != "unusable":
+            asked, rejected = decisions.get(kind_of(event), (0, 0))
+            again = rejected + found.profiles * (not found.accepted)
+            decisions[kind_of(event)] = asked + found.profiles, again
+    return replace(state, gated=tuple(gated[-_MOST_GATED:]), decisions=decisions)
 
 
 def readmitted(
@@ -196,11 +188,6 @@ def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | No
         wrong = findings.ensemble_unit(evidence, ensemble.source)
         raise ForecastError(str(wrong), (wrong,))
     return ensemble_speeds(ensemble.grid.levels, ensemble.velocity)
-
-
-def is_distrusted(found: Iterable[Finding]) -> bool:
-    """Return whether findings exclude an instrument, so that the estimate is rebuilt without it."""
-    return any(finding.distrusts for finding in found)
 
 
 def left_out(state: MonitoringState, found: FoundWith) -> tuple[MonitoringState, FoundWith]:

@@ -19,8 +19,8 @@ from replay_kit.core.observation import (
     reasons_of,
 )
 from replay_kit.core.observation.evidence import BlockEvidence, Evidence, block_of
-from replay_kit.workflows.replay.events import Event, Track
-from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
+from replay_kit.workflows.replay.events import Track
+from replay_kit.workflows.replay.stages.estimation import Step
 
 Key = TypeVar("Key")
 
@@ -51,16 +51,13 @@ class Sums(NamedTuple):
     def with_profile(self, innovation: Innovation, dive_innovation: Array) -> "Sums":
         """Return the sums with another observation, or with the profiles of a group."""
         totals = innovation.totals
-        bins = innovation.dof // 2 if totals is None else totals.bins
-        before, after, prior = (
-            (totals.before, totals.after, totals.prior)
-            if totals is not None
-            else map(
-                _squares, (innovation.innovation, innovation.residual, innovation.prior_innovation)
-            )
-        )
+        if totals is None:
+            bins, each = innovation.dof // 2, ("innovation", "residual", "prior_innovation")
+            squares = [_squares(getattr(innovation, name)) for name in each]
+        else:
+            bins, squares = totals.bins, [totals.before, totals.after, totals.prior]
         counted = innovation.profiles, bins, innovation.nis, innovation.dof
-        return Sums(*map(add, self, (*counted, before, after, prior, _squares(dive_innovation))))
+        return Sums(*map(add, self, (*counted, *squares, _squares(dive_innovation))))
 
     def rms_of(self, *names: str) -> dict[str, float]:
         """Return the root mean square [m/s] of sums of squares, by their names; NaN without data."""
@@ -93,14 +90,14 @@ class SourceCounts:
     rejected: int = 0
     doubts: Mapping[str, int] = field(default_factory=dict)
 
-    def after(self, measurement: LinearMeasurement, found: Assimilation) -> "SourceCounts":
-        """Return the counts with another observation."""
-        innovation, doubt = found.innovation, measurement.label.doubt
+    def after(self, step: Step, innovation: Innovation, doubt: str) -> "SourceCounts":
+        """Return the counts with another observation, with its possible fault; empty without one."""
         doubts = added(self.doubts, [(doubt, 1)] if doubt else [])
         if not innovation.accepted:
             return SourceCounts(self.sums, self.rejected + 1, doubts)
-        sums = self.sums.with_profile(innovation, found.dive_innovation)
-        return SourceCounts(sums, self.rejected, doubts)
+        return SourceCounts(
+            self.sums.with_profile(innovation, step.dive_innovation), self.rejected, doubts
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,18 +153,22 @@ class Counts:
 
     def after(self, steps: Sequence[Step]) -> "Counts":
         """Return the counts after steps."""
-        done = [(step.event, step.assimilation) for step in steps if step.assimilation is not None]
-        innovations = [assimilation.innovation for _, assimilation in done]
-        used = [(event, found) for event, found in done if found.innovation.accepted]
-        means = [event for event, _ in done if isinstance(event, PathMean)]
-        total, dives = self.total, dict(self.dives)
-        for event, found in used:
-            total = total.with_profile(found.innovation, found.dive_innovation)
-            if (dive := found.innovation.dive) > 0 and not isinstance(event, LinearMeasurement):
-                dives[dive] = dives.get(dive, Sums()).with_profile(
-                    found.innovation, found.dive_innovation
-                )
-        std = [event["position_std"] for event, _ in used if isinstance(event, Profiles)]
+        done = [(step, one) for step in steps if (one := step.innovation) is not None]
+        used = [(step, one) for step, one in done if one.accepted]
+        means = [step.event for step, _ in done if isinstance(step.event, PathMean)]
+        total, dives, sources = self.total, dict(self.dives), dict(self.sources)
+        for step, one in used:
+            total = total.with_profile(one, step.dive_innovation)
+            if one.dive > 0 and not isinstance(step.event, LinearMeasurement):
+                known = dives.get(one.dive, Sums())
+                dives[one.dive] = known.with_profile(one, step.dive_innovation)
+        for step, one in done:
+            if isinstance(step.event, LinearMeasurement):
+                label = step.event.label
+                source = sources.get(label.kind, SourceCounts())
+                sources[label.kind] = source.after(step, one, label.doubt)
+        innovations = [one for _, one in done]
+        std = [step.event["position_std"] for step, _ in used if isinstance(step.event, Profiles)]
         far = [each for one in std for each in one[one > 0.0].tolist()]
         tracks = [step.event for step in steps if isinstance(step.event, Track)]
         return replace(
@@ -185,12 +186,16 @@ class Counts:
             position_std=max([self.position_std, *far]),
             path_means=added(
                 self.path_means,
-                ((event.kind, 1) for event, _ in used if isinstance(event, PathMean)),
+                ((step.event.kind, 1) for step, _ in used if isinstance(step.event, PathMean)),
             ),
             corrections=self.corrections
-            + tuple(_correction(event) for event in means if event.corrected),
+            + tuple(
+                abs(complex(*event.used) - complex(*event.velocity))
+                for event in means
+                if event.corrected
+            ),
             evidence=_with_evidence(self.evidence, innovations),
-            sources=_with_sources(self.sources, done),
+            sources=sources,
             repeated=self.repeated + sum(map(_is_repeat, innovations)),
         )
 
@@ -243,19 +248,6 @@ def summed(each: Sequence[Counts]) -> Counts:
     )
 
 
-def _with_sources(
-    sources: Mapping[str, SourceCounts],
-    done: Sequence[tuple[Event, Assimilation]],
-) -> Mapping[str, SourceCounts]:
-    """Return the counts of other sources with more observations."""
-    out = sources
-    for event, found in done:
-        if isinstance(event, LinearMeasurement):
-            kind = event.label.kind
-            out = {**out, kind: out.get(kind, SourceCounts()).after(event, found)}
-    return out
-
-
 def _with_evidence(
     evidence: Mapping[int, BlockEvidence], innovations: Sequence[Innovation]
 ) -> dict[int, BlockEvidence]:
@@ -289,8 +281,3 @@ def _reasons(innovation: Innovation) -> list[tuple[str, int]]:
     if innovation.totals is not None:
         return list(innovation.totals.not_used)
     return reasons_of(innovation.reasons, innovation.flags)
-
-
-def _correction(mean: PathMean) -> float:
-    """Return the magnitude of a DAC's flight-model correction [m/s]."""
-    return abs(complex(*mean.used) - complex(*mean.velocity))

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any
 
@@ -15,6 +15,7 @@ from replay_kit.core.observation import (
     Measurement,
     PathMean,
     Profiles,
+    VehicleState,
 )
 from replay_kit.estimator import Estimator
 from replay_kit.workflows.replay.events import Aside, Event, Track
@@ -38,36 +39,25 @@ class Dive:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Assimilation:
-    """Assimilation of one observation, or of a group of profiles.
+class Step:
+    """Event with the estimate before and after it.
 
     Attributes:
-        innovation: Innovation and decision of the gate.
+        event: Consecutive positions or one of them, an observation or a group of profiles, or a DAC that is not assimilated.
+        before: Estimator's state before it.
+        after: Estimator's state after it.
+        innovation: Innovation of an observation or group, and decision of the gate; None for others.
         dive_innovation: shape (n, 2) [m/s], innovation against the estimate before the observation's dive; for a group all bins of all
             profiles.
         dive_std: shape (1, 2) [m/s], predicted standard deviation of ``dive_innovation`` for a DAC; None for others.
     """
 
-    innovation: Innovation
-    dive_innovation: Array
-    dive_std: Array | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
-    """Event with the estimate before and after it.
-
-    Attributes:
-        event: Consecutive positions, an observation, or a DAC that is not assimilated.
-        before: Estimator's state before it.
-        after: Estimator's state after it.
-        assimilation: Assimilation of the observation; None for others.
-    """
-
-    event: Event
+    event: Event | VehicleState
     before: Any
     after: Any
-    assimilation: Assimilation | None = None
+    innovation: Innovation | None = None
+    dive_innovation: Array = field(default_factory=lambda: np.empty((0, 2)))
+    dive_std: Array | None = None
 
 
 #: An event with the number of its vehicle.
@@ -126,8 +116,7 @@ def assimilate(
                     std, of_dive = known.innovation_std, known.innovation
                 if of_dive is None or np.isnan(of_dive).all():
                     of_dive = estimator.innovation(start, some)
-                found = Assimilation(innovation, of_dive, std)
-                steps.append((vehicle, Step(some, before, current, found)))
+                steps.append((vehicle, Step(some, before, current, innovation, of_dive, std)))
                 if std is not None and len(dives) > 1:
                     # of many vehicles each would keep the state that its last dive began with, tens of megabytes
                     dives[vehicle] = Dive(start, _ENDED)

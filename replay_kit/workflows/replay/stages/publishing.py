@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import starmap
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from replay_kit.core.observation import LinearMeasurement, VehicleState
 from replay_kit.measurements.surface.residual_field import ResidualField
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.slices import Slice
-from replay_kit.workflows.replay.stages.estimation import Assimilation, Step
+from replay_kit.workflows.replay.stages.estimation import Step
 
 # times that say what the covariance is, and vectors that a time has at least to be one
 _TIMES, _LEAST_VECTORS = 2, 20
@@ -91,24 +90,19 @@ class PublishingState:
     surface: SurfaceState = field(default_factory=SurfaceState)
 
 
-def publish_step(
-    state: PublishingState,
-    event: Any,
-    assimilation: Assimilation | None,
-    flow_at: Callable[[int], FlowEstimate],
+def publish_surface(
+    state: PublishingState, step: Step, flow_at: Callable[[int], FlowEstimate]
 ) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after an event, and its outputs.
+    """Return the state after a step, and the surface current by the vectors of a radar, if it assimilated such as outputs.
 
     Args:
         state: State before it.
-        event: Position or observation.
-        assimilation: Assimilation of the observation.
+        step: The step.
         flow_at: Function of the estimate after it at a time [ns, UTC].
     """
-    if isinstance(event, VehicleState):
-        return publish_track(state, [event], flow_at)
+    event = step.event
     vectors = event.label.vectors if isinstance(event, LinearMeasurement) else None
-    if assimilation is None or not vectors:
+    if step.innovation is None or not vectors:
         return state, ()
     now_ns = event.time_ns
     surface, found = surface_step(state.surface, vectors, flow_at(now_ns))
@@ -118,7 +112,7 @@ def publish_step(
 
 def publish_innovations(steps: Sequence[Step]) -> tuple[Output, ...]:
     """Return the innovations of a block of steps as one output."""
-    found = [one.innovation for step in steps if (one := step.assimilation) is not None]
+    found = [one for step in steps if (one := step.innovation) is not None]
     return ((lambda writer: writer.innovations(found)),) if found else ()
 
 

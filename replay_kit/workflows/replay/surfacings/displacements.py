@@ -8,7 +8,6 @@ instead.
 A dive is concluded when the next one begins, as its DAC may be logged until then.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,36 +25,9 @@ from replay_kit.measurements.track.surfacings import SurfacingState, detect_surf
 from replay_kit.workflows.replay.events import Track
 
 _NO_DEPTH = np.empty(0)
-_NOWHERE = {
-    "time": np.empty(0, np.int64),
-    "longitude": _NO_DEPTH,
-    "latitude": _NO_DEPTH,
-    "depth": _NO_DEPTH,
-}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ahead:
-    """Predicted current of the next dive.
-
-    Attributes:
-        depth: shape (Z,) [m], increasing levels.
-        velocity: shape (Z, 2) [m/s], true east and north.
-    """
-
-    depth: Array
-    velocity: Array
-
-    def mean(self, depth: Array, weight: Array) -> Array:
-        """Return the mean current over depths, shape (2,) [m/s]; constant beyond the levels.
-
-        Args:
-            depth: shape (m,) [m].
-            weight: shape (m,), sums to one.
-        """
-        return np.array(
-            [weight @ np.interp(depth, self.depth, component) for component in self.velocity.T]
-        )
+_NOWHERE = dict.fromkeys(Spot._fields, _NO_DEPTH) | {"time": np.empty(0, np.int64)}
+#: Levels [m], shape (Z,), and the current there, shape (Z, 2) [m/s], true east and north.
+Ahead = tuple[Array, Array]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,10 +69,6 @@ class Between:
     ahead: Ahead | None = None
     surfaced: tuple[Path, VehicleState, int] | None = None
 
-    def is_over(self, event: VehicleState | Profiles) -> bool:
-        """Return whether all observations of the last dive's end have arrived before an event."""
-        return self.surfaced is not None and _first_ns(event) > self.surfaced[1].time_ns
-
 
 def watched(
     state: Between, event: VehicleState | Profiles, surface_depth: float
@@ -116,7 +84,7 @@ def watched(
     begins = _in_dive(detection) and (end is not None or not _in_dive(state.detection))
     if end is not None:
         # a dive's profiles may have waited for the fix after it
-        number = detection.dive if _first_ns(event) <= end.time_ns else state.detection.dive
+        number = detection.dive if first_ns(event) <= end.time_ns else state.detection.dive
         path = state.path
         ended = None if path is None or end.time_ns <= path.start.time else (path, end, number)
         state = replace(state, path=None, surfaced=ended)
@@ -149,7 +117,7 @@ def moved(state: Between, event: VehicleState | Profiles, surface_depth: float) 
         return replace(state, latest=event)
     if path is None:
         return state
-    more = {name: np.array([part]) for name, part in _row(event)}
+    more = {name: np.array([part]) for name, part in _spot(event)._asdict().items()}
     return replace(state, path=extended(path, more, _NO_DEPTH))
 
 
@@ -190,11 +158,6 @@ def over_ground(start: Fix, end: Fix) -> tuple[float, Array]:
     return seconds, np.array(to_local(frame, end.longitude, end.latitude)) / seconds
 
 
-def _row(position: VehicleState) -> Iterator[tuple[str, float]]:
-    spot = _spot(position)
-    yield from zip(_NOWHERE, (spot.time, spot.longitude, spot.latitude, spot.depth), strict=True)
-
-
 def _spot(position: VehicleState) -> Spot:
     return Spot(position.time_ns, position.longitude, position.latitude, position.depth)
 
@@ -203,7 +166,8 @@ def _in_dive(detection: SurfacingState) -> bool:
     return detection.submerged or not detection.reported
 
 
-def _first_ns(event: VehicleState | Profiles) -> int:
+def first_ns(event: VehicleState | Profiles) -> int:
+    """Return the time of a position, or of the first of some profiles [ns, UTC]."""
     return int(event["time"][0]) if isinstance(event, Profiles) else event.time_ns
 
 
@@ -215,7 +179,19 @@ def ahead_of(fix: VehicleState, flow: FlowEstimate, last: Dive | None) -> Ahead 
     east, north = to_local(flow.grid.projection, *place)
     if not inside_grid(flow.grid, east, north):
         return None
-    return Ahead(flow.levels, flow.velocity(east, north, flow.levels, true_axes=True))
+    return flow.levels, flow.velocity(east, north, flow.levels, true_axes=True)
+
+
+def path_average(depth: Array, weight: Array, levels: Array, velocity: Array) -> Array:
+    """Return the mean current over depths, shape (2,) [m/s]; constant beyond the levels.
+
+    Args:
+        depth: shape (m,) [m].
+        weight: shape (m,), sums to one.
+        levels: shape (Z,) [m], increasing.
+        velocity: shape (Z, 2) [m/s].
+    """
+    return np.array([weight @ np.interp(depth, levels, component) for component in velocity.T])
 
 
 def predicted(
@@ -226,6 +202,6 @@ def predicted(
     Outside the estimate it is the current of the last dive, or NaN before the first.
     """
     if ahead is not None:
-        return ahead.mean(depth, weight), "estimate"
+        return path_average(depth, weight, *ahead), "estimate"
     known = np.full(2, np.nan) if last is None else np.asarray(last.mean.backgrounds[0])
     return known, "displacements"

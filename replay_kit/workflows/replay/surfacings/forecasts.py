@@ -4,9 +4,8 @@ A dive's velocity through the water is that of its flight model after the dive; 
 log without DACs dives are predicted from displacements (``displacements.py``).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -26,16 +25,18 @@ from replay_kit.core.surfacing import (
 from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
-from replay_kit.workflows.replay.events import Track
-from replay_kit.workflows.replay.stages.estimation import Assimilation
+from replay_kit.workflows.replay.events import Aside, Track
+from replay_kit.workflows.replay.stages.estimation import Step
 from replay_kit.workflows.replay.surfacings.displacements import (
     Between,
     Dive,
     adrift,
     ahead_of,
     dived,
+    first_ns,
     moved,
     over_ground,
+    path_average,
     predicted,
     surfaced,
     watched,
@@ -86,10 +87,11 @@ class Gathered:
         known = np.flatnonzero(self.sums[:, 0])
         if self.dive != mean.dive or known.size == 0:
             return None
-        depth, velocity = (known + 0.5) * _CELL, self.sums[known, 1:] / self.sums[known, :1]
-        return np.array(
-            [mean.weight @ np.interp(mean.depth, depth, component) for component in velocity.T]
+        depth, velocity = (
+            np.asarray(each, np.float64)
+            for each in ((known + 0.5) * _CELL, self.sums[known, 1:] / self.sums[known, :1])
         )
+        return path_average(mean.depth, mean.weight, depth, velocity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,30 +143,29 @@ class ForecastState:
 
 def forecast_step(
     state: ForecastState,
-    event: Any,
-    assimilation: Assimilation | None,
+    step: Step,
     flow_at: FlowAt,
     surface_depth: float,
-) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after an event, and the outcome of a dive ended by it.
+) -> ForecastState:
+    """Return the state after an event; its outcomes grow where a dive is ended by it.
 
     Args:
         state: State before it.
-        event: Position or observation.
-        assimilation: Assimilation of the observation.
+        step: Step of a position, an observation, or a DAC that is not assimilated.
         flow_at: Function of the estimate before the event at a time [ns, UTC].
         surface_depth: Depth above which the vehicle is at the surface [m].
     """
+    event = step.event
+    if isinstance(event, Aside):
+        return forecast_mean(state, event.mean)
     if isinstance(event, PathMean):
-        state = _beside_estimate(state, event, assimilation)
-        known = None if assimilation is None else _backgrounds(event, assimilation)
-        return forecast_mean(state, event, known)
-    ended: tuple[DiveOutcome, ...] = ()
-    if isinstance(event, VehicleState | Profiles):
-        state, ended = _between_fixes(state, event, flow_at, surface_depth)
+        state = _beside_estimate(state, event, step)
+        return forecast_mean(state, event, _backgrounds(event, step))
+    if state.between is not None and isinstance(event, VehicleState | Profiles):
+        state = _between_fixes(state, state.between, event, flow_at, surface_depth)
     if isinstance(event, Profiles) and (more := state.gathered.after(event)) is not state.gathered:
         state = replace(state, gathered=more)
-    return state, ended
+    return state
 
 
 def forecast_track(
@@ -177,27 +178,29 @@ def forecast_track(
     return None if between is None else replace(state, between=between)
 
 
-def forecast_end(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state at the end of a log, and the outcome of a last dive without a DAC."""
+def forecast_end(state: ForecastState) -> ForecastState:
+    """Return the state at the end of a log, with the outcome of a last dive without a DAC."""
     return _told(_concluded(state))
 
 
 def _between_fixes(
-    state: ForecastState, event: VehicleState | Profiles, flow_at: FlowAt, surface_depth: float
-) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after a position or profile, and the outcome of the last dive when the next one begins."""
-    if state.between is None:
-        return state, ()
-    if state.between.is_over(event):
+    state: ForecastState,
+    between: Between,
+    event: VehicleState | Profiles,
+    flow_at: FlowAt,
+    surface_depth: float,
+) -> ForecastState:
+    """Return the state after a position or profile; the last dive has its outcome when the next one begins."""
+    if between.surfaced is not None and first_ns(event) > between.surfaced[1].time_ns:
+        # all observations of its end have arrived
         state = _concluded(state)
-    ended: tuple[DiveOutcome, ...] = ()
-    between, begins = watched(state.between or Between(), event, surface_depth)
+    between, begins = watched(state.between or between, event, surface_depth)
     if begins:
-        state, ended = _told(_concluded(replace(state, between=between)))
+        state = _told(_concluded(replace(state, between=between)))
         between = state.between or between
         if (fix := between.latest) is not None:
             between = dived(between, flow_at(fix.time_ns), state.last)
-    return replace(state, between=moved(between, event, surface_depth)), ended
+    return replace(state, between=moved(between, event, surface_depth))
 
 
 def _concluded(state: ForecastState) -> ForecastState:
@@ -231,13 +234,13 @@ def _scored(state: ForecastState, dive: Dive) -> ForecastState:
     )
 
 
-def _told(state: ForecastState) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state with the pending outcome among the others, and this outcome."""
-    if (outcome := state.pending) is None:
-        return state, ()
+def _told(state: ForecastState) -> ForecastState:
+    """Return the state with the pending outcome among the others."""
+    if state.pending is None:
+        return state
     flown = () if state.last is None or state.last.flown is None else (state.last.flown,)
-    outcomes, dives = (*state.outcomes, outcome), (*state.dives, *flown)
-    return replace(state, pending=None, outcomes=outcomes, dives=dives), (outcome,)
+    outcomes, dives = (*state.outcomes, state.pending), (*state.dives, *flown)
+    return replace(state, pending=None, outcomes=outcomes, dives=dives)
 
 
 def _placed(state: ForecastState, expected: Mixture, dive: Dive) -> DiveForecast:
@@ -263,24 +266,24 @@ def _placed(state: ForecastState, expected: Mixture, dive: Dive) -> DiveForecast
 
 
 def forecast_mean(
-    state: ForecastState, mean: PathMean, backgrounds: Array | None = None
-) -> tuple[ForecastState, tuple[DiveOutcome, ...]]:
-    """Return the state after a DAC, and the outcome of its dive; unchanged by a DAC without fixes.
+    state: ForecastState, mean: PathMean, backgrounds: Array = _UNKNOWN
+) -> ForecastState:
+    """Return the state after a DAC, with the outcome of its dive; unchanged by a DAC without fixes.
 
     Args:
         state: State before it.
         mean: The DAC.
         backgrounds: shape (2, 2) [m/s], true east and north, DAC predicted by the prior and by the estimate before the dive; NaN where
-            unknown, None if both are.
+            unknown.
     """
     if mean.fixes is None:
-        return state, ()
+        return state
     if not state.states_means:
         # dives without a mean current are known less well
         fresh = ForecastState(None)
         state = replace(fresh, outcomes=state.outcomes, gathered=state.gathered, local=state.local)
-    dive = dive_mean(state.gathered, mean, _UNKNOWN if backgrounds is None else backgrounds)
-    return _told(_scored(state, Dive(dive, mean.fixes, mean.dive, flown=flown_of(mean, dive))))
+    dive = dive_mean(state.gathered, mean, backgrounds)
+    return _told(_scored(state, Dive(dive, mean.fixes, mean.dive, flown=flown_of(mean))))
 
 
 def next_surfacing(
@@ -333,68 +336,36 @@ def dive_mean(gathered: Gathered, mean: PathMean, backgrounds: Array) -> DiveMea
     )
 
 
-def flown_of(mean: PathMean, dive: DiveMean | None = None) -> FlownDive | None:
-    """Return the flight of a DAC's dive; None for an unknown velocity through the water.
-
-    Args:
-        mean: The DAC.
-        dive: Its dive in the form of the model, if known.
-    """
+def flown_of(mean: PathMean) -> FlownDive | None:
+    """Return the flight of a DAC's dive; None for an unknown velocity through the water."""
     if mean.fixes is None:
         return None
-    dive = dive or dive_mean(Gathered(), mean, _UNKNOWN)
-    return flown_dive(
-        dive.seconds,
-        dive.way,
-        mean.depth,
-        mean.deepest,
-        mean.fixes[0].time_ns,
-        mean.radius,
-        mean.declination,
-    )
+    start, end = mean.fixes
+    seconds, moved = over_ground(start, end)
+    way = moved - np.array(mean.velocity)
+    about = mean.deepest, start.time_ns, mean.radius, mean.declination
+    return flown_dive(seconds, way, mean.depth, *about)
 
 
-def backgrounds_of(mean: PathMean, used: Array, innovations: Sequence[Array]) -> Array:
-    """Return the predictions of a DAC, shape (k, 2) [m/s], true east and north; NaN where unknown.
-
-    Args:
-        mean: The DAC.
-        used: shape (2,) [m/s], its assimilated value along the local axes.
-        innovations: Each of shape (1, 2) [m/s], along the local axes: ``used`` minus predicted.
-    """
-    if not np.any(used):
-        return np.full((len(innovations), 2), np.nan)
-    # the mean on both axes turns local ones to true ones
-    turn = complex(*mean.used) / complex(*used)
-    predicted = np.stack(
-        [used - (each[0] if each.shape == (1, 2) else np.nan) for each in innovations]
-    )
-    turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
-    return np.column_stack([turned.real, turned.imag])
-
-
-def _beside_estimate(
-    state: ForecastState, mean: PathMean, assimilation: Assimilation | None
-) -> ForecastState:
-    """Return the state with the local correction updated by a DAC; unchanged without an estimate."""
-    if (
-        assimilation is None
-        or assimilation.dive_std is None
-        or assimilation.dive_innovation.shape != (1, 2)
-    ):
-        return state
-    (innovation,), (std,) = assimilation.dive_innovation, assimilation.dive_std
-    if not (np.isfinite(innovation).all() and np.isfinite(std).all()):
+def _beside_estimate(state: ForecastState, mean: PathMean, step: Step) -> ForecastState:
+    """Return the state with the local correction updated by a DAC; unchanged where the estimate does not predict it."""
+    innovation, std = step.dive_innovation, step.dive_std
+    known = std is not None and innovation.shape == (1, 2)
+    if std is None or not known or not np.isfinite([*innovation, *std]).all():
         return state
     middle_ns = (int(mean.path_time_ns[0]) + mean.time_ns) // 2
-    return replace(state, local=local_step(state.local, middle_ns, innovation, std))
+    return replace(state, local=local_step(state.local, middle_ns, innovation[0], std[0]))
 
 
-def _backgrounds(mean: PathMean, assimilation: Assimilation) -> Array:
-    """Return the DAC predicted by the prior and by the estimate before the dive, shape (2, 2); NaN where unknown."""
-    found = assimilation.innovation
-    if found.used_current is None:
+def _backgrounds(mean: PathMean, step: Step) -> Array:
+    """Return the DAC predicted by the prior and by the estimate before the dive, as in ``forecast_mean``."""
+    used = None if (found := step.innovation) is None else found.used_current
+    if found is None or used is None or not np.any(used):
         return _UNKNOWN
-    return backgrounds_of(
-        mean, found.used_current, [found.prior_innovation, assimilation.dive_innovation]
-    )
+    # the mean on both axes turns local ones to true ones
+    turn, each = complex(*mean.used) / complex(*used), list[Array]()
+    for innovation in (found.prior_innovation, step.dive_innovation):
+        each.append(used - (innovation[0] if innovation.shape == (1, 2) else np.nan))
+    predicted = np.stack(each)
+    turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
+    return np.column_stack([turned.real, turned.imag])

@@ -1,0 +1,166 @@
+"""A vehicle in a replay: its constant setup, and the states of all stages, kept in checkpoints."""
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from replay_kit.config.run import RunConfig
+from replay_kit.core.arrays import replace
+from replay_kit.core.as_flown import FlownDive
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.observation import PathMean, kind_of
+from replay_kit.core.observation.block import LINEAR, MEAN, PING, POSITION, Block
+from replay_kit.core.observation.table import Integers
+from replay_kit.estimator import Estimator
+from replay_kit.measurements.checks.profile import EnsembleSpeeds
+from replay_kit.measurements.observed import Stream, path_mean
+from replay_kit.workflows.replay.events import Aside, Events
+from replay_kit.workflows.replay.inputs.estimator import flow_at
+from replay_kit.workflows.replay.stages.consistency import MonitoringState, tracked, trusting
+from replay_kit.workflows.replay.stages.counts import Counts, added
+from replay_kit.workflows.replay.stages.estimation import Dive, inputs_of
+from replay_kit.workflows.replay.stages.planner import VehiclePlanner
+from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
+from replay_kit.workflows.replay.stages.publishing import PublishingState
+from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corrected, with_block
+from replay_kit.workflows.replay.surfacings.forecasts import ForecastState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """Constant setup of a vehicle.
+
+    Attributes:
+        estimator: Estimator of its observations.
+        config: Settings of the run.
+        problem: Planning problem; None plans nothing.
+        speeds: Speeds of the ensemble to compare the log with; None for no comparison.
+        name: Name of one of several; empty for the only one.
+    """
+
+    estimator: Estimator[Any]
+    config: RunConfig
+    problem: PlanningProblem | None = None
+    speeds: EnsembleSpeeds | None = None
+    name: str = ""
+
+
+@dataclass(slots=True, eq=False)
+class OfVehicle:
+    """Vehicle of a running replay: its setup, and the states of all stages, which are replaced as it goes on.
+
+    Attributes:
+        setup: Its constant setup.
+        stream: State of the measurements.
+        dive: Present dive of the estimate.
+        waiting: Events that wait for other vehicles, or for their group.
+        due_ns: Due time of its last event [ns, UTC]; None before its first message.
+        ended: Whether its logs have ended.
+        publishing: State of publishing.
+        planning: State of planning.
+        counts: Counts of messages and observations.
+        monitoring: State of the consistency checks.
+        forecasts: State of the predicted surfacings.
+        flight: State of the flight-model error.
+        first_ns: Time of the first position or observation [ns, UTC]; None before it.
+        flown: Flights of the dives so far, and the planning problem with their flight parameters; None before it is asked for.
+    """
+
+    setup: Setup
+    stream: Stream
+    dive: Dive
+    waiting: Events = field(default_factory=Events.none)
+    due_ns: int | None = None
+    ended: bool = False
+    publishing: PublishingState = field(default_factory=PublishingState)
+    planning: PlanningState = field(default_factory=PlanningState)
+    counts: Counts = field(default_factory=Counts)
+    monitoring: MonitoringState = field(default_factory=MonitoringState)
+    forecasts: ForecastState = field(default_factory=ForecastState)
+    flight: FlightState = field(default_factory=FlightState)
+    first_ns: int | None = None
+    flown: tuple[tuple[FlownDive, ...], PlanningProblem] | None = None
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What changes with messages, by name, as kept in a checkpoint."""
+        names = (one.name for one in fields(self) if one.name not in ("setup", "flown"))
+        return {name: getattr(self, name) for name in names}
+
+    @property
+    def estimator(self) -> Estimator[Any]:
+        """Its estimator, whose gate rejects neither of two contradicting sources."""
+        found: Estimator[Any] = trusting(self.setup.estimator, self.monitoring)
+        return found
+
+    @property
+    def problem(self) -> PlanningProblem | None:
+        """Its planning problem with flight parameters as flown so far; None without a goal."""
+        problem, dives = self.setup.problem, self.forecasts.dives
+        if problem is None or not dives or not isinstance(problem.planner, VehiclePlanner):
+            return problem
+        if self.flown is None or self.flown[0] is not dives:
+            # asked for at every event, and another one only after a dive
+            flown = self.forecasts.as_flown
+            planner = problem.planner if flown is None else problem.planner.as_flown(flown)
+            self.flown = dives, replace(problem, planner=planner)
+        return self.flown[1]
+
+    def flow(self, state: Any, time_ns: int) -> FlowEstimate:
+        """Return the estimate of a state for a time [ns, UTC], with the local correction from the dives so far."""
+        flow, local = flow_at(self.estimator, state, time_ns), self.forecasts.local
+        return flow if local is None else replace(flow, local=local)
+
+    def admit(self, block: Block, rows: Integers) -> None:
+        """Let events of a block wait for assimilation; DACs that are not assimilated still serve to predict surfacings.
+
+        Args:
+            block: Checked block.
+            rows: shape (n, 3), rows of ``block.events``.
+        """
+        config, kinds = self.setup.config, inputs_of(self.setup.estimator)
+        if config.consistency.on_failure != "ignore":
+            self.monitoring = tracked(self.monitoring, block, rows)
+        unused, left_out = list[str](), self.monitoring.left_out
+        bias, kind, others, before = config.measurements.flight_bias, rows[:, 1], list[Any](), 0
+        is_ping, kept = kind == PING, np.ones(len(rows), np.bool_)
+        for k in np.flatnonzero((kind == MEAN) | (kind == LINEAR)).tolist():
+            row = int(rows[k, 2])
+            event: Any = path_mean(block, row) if kind[k] == MEAN else block.linear[row]
+            is_mean = isinstance(event, PathMean)
+            if is_mean:
+                if bias:
+                    pings = rows[before:k][is_ping[before:k], 2]
+                    flight = with_block(self.flight, block, pings)
+                    (self.flight, event), before = corrected(flight, event), k
+                means = (*self.monitoring.means, event)
+                self.monitoring = replace(self.monitoring, means=means)
+            # profiles beside a mean current were computed from it
+            beside = is_mean and event.beside_profiles
+            fits = isinstance(event, kinds) and (bias or not beside)
+            if not (fits or beside or left_out):
+                unused.append(kind_of(event))
+            if fits and not left_out:
+                others.append(event)
+            elif is_mean:
+                others.append(Aside(event))
+            else:
+                kept[k] = False
+        if bias:
+            pings = rows[before:][is_ping[before:], 2]
+            self.flight = with_block(self.flight, block, pings)
+        counts = self.counts
+        if left_out:
+            kept &= ~is_ping
+            rejected = counts.rejected + int(np.count_nonzero(kind != POSITION))
+            counts = replace(counts, rejected=rejected)
+        unsupported = added(counts.unsupported, ((name, 1) for name in unused))
+        self.counts = replace(counts, unsupported=unsupported)
+        events = Events.of(replace(block, events=rows[kept]), others)
+        self.waiting = self.waiting.followed_by(events, self.due_ns)
+        if len(self.waiting):
+            self.due_ns = int(self.waiting.due[-1])
+        if len(events):
+            first_ns = int(events.time.min())
+            self.first_ns = first_ns if self.first_ns is None else min(first_ns, self.first_ns)
