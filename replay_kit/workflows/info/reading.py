@@ -29,11 +29,11 @@ class TopicInfo:
 
     Attributes:
         schema: Schema or message name.
-        messages: Number of messages in the log, decoded or not.
+        messages: Messages in the log, decoded or not.
         first_ns: Earliest time of a message [ns, UTC]; None if unknown. If all were read, messages with distant stamps are excluded and
             clock jumps corrected, as in a replay.
         last_ns: Latest time of a message [ns, UTC].
-        late: Number of messages later than the reorder window, excluded from a replay; None if not all were read.
+        late: Messages later than the reorder window, excluded from a replay; None if not all were read.
         late_by_ns: Largest delay of these behind the newest message before [ns].
         gap_ns: Longest time between a message and the next newer one [ns]; None if not all were read.
         gap_from_ns: Start of this gap [ns, UTC].

@@ -135,7 +135,7 @@ def _print_departures(planned: PlannedMission, console: Console) -> None:
 
 def _departure_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     arrival = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
-    share = () if row["reached"] is None else (f"{100.0 * row['reached']:.0f} %",)
+    share = [] if row["reached"] is None else [f"{100.0 * row['reached']:.0f} %"]
     return (
         row["departure"],
         row["status"],
@@ -170,10 +170,8 @@ def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
             "legs": len(plan.headings_deg),
             "miss_m": float(plan.closest_approach[-1]),
             "reached": reached,
-            "best": [
-                *(["planned"] if plan.start_time_ns == planned.plan.start_time_ns else []),
-                *(["arrives first"] if k == first else []),
-            ],
+            "best": ["planned"] * (plan.start_time_ns == planned.plan.start_time_ns)
+            + ["arrives first"] * (k == first),
         }
         for k, (plan, reached) in enumerate(planned.departures)
     ]
