@@ -123,21 +123,21 @@ class MissionSettings:
     Attributes:
         depth: Dive depth [m].
         yos: Dives per leg, at one heading and glide angle; 0 for a single glide from start to goal.
-        surface_time: Drift time at each surfacing [s].
-        objective: Name of an objective, or weights.
+        surface_time: Drift at each surfacing [s].
+        objective: Its name, or weights.
         tolerance: Miss distance that counts as reached [m].
         legs: Number of legs; None to optimise it.
-        max_legs: Largest number of legs; None for the limit of ``max_duration``, 60 for a mooring.
-        max_duration: Largest mission duration [s].
+        max_legs: Most legs; None for the limit of ``max_duration``, 60 for a mooring.
+        max_duration: Longest mission [s].
         margin: Distance to keep from land, areas, shallows and edges [m].
-        clearance: Minimum height above the bathymetry [m].
+        clearance: Least height above the bottom [m].
         time_limit: Search time per mission [s].
-        deadline: End of the search for all missions planned together [s, clock of ``time.monotonic``].
-        depths: Range of the dive depth optimised for each leg [m].
+        deadline: End of the search for all missions together [s, ``time.monotonic``].
+        depths: Range of the dive depth of each leg [m].
         speeds: Range of the speed of a propelled vehicle [m/s].
         battery: Available energy [J].
-        arrive_by: Latest arrival of a simulated flight [s since the start]; infinite for 1.25 times the planned one.
-        radius: Radius within which a simulated flight meets a goal [m]; None for the tolerance.
+        arrive_by: Latest arrival of a simulated flight [s since the start]; infinite for 1.25 times the planned.
+        radius: Within which a simulated flight meets a goal [m]; None for the tolerance.
     """
 
     depth: float = 500.0
@@ -309,13 +309,13 @@ class MissionPlan:
         pitches_deg: Pitch of the hull, shape (L,).
         yo_depths: Depths [m] at which each leg begins, turns and ends.
         surfacings: End of each leg after the drift, shape (L, 2), longitude and latitude [degrees].
-        surfacing_times: Time of each leg's end, shape (L,) [s since the start].
+        surfacing_times: Of each leg's end, shape (L,) [s since the start].
         goal_legs: Leg in which each goal is met, from 1.
-        goal_times: Time at which each goal is met, shape (G,) [s since the start].
-        closest_approach: Horizontal distance to each goal at that time, shape (G,) [m].
-        duration: Duration [s].
-        energy: Energy [J].
-        track_time: Times of the track, shape (n,) [s since the start].
+        goal_times: When each goal is met, shape (G,) [s since the start].
+        closest_approach: Horizontal distance to each goal then, shape (G,) [m].
+        duration: [s].
+        energy: [J].
+        track_time: Shape (n,) [s since the start].
         track: Predicted track, shape (n, 3) [m], local east, north and depth.
         message: Outcome and binding limit.
     """
