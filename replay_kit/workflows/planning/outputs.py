@@ -95,7 +95,9 @@ def _print_mission(planned: PlannedMission, console: Console, battery: float | N
     if len(made.headings_deg) == 0:
         return
     energy = energy_sentence(made.energy, None if battery is None else battery * 1e6)
-    console.print(f"{made.duration / 3600.0:.2f} h, {energy}, {len(made.headings_deg)} legs")
+    rows = legs_table(made, planned.odds)
+    legs = f"{len(rows)} legs at {rows[0]['speed_m_s']:.2f} m/s"
+    console.print(f"{made.duration / 3600.0:.2f} h, {energy}, {legs}")
     if planned.waypoints is not None:
         console.print(planned.waypoints.message)
     columns = (
@@ -113,7 +115,7 @@ def _print_mission(planned: PlannedMission, console: Console, battery: float | N
         console,
         None,
         columns,
-        (_leg_cells(row, made.start_time_ns) for row in legs_table(made, planned.odds)),
+        (_leg_cells(row, made.start_time_ns) for row in rows),
     )
 
 

@@ -41,17 +41,17 @@ class OfVehicle:
     """States of all stages of a vehicle.
 
     Attributes:
-        stream: State of the measurements.
+        stream: Of the measurements.
         dive: Present dive of the estimate.
         waiting: Events that wait for other vehicles, or for their group.
         due_ns: Due time of its last event [ns, UTC]; None before its first message.
         ended: Whether its logs have ended.
-        publishing: State of publishing.
-        planning: State of planning.
+        publishing: Of publishing.
+        planning: Of planning.
         counts: Counts of messages and observations.
-        monitoring: State of the consistency checks.
-        forecasts: State of the predicted surfacings.
-        flight: State of the flight-model error.
+        monitoring: Of the consistency checks.
+        forecasts: Of the predicted surfacings.
+        flight: Of the flight-model error.
         first_ns: Time of the first position or observation [ns, UTC]; None before it.
     """
 
