@@ -18,17 +18,11 @@ from replay_kit.show.figures.draw import ENDINGS, saved
 from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.figures.map import Chosen
 from replay_kit.show.figures.section import limits_of, quantities_of
-from tests.results.cases import across_the_antimeridian, without_estimate, write
+from tests.results.cases import across_the_antimeridian, without_estimate
 from tests.show.figures.texts import words
 from tests.synthetic_flow import synthetic_flow
 
 AT_77 = Chosen((5.0, 62.0, 77.0))
-
-
-@pytest.fixture
-def contents(tmp_path, innovation, plan):
-    innovations = [replace(innovation, dive=k + 1) for k in range(4)]
-    return write(tmp_path / "whole.mcap", synthetic_flow(), innovations, plan)
 
 
 @pytest.mark.parametrize(
