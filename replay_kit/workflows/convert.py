@@ -71,11 +71,11 @@ def convert(
 ) -> ConvertSummary:
     """Write the messages of all inputs to one MCAP log, ordered by (time, input, position), and return a summary.
 
-    MCAP to MCAP keeps everything but the chunks. Messages of other formats become JSON; the frames of a telemetry log are also kept
-    unchanged. A message later than the reorder window is written in arrival order.
+    MCAP to MCAP keeps payloads, schemas, encodings, all stamps, sequences, attachments and metadata. Messages of other formats become
+    JSON; the frames of a telemetry log are also kept unchanged. A message later than the reorder window is written in arrival order.
 
     Args:
-        inputs: Logs of any format.
+        inputs: Logs of any format that ``open_log`` knows.
         out: The log.
         overwrite: Whether an existing output is replaced; an input never is replaced.
         config: Clock, first and last time, reorder window.
@@ -83,8 +83,8 @@ def convert(
 
     Raises:
         ConfigError: The output is an input, or exists, or cannot be written; or there is no input.
-        LogError: An input cannot be opened, or changed while it was read.
-        ReplayKitError: The output does not read back as written; ``OUT.part`` remains, as after a change.
+        LogError: An input cannot be opened, or changed while it was read; then ``OUT.part`` remains.
+        ReplayKitError: The output does not read back as written; ``OUT.part`` remains.
     """
     if not inputs:
         raise ConfigError("convert: expected at least one log, got none")

@@ -105,13 +105,14 @@ def replay(
     Args:
         logs: Logs of one mission; an open log is read again from its path with these settings. Or observations (``Observation.profile``,
             ``Observation.mean``), one or several, or a table with one row per depth: a pandas table, an xarray ``Dataset`` or a mapping
-            convertible to one, with ``time``, ``longitude``, ``latitude``, ``depth`` [m], ``u``, ``v`` and ``error`` [m/s];
-            ``logs.columns`` names others. They are saved as NAME.observations.mcap. For several vehicles, a mapping of names to logs.
+            convertible to one, with ``time``, ``longitude``, ``latitude``, ``depth`` [m], ``u``, ``v`` and ``error``
+            [m/s]; ``logs.columns`` names others. They are saved next to ``out`` as NAME.observations.mcap. For several vehicles that share
+            the estimate, a mapping of names to logs.
         ensemble: NetCDF files, Zarr stores, folders or patterns; ``forecast.members`` defines a member. With ``models``, each inner list of
-            files is one product. Or an ``Ensemble``, an xarray ``Dataset`` or a mapping convertible to one, saved as NAME.ensemble.nc; in a
-            list each is a member.
+            files is one product. Or an ``Ensemble``, an xarray ``Dataset`` or a mapping convertible to one, saved next to ``out`` as
+            NAME.ensemble.nc; in a list each is a member.
         goal: Goal of the vehicle or of all vehicles, or a mapping of names to goals; None plans nothing.
-        out: Result MCAP, with what is saved next to it; None for a temporary file, which exists as long as the value returned.
+        out: Result MCAP; None for a temporary file, which exists as long as the value returned.
         settings: Settings such as ``{"forecast": {"levels": [5, 150, 500]}}``; for all see ``replay_kit.RunConfig``.
         **options: ``overwrite=True`` replaces an existing result. ``estimator=`` and ``planner=`` replace those of the
             settings: see ``ReplayOptions``.

@@ -227,7 +227,6 @@ SPAN = "--depart 2026-01-01T12:00Z,2026-01-02T00:00Z"
     [
         ("--start-time 2025-01-01", 3, "within the forecast, 2026-01-01 12:00:00Z to 2026-01-03"),
         ("--depart 2026-01-01T12:00Z,2026-01-09,24h", 3, "--depart: expected a time within the"),
-        (f"{SPAN},0h", 2, "expected a duration above 0, got '0h'"),
         (SPAN, 2, "--depart: expected T0,T1,STEP"),
         ("--depart 2026-01-02T12:00Z,2026-01-02,6h", 2, "the first departure before the last"),
         (f"{SPAN},30s", 2, "at most 100 departures, got 1441"),
@@ -280,12 +279,10 @@ def result_of(flow, path, *fixes):
 def test_a_mission_on_a_result_begins_when_the_vehicle_was_fixed_last(tmp_path):
     # dead reckoning went on for an hour; the estimate is of noon
     result = result_of(CHANGING, tmp_path / "log.mcap", (3.0, False), (5.0, False), (6.0, True))
-    said = answer(result, f"--samples 0 -o {tmp_path}/plan.mcap")
+    said = answer(result)
     begins = time_text(NOON + 5 * HOUR)
     told = f"it begins at {begins}, the time of the last fix; --start-time sets another"
     assert said["notes"] == [told]
-    mission = metadata_of(tmp_path / "plan.mcap")["mission"]
-    assert int(mission["start_time_ns"]) == NOON + 5 * HOUR
     other = answer(result, f"--samples 0 --start-time {clock(12)}")
     assert (other["notes"], other["duration_s"] > said["duration_s"]) == ([], True)
     # as long as no fix is in it, it is an estimate alone
