@@ -63,17 +63,17 @@ class Glider:
     """Buoyancy-driven glider.
 
     Attributes:
-        speed: Speed through water [m/s], used without ``flight``.
-        flight: Steady-flight model of the speed at each glide angle.
+        speed: Through water [m/s], used without ``flight``.
+        flight: Model of the speed at each glide angle.
         min_angle: Shallowest glide angle [degrees].
         max_angle: Steepest glide angle [degrees].
-        volume: Volume pumped at each apogee [m^3].
-        pump_efficiency: Efficiency of the pump.
-        hotel: Hotel load [W].
-        thrust: Power of a propeller at 1 m/s [W]; it scales with the cube of the speed.
-        max_depth: Largest depth [m].
-        speed_spread: Relative standard deviation of the speed between dives.
-        speed_error: Relative standard error of the mean speed.
+        volume: Pumped at each apogee [m^3].
+        pump_efficiency: Of the pump.
+        hotel: Load [W].
+        thrust: Power of a propeller at 1 m/s [W]; the speed's cube scales it.
+        max_depth: [m].
+        speed_spread: Relative standard deviation between dives.
+        speed_error: Relative standard error of its mean.
     """
 
     speed: float = 0.3

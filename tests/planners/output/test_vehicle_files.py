@@ -91,7 +91,6 @@ def test_a_slocum_s_yo_has_the_dives():
 @pytest.mark.parametrize(
     ("depth", "rows"),
     [
-        (30.0, ["30 5 1 60"]),
         (200.0, ["50 5 1 60", "200 10 1 120"]),
         (612.5, ["50 5 1 60", "200 10 1 120", "612.5 20 1 180"]),
     ],
