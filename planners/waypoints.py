@@ -45,14 +45,14 @@ class Waypoints:
     """Waypoints of a glider, and its simulated track.
 
     Attributes:
-        depths: Dive depth on the way to each [m].
-        radius: Acceptance radius of each [m]: of a goal the plan's.
-        times: Time at which each is reached [s since the start]; NaN for never.
-        surfacings: Surfacings, shape (D, 2), longitude and latitude [degrees].
-        off_end: Smallest distance of a surfacing from the plan's end [m].
-        delay: Delay of its time against the plan [s].
-        off_track: Largest distance of a surfacing from the plan's legs [m].
-        violation: First constraint violation, or None.
+        depths: Dive depths on the way [m].
+        radius: Acceptance radius [m]: of a goal the plan's.
+        times: When each is reached [s since the start]; NaN for never.
+        surfacings: Shape (D, 2), longitude and latitude [degrees].
+        off_end: Least distance of a surfacing from the plan's end [m].
+        delay: Its delay against the plan [s].
+        off_track: Largest one from the plan's legs [m].
+        violation: First violation, or None.
         arrives: Whether all flights reach all waypoints.
     """
 

@@ -249,10 +249,10 @@ def _fence(waypoints: Waypoints) -> list[dict[str, Any]]:
 def _kml(waypoints: Waypoints) -> str:
     """Return the waypoints as placemarks and a connecting line.
 
-    References: OGC 12-007r2, OGC KML 2.3: coordinates are longitude, latitude and height.
+    References: OGC 12-007r2, OGC KML 2.3: coordinates are longitude, within 180 degrees, latitude and height.
     """
-    at = positions(waypoints.longitude, waypoints.latitude, float(waypoints.longitude[0]))
-    texts = [f"{longitude:.7f},{latitude:.7f},0" for longitude, latitude in at]
+    places = zip(waypoints.longitude, waypoints.latitude, strict=True)
+    texts = [f"{longitude:.7f},{latitude:.7f},0" for longitude, latitude in places]
     placemarks = [
         f"<Placemark><name>waypoint {k}</name><Point><coordinates>{at}</coordinates></Point></Placemark>"
         for k, at in enumerate(texts, 1)

@@ -97,8 +97,11 @@ def _out_of_reach(task: Task, answer: Answer) -> str:
         who = (
             "no vehicle of this speed comes" if bound.is_tight else "no route was found that comes"
         )
-        nearest, when = f"about {bound.nearest / 1e3:.1f} km", _hours(task, bound.when)
-        text += f"within {_hours(task, bound.most)} {who} nearer than {nearest}, after {when}"
+        nearest, when = f" than about {bound.nearest / 1e3:.1f} km", _hours(task, bound.when)
+        # what a plan's own legs pass may be nearer than routes on a lattice
+        beyond = answer.best.miss[bound.goal] < bound.nearest
+        after = "" if beyond else f"{nearest}, after {when}"
+        text += f"within {_hours(task, bound.most)} {who} nearer{after}"
     return text
 
 

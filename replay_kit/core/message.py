@@ -15,7 +15,7 @@ class Message(NamedTuple):
         time_ns: Time that orders the replay [ns, UTC], by the reader's chosen clock.
         topic: Channel name; for MAVLink ``mavlink/{system}/{component}/{NAME}``.
         schema: Schema name as in the file (``foxglove.LocationFix``, ``sensor_msgs/msg/NavSatFix``); for MAVLink the message's name.
-        payload: Mapping of field names to numbers, strings, bytes, lists and mappings, independent of the encoding.
+        payload: Field names to numbers, strings, bytes, lists, mappings.
         input: Position of the log among the run's inputs.
         position: Ordinal or byte offset in that log, increasing.
     """

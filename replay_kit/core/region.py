@@ -121,7 +121,7 @@ def feature(kind: str, coordinates: Any, properties: Mapping[str, Any]) -> Featu
 
 
 def cut_at_antimeridian(one: Feature) -> Feature:
-    """Return a feature with longitudes in [-180, 180]; lines and polygons are cut at the antimeridian.
+    """Return a feature with longitudes in [-180, 180]; lines and polygons are cut at the antimeridian, and lose lists of values.
 
     Args:
         one: Feature with continuous longitudes: points, a line or a polygon.
@@ -152,8 +152,11 @@ def cut_at_antimeridian(one: Feature) -> Feature:
         for each in shapely.get_parts(part):
             turned = shapely.geometry.polygon.orient(each) if kind == "Polygon" else each
             found.append(json.loads(shapely.to_geojson(turned))["coordinates"])
-    many = len(found) > 1
-    return feature(f"Multi{kind}" if many else kind, found if many else found[0], one["properties"])
+    if len(found) == 1:
+        return feature(kind, found[0], one["properties"])
+    # what holds a value for each position of the whole is of none of its parts
+    about = {name: value for name, value in one["properties"].items() if type(value) is not list}
+    return feature(f"Multi{kind}", found, about)
 
 
 def collection_file(features: Sequence[Feature]) -> str:

@@ -81,10 +81,11 @@ def _areas(geojson: Mapping[str, Any]) -> tuple[Area, ...]:
     """Return the no-go areas of a plan's features; those of earlier versions have a kind for a role."""
     found = []
     for one in geojson["features"]:
-        about, (ring, *_) = one["properties"], one["geometry"]["coordinates"]
+        about, rings = one["properties"], one["geometry"]["coordinates"]
         if about.get("role", about.get("kind")) == "no_go":
-            name, corners = about.get("area", about["name"]), tuple((x, y) for x, y in ring[:-1])
-            found.append(Area(name, about["surface_only"], corners))
+            corners, *holes = (tuple((x, y) for x, y in ring[:-1]) for ring in rings)
+            name = about.get("area", about["name"])
+            found.append(Area(name, about["surface_only"], corners, tuple(holes)))
     return tuple(found)
 
 

@@ -58,10 +58,10 @@ def smooth(
 ) -> Outcome:
     """Write the smoothed result of logs, and return the outcome of its forward replay.
 
-    A static estimator weights all observations equally at all times: its smoothed estimate is the last one.
+    The smoothed estimate of a static estimator is the last one.
 
     Args:
-        job: Logs, ensemble and result; goal and other outputs are ignored.
+        job: Logs, ensemble and result alone.
         config: Settings of the run; grids are published every ``output.interval``.
         progress: Called with the progress of each stage.
 

@@ -56,7 +56,7 @@ class MeanCurrents:
         estimated: shape (n, 2) [m/s], mean of the updated estimate along the dive.
         residual: shape (n, 2) [m/s], corrected, or else measured, minus estimated.
         standard_error: shape (n, 2) [m/s], of the innovation.
-        errors: shape (n, 3) [m/s], of these three; NaN if unknown.
+        errors: shape (n, 3) [m/s], of these three.
     """
 
     time_ns: NDArray[np.int64]

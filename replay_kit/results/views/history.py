@@ -17,7 +17,7 @@ from replay_kit.core.grid import Projection
 from replay_kit.results.mcap.messages import basis_of
 from replay_kit.results.mcap.schemas import decode, numbers
 from replay_kit.results.reader import ResultReader
-from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.results.views.slices import KEPT, CurrentSlices
 
 # Share of a depth within which a published one is the same.
 _SAME_DEPTH = 0.01
@@ -92,8 +92,8 @@ def series_of(
 ) -> Series:
     """Return the time series of the current at a position.
 
-    At an unpublished depth it is computed from the published unknowns, at the last time from the last estimate, with a standard error of
-    that alone. Without these it is that of the nearest published depth.
+    It is computed from the published unknowns, at the last time from the last estimate. Its standard error is the published one, at another
+    depth that of the last estimate alone. Without unknowns it is the published current at the nearest depth.
 
     Args:
         slices: Published current.
@@ -102,12 +102,14 @@ def series_of(
         place: Longitude, latitude [degrees] and depth [m].
     """
     published, estimate = series_at(slices, projection, place), history.estimate
-    if estimate is None or abs(published.depth - place[2]) <= _SAME_DEPTH * place[2]:
+    *_, depth = place
+    if estimate is None:
         return published
-    u, v, u_error, v_error = np.full((4, slices.time_ns.size), np.nan)
+    same = abs(published.depth - depth) <= _SAME_DEPTH * depth
+    u, v, u_error, v_error = (np.where(same, getattr(published, name), np.nan) for name in KEPT)
     last = estimate.velocity_at(*place)
     if np.isfinite(last.u):
-        at = (*to_local(estimate.grid.projection, *place[:2]), place[2])
+        at = (*to_local(estimate.grid.projection, *place[:2]), depth)
         for k, flow in enumerate(history.after(slices.time_ns[:-1])):
             if flow is not None:
                 u[k], v[k] = flow.velocity(*at, true_axes=True)
@@ -116,7 +118,7 @@ def series_of(
             u_error[-1], v_error[-1] = estimate.standard_error(*at)
         if u.size > 1 and not np.isfinite(u[:-1]).any():
             return published
-    return Series(place, place[2], slices.time_ns, u, v, u_error, v_error)
+    return Series(place, depth, slices.time_ns, u, v, u_error, v_error)
 
 
 def cell_of(slices: CurrentSlices, east: float, north: float) -> tuple[int, int] | None:
@@ -133,7 +135,7 @@ def cell_of(slices: CurrentSlices, east: float, north: float) -> tuple[int, int]
 def series_at(
     slices: CurrentSlices, projection: Projection, place: tuple[float, float, float]
 ) -> Series:
-    """Return the time series of the current in the grid cell of a position at the nearest published depth.
+    """Return the time series of the published current at a position and the nearest depth, linear between cells; of its cell beside land.
 
     Args:
         slices: Published current.
@@ -142,9 +144,18 @@ def series_at(
     """
     longitude, latitude, depth = place
     level = int(np.argmin(np.abs(slices.depths - depth)))
-    values, at = np.full((slices.time_ns.size, 4), np.nan), to_local(projection, *place[:2])
+    values, at = (
+        np.full((slices.time_ns.size, 4), np.nan),
+        to_local(projection, longitude, latitude),
+    )
     if (cell := cell_of(slices, *map(float, at))) is not None:
-        values = slices.fields[level, :, :, *cell]
+        # loads slowly
+        from scipy.interpolate import interpn
+
+        fields = slices.fields[level]
+        grid = (slices.north, slices.east), np.moveaxis(fields, (2, 3), (0, 1))
+        between = interpn(*grid, at[::-1], bounds_error=False).reshape(values.shape)
+        values = np.where(np.isfinite(between), between, fields[..., *cell])
     u, v = rotate_to_geographic(projection, longitude, latitude, values[:, 0], values[:, 1])
     errors = values[:, 2], values[:, 3]
     return Series(place, float(slices.depths[level]), slices.time_ns, u, v, *errors)

@@ -57,15 +57,18 @@ def _shape(kind: str, at: Any, times: Sequence[str]) -> str:
     """Return a KML geometry, with longitudes wrapped to 180 degrees."""
     if kind == "MultiPoint":
         return f"<MultiGeometry>{''.join(_shape('Point', one, ()) for one in at)}</MultiGeometry>"
-    points = [at] if kind == "Point" else at[0] if kind == "Polygon" else at
+    if kind == "Polygon":
+        sides = zip(("outer", *["inner"] * len(at)), at, strict=False)
+        rings = ((f"{side}BoundaryIs", _shape("LinearRing", ring, ())) for side, ring in sides)
+        return f"<Polygon>{''.join(f'<{side}>{ring}</{side}>' for side, ring in rings)}</Polygon>"
+    points = [at] if kind == "Point" else at
     places = [((longitude + 180.0) % 360.0 - 180.0, latitude) for longitude, latitude in points]
     if times:
         when = "".join(f"<when>{time}</when>" for time in times)
         each = (f"<gx:coord>{x:.7f} {y:.7f} 0</gx:coord>" for x, y in places)
         return f"<gx:Track>{when}{''.join(each)}</gx:Track>"
     text = f"<coordinates>{' '.join(f'{x:.7f},{y:.7f}' for x, y in places)}</coordinates>"
-    ring = f"<outerBoundaryIs><LinearRing>{text}</LinearRing></outerBoundaryIs>"
-    return f"<{kind}>{ring if kind == 'Polygon' else text}</{kind}>"
+    return f"<{kind}>{text}</{kind}>"
 
 
 def _style(style: Mapping[str, Any]) -> str:

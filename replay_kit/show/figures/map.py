@@ -227,9 +227,11 @@ def marks_of(features: Iterable[Feature]) -> list[Mark]:
 
 
 def places_of(geometry: dict[str, Any]) -> Array:
-    """Return the positions of a geometry, shape (n, 2)."""
+    """Return the positions of a geometry, shape (n, 2); the holes of a polygon are reached from its first corner and back."""
     at = geometry["coordinates"]
-    return np.reshape(at[0] if geometry["type"] == "Polygon" else at, (-1, 2)).astype(np.float64)
+    if geometry["type"] == "Polygon":
+        at = [*at[0], *(corner for hole in at[1:] for corner in (*hole, at[0][0]))]
+    return np.reshape(at, (-1, 2)).astype(np.float64)
 
 
 def slices_at(contents: Contents, chosen: Chosen) -> CurrentSlices | None:

@@ -53,7 +53,7 @@ class Held:
         last_ns: Time of the last message but plans for later [ns, UTC].
         metadata: Records by name.
         settings: Effective configuration.
-        outcome: Outcome of the run; None if unfinished.
+        outcome: Of the run; None if unfinished.
         projection: Local frame.
         fixes: The first, the last one a day older than the last, and the last.
         reckoned: Dead-reckoned position, if newer.

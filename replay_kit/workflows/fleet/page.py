@@ -34,6 +34,7 @@ def exit_code(outcomes: Sequence[Outcome]) -> int:
 def row_of(outcome: Outcome) -> dict[str, Any]:
     """Return the figures of a mission by column; None where undefined."""
     answer, found = outcome.answer, _found(outcome)
+    each = (answer, *(answer.get("vehicles") or {}).values())
     alarm = None if found is None else found.plan_alarm
     rms, used, truth = (
         answer.get(name) or {} for name in ("rms_innovation", "observations", "truth")
@@ -45,7 +46,7 @@ def row_of(outcome: Outcome) -> dict[str, Any]:
         "verdict": "do not use" if found is None else found.verdict.word,
         "profiles_used": used.get("used"),
         "profiles_rejected": used.get("rejected"),
-        "dives": len(answer["by_dive"]) if answer else None,
+        "dives": sum(len(one["by_dive"]) for one in each) if answer else None,
         "rms_ensemble_m_s": rms.get("prior"),
         "rms_before_m_s": rms.get("before"),
         "rms_after_m_s": rms.get("after"),

@@ -71,7 +71,7 @@ def follow(
 ) -> Outcome | None:
     """Follow logs until they have not grown for a while, and return the last outcome; None without a replay.
 
-    The estimate equals that of one replay of the final files. After an interrupt or kill, another call continues from the state on disk.
+    The estimate equals that of one replay of the final files. Another call continues from the state on disk.
 
     Args:
         job: Replay whose logs are growing files and folders.

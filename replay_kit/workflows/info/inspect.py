@@ -35,11 +35,11 @@ class LogContent:
     """Measured content of a log, reduced block by block: a log may hold more positions than fit in memory.
 
     Attributes:
-        profiles: Number of profiles of the current.
-        bins: Number of usable bins in them.
-        mean_currents: Number of DACs between fixes.
-        surface: Number of currents measured by radar, drifters and other sensors.
-        positions: Number of positions.
+        profiles: Profiles of the current.
+        bins: Usable bins in them.
+        mean_currents: DACs between fixes.
+        surface: Currents measured by radar, drifters and other sensors.
+        positions: How many there are.
         box: West, south, east, north [degrees] of the fixes, or of dead-reckoned positions without fixes; east above 180 across the
             antimeridian; None without positions.
         depths: Shallowest and deepest usable bin [m]; None without bins.

@@ -19,7 +19,7 @@ class TopicInfo:
 
     Attributes:
         schema: Schema or message name.
-        messages: Number of messages in the log, decoded or not.
+        messages: Messages in the log, decoded or not.
         first_ns: Earliest time of a message [ns, UTC]; None if unknown. If all were read, messages with distant stamps are excluded and
             clock jumps corrected, as in a replay.
         last_ns: Latest time of a message [ns, UTC].

@@ -145,8 +145,8 @@ class MissionPlanner:
         )
         return request, origin
 
-    def plan(self, flow: FlowEstimate, query: PlanQuery) -> PlanResult:
-        """Return the best mission found from start to goal, begun at once, with the mission as memory."""
+    def plan(self, flow: FlowEstimate, query: PlanQuery, span: float = 0.0) -> PlanResult:
+        """Return the best mission found from start to goal, begun at once, with the mission as memory; ``span`` [s] as of ``plan``."""
         begin_ns, projection = query.start_time_ns, flow.grid.projection
         before: planners.MissionPlan | None = None if query.warm is None else query.warm.memory
         request, origin = self.request(flow.grid, query.start, (query.goal,), begin_ns)
@@ -156,9 +156,12 @@ class MissionPlanner:
         if before is not None and before.statistics.get(ORIGIN, "") != origin:
             # the rest of it would be flown by other dives
             before = None
-        known, seconds = KnownCurrent((flow,), self.config.flow_step), span_of(request)
+        known = KnownCurrent((flow,), self.config.flow_step)
+        seconds = max(span, span_of(request))
         currents = flow if self.glides else known.flow(begin_ns, seconds)
         mission = with_origin(planners.plan_mission(currents, request, warm=before), origin)
+        if not self.glides and (longer := known.longer(begin_ns, seconds, (mission,))):
+            return self.plan(flow, query, longer)
         stated = 0 if self.glides else self.config.samples
         count = sample_count(flow, stated) if self.judges else stated or 0
         drawn = known.samples(

@@ -65,7 +65,7 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     """Return the bottom depth in a NetCDF file or Zarr store; only the surroundings of a region are read.
 
     The variable is found by standard name, or else by name. The attribute ``positive`` decides the sign; without it heights are positive up
-    and depths positive down. The default unit is metres. Of water levels at several times the lowest is used. Land in ``mask_rho`` of ROMS
+    and depths down. Units are metres. Of water levels at several times the lowest is used. Land in ``mask_rho`` of ROMS
     is unknown depth.
 
     Args:
@@ -82,7 +82,12 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
         with opened_file(path) as dataset:
             return _in_region(path, dataset.squeeze(), region)
     except (
-        *(OSError, ValueError, LookupError, RuntimeError, TypeError, OverflowError),
+        OSError,
+        ValueError,
+        LookupError,
+        RuntimeError,
+        TypeError,
+        OverflowError,
         MemoryError,
     ) as error:
         raise ForecastError(f"{path}: cannot read the bathymetry: {error}") from error

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from planners.request import MissionPlan
 from planners.simulation.currents import Flow, Sample, graph_key, is_noticed, with_local
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.arrays import Array
@@ -25,6 +26,8 @@ _DAYS_HELD = 30
 _STEPS = 4
 # Flows in each period of an oscillation.
 _A_PERIOD = 8
+# In a current that changes for longer a mission may take more time, and samples of it do.
+_LONGER = 1.25
 # Half the distance, in kernel lengths, over which the current's rotation is taken.
 _STENCIL = 0.05
 
@@ -93,17 +96,14 @@ class KnownCurrent:
         if asked_ns is not None:
             self.check_time("--start-time", asked_ns)
             return asked_ns, ()
-        if self.last_fix_ns is not None:
-            return self.last_fix_ns, (
-                f"it begins at {time_text(self.last_fix_ns)}, the time of the last fix; --start-time sets another",
-            )
-        known = self.first.time_ns
-        words = (
-            ""
-            if known is None
-            else f"it begins at {time_text(known)}, the time of the estimate; --start-time sets another"
+        known, of = self.last_fix_ns, "last fix"
+        if known is None:
+            known, of = self.first.time_ns, "estimate"
+        if known is None:
+            return 0, ()
+        return known, (
+            f"it begins at {time_text(known)}, the time of the {of}; --start-time sets another",
         )
-        return known or 0, (words,) * bool(words)
 
     def flow(self, begin_ns: int, seconds: float) -> Flow:
         """Return the current for planners: one constant flow, or flows at increasing times.
@@ -118,16 +118,30 @@ class KnownCurrent:
             return self.first
         times = _times(self.process, self._step, begin_ns, seconds)
         # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
-        slow = [
+        slow = (
             replace(self.first, time_ns=time)
             if self.first.unknowns is None
             else self.first.moved(time)
             for time in times
-        ]
+        )
         return [
             replace(flow, latent=flow.latent + self._beside(time))
             for flow, time in zip(slow, times, strict=True)
         ]
+
+    def longer(self, begin_ns: int, seconds: float, plans: Sequence[MissionPlan]) -> float:
+        """Return the period [s] that ``flow`` needs for plans that last longer than it changes; 0 where it needs no other.
+
+        Args:
+            begin_ns: See ``flow``.
+            seconds: See ``flow``.
+            plans: Missions planned in it.
+        """
+        lasts = max((one.start_time_ns - begin_ns) / _NS + one.duration for one in plans)
+        until = _times(self.process, self._step, begin_ns, seconds)[-1]
+        ends = min(begin_ns + lasts * _NS, self.ends_ns or inf)
+        changes = self.changes and len(self.estimates) == 1
+        return _LONGER * lasts if changes and ends > until else 0.0
 
     def samples(self, begin_ns: int, seconds: float, count: int, seed: int) -> Sequence[Sample]:
         """Return samples of the current: time-dependent for a changing estimate, otherwise constant.
@@ -158,8 +172,6 @@ class KnownCurrent:
         now = self.first.time_ns or begin_ns
         times = [max(time_ns, now) for time_ns in times]
         drawn = self.first.sample_through(times, count, seed)
-        if self.oscillation is None and not is_noticed(self.local):
-            return drawn
         more = [self._beside(time) for time in times]
         return [
             [

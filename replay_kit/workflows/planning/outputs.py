@@ -116,7 +116,9 @@ def _print_mission(planned: PlannedMission, console: Console) -> None:
     if len(made.headings_deg) == 0:
         return
     energy = energy_sentence(made.energy, None if battery is None else battery * 1e6)
-    console.print(f"{made.duration / 3600.0:.2f} h, {energy}, {len(made.headings_deg)} legs")
+    rows = legs_table(made, planned.odds)
+    legs = f"{len(rows)} legs at {rows[0]['speed_m_s']:.2f} m/s"
+    console.print(f"{made.duration / 3600.0:.2f} h, {energy}, {legs}")
     if planned.waypoints is not None:
         console.print(planned.waypoints.message)
     columns = (
@@ -134,7 +136,7 @@ def _print_mission(planned: PlannedMission, console: Console) -> None:
         console,
         None,
         columns,
-        (_leg_cells(row, made.start_time_ns) for row in legs_table(made, planned.odds)),
+        (_leg_cells(row, made.start_time_ns) for row in rows),
     )
 
 
@@ -156,7 +158,7 @@ def _print_departures(planned: PlannedMission, console: Console) -> None:
 
 def _departure_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     arrival = row["arrival"] or f"misses by {row['miss_m'] / 1e3:.1f} km"
-    share = () if row["reached"] is None else (f"{100.0 * row['reached']:.0f} %",)
+    share = [] if row["reached"] is None else [f"{100.0 * row['reached']:.0f} %"]
     return (
         row["departure"],
         row["status"],
@@ -191,10 +193,8 @@ def departures_table(planned: PlannedMission) -> list[dict[str, Any]]:
             "legs": len(plan.headings_deg),
             "miss_m": float(plan.closest_approach[-1]),
             "reached": reached,
-            "best": [
-                *(["planned"] if plan.start_time_ns == planned.plan.start_time_ns else []),
-                *(["arrives first"] if k == first else []),
-            ],
+            "best": ["planned"] * (plan.start_time_ns == planned.plan.start_time_ns)
+            + ["arrives first"] * (k == first),
         }
         for k, (plan, reached) in enumerate(planned.departures)
     ]

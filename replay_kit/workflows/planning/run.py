@@ -117,8 +117,10 @@ def make_plans(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Togeth
     return Together({"": _mission(job, config, on)}, {})
 
 
-def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedMission:
-    """Return one mission."""
+def _mission(
+    job: PlanRequest, config: PlannerConfig, on: PlannedOn, span: float = 0.0
+) -> PlannedMission:
+    """Return one mission, in a current that changes for at least so long [s]."""
     known = on.known
     count = sample_count(known.first, config.samples)
     check_samples(job, count, known.first.n_modes > 0)
@@ -138,7 +140,7 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
             f"dives to {depth:g} m go below the forecast's {level:g} m: the current there is taken as at that level, its "
             "error grows by the shear above",
         )
-    seconds, for_odds = _seconds(job, request), job.objective == "odds"
+    seconds, for_odds = max(span, _seconds(job, request)), job.objective == "odds"
     flow, drawn = (
         known.flow(begin_ns, seconds),
         known.samples(begin_ns, seconds, count, config.seed),
@@ -146,15 +148,14 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     # odds that a mission was chosen by are too high: it is judged in other samples
     searched = known.samples(begin_ns, seconds, count, config.seed + 1) if for_odds else drawn
     request, made, compared = _within_times(job, request, flow, searched)
+    if longer := known.longer(begin_ns, seconds, compared or (made,)):
+        return _mission(job, config, on, longer)
     if compared:
         request = replace(request, start_time_ns=made.start_time_ns)
     if left := len(job.departures_ns) - len(compared):
         notes += (f"--time-limit excluded the last {left} departures",)
     if job.waypoints and len(made.headings_deg) == 0:
         notes += ("no waypoints are written: the plan has no legs",)
-    begin_ns = made.start_time_ns
-    notes += known.notes(begin_ns, begin_ns + round(made.duration * 1e9))
-    notes += local_notes(known.local, begin_ns)
     asked = _Asked(job, on, flow, drawn, origin)
     planned = _judged(asked, request, made, notes)
     each = replace(asked, job=job.model_copy(update={"waypoints": False, "held": False}))
@@ -163,8 +164,10 @@ def _mission(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> PlannedM
     return replace(planned, departures=tuple(rows))
 
 
-def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Together:
-    """Return the missions of several vehicles, which keep their separation."""
+def _of_gliders(
+    job: PlanRequest, config: PlannerConfig, on: PlannedOn, span: float = 0.0
+) -> Together:
+    """Return the missions of several vehicles, which keep their separation; ``span`` as of one."""
     known, starts, named = on.known, job.glider_places, job.goals_of_gliders
     goals, names = tuple(place for _, place in named), tuple(starts)
     begin_ns, notes = known.begin(job.start_time_ns)
@@ -175,7 +178,7 @@ def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Toget
         for name, start in starts.items()
     }
     each = [request for request, _ in made.values()]
-    seconds = max(span_of(replace(one, goals=(goal,))) for one in each for goal in goals)
+    seconds = max(span, *(span_of(replace(one, goals=(goal,))) for one in each for goal in goals))
     count, flow = sample_count(known.first, config.samples), known.flow(begin_ns, seconds)
     # shares that ways were chosen by are too low: they are stated in other samples
     drawn, searched = (known.samples(begin_ns, seconds, count, config.seed + k) for k in range(2))
@@ -193,6 +196,8 @@ def _of_gliders(job: PlanRequest, config: PlannerConfig, on: PlannedOn) -> Toget
     ]
     announce("planning the missions")
     joint = plan_missions(flow, searched if apart else (), requests, apart, job.accepted_risk)
+    if longer := known.longer(begin_ns, seconds, joint.plans):
+        return _of_gliders(job, config, on, longer)
     asked = _Asked(job, on, flow, drawn, "")
     planned = {
         name: _judged(replace(asked, origin=made[name][1]), request, plan, (*notes, *on.notes))
@@ -308,12 +313,15 @@ def _judged(
 ) -> PlannedMission:
     """Return a mission with its requested waypoints, and with simulated flights, along the waypoints if any."""
     job, currents, few, of_list, helps = asked.job, (asked.flow, asked.drawn), None, None, None
+    known, begin_ns = asked.on.known, made.start_time_ns
+    notes += known.notes(begin_ns, begin_ns + round(made.duration * 1e9))
+    notes += local_notes(known.local, begin_ns)
     if job.waypoints and len(made.headings_deg):
         few, of_list = waypoints_of(asked.flow, made, request, job.waypoint_tolerance, asked.drawn)
         if not _is_safe(few, of_list, job):
             helps = _other_tolerance(asked, request, made)
     if not asked.drawn:
-        made = without_odds(made, asked.on.known.first)
+        made = without_odds(made, known.first)
     made = with_origin(made, asked.origin)
     planned = PlannedMission(job, asked.on, made, None, few, notes, len(asked.drawn), helps)
     if not asked.drawn or len(made.headings_deg) == 0:

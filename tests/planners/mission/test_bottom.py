@@ -13,8 +13,7 @@ from planners.simulation.fly import Flights
 from planners.task import task_of
 from replay_kit.core.geodesy import to_geographic
 from tests.planners.flow_samples import request_between, still_flow
-
-LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 121), np.linspace(-40.45, -39.55, 91)
+from tests.planners.hazardous import LATITUDE, LONGITUDE
 
 
 def bathymetry(depth):
@@ -29,8 +28,9 @@ def bathymetry(depth):
 
 def least_height(flow, track, bottom):
     """Return the least height [m] of a track above the bottom, linear between its points, at steps of a metre."""
-    fine = [np.linspace(a, b, int(np.linalg.norm(b - a)) + 2) for a, b in pairwise(track)]
-    points = np.concatenate(fine)
+    points = np.concatenate(
+        [np.linspace(a, b, int(np.linalg.norm(b - a)) + 2) for a, b in pairwise(track)]
+    )
     longitude, latitude = to_geographic(flow.grid.projection, points[:, 0], points[:, 1])
     depth = RegularGridInterpolator((LATITUDE, LONGITUDE), bottom.depth)(
         np.column_stack([latitude, longitude])

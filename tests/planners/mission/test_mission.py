@@ -102,7 +102,13 @@ def test_coming_close_is_weighed_against_time(worth_of_a_kilometre, comes_close)
     off = 0.0 if comes_close else 4e3 - 600.0 / np.tan(np.arccos(0.8 * 0.3 * 3.6))
     assert result.closest_approach[0] == pytest.approx(off, abs=15.0)
     assert (result.status == "reached") == comes_close == ("the weights" not in result.message)
-    assert Weights(2.0, 0.1, 0.5).cost(7200.0, 5e3, 3e3) == pytest.approx(4.0 + 0.5 + 1.5)
+
+
+def test_no_vehicle_is_said_to_stay_farther_off_than_the_plan():
+    """It misses by 6.6 km, and none was said to come nearer than 6.9."""
+    short = replace(SETTINGS, max_duration=8000.0)
+    plan = plan_between(uniform_flow(-0.1, 0.0), (-4e3, 0.0), (4e3, 1e3), settings=short)
+    assert "no vehicle of this speed comes nearer;" in plan.message
 
 
 def test_power_grows_with_the_cube_of_a_propellers_speed_and_least_energy_is_between_the_ends():
@@ -131,7 +137,6 @@ def test_a_goal_out_of_reach_leaves_the_others_as_they_are_without_it():
     flow, settings = eddying_flow(2, speed=0.08), replace(SETTINGS, max_legs=10)
     begin, near, far = (-20e3, 0.0), [(-14e3, 3e3), (-15e3, -4e3)], (24e3, 0.0)
     alone = plan_between(flow, begin, *near, settings=settings)
-    assert alone.status == "reached"
     for position in range(3):
         goals = [*near[:position], far, *near[position:]]
         plan = plan_between(flow, begin, *goals, settings=settings)
@@ -139,7 +144,6 @@ def test_a_goal_out_of_reach_leaves_the_others_as_they_are_without_it():
         np.testing.assert_array_equal(plan.track, alone.track)
         np.testing.assert_array_equal(np.delete(plan.goal_times, position), alone.goal_times)
         assert f"goal {position + 1} is out of reach: it needs more than 10 legs" in plan.message
-        assert plan.message.count("out of reach") == 1
     # of several that are out of reach each is named; without another the first is approached
     few = replace(SETTINGS, max_legs=4)
     both = plan_between(flow, begin, far, (20e3, 4e3), settings=few)

@@ -56,8 +56,7 @@ def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_nort
     longitudes = 180.0 + 1e-3 * (-1.0) ** np.arange(9)
     places = np.column_stack(to_local(frame, longitudes, latitudes))
     ((longitude, latitude, major, minor, bearing),) = ellipses_of(frame, places[:, None])
-    assert abs(longitude) == pytest.approx(180.0, abs=1e-3)
-    assert latitude == pytest.approx(-60.0, abs=1e-3)
+    assert (abs(longitude), latitude) == pytest.approx((180.0, -60.0), abs=1e-3)
     assert min(bearing, 180.0 - bearing) < 1.0
     assert major > 5.0 * minor
 
@@ -65,16 +64,14 @@ def test_an_ellipse_lies_where_the_surfacings_do_and_its_bearing_is_of_true_nort
 def test_tables_say_what_the_plan_says():
     rows = legs_table(planned(), None)
     assert [row["surfacing_s"] for row in rows] == planned().surfacing_times.tolist()
-    assert rows[-1]["depth_m"] == max(planned().yo_depths[-1])
+    assert (rows[-1]["depth_m"], rows[0]["speed_m_s"]) == (max(planned().yo_depths[-1]), 0.3)
     off = np.tile([-20.0, np.nan], (len(rows), 1))
     odds = SimpleNamespace(ellipses=np.ones((len(rows), 5)), forgiving=off, count=7)
     first = next(csv.DictReader(io.StringIO(to_csv(planned(), odds))))
     assert (first["leg"], first["heading_to_deg"], first["ellipse_major_m"]) == ("1", "", "1.0")
-    heading = planned().headings_deg[0]
-    assert float(first["heading_deg"]) == pytest.approx(heading, abs=1e-6)
-    assert float(first["heading_from_deg"]) == pytest.approx(
-        np.mod(heading - 20.0, 360.0), abs=1e-6
-    )
+    heading, least = (float(first[f"heading_{name}deg"]) for name in ("", "from_"))
+    told = np.mod(planned().headings_deg[0] - [0.0, 20.0], 360.0)
+    assert [heading, least] == pytest.approx(told, abs=1e-6)
     goal = places_table(planned(), None)[0]
     assert (goal["met_s"], goal["depth_m"]) == (planned().goal_times[0], 100.0)
     assert to_json(planned(), None)["goals"][0]["off_m"] == planned().closest_approach[0]

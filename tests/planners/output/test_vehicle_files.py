@@ -22,8 +22,9 @@ PLACES = np.column_stack([FEW.longitude, FEW.latitude])
 
 def test_a_qgroundcontrol_plan_has_each_waypoint_and_its_radius():
     read = json.loads(waypoint_text(FEW, Path("mission.plan")))
-    assert (read["fileType"], read["mission"]["version"]) == ("Plan", 2)
-    home, items = read["mission"]["plannedHomePosition"], read["mission"]["items"]
+    mission = read["mission"]
+    assert (read["fileType"], mission["version"]) == ("Plan", 2)
+    home, items = mission["plannedHomePosition"], mission["items"]
     # waypoints, at an altitude above home
     assert {(item["command"], item["frame"]) for item in items} == {(16, 3)}
     params = np.array([item["params"] for item in items], dtype=float)
@@ -48,12 +49,15 @@ def test_a_qgroundcontrol_plan_has_the_fence_and_the_areas_that_hold_at_any_dept
 
 
 def test_a_kml_has_each_waypoint_and_the_way():
-    read = ElementTree.fromstring(waypoint_text(FEW, Path("mission.KML")))
+    # across the antimeridian
+    longitude = (FEW.longitude - FEW.longitude.mean() + 360.0) % 360.0 - 180.0
+    text = waypoint_text(replace(FEW, longitude=longitude), Path("mission.KML"))
+    read = ElementTree.fromstring(text)
     space = "{http://www.opengis.net/kml/2.2}"
     points = [point.findtext(f"{space}coordinates") for point in read.iter(f"{space}Point")]
     np.testing.assert_allclose(
-        [[float(part) for part in text.split(",")] for text in points],
-        np.column_stack([PLACES, 0.0 * PLACES[:, 0]]),
+        np.loadtxt(points, delimiter=","),
+        np.column_stack([longitude, FEW.latitude, 0.0 * longitude]),
         atol=6e-8,
     )
     (way,) = read.iter(f"{space}LineString")
@@ -78,21 +82,20 @@ def test_a_slocum_s_goto_list_has_each_waypoint():
 def test_a_slocum_s_yo_has_the_dives():
     behaviour, arguments, places = read_mission_arguments(waypoint_text(FEW, Path("yo10.ma")))
     assert (behaviour, places.size) == ("yo", 0)
-    assert (arguments["d_target_depth(m)"], arguments["num_half_cycles_to_do(nodim)"]) == (
-        FEW.depths.min(),
-        2 * FEW.yos,
-    )
-    assert arguments["d_pitch_value(X)"] == pytest.approx(
-        -np.deg2rad(FEW.pitches_deg.mean()), abs=5e-5
-    )
-    assert arguments["d_target_altitude(m)"] == PLAN.settings.clearance
-    assert arguments["c_pitch_value(X)"] == -arguments["d_pitch_value(X)"]
+    pitch = -np.deg2rad(FEW.pitches_deg.mean())
+    said = {
+        "d_target_depth(m)": FEW.depths.min(),
+        "num_half_cycles_to_do(nodim)": 2 * FEW.yos,
+        "d_pitch_value(X)": pitch,
+        "c_pitch_value(X)": -pitch,
+        "d_target_altitude(m)": PLAN.settings.clearance,
+    }
+    assert {name: arguments[name] for name in said} == pytest.approx(said, abs=5e-5)
 
 
 @pytest.mark.parametrize(
     ("depth", "rows"),
     [
-        (30.0, ["30 5 1 60"]),
         (200.0, ["50 5 1 60", "200 10 1 120"]),
         (612.5, ["50 5 1 60", "200 10 1 120", "612.5 20 1 180"]),
     ],

@@ -18,17 +18,11 @@ from replay_kit.show.figures.draw import ENDINGS, saved
 from replay_kit.show.figures.kinds import KINDS, drawn
 from replay_kit.show.figures.map import Chosen
 from replay_kit.show.figures.section import limits_of, quantities_of
-from tests.results.cases import across_the_antimeridian, without_estimate, write
+from tests.results.cases import across_the_antimeridian, without_estimate
 from tests.show.figures.texts import words
 from tests.synthetic_flow import synthetic_flow
 
 AT_77 = Chosen((5.0, 62.0, 77.0))
-
-
-@pytest.fixture
-def contents(tmp_path, innovation, plan):
-    innovations = [replace(innovation, dive=k + 1) for k in range(4)]
-    return write(tmp_path / "whole.mcap", synthetic_flow(), innovations, plan)
 
 
 @pytest.mark.parametrize(
@@ -127,25 +121,19 @@ def test_a_map_of_a_time_has_the_current_published_before_it_and_nothing_later(c
         drawn(contents, "map", Chosen(time_ns=int(times[0]) - 1))
 
 
-def test_a_series_is_what_was_published_and_at_another_depth_that_of_the_published_unknowns(
-    contents,
-):
-    place = (5.02, 62.01, 77.0)
-    found, at_depth = contents.series(place), contents.estimate.velocity_at(*place)
-    assert (found.depth, found.time_ns.tolist()) == (77.0, contents.slices.time_ns.tolist())
+@pytest.mark.parametrize(("depth", "published"), [(77.0, False), (120.0, True), (120.4, True)])
+def test_a_series_is_that_of_its_place_and_not_of_the_cell_about_it(contents, depth, published):
+    place = (5.02, 62.01, depth)
+    found, there = contents.series(place), contents.estimate.velocity_at(*place)
+    assert (found.depth, found.time_ns.tolist()) == (depth, contents.slices.time_ns.tolist())
     # those of the small result are the same at all times
-    np.testing.assert_allclose(found.u, at_depth.u, rtol=1e-6)
-    np.testing.assert_allclose(found.v, at_depth.v, rtol=1e-6)
+    np.testing.assert_allclose(found.u, there.u, rtol=1e-6)
+    np.testing.assert_allclose(found.v, there.v, rtol=1e-6)
     for error in (found.u_standard_error, found.v_standard_error):
-        assert np.isfinite(error).tolist() == [False] * 3 + [True]
-    for depth in (120.0, 120.4):
-        found = contents.series((5.02, 62.01, depth))
-        published = series_at(contents.slices, contents.projection, (5.02, 62.01, depth))
-        assert found.depth == 120.0
-        np.testing.assert_array_equal(found.u, published.u)
+        assert np.isfinite(error).tolist() == [published] * 3 + [True]
 
 
-def test_a_series_is_that_of_its_cell_towards_true_north():
+def test_what_was_published_is_linear_between_cells_and_towards_true_north():
     projection = synthetic_flow().grid.projection
     east, north = np.array([0.0, 1e3, 2e3]), np.array([-1e3, 0.0])
     fields = np.arange(2 * 5 * 4 * 2 * 3, dtype=float).reshape(2, 5, 4, 2, 3)
@@ -156,11 +144,11 @@ def test_a_series_is_that_of_its_cell_towards_true_north():
         return place, series_at(slices, projection, place)
 
     place, series = at(1_400.0, -600.0, 56.0)
-    cell = fields[1, :, :, 0, 1].T
-    np.testing.assert_array_equal(
-        [series.u, series.v], rotate_to_geographic(projection, *place[:2], *cell[:2])
-    )
-    np.testing.assert_array_equal([series.u_standard_error, series.v_standard_error], cell[2:])
+    # which grow by one to the east and by three to the north
+    cell = fields[1, :, :, 0, 0].T + 1.4 + 3.0 * 0.4
+    true = rotate_to_geographic(projection, *place[:2], *cell[:2])
+    errors = series.u_standard_error, series.v_standard_error
+    np.testing.assert_allclose([series.u, series.v, *errors], [*true, *cell[2:]])
     for x, y, inside in ((2_490, 0, True), (2_510, 0, False), (0, 490, True), (0, 510, False)):
         assert np.isfinite(at(x, y, 10.0)[1].u).all() == inside
 

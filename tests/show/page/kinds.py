@@ -2,12 +2,10 @@
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from replay_kit.show.notebook import read_result
 from replay_kit.show.report.pages import report_html
 from replay_kit.show.status.page import status_page
 from replay_kit.show.status.status import status_of
@@ -15,19 +13,10 @@ from replay_kit.workflows.fleet.page import fleet_page
 from replay_kit.workflows.fleet.run import Outcome
 from tests import synthetic
 from tests.command import succeed
-from tests.results.cases import write
 from tests.show.status.held_samples import held
-from tests.synthetic_flow import synthetic_flow
 
 #: Makes a page, of files in a folder and of the fixtures of a request.
 Make = Callable[[Path, pytest.FixtureRequest], str]
-
-
-def _report(folder: Path, request: pytest.FixtureRequest) -> str:
-    innovation = request.getfixturevalue("innovation")
-    innovations = [replace(innovation, dive=k + 1) for k in range(4)]
-    write(folder / "result.mcap", synthetic_flow(), innovations, request.getfixturevalue("plan"))
-    return report_html(read_result(folder / "result.mcap"))
 
 
 def _paper(folder: Path, request: pytest.FixtureRequest) -> str:
@@ -48,7 +37,7 @@ def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:
 
 #: By the folder of the module that makes it.
 QUICK: dict[str, Make] = {
-    "show/report": _report,
+    "show/report": lambda folder, request: report_html(request.getfixturevalue("contents").result),
     "show/status": lambda folder, request: status_page(status_of(held())),
     "workflows/fleet": _fleet,
 }

@@ -23,7 +23,8 @@ from tests.show.status.held_samples import plan as planned
 from tests.synthetic_flow import TIME_NS, synthetic_flow
 
 CORNERS = ((5.02, 62.01), (5.04, 62.01), (5.04, 62.03))
-AREAS = (Area("range", False, CORNERS), Area("lane", True, CORNERS))
+HOLE = ((5.03, 62.012), (5.036, 62.016), (5.036, 62.012))
+AREAS = (Area("range", False, CORNERS, (HOLE,)), Area("lane", True, CORNERS))
 EAST, NORTH = np.linspace(-15e3, 15e3, 7), np.linspace(-10e3, 10e3, 5)
 DEPTH = np.add.outer(50.0 * np.arange(5.0), 20.0 * np.arange(7.0)) - 30.0
 INPUTS = METADATA | {"replay_kit.inputs": {"bathymetry": "bottom.nc sha256:00ff"}}
@@ -85,7 +86,8 @@ def test_the_page_shows_them(contents):
     # of what the map shows of the bottom
     assert {"130 m", "190 m"} <= depths <= {f"{depth} m" for depth in range(110, 220, 10)}
     areas = [(len(mark["x"]), set(mark["text"])) for mark in marks if mark["role"] == "no_go"]
-    assert areas == [(4, {"no-go area range"}), (4, {"no-go area lane<br>surface only"})]
+    # the way to the hole and back is part of the ring
+    assert areas == [(9, {"no-go area range"}), (4, {"no-go area lane<br>surface only"})]
     assert [len(mark["x"]) for mark in marks if mark["role"] == "ellipse"] == [37, 37]
 
 
@@ -120,10 +122,13 @@ def test_geojson_kml_and_the_channel_hold_areas_and_ellipses(contents, tmp_path)
     )
     numbers = {"energy_j": 250_000.0, "battery_j": 1e6, "samples": 10, "reached_share": 0.9}
     assert found[4]["properties"].items() >= numbers.items()
-    assert found[0]["geometry"]["coordinates"] == [[[*corner] for corner in (*CORNERS, CORNERS[0])]]
+    rings = [[[*at] for at in (*ring, ring[0])] for ring in (CORNERS, HOLE)]
+    assert found[0]["geometry"]["coordinates"] == rings
     assert found[1]["properties"]["surface_only"] is True
     export(contents, tmp_path / "x.kml")
-    assert "5.0200000,62.0100000 5.0400000,62.0100000" in (tmp_path / "x.kml").read_text()
+    outer, _, inner = (tmp_path / "x.kml").read_text().partition("<innerBoundaryIs>")
+    assert "5.0200000,62.0100000 5.0400000,62.0100000" in outer
+    assert "5.0300000,62.0120000" in inner
     ((_, value),) = decoded(contents.result.path)["/plan/geojson"]
     drawn_ones = sorted(json.loads(value.geojson)["features"], key=str)
     assert drawn_ones == sorted(features_of(contents), key=str)

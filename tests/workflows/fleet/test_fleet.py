@@ -168,9 +168,11 @@ def test_a_plan_that_does_not_arrive_comes_first_in_the_table_and_on_the_page(ca
     outcomes = [
         Outcome("a", answer | {"plan": {"status": "reached", "message": "meets the goal"}}),
         Outcome("b", answer | {"plan": {"status": "unreachable", "message": message}}),
-        Outcome("c", answer),
+        # each vehicle has dives of its own
+        Outcome("c", answer | {"vehicles": {"g": answer | {"by_dive": [{}]}}}),
     ]
-    assert [row_of(outcome)["plan_alarm"] for outcome in outcomes] == [None, alarm, None]
+    told = [[row_of(one)[name] for name in ("plan_alarm", "dives")] for one in outcomes]
+    assert told == [[None, 0], [alarm, 0], [None, 1]]
     print_fleet(outcomes, SafeConsole(width=200))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"ALARM: b: {alarm}"

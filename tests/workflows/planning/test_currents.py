@@ -10,9 +10,7 @@ import replay_kit as rk
 from planners import (
     MissionRequest,
     MissionSettings,
-    Weights,
     best_departure,
-    cut_at_horizon,
     plan_departures,
     plan_mission,
 )
@@ -52,9 +50,9 @@ NOON = 1_767_268_800 * 10**9
 BEGIN, SECONDS = NOON + 2 * HOUR, 20 * 3600.0
 
 
-def evolving(hours=(0.0, 24.0, 48.0), scale=1e6) -> FlowEstimate:
+def evolving(hours=(0.0, 24.0, 48.0), scale=1e6, ends=((0.15, 0.0), (-0.15, 0.05))) -> FlowEstimate:
     """An estimate that changes from one flow to another within a day, with a small uncertainty that grows."""
-    before, after = uniform_flow(0.15, 0.0), uniform_flow(-0.15, 0.05)
+    before, after = (uniform_flow(*end) for end in ends)
     modes = np.column_stack([flow.latent[:, 0] for flow in (before, after)])
     n_levels, mean = before.levels.size, np.zeros((len(hours), before.levels.size, 2))
     mean[0, :, 0] = mean[1:, :, 1] = 1.0
@@ -117,6 +115,25 @@ def test_a_saved_estimate_is_planned_through_its_evolution_and_not_frozen(saved)
     assert changing < 60.0 < 200.0 < held
 
 
+def test_a_current_changes_for_as_long_as_a_mission_against_it_takes(tmp_path):
+    """5 h through still water, 19 h against a current that turns aside: it was held from 10 h on, and the way took 17 h."""
+    flow = evolving((0.0, 20.0, 80.0), ends=((-0.2, 0.0), (-0.2, 0.2)))
+    flow.save(path := tmp_path / "head.nc")
+    (fine := tmp_path / "fine.toml").write_text("[planner]\nflow_step = 2400.0\n")
+    start, goal = (
+        (one.longitude, one.latitude, 0.0) for one in (place(flow, 0, 0), place(flow, 5e3, 0))
+    )
+    one, two = (",".join(map(str, at)) for at in (start, goal))
+    pair = f"--glider one={one} --glider two={two} --goal one={two} --goal two={two}"
+    settings = {"planner": {"kind": "mission", "depth": 390, "flow_step": 2400.0}}
+    hours = [rk.plan(flow, start, goal, settings=settings).duration]
+    for ends in f"--start={one} --goal={two}", pair:
+        asked = f"plan {path} {ends} --depth 390 --samples 0 --config {fine} --json -"
+        said = json.loads(succeed(asked).stdout)
+        hours.append(said.get("vehicles", {"one": said})["one"]["duration_s"])
+    np.testing.assert_allclose(hours, 19.0 * 3600.0, rtol=0.01)
+
+
 def test_a_departure_table_has_the_best_of_single_plans_in_it(saved):
     span = f"--depart {clock(0)},{clock(12)},6h"
     said = answer(saved, f"--samples 0 {span}")
@@ -132,10 +149,6 @@ def test_a_departure_table_has_the_best_of_single_plans_in_it(saved):
         assert row["duration_s"] <= 1.002 * alone
     assert said["duration_s"] == pytest.approx(single[0], rel=1e-3)
     assert ["planned" in row["best"] for row in rows] == [True, False, False]
-    arrivals = [row["arrival"] for row in rows]
-    assert ["arrives first" in row["best"] for row in rows] == [
-        one == min(arrivals) for one in arrivals
-    ]
     limited = answer(saved, f"--samples 0 {span} --time-limit 1e-9")
     assert [row["departure"] for row in limited["departures"]] == [time_text(NOON)]
     assert "--time-limit excluded the last 2 departures" in limited["notes"]
@@ -156,8 +169,7 @@ def test_waiting_for_a_shorter_way_is_advised_only_to_those_who_ask_for_the_shor
 
 def test_odds_of_departures_and_the_result_name_them(saved, tmp_path):
     result, page = tmp_path / "plan.mcap", tmp_path / "plan.html"
-    done = ask(saved, f"--samples 5 --depart {clock(0)},{clock(8)},8h -o {result}")
-    assert "Departures compared" in done.output
+    ask(saved, f"--samples 5 --depart {clock(0)},{clock(8)},8h -o {result}")
     said = [json.loads(row) for row in metadata_of(result)["departures"].values()]
     assert [0.0 <= row["reached"] <= 1.0 for row in said] == [True, True]
     succeed(f"report {result} -o {page}")
@@ -177,11 +189,7 @@ def test_fewer_legs_are_tried_where_a_later_departure_needs_fewer():
     assert along.duration == pytest.approx(alone.duration, rel=1e-3)
     # leaving a day later it is there later, but sooner after it left
     assert best_departure([against, along]) == 0
-    shortest = replace(ASKED.settings, objective=Weights(time=1.0))
-    assert best_departure([replace(one, settings=shortest) for one in (against, along)]) == 1
     assert best_departure([replace(against, status="unreachable"), along]) == 1
-    with pytest.raises(PlanError, match="expected one or more that increase"):
-        plan_departures(flows, ASKED, [NOON, NOON])
 
 
 def test_a_plan_ends_at_its_horizon_and_says_what_is_left(saved):
@@ -195,7 +203,6 @@ def test_a_plan_ends_at_its_horizon_and_says_what_is_left(saved):
     assert f"{left / 1e3:.1f} km left to the goal" in cut["message"]
     # samples are compared with where the plan ends
     assert cut["samples"]["miss_median_m"] < 1000.0 < left
-    assert answer(saved, "--samples 0 --horizon 47h")["status"] == "reached"
 
 
 def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
@@ -204,15 +211,12 @@ def test_the_first_legs_of_a_mission_end_where_it_surfaces_first():
         flow, replace(ASKED, settings=MissionSettings(depth=390.0, surface_time=900.0))
     )
     projection = CHANGING.grid.projection
-    first, all_legs = (first_legs(plan, n, projection) for n in (1, len(plan.headings_deg)))
+    first = first_legs(plan, 1, projection)
     assert first.duration == pytest.approx(plan.surfacing_times[0] - 900.0)
     flown, _ = fly_mission([flow], first)
     np.testing.assert_allclose(flown.place[0, -1], first.track[-1, :2], atol=1.0)
-    assert first.track[-1, 2] == pytest.approx(0.0, abs=1e-6)
-    assert (all_legs.duration, all_legs.energy) == pytest.approx((plan.duration, plan.energy))
     pumped = plan.vehicle.pump_work(max(plan.yo_depths[0]))
     assert first.energy == pytest.approx(plan.vehicle.hotel * first.duration + pumped)
-    assert cut_at_horizon(plan, plan.duration + 1.0, projection) is plan
 
 
 SPAN = "--depart 2026-01-01T12:00Z,2026-01-02T00:00Z"
@@ -222,19 +226,13 @@ SPAN = "--depart 2026-01-01T12:00Z,2026-01-02T00:00Z"
     ("more", "code", "words"),
     [
         ("--start-time 2025-01-01", 3, "within the forecast, 2026-01-01 12:00:00Z to 2026-01-03"),
-        ("--start-time tomorrow", 2, "--start-time: 'tomorrow' is no time"),
         ("--depart 2026-01-01T12:00Z,2026-01-09,24h", 3, "--depart: expected a time within the"),
-        (f"{SPAN},0h", 2, "expected a duration above 0, got '0h'"),
         (SPAN, 2, "--depart: expected T0,T1,STEP"),
         ("--depart 2026-01-02T12:00Z,2026-01-02,6h", 2, "the first departure before the last"),
         (f"{SPAN},30s", 2, "at most 100 departures, got 1441"),
         (f"{SPAN},6h --start-time 2026-01-02", 2, "cannot be combined with --start-time"),
-        (f"{SPAN},6h --risk 0.1", 2, "--depart: cannot be combined with --risk"),
-        (f"{SPAN},6h --horizon 9h", 2, "--depart: cannot be combined with"),
         ("--horizon 72h", 3, "at most 48.0 h, to the end of the forecast at 2026-01-03 12:00:00Z"),
-        ("--horizon 0h", 2, "--horizon: expected a duration above 0"),
         ("--horizon 1h", 3, "the first leg ends after"),
-        ("--horizon 20h --line", 2, "--line: cannot be combined with --horizon"),
     ],
 )
 def test_times_that_it_refuses(saved, more, code, words):
@@ -279,12 +277,10 @@ def result_of(flow, path, *fixes):
 def test_a_mission_on_a_result_begins_when_the_vehicle_was_fixed_last(tmp_path):
     # dead reckoning went on for an hour; the estimate is of noon
     result = result_of(CHANGING, tmp_path / "log.mcap", (3.0, False), (5.0, False), (6.0, True))
-    said = answer(result, f"--samples 0 -o {tmp_path}/plan.mcap")
+    said = answer(result)
     begins = time_text(NOON + 5 * HOUR)
     told = f"it begins at {begins}, the time of the last fix; --start-time sets another"
     assert said["notes"] == [told]
-    mission = metadata_of(tmp_path / "plan.mcap")["mission"]
-    assert int(mission["start_time_ns"]) == NOON + 5 * HOUR
     other = answer(result, f"--samples 0 --start-time {clock(12)}")
     assert (other["notes"], other["duration_s"] > said["duration_s"]) == ([], True)
     # as long as no fix is in it, it is an estimate alone

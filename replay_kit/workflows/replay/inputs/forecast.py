@@ -80,7 +80,7 @@ def read_forecasts(
     """Return the forecast at the times of the settings.
 
     The estimate changes in time with a forecast of several dated times, unless one is chosen or ``time.scale`` is static; also with a time
-    scale, oscillations or biases. Otherwise it is static.
+    scale, oscillations or biases.
 
     Args:
         path: Files of the ensemble.
@@ -92,7 +92,7 @@ def read_forecasts(
 
     Raises:
         ForecastError: The ensemble cannot be used, or the region is narrower than a correlation length.
-        ConfigError: A setting needs an estimator that changes in time, or that fits the spread.
+        ConfigError: A setting needs an estimator that changes, or fits the spread.
     """
     own = config.estimator.name == OWN and config.estimator.preset == "default"
     asked = config.time.scale not in ("auto", "static") or bool(

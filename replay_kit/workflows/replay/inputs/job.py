@@ -78,16 +78,16 @@ class ReplayJob:
         netcdf: Gridded estimate, CF NetCDF.
         save_estimate: Lossless estimate, NetCDF.
         truth: ``PATH`` or ``PATH#MEMBER`` to score against.
-        checkpoint: File from which an interrupted run continues; written during the run, and deleted at its end.
+        checkpoint: File from which an interrupted run continues, deleted at its end.
         overwrite: Whether existing outputs are replaced.
-        include_inputs: Whether the logs' messages are copied into the result.
-        following: For growing logs, without a checkpoint; None for finished ones.
-        region: Part of the forecast found by an earlier run of the job; None finds it, unless the settings state it.
-        against: Competing ensembles, for the log evidence.
+        include_inputs: Whether the logs' messages are copied.
+        following: For growing logs; None for finished ones.
+        region: Part of the forecast found by an earlier run; None finds it, unless the settings state it.
+        against: Competing ensembles.
         estimator: Factory of the estimator; None for that of the settings.
-        provided: Names of the parts that a script replaces.
-        vehicles: Vehicles in order of name, each with its logs in order; empty for a single vehicle.
-        tell: Called with messages for the user during the run.
+        provided: Parts that a script replaces.
+        vehicles: Vehicles by name, each with its logs in order; empty for a single one.
+        tell: Called with messages during the run.
     """
 
     logs: tuple[Path, ...]

@@ -109,8 +109,8 @@ def find_region(
 ) -> FoundRegion | None:
     """Return the part of a forecast that logs need; None for all of it, or if the settings state the part.
 
-    The grid is read first; the log only where the grid is large. The margin around positions and goals is a number of correlation lengths
-    of the members' anomalies. These are measured in a patch of the first level amid the positions.
+    The log is read only where the grid is large. The margin around positions and goals is a number of correlation lengths of the members'
+    anomalies, measured in a patch of the first level amid the positions.
 
     Args:
         where: Places of the logs.

@@ -49,7 +49,7 @@ class MonitoringState:
     """State of the consistency stage.
 
     Attributes:
-        checks: State of the checks after the last block.
+        checks: Of the checks after the last block.
         findings: Findings up to the last event.
         contradict: Whether two sources of the current contradict each other, with neither known to be wrong.
         means: DACs so far, to rebuild an estimate without profiles.

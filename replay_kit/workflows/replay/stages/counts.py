@@ -105,22 +105,22 @@ class Counts:
     """Counts of a vehicle's messages, observations and bins.
 
     Attributes:
-        used: Number of used messages, by topic.
-        skipped: Number of unused messages, by topic and reason.
-        unsupported: Number of DACs that the estimator cannot use, by kind.
-        rejected: Number of profiles without a usable bin, or rejected by the gate.
-        bins_rejected: Number of unused bins, by reason.
-        gated: Number of profiles rejected by the gate.
+        used: Used messages, by topic.
+        skipped: Unused messages, by topic and reason.
+        unsupported: DACs that the estimator cannot use, by kind.
+        rejected: Profiles without a usable bin, or rejected by the gate.
+        bins_rejected: Unused bins, by reason.
+        gated: Profiles rejected by the gate.
         total: Sums over all used profiles.
         dives: Sums over the profiles of each dive.
         last_position: Last position; None before the first.
-        interpolated: Number of used profiles with a place interpolated between positions far apart in time.
+        interpolated: Used profiles with a place interpolated between positions far apart in time.
         position_std: Largest standard error of such a place [m].
-        path_means: Number of used DACs, by kind.
+        path_means: Used DACs, by kind.
         corrections: Magnitude of the flight-model correction of each DAC [m/s].
         sources: Counts of other sources, by kind.
-        evidence: Log evidence of all observations, also rejected ones: a forecast must not gain by rejection.
-        repeated: Number of unused observations that repeat another, or are older than their predecessors.
+        evidence: Log evidence of all observations, also rejected ones.
+        repeated: Unused observations that repeat another, or are older than their predecessors.
     """
 
     used: Mapping[str, int] = field(default_factory=dict)

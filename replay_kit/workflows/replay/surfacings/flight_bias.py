@@ -2,9 +2,8 @@
 
 A DAC is the distance of a surfacing from its dead-reckoned position over the dive's duration. A relative error of the flight model is thus
 an error of the DAC: w (a + i b), with the velocity through the water w. An error estimated from earlier dives
-(``estimator/next_dive/flight.py``) is subtracted,
-and its uncertainty added to the observation error. The measured value is kept too. A dive's own DAC and profiles contribute from the next
-dive on, as the estimate already has them.
+(``estimator/next_dive/flight.py``) is subtracted, its uncertainty added to the observation error. A dive's own DAC and profiles contribute
+from the next dive on.
 
 Only profiles inverted from the dive's pings and DAC determine the flight model. Others are compared with uncorrected DACs to check the
 instrument (``measurements/checks``): a rotated one would look like a flight-model error. A DAC with inverted profiles is not new to the
