@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import inside_grid, nearest, to_local
+from replay_kit.core.geodesy import inside_grid, to_local, wet_above
 from replay_kit.core.grid import Grid
 from replay_kit.core.plan import Place
 
@@ -45,12 +45,6 @@ class Region:
             return f"the vehicle's limit, {depth:g} m"
         twice = "" if depth == self.known else "twice "
         return f"{twice}the deepest level, {self.grid.levels[-1]:g} m"
-
-    def wet(self, points: Array) -> NDArray[np.bool_]:
-        """Return a mask of the points, shape (n, 3) [m], in water: the nearest grid point is wet at the last level at or above them."""
-        levels, at = self.grid.levels, nearest(self.grid, points[:, :2])
-        last = np.clip(np.searchsorted(levels, points[:, 2], "right") - 1, 0, levels.size - 1)
-        return np.asarray(self.grid.wet.reshape(levels.size, -1)[last, at])
 
 
 def widened(mask: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
@@ -93,7 +87,7 @@ def locate(region: Region, place: Place, role: str) -> Array:
         raise PlanError(
             f"{where} is not between the surface and {region.floor(region.known)}; choose a depth within them"
         )
-    if not region.wet(point[None])[0]:
+    if not wet_above(region.grid, point):
         raise PlanError(
             f"{where} is on land in the forecast: the nearest grid point is dry there; choose a place in water {_bounds(region.grid)}"
         )

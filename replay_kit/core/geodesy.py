@@ -250,6 +250,13 @@ def nearest(grid: Grid, places: Array, wet: bool = False) -> Indices:
     return np.asarray(found).reshape(places.shape[:-1])
 
 
+def wet_above(grid: Grid, points: Array) -> Mask:
+    """Return True where the nearest grid point is wet at the last level at or above points, shape (..., 3) [m]."""
+    levels, at = grid.levels, nearest(grid, points[..., :2])
+    last = np.clip(np.searchsorted(levels, points[..., 2], "right") - 1, 0, levels.size - 1)
+    return np.asarray(grid.wet.reshape(levels.size, -1)[last, at])
+
+
 @lru_cache(maxsize=8)
 def _points(grid: Grid, wet: bool) -> Callable[[Array], Any]:
     # loads faster than scipy, whose tree is quicker

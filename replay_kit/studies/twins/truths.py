@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import distance, inside_grid, nearest, to_geographic, to_local
+from replay_kit.core.geodesy import distance, inside_grid, to_geographic, to_local, wet_above
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.plan import Place
 from replay_kit.studies.twins.field import Field
@@ -213,8 +213,5 @@ def fly_steadily(flow: FlowEstimate, start: Array, through_water: Array, duratio
 def in_water(grid: Grid, longitude: Array, latitude: Array, depth: Array) -> NDArray[np.bool_]:
     """Return the mask of paths, shape (steps, n), that stay inside a grid's outline and over its wet points, shape (n,)."""
     east, north = to_local(grid.projection, longitude, latitude)
-    level = np.clip(np.searchsorted(grid.levels, depth, side="right") - 1, 0, grid.levels.size - 1)
-    wet = grid.wet.reshape(grid.levels.size, -1)[
-        level, nearest(grid, np.stack([east, north], axis=-1))
-    ]
+    wet = wet_above(grid, np.stack([east, north, depth], axis=-1))
     return np.asarray(np.all(wet & inside_grid(grid, east, north), axis=0))
