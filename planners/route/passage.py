@@ -93,16 +93,11 @@ def passage(
     return Passage(Route(np.concatenate(points), np.concatenate(times), arrives), np.array(passed))
 
 
-def is_beside(task: Task, way: Passage) -> bool:
-    """Return whether a passage is close to an area, land or shallows."""
-    line = shapely.linestrings(way.route.points)
-    solid = [ring for ring in task.solid(task.settings.depth) if not ring.outside]
-    return any(bool(shapely.dwithin(ring.area, line, _WIDER[0])) for ring in solid)
-
-
 def wider(task: Task, mean: MeanCurrent, quickest: Passage) -> Passage | None:
-    """Return the passage with the widest margin at little extra time; None if the fastest is clear of all."""
-    if not is_beside(task, quickest):
+    """Return the passage with the widest margin at little extra time; None if the fastest is clear of areas, land and shallows."""
+    line = shapely.linestrings(quickest.route.points)
+    solid = [ring for ring in task.solid(task.settings.depth) if not ring.outside]
+    if not any(bool(shapely.dwithin(ring.area, line, _WIDER[0])) for ring in solid):
         return None
     for margin in _WIDER:
         if margin > task.settings.margin:
