@@ -24,6 +24,7 @@ SETTINGS = {
     "output": {"interval": 1e6},
 }
 TIME = "2018-11-16T06:00:00Z"
+ROW = {"time": [TIME], "lon": [152.2], "lat": [-39.9], "depth": [5.0], "u": [0.1], "v": [0.1]}
 DEPTHS = np.array([10.0, 60.0, 150.0, 250.0])
 
 
@@ -40,6 +41,10 @@ def _profiles(n=12, seed=1):
 
 def _dataset() -> xr.Dataset:
     return synthetic.dataset(n_members=10).assign_coords(time=np.datetime64(TIME[:-1], "ns"))
+
+
+def _replayed(forecast, **parts):
+    return rk.replay([*_profiles(4)], forecast, settings=SETTINGS, **parts)
 
 
 def test_measurements_and_a_dataset_give_what_their_files_give(tmp_path):
@@ -65,9 +70,7 @@ def test_measurements_and_a_dataset_give_what_their_files_give(tmp_path):
 
 
 def test_a_table_without_errors_asks_for_them():
-    table = pd.DataFrame(
-        {"time": [TIME], "lon": [152.2], "lat": [-39.9], "depth": [5.0], "u": [0.1], "v": [0.1]}
-    )
+    table = pd.DataFrame(ROW)
     with pytest.raises(
         ConfigError,
         match="it lacks error; state the standard error of each component, it is not guessed",
@@ -77,6 +80,13 @@ def test_a_table_without_errors_asks_for_them():
         rk.replay(table.assign(error=0.0), _dataset())
     with pytest.raises(ConfigError, match="it is not guessed"):
         rk.Observation.profile(TIME, 152.2, -39.9, [5.0], [0.1], [0.1], None)
+
+
+def test_units_in_brackets_count_in_memory_as_in_a_file():
+    table = pd.DataFrame({**ROW, "error": 0.1}).rename(columns={"u": "u [cm/s]", "v": "v (cm/s)"})
+    named = SETTINGS | {"logs": {"columns": {"u": "u [cm/s]"}}}
+    found = rk.replay(table, _dataset(), settings=named).innovations
+    assert found["measured_east"].item() == pytest.approx(0.001, rel=1e-3)
 
 
 def test_a_mean_current_is_a_straight_dive_between_its_fixes():
@@ -143,7 +153,7 @@ def test_a_profile_that_cannot_be_is_refused(change, words):
 
 def test_a_dataset_of_16_bit_numbers_is_said_to_be_one():
     with pytest.warns(UserWarning, match="uo, vo: 16-bit numbers have three digits"):
-        rk.replay([*_profiles(3)], _dataset().astype(np.float16), settings=SETTINGS)
+        _replayed(_dataset().astype(np.float16))
 
 
 def test_a_lazy_dataset_whose_file_vanished_names_the_cause(tmp_path):
@@ -153,19 +163,16 @@ def test_a_lazy_dataset_whose_file_vanished_names_the_cause(tmp_path):
     lazy.close()
     path.unlink()
     with pytest.raises(ForecastError, match="is the file that it was opened from still there"):
-        rk.replay([*_profiles(3)], lazy, settings=SETTINGS)
+        _replayed(lazy)
 
 
 def test_a_dataset_without_time_is_static_and_of_unordered_times_the_nearest_counts():
-    without = rk.replay([*_profiles(3)], _dataset().drop_vars("time"), settings=SETTINGS)
-    assert without.outcome.observations["used"] == 3
+    without = _replayed(_dataset().drop_vars("time"))
+    assert without.outcome.observations["used"] == 4
     times = np.array(["2018-11-20", "2018-11-16T06:00", "2018-11-25"], "datetime64[ns]")
     parts = [synthetic.dataset(seed, n_members=10) for seed in (5, 0, 6)]
     several = xr.concat(parts, "time").assign_coords(time=times)
-    got, expected = (
-        rk.replay([*_profiles(3)], each, settings=SETTINGS).estimate.latent
-        for each in (several, _dataset())
-    )
+    got, expected = (_replayed(each).estimate.latent for each in (several, _dataset()))
     np.testing.assert_allclose(got, expected, rtol=1e-12)
 
 
@@ -176,18 +183,18 @@ def test_a_dataset_with_two_time_axes_is_refused_by_their_names():
         valid_time=np.array(["2018-11-16", "2018-11-17"], "datetime64[ns]"),
     )
     with pytest.raises(ForecastError, match="valid_time"):
-        rk.replay([*_profiles(3)], two, settings=SETTINGS)
+        _replayed(two)
 
 
 def test_an_estimator_of_ones_own_is_an_object_or_what_makes_it():
-    result = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=nearest_member)
-    usual = rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS)
+    result = _replayed(_dataset(), estimator=nearest_member)
+    usual = _replayed(_dataset())
     assert result.outcome.observations["used"] == 4
     east, other = (each.estimate.velocity_at(152.3, -39.8, 60.0).u for each in (result, usual))
     assert not np.allclose(east, other)
     lacks = "expected an Estimator, got int without initial, predict, assimilate, flow"
     with pytest.raises(ConfigError, match=lacks):
-        rk.replay([*_profiles(4)], _dataset(), settings=SETTINGS, estimator=3)
+        _replayed(_dataset(), estimator=3)
 
 
 def test_a_planner_of_ones_own_plans_and_its_result_cannot_be_verified(tmp_path):
@@ -213,7 +220,7 @@ def test_a_planner_of_ones_own_plans_and_its_result_cannot_be_verified(tmp_path)
     ):
         rk.replay(*sample, goal=goal, planner="mine")
     with pytest.raises(ConfigError, match="goal: the table has no vehicle position"):
-        rk.replay([*_profiles(4)], _dataset(), goal=goal)
+        _replayed(_dataset(), goal=goal)
 
 
 def test_nothing_that_is_no_measurement_is_taken_for_one():
@@ -223,7 +230,7 @@ def test_nothing_that_is_no_measurement_is_taken_for_one():
         rk.replay([next(_profiles()), "a.mcap"], _dataset())
     away = rk.Observation.profile(TIME, 10.0, 50.0, [5.0], [0.1], [0.1], 0.1)
     with pytest.raises(MeasurementError):
-        rk.replay([away], _dataset(), settings=SETTINGS)
+        rk.replay([away], _dataset())
 
 
 def test_one_mission_gives_one_estimate_through_every_door(tmp_path):

@@ -43,7 +43,7 @@ def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
         delimiter = max(",;\t", key=first.count)
         quoting: Any = csv.QUOTE_MINIMAL if exact else csv.QUOTE_NONE
         table = csv.reader(chain([first], lines), delimiter=delimiter, quoting=quoting)
-        headings = [_name_and_unit(cell) for cell in next(table)]
+        headings = [name_and_unit(cell) for cell in next(table)]
         named = {name: Stored(np.empty(0), {}) for name, _ in headings if name}
         chosen = {*choose(named, {})}
         at = [k for k, (name, _) in enumerate(headings) if name in chosen]
@@ -75,7 +75,7 @@ def open_text(path: Path, choose: Choose, exact: bool) -> NetcdfFile:
     return NetcdfFile(path, {"lines_left_out": left_out}, variables, tuple(named))
 
 
-def _name_and_unit(heading: str) -> tuple[str, str]:
+def name_and_unit(heading: str) -> tuple[str, str]:
     """Return name and bracketed unit of a column."""
     name, _, unit = heading.strip().partition("[" if "[" in heading else "(")
     return name.strip(), unit.rstrip("]) ")

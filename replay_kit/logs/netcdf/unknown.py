@@ -256,35 +256,36 @@ def _read_rows(
     said: list[str] = []
     time_ns = units.times_of(file, name, said).ravel()
     # one row per time, or constant, such as levels
-    rows, fixed = dict[str, Array](), dict[str, Array]()
+    rows, fixed = dict[str, Array](), dict[str, Any]()
     n = time_ns.size
     for other, stored in file.variables.items():
-        kind, size = stored.values.dtype.kind, stored.values.ndim
-        if other == name or "." in other or kind not in "iufb" or size > 2:
+        is_number = stored.values.dtype.kind in "iufb"
+        if other == name or "." in other or not is_number or stored.values.ndim > 2:
             continue
         values = without_bad(file, other, stored.unpacked(), said)
-        values = values.T if values.ndim == 2 and values.shape[0] != n else values
-        if values.ndim in (1, 2) and values.shape[0] == n:
+        values = values if values.shape[:1] == (n,) else values.T
+        if values.shape[:1] == (n,):
             rows[other] = values
         elif values.ndim < 2 and values.size < n:
-            fixed[other] = values
-    hint = _NO_ERROR * (NEEDED - PINGS.chosen(file.variables).keys() == {"error"})
+            fixed[other] = numbers(values)
+    of = {key: {*file.variables[own].dims} for key, own in PINGS.chosen(file.variables).items()}
+    # of depths along which there is no current no row is a bin
+    hint = _NO_ERROR * (NEEDED - of.keys() == {"error"} and of["depth"] <= of["u"])
     if not rows:
         raise LogError(
             f"{file.path}: {_OTHER}, got no variable along {name} alone: {', '.join(file.variables)}{hint or _NOT_A_LOG}"
         )
+    topic = f"{_ROWS_TOPIC}{name}"
     told.notes.append(
-        f"of no known glider dialect: each row over {name} is a message on {_ROWS_TOPIC}{name}, with {', '.join(rows)}"
+        f"of no known glider dialect: each row over {name} is a message on {topic}, with {', '.join(rows)}"
         + (f", and at each row {', '.join(fixed)}" if fixed else "")
         + hint
     )
     told.notes += said
     unknown = int((time_ns == 0).sum())
     at = np.argsort(time_ns, kind="stable")[unknown:]
-    topic = f"{_ROWS_TOPIC}{name}"
     told.skipped[topic, "row without a time"] += unknown
-    common = {key: numbers(values) for key, values in fixed.items()}
-    return lambda: [(), entries((topic, "netcdf"), time_ns, rows, at, common, stamped=False)]
+    return lambda: [(), entries((topic, "netcdf"), time_ns, rows, at, fixed, stamped=False)]
 
 
 def _time_name(file: NetcdfFile) -> str:
@@ -294,9 +295,9 @@ def _time_name(file: NetcdfFile) -> str:
         for name, stored in file.variables.items()
         if stored.values.size and stored.values.dtype.kind in "iuf" and stored.values.ndim < 2
     }
-    stated = [name for name, stored in sized.items() if " since " in stored.units]
-    named = [name for name in sized if "time" in name.lower() and sized[name].values.ndim]
-    found = stated or named
+    found = [name for name, stored in sized.items() if " since " in stored.units] or [
+        name for name in sized if "time" in name.lower() and sized[name].values.ndim
+    ]
     if not found:
         raise LogError(
             f"{file.path}: {_OTHER}, or any NetCDF with times (units 'seconds since 1970-01-01'); got "

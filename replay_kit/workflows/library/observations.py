@@ -1,6 +1,5 @@
 """Observations and tables of observations as a log: one message type for profiles, others for DACs and single components."""
 
-import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from replay_kit.core.message import Message
 from replay_kit.core.observation import Fix, LinearMeasurement, Observation, PathMean
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.logs.netcdf.surface import RADAR
+from replay_kit.logs.netcdf.text import name_and_unit
 from replay_kit.logs.netcdf.unknown import TOPIC, Asked, ping_of, profiles_in_memory
 from replay_kit.logs.netcdf.variables import Stored
 from replay_kit.logs.payloads import DIVE_MEAN, PING, number, numbers, stamp
@@ -58,13 +58,15 @@ def write_observed(path: Path, value: Any, name: str, columns: Asked) -> None:
 
 
 def _of_table(value: Any, name: str, columns: Asked) -> list[Observation]:
-    """Return the profiles of a table; assumptions about it are warnings."""
+    """Return the profiles of a table; assumptions about it are warnings. Units may be in brackets, as in a file."""
     notes: list[str] = []
-    held = dataset_of(value, name).variables
-    stored = {
-        str(key): Stored(v.values, v.attrs, tuple(map(str, v.dims))) for key, v in held.items()
-    }
-    found, left_out = profiles_in_memory(name, stored, columns, notes)
+    stored, names = {}, {}
+    for key, v in (held := dataset_of(value, name).variables).items():
+        short, unit = name_and_unit(str(key))
+        names[key] = short = str(key) if short in held else short
+        stored[short] = Stored(v.values, {"units": unit, **v.attrs}, tuple(map(str, v.dims)))
+    asked = {key: names.get(own, own) for key, own in columns.items()}
+    found, left_out = profiles_in_memory(name, stored, asked, notes)
     if left_out:
         notes.append(f"{left_out} rows without a time or a place excluded")
     for note in notes:
@@ -111,15 +113,16 @@ def _mean(mean: PathMean) -> dict[str, Any]:
         raise ConfigError(
             f"observations: expected the fixes before and after each mean current, that at {mean.time_ns} ns has none"
         )
-    deepest = mean.deepest if math.isfinite(mean.deepest) else float(mean.depth.max())
+    start, end = mean.fixes
+    deepest = mean.deepest if np.isfinite(mean.deepest) else mean.depth.max()
     return {
         "stamp": stamp(mean.time_ns),
         **({"dive": mean.dive} if mean.dive else {}),
         "dac_eastward": mean.velocity[0],
         "dac_northward": mean.velocity[1],
         "error": mean.error_std,
-        "start_fix": _fix(mean.fixes[0]),
-        "end_fix": _fix(mean.fixes[1]),
+        "start_fix": _fix(start),
+        "end_fix": _fix(end),
         "max_depth": number(deepest),
         "radius": number(mean.radius),
         "declination": number(mean.declination),

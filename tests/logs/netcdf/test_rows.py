@@ -29,20 +29,20 @@ def test_rows_of_an_unknown_file_are_read_by_a_mapping(tmp_path):
     )
     said = read(path)
     assert said.noted("a message on netcdf/when, with x, y, ve, vn, and at each row bins")
-    names = {"east": "ve", "north": "vn", "depths": "bins", "longitude": "x", "latitude": "y"}
-    about = {"topic": "netcdf/when", "kind": "profile", "frame": "enu"}
+    entry = {"east": "ve", "north": "vn", "depths": "bins", "longitude": "x", "latitude": "y"}
+    entry |= {"topic": "netcdf/when", "kind": "profile", "frame": "enu"}
 
     def profiles(reference):
-        entry = names | about | {"reference": reference}
-        found = observations(said.messages, MeasurementConfig.model_validate({"map": [entry]}))
+        mapped = {"map": [{**entry, "reference": reference}]}
+        found = observations(said.messages, MeasurementConfig.model_validate(mapped))
         return [event for event in found if isinstance(event, Observation)]
 
     assert len(said.messages) == len(profiles("earth")) == 10
     fourth, field = profiles("earth")[3], np.column_stack(made.current(levels, 0))
     np.testing.assert_allclose(fourth.velocity, field, atol=5.1e-5)
     np.testing.assert_allclose(fourth.depth, levels)
-    place = track["longitude"][3], track["latitude"][3]
-    assert (fourth.longitude, fourth.latitude) == place
+    assert fourth.longitude == track["longitude"][3]
+    assert fourth.latitude == track["latitude"][3]
     assert not profiles("unknown")
 
 
@@ -88,27 +88,28 @@ def test_values_of_a_table_have_a_depth_each_and_an_error(tmp_path):
 
 @pytest.mark.parametrize("flag", ["u_qc", "u_quality_control", "quality"])
 def test_bins_of_a_table_that_are_flagged_bad_are_not_used(tmp_path, flag):
-    held = {name: ("time", [0.1, 0.2, 0.3]) for name in ("u", "v", "error")}
+    held = dict.fromkeys(("u", "v", "error"), ("time", [0.1, 0.2, 0.3]))
     held |= {"longitude": 152.0, "latitude": -40.0, "depth": 9.0}
     table = xr.Dataset(held, {"time": np.array(["2020", "2021", "2022"], "M8[ns]")})
     meanings = {"flag_values": [1, 3, 4], "flag_meanings": "good suspect bad"}
     table[flag] = "time", np.array([1, 4, 3], "i1"), meanings
     table["u"].attrs["ancillary_variables"] = flag
-    table.to_netcdf(tmp_path / "a.nc")
-    said = read(tmp_path / "a.nc")
+    table.to_netcdf(path := tmp_path / "a.nc")
+    said = read(path)
     assert [one.payload["velocity"][0][0] for one in said.messages] == [0.1, None, None]
-    assert "1 x 3 (suspect), not used" in " ".join(said.report.notes)
-    table.drop_vars("error").to_netcdf(tmp_path / "rows.nc")
-    rows = read(tmp_path / "rows.nc").messages
-    assert [one.payload["u"] for one in rows] == [0.1, None, None]
+    assert said.noted("1 x 3 (suspect), not used")
+    # one current over all depths, as of dives: no error makes bins of it
+    table.drop_vars("error").assign(depth=("level", [8.0, 9.0])).to_netcdf(path)
+    said = read(path)
+    assert not said.noted("--columns")
+    assert [one.payload["u"] for one in said.messages] == [0.1, None, None]
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
 def test_a_large_forecast_is_no_log_by_its_header(tmp_path, engine):
     path = tmp_path / "forecast.nc"
-    field = np.zeros((4, 10, 300, 400), "f4")
-    dims = ("time", "depth", "y", "x")
-    xr.Dataset({"uo": (dims, field), "vo": (dims, field)}).to_netcdf(path, engine=engine)
+    field = ("time", "depth", "y", "x"), np.zeros((4, 10, 300, 400), "f4")
+    xr.Dataset({"uo": field, "vo": field}).to_netcdf(path, engine=engine)
     tracemalloc.start()
     for given in ([path], [path, path]):
         with pytest.raises(LogError, match=r"currents on a grid: .*given with --ensemble, not as"):
