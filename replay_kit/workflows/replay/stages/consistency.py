@@ -30,8 +30,8 @@ from replay_kit.workflows.replay.stages.estimation import Dive, Step, assimilate
 from replay_kit.workflows.replay.stages.forecast_file import FileCheck
 
 _UNDETERMINED = (
-    "nothing here can tell whether directions are right; profiles beside mean currents that they were not computed from, a GPS drift or a "
-    "bottom track would"
+    "nothing here can tell whether directions are right; profiles beside mean currents that they were not computed from, or a bottom track "
+    "would"
 )
 # Observations before which nothing is said of the forecast.
 _LEAST_OBSERVATIONS = 3
