@@ -145,17 +145,19 @@ class Glider:
 
     @property
     def power(self) -> float:
-        """Power without the pump [W]; propulsion scales with the cube of the speed."""
+        """Power under water without the pump [W]; propulsion scales with the cube of the speed."""
         return self.hotel + self.thrust * self.speed**3
 
-    def energy(self, duration: Any, apogees: Any) -> Any:
+    def energy(self, duration: Any, apogees: Any, drift: Any = 0.0) -> Any:
         """Return the energy [J] of a flight.
 
         Args:
             duration: [s].
             apogees: Summed apogee depth [m].
+            drift: Part of the duration at the surface [s], where a propeller rests.
         """
-        return self.power * duration + self.pump_work(apogees)
+        under_water = self.power * (duration - drift)
+        return under_water + self.hotel * drift + self.pump_work(apogees)
 
 
 def fit_flight(first: SteadyFlight, pitch: Array, depth_rate: Array) -> SteadyFlight:

@@ -241,11 +241,13 @@ def _waypoints(
 ) -> Waypoints:
     """Return the waypoints and their loss against the plan, whose legs end at ``places`` [m]."""
     projection, flights, numbers = task.region.grid.projection, few.flights, np.array(few.kept)
-    surfaced = flights.place[0, flights.ups]
+    # having arrived it stays, while others go on
+    ups = flights.ups[np.diff(flights.time[0, flights.ups], prepend=-1.0) > 0.0]
+    surfaced = flights.place[0, ups]
     off_track = float(np.max(_distance_to_legs(surfaced, places)))
     times = np.where(np.isfinite(flights.met[0]), flights.met[0], np.nan)
     off_end = float(np.min(np.linalg.norm(surfaced - places[-1], axis=1)))
-    ended = flights.arrived[0] if few.serves else flights.time[0, flights.ups[-1]]
+    ended = flights.arrived[0] if few.serves else flights.time[0, ups[-1]]
     delay, n_reached = float(ended) - plan.duration, int(np.isfinite(times).sum())
     lost = int(np.isinf(flights.arrived).sum())
     within = " or ".join(f"{radius:g}" for radius in np.unique(few.route.radius))

@@ -110,7 +110,7 @@ def first_legs(plan: MissionPlan, count: int, projection: Projection) -> Mission
         goal_times=times,
         closest_approach=np.where(passed, plan.closest_approach, off),
         duration=ends,
-        energy=float(plan.vehicle.energy(ends, apogees)),
+        energy=float(plan.vehicle.energy(ends, apogees, plan.settings.surface_time * (count - 1))),
         track_time=np.append(plan.track_time[before], ends),
         track=np.vstack([plan.track[before], at]),
     )

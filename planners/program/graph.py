@@ -180,9 +180,9 @@ def program(water: Water, vehicle: Glider, shape: Shape) -> Program:
     on_line, moored, radius = ca.vertsplit(p["within"])
     away = on_line * off_line(ends) + moored * off_mooring(ends)
     within = (away.T - radius**2) / radius - beyond
-    power = vehicle.hotel + vehicle.thrust * (pace * vehicle.speed) ** 3
+    driven = vehicle.thrust * (pace * vehicle.speed) ** 3 * ca.sum1(lasts)
     pumped = vehicle.pump_work(KM) * ca.dot(p["pumps"], depths)
-    taken = (power * HOUR * end[-1] + pumped) / 1e3
+    taken = (HOUR * (vehicle.hotel * end[-1] + driven) + pumped) / 1e3
     constraints = ca.vertcat(
         (_squares(through[:, firsts]).T - reach[firsts]) / 10.0,
         same,

@@ -93,7 +93,7 @@ class Solution:
     def energy(self) -> float:
         """Energy [J]."""
         apogees = apogee_depths(yo_depths(self.legs.turns)) if self.count else 0.0
-        return float(self.task.vehicle.energy(self.seconds, apogees))
+        return float(self.task.vehicle.energy(self.seconds, apogees, self.legs.drifts.sum()))
 
 
 def again(found: Solution) -> Solution:

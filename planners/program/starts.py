@@ -291,7 +291,7 @@ def _in_range(one: Search) -> None:
         way, best = passage(shallow, mean_current(shallow)), one.best
         lasts = float(way.passed[-1])
         count = int(np.ceil(lasts / task.leg_time(depth=depth)))
-        energy = float(task.vehicle.energy(lasts, count * settings.yos * depth))
+        energy = task.vehicle.energy(lasts, count * settings.yos * depth, sum(task.drifts(count)))
         legs = ((0.0, *(depth, 0.0) * settings.yos),) * count
         angles = np.full(count, task.shallowest_angle)
         cost = settings.aim.cost(Found(task.vehicle, angles, legs, lasts, energy, 0.0))

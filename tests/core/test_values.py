@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from replay_kit.core import arrays
-from replay_kit.core.observation import Innovation, PathMean, Source
+from replay_kit.core.observation import Innovation, PathMean, Source, reasons_of
 from replay_kit.core.words import quantities
 from replay_kit.core.words.progress import announce, called_by, counted, each_call, shown_by
 from replay_kit.core.words.text import csv_cell, place_text, some_text, span_text, time_text
@@ -30,6 +30,8 @@ SOURCE = Source(0, "/adcp", 1, TIME_NS)
         (place_text(152.61236, -40.0), "152.6124 E, 40.0000 S"),
         (some_text("abcdef"), "a, b, c, d, e, f"),
         (some_text("abc", 1), "a and 2 more"),
+        # a bin below the grid that has no value
+        (reasons_of(np.array([5]), np.array([9])), [("missing", 1)]),
     ],
 )
 def test_values_as_text(found, text):
@@ -107,13 +109,12 @@ def test_a_text_that_a_spreadsheet_would_run_begins_with_an_apostrophe():
 class Checked:
     """A value that is refused."""
 
-    low: float = 1.0
     high: float = 2.0
 
-    def __post_init__(self) -> None:
-        """Raise ValueError where the limits are exchanged."""
-        if self.low > self.high:
-            raise ValueError("low > high")
+    def __post_init__(self):
+        """Raise ValueError where the limit is too low."""
+        if self.high < 1.0:
+            raise ValueError("low")
 
 
 def test_values_changed_are_those_of_the_standard_library():
@@ -146,4 +147,5 @@ def test_calls_are_made_one_by_one_or_by_whoever_is_given_them_in_the_block_alon
     values = each_call(lambda a, b: made.append(a) or a + b, ((a, 10) for a in (1, 2, 3)))
     assert not made
     assert next(values) == 11
-    assert (len(made), list(values)) == (1, [12, 13])
+    assert made == [1]
+    assert list(values) == [12, 13]

@@ -41,13 +41,13 @@ PLACES = np.column_stack(
         *np.vstack([[PLAN.start.longitude, PLAN.start.latitude], PLAN.surfacings]).T,
     )
 )
-TIMES = np.concatenate([[0.0], PLAN.surfacing_times])
+TIMES = np.append(0.0, PLAN.surfacing_times)
 STILL = still_flow()
 ACROSS = request_between(STILL, (-7e3, 0.0), (7e3, 0.0), settings=MissionSettings(depth=300.0))
 
 
 def listed(flow, request, tolerance=None, plan=None, samples=()):
-    plan = plan_mission(flow, request) if plan is None else plan
+    plan = plan or plan_mission(flow, request)
     return plan, *waypoints_of(flow, plan, request, tolerance, samples)
 
 
@@ -80,10 +80,12 @@ def test_files_hold_the_waypoints():
     _, few, _ = listed(FLOW, REQUEST, 50.0, PLAN)
     rows = list(csv.DictReader(io.StringIO(waypoint_text(few, Path("a.csv")))))
     written = [float(row["longitude"]) for row in rows]
-    assert written == pytest.approx(few.longitude.tolist(), abs=1e-6)
+    assert written == pytest.approx(few.longitude, abs=1e-6)
     assert [float(row["radius_m"]) for row in rows] == few.radius.tolist()
     way, *features = json.loads(waypoint_text(few, Path("a.geojson")))["features"]
     assert len(features) == len(rows)
+    # a glider that has arrived surfaces no more
+    assert np.diff(few.surfacings, axis=0).all()
     told = next(one["properties"] for one in (way, *features) if "dives" in one["properties"])
     assert [type(told[name]) for name in ("waypoint", "dives")] == [int, int]
     assert json.loads(waypoint_text(few, Path("a.json")))["off_end_m"] == few.off_end
@@ -130,7 +132,6 @@ def test_waypoints_that_cannot_be_headed_for_in_safety_say_so_first():
     plan = plan_mission(STILL, ACROSS)
     late = forbidden(STILL, -1e3, -1e3, 1e3, 1e3)
     _, found, _ = listed(STILL, replace(ACROSS, no_go=(late,)), plan=plan)
-    assert found.violation is not None
     assert found.violation.what == "range"
     assert found.message.startswith("not safe: heading for the waypoints crosses range at 152.")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +19,8 @@ CONVENTIONS = "CF-1.8, CF-1.11, ACDD-1.3"
 CF_TIME = {"units": "seconds since 1970-01-01", "calendar": "standard"}
 #: Of a coordinate of time: days have 86,400 seconds.
 LEAP_SECONDS = {"units_metadata": "leap_seconds: none"}
+# Of equal gaps between longitudes the one at the antimeridian is the widest [degrees].
+_ROUNDED = 1e-6
 _AXES = (
     ("lat", "latitude", "degrees_north"),
     ("lon", "longitude", "degrees_east"),
@@ -77,12 +79,16 @@ def described(
     )
 
 
-def _coverage(dataset: xr.Dataset) -> dict[str, object]:
+def _coverage(dataset: xr.Dataset) -> dict[str, Any]:
     """Return the spatial and temporal coverage of a dataset."""
-    found: dict[str, object] = {}
+    found: dict[str, Any] = {}
     for short, name, units in _AXES:
-        if (axis := _all_of(dataset, name)).size:
-            ends = {"min": float(axis.min()), "max": float(axis.max()), "units": units}
+        if (axis := np.sort(_all_of(dataset, name))).size:
+            if short == "lon":
+                # the widest gap is outside: across the antimeridian the first longitude is greater than the last
+                gaps = np.diff(axis, append=axis[0] + 360.0 + _ROUNDED)
+                axis = np.roll(axis, -1 - np.argmax(gaps))
+            ends = {"min": float(axis[0]), "max": float(axis[-1]), "units": units}
             found |= {f"geospatial_{short}_{key}": value for key, value in ends.items()}
     if "geospatial_vertical_min" in found:
         # depth below the instantaneous water level
@@ -92,6 +98,7 @@ def _coverage(dataset: xr.Dataset) -> dict[str, object]:
         south, north, west, east = (
             found[f"geospatial_{axis}_{end}"] for axis in ("lat", "lon") for end in ("min", "max")
         )
+        east += 360.0 * (east < west)
         box = f"{south} {west}, {north} {west}, {north} {east}, {south} {east}, {south} {west}"
         found |= {"geospatial_bounds": f"POLYGON (({box}))", "geospatial_bounds_crs": "EPSG:4326"}
     if (times := _all_of(dataset, "time")).size:

@@ -77,17 +77,19 @@ class Reason(IntFlag):
     INCONSISTENT = 16777216
 
 
-_MISSING_LAST = (*(one for one in Reason if one is not Reason.MISSING), Reason.MISSING)
+# What is counted last: of a bin without a value it says nothing that it lies off the grid.
+_LAST = (Reason.MISSING, Reason.BELOW_GRID, Reason.OUTSIDE_REGION, Reason.ON_LAND)
+_COUNTED = (*(one for one in Reason if one not in _LAST), *_LAST)
 
 
 def reasons_of(reasons: NDArray[np.int32], flags: NDArray[np.int8]) -> list[tuple[str, int]]:
     """Return the number of excluded bins by name of the reason.
 
-    A bin counts once, for its first reason; ``missing`` comes last.
+    A bin counts once, for its first reason; ``missing`` comes after quality control, and a place off the grid last.
     """
     left, found = reasons[~usable(flags)], list[tuple[str, int]]()
     named = int(np.bitwise_or.reduce(left, initial=0))
-    for reason in _MISSING_LAST:
+    for reason in _COUNTED:
         if named & reason.value and (count := np.count_nonzero(here := left & reason.value != 0)):
             found.append((str(reason.name).lower(), int(count)))
             left = left[~here]

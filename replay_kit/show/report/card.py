@@ -1,6 +1,7 @@
 """Summary card of a report: verdict, command, next surfacing, odds and current at the vehicle."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from html import escape
 from typing import Any
 
@@ -10,8 +11,8 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.words.quantities import parse_time
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.history import cell_of
-from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.results.views.history import series_at
+from replay_kit.results.views.slices import KEPT, CurrentSlices
 from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.numbers import (
@@ -21,7 +22,6 @@ from replay_kit.show.numbers import (
     hours_text,
     minutes_text,
     nice,
-    number,
     sentence,
 )
 from replay_kit.show.page.page import legend
@@ -62,7 +62,7 @@ def _chip(contents: Contents) -> str:
 def _why(contents: Contents) -> str:
     """Return further reasons for care, the plan's message and the next step; empty for a trusted result."""
     verdict, plan = contents.outcome.verdict, contents.last_plan
-    texts = [*verdict.reasons[1:]]
+    texts = list(verdict.reasons[1:])
     if plan is not None and plan.status != "reached":
         why = plan.message.partition(". ")[0]
         texts.append(f"the plan failed: {why}" if plan.status == "failed" else why)
@@ -112,9 +112,9 @@ def _arrival(odds: Values) -> str:
     if not arrives:
         below = "{closest_approach_m:km} from it"
     elif half:
-        most = odds["arrival_90_percent"]
-        ninety = f"half of the flights; 90 % by {clock(most)}" if most else ""
-        end, below = half, ninety or "half; fewer than 90 % in time"
+        end, below = half, "half; fewer than 90 % in time"
+        if most := odds["arrival_90_percent"]:
+            below = f"half of the flights; 90 % by {clock(most)}"
     title = "Arrives (UTC)" if arrives else "Nearest to the goal (UTC)"
     first = _fact(title, clock(end), _said(below, odds, "odds"))
     if "reached" not in odds:
@@ -161,47 +161,58 @@ def _size(one: Values, name: str) -> str:
 
 def _water(contents: Contents) -> str:
     """Return the current at the vehicle, its error, and where to measure next."""
-    slices, track, parts = contents.slices, contents.track, ""
+    slices, parts = contents.slices, ""
     if slices is None or contents.dive_mean is None:
         return ""
     mean = contents.dive_mean[-1]
-    if track.time_ns.size:
-        cell = cell_of(slices, float(track.east[-1]), float(track.north[-1]))
-        here = np.full(4, np.nan) if cell is None else mean[:, *cell]
-        if np.isfinite(here[0]):
-            bearing, speed = float(heading_deg(here[0], here[1])), float(np.hypot(*here[:2]))
-            error = float(np.hypot(*here[2:]) / np.sqrt(2.0))
-            said = f"± {error_text(error)} cm/s at most" if np.isfinite(error) else "error unknown"
-            parts = (
-                f'<div class="steer">{compass(bearing, f"The water goes toward {bearing:.0f} degrees")}<div>'
-                f'<p class="big">{fixed(100.0 * speed, 1)}<small> cm/s</small></p><p>the water goes toward {round(bearing) % 360:03d}°, '
-                f"{said}; mean to {contents.dive_depth:.0f} m at the vehicle</p></div></div>"
-            )
+    if (here := _at_vehicle(contents, slices, mean)).size:
+        east, north, *errors = here.mean(axis=1)
+        bearing, error = float(heading_deg(east, north)), np.hypot(*errors) / np.sqrt(2.0)
+        said = f"± {error_text(error)} cm/s at most" if np.isfinite(error) else "error unknown"
+        parts = (
+            f'<div class="steer">{compass(bearing, f"The water goes toward {bearing:.0f} degrees")}<div>'
+            f'<p class="big">{fixed(100.0 * np.hypot(east, north), 1)}<small> cm/s</small></p><p>the water goes '
+            f"toward {round(bearing) % 360:03d}°, {said}; mean to {contents.dive_depth:.0f} m at the vehicle</p></div></div>"
+        )
     rms, facts = contents.outcome.rms_innovation, ""
     if rms["before"] is not None and rms["prior"]:
         gain = 100.0 * (1.0 - rms["before"] / rms["prior"])
         value = f"{abs(gain):.0f} % {'closer' if gain >= 0.0 else 'farther'}"
-        missed = number("rms_innovation.before", rms["before"], f"{100.0 * rms['before']:.1f}")
-        prior = number("rms_innovation.prior", rms["prior"], f"{100.0 * rms['prior']:.1f}")
-        facts = _fact("Against the forecast", value, f"misfit {missed} cm/s, forecast {prior}")
+        form = "misfit {before:cm/s} cm/s, forecast {prior:cm/s}"
+        facts = _fact("Against the forecast", value, sentence(form, rms, "rms_innovation.").html)
     facts += _least_known(contents, slices, mean) if contents.estimate is not None else ""
     return parts + (_facts(facts) if facts else "")
 
 
+def _at_vehicle(contents: Contents, slices: CurrentSlices, mean: Array) -> Array:
+    """Return true east and north current at the vehicle and its standard errors at depths of its dives, shape (4, n) [m/s].
+
+    It is that of the last estimate, without one that of the published ``mean``; n is 0 where none is known.
+    """
+    track, flow = contents.track, contents.estimate
+    if not track.time_ns.size:
+        return np.empty((4, 0))
+    at = track.longitude[-1], track.latitude[-1]
+    flat = replace(slices, depths=np.zeros(1), time_ns=slices.time_ns[-1:], fields=mean[None, None])
+    found: Any = (
+        series_at(flat, contents.projection, (*at, 0.0))
+        if flow is None
+        else flow.velocity_at(*at, np.linspace(0.0, min(contents.dive_depth, flow.levels[-1])))
+    )
+    each = np.stack([getattr(found, name) for name in KEPT])
+    return each[:, np.isfinite(each[0])]
+
+
 def _least_known(contents: Contents, slices: CurrentSlices, mean: Array) -> str:
     """Return the position of the largest standard error as text."""
-    error = np.hypot(mean[2], mean[3]) / np.sqrt(2.0)
+    error = np.hypot(*mean[2:]) / np.sqrt(2.0)
     if not np.isfinite(error).any():
         return ""
-    j, i = np.unravel_index(int(np.nanargmax(error)), error.shape)
-    place = [
-        float(each) for each in to_geographic(contents.projection, slices.east[i], slices.north[j])
-    ]
-    track = contents.track
-    far = ""
+    j, i = np.unravel_index(np.nanargmax(error), error.shape)
+    place = [*map(float, to_geographic(contents.projection, slices.east[i], slices.north[j]))]
+    track, far = contents.track, ""
     if track.time_ns.size:
-        away = float(distance(track.longitude[-1], track.latitude[-1], *place)) / 1e3
-        far = f", {fixed(away, 0)} km away"
+        far = f", {distance(track.longitude[-1], track.latitude[-1], *place) / 1e3:.0f} km away"
     return _fact(
         "Measure next at",
         _unbroken(minutes_text(*place)),
@@ -212,14 +223,11 @@ def _least_known(contents: Contents, slices: CurrentSlices, mean: Array) -> str:
 def _lights(contents: Contents) -> str:
     from replay_kit.show.report.sections.trust import lights
 
-    return (
-        '<p class="lights">'
-        + "".join(
-            f'<a href="#trust" class="{light.color}">{escape(light.name)}</a>'
-            for light in lights(contents)
-        )
-        + "</p>"
+    each = (
+        f'<a href="#trust" class="{light.color}">{escape(light.name)}</a>'
+        for light in lights(contents)
     )
+    return f'<p class="lights">{"".join(each)}</p>'
 
 
 def _profile(contents: Contents) -> str:

@@ -184,7 +184,7 @@ def _completed(entry: MissionEntry, common: MissionEntry) -> MissionEntry:
         if getattr(entry, name) is None
     }
     return entry.model_copy(
-        update={**filled, "settings": laid_over(common.settings, entry.settings)}
+        update=filled | {"settings": laid_over(common.settings, entry.settings)}
     )
 
 

@@ -34,28 +34,36 @@ def exit_code(outcomes: Sequence[Outcome]) -> int:
 def row_of(outcome: Outcome) -> dict[str, Any]:
     """Return the figures of a mission by column; None where undefined."""
     answer, found = outcome.answer, _found(outcome)
-    each = (answer, *(answer.get("vehicles") or {}).values())
-    alarm = None if found is None else found.plan_alarm
+    each = {"": found, **found.vehicles} if found else {}
     rms, used, truth = (
         answer.get(name) or {} for name in ("rms_innovation", "observations", "truth")
     )
-    named = {finding["name"] for finding in answer.get("consistency", ())}
     return {
         "mission": outcome.name,
         "status": answer.get("status", "failed"),
-        "verdict": "do not use" if found is None else found.verdict.word,
-        "profiles_used": used.get("used"),
-        "profiles_rejected": used.get("rejected"),
-        "dives": sum(len(one["by_dive"]) for one in each) if answer else None,
+        "verdict": found.verdict.word if found else "do not use",
+        "observations_used": used.get("used"),
+        "observations_rejected": used.get("rejected"),
+        "dives": sum(len(one.by_dive) for one in each.values()) if answer else None,
         "rms_ensemble_m_s": rms.get("prior"),
         "rms_before_m_s": rms.get("before"),
         "rms_after_m_s": rms.get("after"),
         "nis_per_dof": answer.get("nis_per_dof"),
         "truth_rmse_m_s": truth.get("rmse"),
         "truth_ensemble_mean_rmse_m_s": truth.get("ensemble_mean_rmse"),
-        "contradictions": " ".join(sorted(named)),
-        "plan": (answer.get("plan") or {}).get("status"),
-        "plan_alarm": None if alarm is None else alarm.text,
+        "contradictions": " ".join(sorted({one["name"] for one in answer.get("consistency", ())})),
+        "plan": "; ".join(
+            f"{name}: {one.plan['status']}".removeprefix(": ")
+            for name, one in each.items()
+            if one.plan
+        )
+        or None,
+        "plan_alarm": "; ".join(
+            f"{name}: {one.plan_alarm.text}".removeprefix(": ")
+            for name, one in each.items()
+            if one.plan_alarm
+        )
+        or None,
         "seconds": answer.get("seconds_in_all"),
         "sha256": outcome.sha256,
         "failed": outcome.failed,
@@ -76,10 +84,9 @@ def write_table(outcomes: Sequence[Outcome], path: Path) -> None:
 def fleet_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
     """Return the table for JSON."""
     failed = [outcome.name for outcome in outcomes if outcome.failed]
-    code = exit_code(outcomes)
     return {
         "status": "failed" if failed else "done",
-        "exit_code": code,
+        "exit_code": exit_code(outcomes),
         "failed": failed,
         "missions": [row_of(each) for each in outcomes],
     }
@@ -87,29 +94,22 @@ def fleet_json(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 def print_fleet(outcomes: Sequence[Outcome], console: Console) -> None:
     """Print the table, and below it the reasons of failed missions."""
-    rows = [row_of(outcome) for outcome in outcomes]
-    print_lines(
-        console,
-        [f"ALARM: {row['mission']}: {row['plan_alarm']}" for row in rows if row["plan_alarm"]],
-    )
+    for row in map(row_of, outcomes):
+        if alarm := row["plan_alarm"]:
+            print_lines(console, [f"ALARM: {row['mission']}: {alarm}"])
     print_table(console, "Missions", _COLUMNS, _cells(outcomes))
-    kept, failed = (
-        sum(outcome.kept for outcome in outcomes),
-        [outcome for outcome in outcomes if outcome.failed],
-    )
+    kept = sum(outcome.kept for outcome in outcomes)
+    failed = [f"FAILED: {outcome.name}: {outcome.failed}" for outcome in outcomes if outcome.failed]
     ran = len(outcomes) - kept - len(failed)
-    print_lines(
-        console,
-        [
-            f"{len(outcomes)} missions: {ran} replayed, {kept} were there already, {len(failed)} failed"
-        ],
+    said = (
+        f"{len(outcomes)} missions: {ran} replayed, {kept} were there already, {len(failed)} failed"
     )
-    print_lines(console, [f"FAILED: {outcome.name}: {outcome.failed}" for outcome in failed])
+    print_lines(console, [said, *failed])
 
 
 def _cells(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
     """Return a row for each mission, as for vehicles of one replay."""
-    each = {one.name: found for one in outcomes if (found := _found(one)) is not None}
+    each = {one.name: found for one in outcomes if (found := _found(one))}
     rows = {row[0]: row for row in vehicle_rows(Replayed(vehicles=each))}
     failed = *[""] * (len(_COLUMNS) - 2), "failed"
     return [rows.get(one.name, (one.name, *failed)) for one in outcomes]
@@ -153,18 +153,11 @@ def expected_json(found: Mapping[str, DryRun | Outcome], workers: int) -> dict[s
 
 def print_expected(found: Mapping[str, DryRun | Outcome], workers: int, console: Console) -> None:
     """Print the expected memory and time of missions by name, or why they cannot be replayed."""
-    print_lines(
-        console,
-        [
-            f"{name}: {one}" if isinstance(one, DryRun) else f"FAILED: {name}: {one.failed}"
-            for name, one in found.items()
-        ],
+    answer, each = expected_json(found, workers), list[str]()
+    for name, one in found.items():
+        each += [f"{name}: {one}" if isinstance(one, DryRun) else f"FAILED: {name}: {one.failed}"]
+    said = (
+        f"{len(answer['missions'])} missions on {workers} workers: about {answer['seconds']:.0f} s of updates; up to "
+        f"{answer['memory_mb']:.0f} MB in all. Nothing was written."
     )
-    answer = expected_json(found, workers)
-    print_lines(
-        console,
-        [
-            f"{len(answer['missions'])} missions on {workers} workers: about {answer['seconds']:.0f} s of updates; up to "
-            f"{answer['memory_mb']:.0f} MB in all. Nothing was written."
-        ],
-    )
+    print_lines(console, [*each, said])

@@ -104,15 +104,16 @@ def _run(mission: Mission, identity: str) -> Outcome:
 def _identity(mission: Mission) -> str:
     """Return the SHA-256 of the inputs, goal, settings and versions that a result depends on."""
     job = mission.job
-    text = [
-        [(path.name, input_hash(path)) for path in mission.files],
-        [(one.name, len(one.logs)) for one in job.vehicles],
-        str(job.goal),
-        str(job.truth).rpartition("/")[2],
-        run_settings_toml(mission.config),
-        package_versions(),
-    ]
-    return _digest(text)
+    return _digest(
+        [
+            [(path.name, input_hash(path)) for path in mission.files],
+            [(one.name, len(one.logs)) for one in job.vehicles],
+            str(job.goal),
+            str(job.truth).rpartition("/")[2],
+            run_settings_toml(mission.config),
+            package_versions(),
+        ]
+    )
 
 
 def _digest(value: object) -> str:
@@ -124,7 +125,7 @@ def _kept(mission: Mission, identity: str) -> Outcome | None:
     try:
         record = json.loads(mission.record.read_bytes())
         same = record.pop("record_sha256") == _digest(record)
-        same = same and record["inputs_sha256"] == identity
+        same &= record["inputs_sha256"] == identity
         if not same or record["sha256"] != file_hash(mission.result):
             return None
         return Outcome(mission.name, record, record["sha256"], True, exit_code=record["exit_code"])

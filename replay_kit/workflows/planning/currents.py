@@ -1,5 +1,6 @@
 """Current during a mission: an estimate that evolves, files of several times, or one time held constant."""
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -116,17 +117,12 @@ class KnownCurrent:
             return self.estimates
         if not self.changes:
             return self.first
-        times = _times(self.process, self._step, begin_ns, seconds)
         # a step may begin before the estimate: what is known is then that of its time, in the forecast of the step's beginning
-        slow = (
-            replace(self.first, time_ns=time)
-            if self.first.unknowns is None
-            else self.first.moved(time)
-            for time in times
-        )
+        first = self.first
         return [
             replace(flow, latent=flow.latent + self._beside(time))
-            for flow, time in zip(slow, times, strict=True)
+            for time in _times(self.process, self._step, begin_ns, seconds)
+            for flow in [first.moved(time) if first.unknowns else replace(first, time_ns=time)]
         ]
 
     def longer(self, begin_ns: int, seconds: float, plans: Sequence[MissionPlan]) -> float:
@@ -169,8 +165,7 @@ class KnownCurrent:
             return [
                 replace(one, latent=one.latent + added) for one in self.first.sample(count, seed)
             ]
-        now = self.first.time_ns or begin_ns
-        times = [max(time_ns, now) for time_ns in times]
+        times = [max(time_ns, self.first.time_ns or 0) for time_ns in times]
         drawn = self.first.sample_through(times, count, seed)
         more = [self._beside(time) for time in times]
         return [
@@ -237,8 +232,7 @@ class KnownCurrent:
         last = self.ends_ns
         if last is None:
             return (self._of_one_time(),)
-        over = (end_ns - max(last, begin_ns)) / 3.6e12
-        if over <= 0.0:
+        if (over := (end_ns - max(last, begin_ns)) / 3.6e12) <= 0.0:
             return ()
         return (
             f"the forecast ends at {time_text(last)}, {over:.1f} h before the mission does: from there the current is held constant",
@@ -317,20 +311,24 @@ def uniform_currents(flow: FlowEstimate) -> Array:
 
 
 def _times(process: Process | None, flow_step: float, begin_ns: int, seconds: float) -> list[int]:
-    """Return times [ns, UTC] that cover a mission: evenly spaced, and those of the forecast, where it bends.
+    """Return times [ns, UTC] that cover a mission: those of the forecast, where it bends, and evenly spaced ones between and beyond.
 
     Args:
         process: Process with the times of the forecast; None if unknown.
-        flow_step: Longest spacing [s], reduced to that of the forecast.
+        flow_step: Longest spacing [s].
         begin_ns: Start of the mission [ns, UTC].
         seconds: Its longest duration [s].
     """
-    step, anchor = round(flow_step * _NS), begin_ns
-    if process is not None:
-        step, anchor = int(np.diff(process.times_ns).min(initial=step)), int(process.times_ns[0])
-    first = anchor + (begin_ns - anchor) // step * step
-    steps = _STEPS * max(ceil((begin_ns + seconds * _NS - first) / step / _STEPS - 1e-9), 1)
-    return [first + k * step for k in range(steps + 1)]
+    step, ends = round(flow_step * _NS), begin_ns + round(seconds * _NS)
+    known = [begin_ns] if process is None else [*map(int, process.times_ns)]
+    times = [*range(known[0] + min((begin_ns - known[0]) // step, 0) * step, known[0], step)]
+    for last, time in pairwise(known):
+        parts = ceil((time - last) / step)
+        times += [last + (time - last) * part // parts for part in range(parts)]
+    times += range(known[-1], max(ends, known[-1]) + _STEPS * step + 1, step)
+    times = times[bisect_right(times, begin_ns) - 1 :]
+    steps = max(ceil(bisect_left(times, ends) / _STEPS), 1)
+    return times[: _STEPS * steps + 1]
 
 
 def _vorticity(flow: FlowEstimate) -> Array:

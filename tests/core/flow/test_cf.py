@@ -1,7 +1,6 @@
 """The NetCDF files against the IOOS compliance checker, with the table of standard names that it ships."""
 
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,12 +12,10 @@ import xarray as xr
 with warnings.catch_warnings():
     # of the checker's own dependencies
     warnings.simplefilter("ignore")
-    from compliance_checker.base import Result
     from compliance_checker.suite import CheckSuite
 
 from replay_kit.core.errors import EstimatorError
 from replay_kit.core.flow.dataset import write_grid
-from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.file import load
 from replay_kit.studies.twins.ensemble import write_ensemble
 from tests.synthetic_flow import regular
@@ -44,12 +41,12 @@ def found_by(path: Path, checker: str = "cf:1.11", least: int = 1, at_least: int
 
 
 @pytest.fixture(scope="module")
-def complaints() -> Callable[[Path], list[str]]:
+def complaints():
     """Return a function that gives what the checker finds wrong in a file; exports are checked by it too."""
     return found_by
 
 
-def messages(result: Result) -> list[str]:
+def messages(result):
     """Return what a check that did not pass says; one that passed may say how."""
     passed, total = (
         result.value if isinstance(result.value, tuple) else (int(bool(result.value)), 1)
@@ -61,7 +58,7 @@ def messages(result: Result) -> list[str]:
 TRACK = {"longitude": [5.0, 5.1], "latitude": [62.0, 62.05], "depth": [10.0, 500.0]}
 TIMES = {"time": np.array(["2023-11-15T00:00:00.5", "2023-11-15T06:00:00.123456789"], "M8[ns]")}
 AXES = [4.9, 5.0], [62.0, 62.05], [10.0, 100.0]
-DATASETS: dict[str, Callable[[FlowEstimate], xr.Dataset]] = {
+DATASETS = {
     "without uncertainty and time": lambda flow: replace(
         flow.mean_flow(), time_ns=None
     ).to_xarray(),
@@ -116,6 +113,12 @@ def test_a_curvilinear_grid_is_compliant_but_for_the_names_of_its_dimensions(mak
     assert all("depth (Z), y (A), x (A)" in message for message in found)
 
 
+def test_a_box_across_the_antimeridian_begins_in_the_west(flow):
+    about = flow.velocity_at([-179.9, 180.0, 179.9], 62.0, 10.0).to_xarray().attrs
+    assert (about["geospatial_lon_min"], about["geospatial_lon_max"]) == (179.9, -179.9)
+    assert about["geospatial_bounds"].startswith("POLYGON ((62.0 179.9, 62.0 179.9, 62.0 180.1,")
+
+
 @pytest.mark.full
 def test_a_saved_estimate_that_changes_with_time_is_compliant(tmp_path):
     evolving().save(tmp_path / "flow.nc")
@@ -131,10 +134,10 @@ PERSONAL = (
 
 
 @pytest.mark.parametrize("name", ["grid", "points", "saved"])
-def test_acdd_lacks_what_only_a_person_can_state(make_flow, tmp_path: Path, name: str) -> None:
+def test_acdd_lacks_what_only_a_person_can_state(make_flow, tmp_path, name):
     flow, path = regular(make_flow()), tmp_path / "flow.nc"
 
-    def written(flow: FlowEstimate) -> list[str]:
+    def written(flow):
         if name == "grid":
             write_grid(flow, path)
         elif name == "points":
@@ -192,7 +195,7 @@ def test_a_track_of_og1_lacks_terms_of_its_vocabulary_for_estimates_alone(tmp_pa
     monkeypatch.setattr("requests.get", lambda url: answer)
     track, path = og1(), tmp_path / "track.nc"
 
-    def found(**stated: str) -> list[str]:
+    def found(**stated):
         track.to_og1("sg033", **stated).to_netcdf(path, engine="h5netcdf")
         assert found_by(path, "cf:1.8") == found_by(path) == []
         return found_by(path, "og:1.0", at_least=7)

@@ -1,15 +1,12 @@
 """Results with something missing: the page shows what there is, and says what is not."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.geodesy import to_geographic
+from replay_kit.core.geodesy import heading_deg, to_geographic
 from replay_kit.core.grid import Projection
 from replay_kit.core.surfacing import Ellipse, Surfacing, SurfacingOutcome
 from replay_kit.results import ResultWriter
@@ -25,18 +22,13 @@ from tests.show.status.held_samples import plan as planned
 from tests.synthetic_flow import TIME_NS
 
 SECOND, CENTRE = 10**9, Projection(5.0, 62.0)
-Write = Callable[..., str]
 
 
 @pytest.fixture
-def write(tmp_path: Path) -> Write:
+def write(tmp_path):
     """Return a function that writes a result with a function of its writer, and returns its page."""
 
-    def make(
-        fill: Callable[[ResultWriter], object] = lambda writer: None,
-        projection: Projection = CENTRE,
-        estimate: FlowEstimate | None = None,
-    ) -> str:
+    def make(fill=lambda writer: None, projection=CENTRE, estimate=None):
         with ResultWriter(tmp_path / "out.mcap", overwrite=True) as writer:
             writer.start(projection, TIME_NS, METADATA, CONFIG)
             fill(writer)
@@ -67,10 +59,15 @@ def test_an_estimate_alone_is_drawn_at_its_levels(write, state, flow):
     # the deepest level is dry in a corner, where the mean is over the water above it
     mean, shallow = unpacked(figure["packed"]["current"])[:2, -1, 0]
     np.testing.assert_array_equal(np.isfinite(mean), np.isfinite(shallow))
+
+    def at(x, y):
+        near = replace(state, longitude=x, latitude=y)
+        return write(lambda writer: writer.fix(near), estimate=flow)
+
     # nor has a vehicle far from it a section
-    far = replace(state, longitude=-128.0, latitude=51.7)
-    page = write(lambda writer: writer.fix(far), estimate=flow)
-    assert "profiles" not in figures(page)
+    assert "profiles" not in figures(at(-128.0, 51.7))
+    here = flow.velocity_at(5.2, 62.03, np.linspace(0.0, state.depth))
+    assert f"toward {heading_deg(here.u.mean(), here.v.mean()):03.0f}°" in at(5.2, 62.03)
 
 
 @pytest.mark.parametrize(

@@ -165,14 +165,19 @@ def test_a_plan_that_does_not_arrive_comes_first_in_the_table_and_on_the_page(ca
     message = "misses the goal by 3200.0 m after 10.7 h"
     alarm = f"the plan is unreachable: {message}: choose a goal within reach"
     answer = {"status": "done", "by_dive": [], "observations": {"used": 3, "rejected": 0}}
+    lost = answer | {"by_dive": [{}], "plan": {"status": "unreachable", "message": message}}
     outcomes = [
         Outcome("a", answer | {"plan": {"status": "reached", "message": "meets the goal"}}),
-        Outcome("b", answer | {"plan": {"status": "unreachable", "message": message}}),
-        # each vehicle has dives of its own
-        Outcome("c", answer | {"vehicles": {"g": answer | {"by_dive": [{}]}}}),
+        Outcome("b", lost),
+        # each vehicle has dives and a plan of its own
+        Outcome("c", answer | {"vehicles": {"g": lost}}),
     ]
-    told = [[row_of(one)[name] for name in ("plan_alarm", "dives")] for one in outcomes]
-    assert told == [[None, 0], [alarm, 0], [None, 1]]
+    told = [[row_of(one)[name] for name in ("plan", "plan_alarm", "dives")] for one in outcomes]
+    assert told == [
+        ["reached", None, 0],
+        ["unreachable", alarm, 1],
+        ["g: unreachable", f"g: {alarm}", 1],
+    ]
     print_fleet(outcomes, SafeConsole(width=200))
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"ALARM: b: {alarm}"
