@@ -80,7 +80,7 @@ class Observation:
     def profile(
         time: Any, lon: float, lat: float, depth: Any, u: Any, v: Any, error: Any
     ) -> "Observation":
-        """Return a profile of the current; with one depth the current at a point.
+        """Return a profile of the current, of one depth or more.
 
         Args:
             time: ISO 8601 text, datetime64, datetime or integer nanoseconds (UTC).
@@ -92,7 +92,7 @@ class Observation:
             error: Standard error of each component [m/s], one number or shape (n,).
 
         Raises:
-            ConfigError: The lengths differ, an error is not positive, or a position is invalid.
+            ConfigError: Lengths differ, an error is not positive, or a position is invalid.
         """
         depths, east, north = (np.array(x, np.float64, ndmin=1) for x in (depth, u, v))
         errors = _stated_errors(error, depths.size)

@@ -105,7 +105,7 @@ class LogInfo:
         not_used: Number of messages by topic and reason.
         unknown: Schema name and one payload by topic, for topics of unknown type without a mapping.
         sampled: Number of messages read, the first of each topic, when the index gives the rest; None if all were read.
-        files: The files of the log.
+        files: Its files.
         together: Content of all logs of the command, merged as in a replay; None for a separate log.
     """
 
