@@ -215,7 +215,7 @@ def _least_known(contents: Contents, slices: CurrentSlices, mean: Array) -> str:
         far = f", {distance(track.longitude[-1], track.latitude[-1], *place) / 1e3:.0f} km away"
     return _fact(
         "Measure next at",
-        _unbroken(minutes_text(*place)),
+        minutes_text(*place),
         f"± {error_text(error[j, i])} cm/s, least known{far}",
     )
 
