@@ -46,12 +46,12 @@ class Waypoints:
 
     Attributes:
         depths: Dive depths on the way [m].
-        radius: Acceptance radius [m]: of a goal the plan's.
+        radius: Acceptance radius [m]; a goal's the plan's.
         times: When each is reached [s since the start]; NaN for never.
         surfacings: Shape (D, 2), longitude and latitude [degrees].
-        off_end: Least distance of a surfacing from the plan's end [m].
-        delay: Its delay against the plan [s].
-        off_track: Largest one from the plan's legs [m].
+        off_end: Least distance of one from the plan's end [m].
+        delay: Time after the plan's [s].
+        off_track: Largest distance from the plan's legs [m].
         violation: First violation, or None.
         arrives: Whether all flights reach all waypoints.
     """
@@ -249,7 +249,7 @@ def _waypoints(
     off_end = float(np.min(np.linalg.norm(surfaced - places[-1], axis=1)))
     ended = flights.arrived[0] if few.serves else flights.time[0, ups[-1]]
     delay, n_reached = float(ended) - plan.duration, int(np.isfinite(times).sum())
-    lost = int(np.isinf(flights.arrived).sum())
+    lost = np.isinf(flights.arrived).sum()
     within = " or ".join(f"{radius:g}" for radius in np.unique(few.route.radius))
     message = (
         f"{len(times)} waypoints for {len(places) - 1} surfacings; {n_reached} reached within {within} m; "
@@ -276,7 +276,7 @@ def _waypoints(
         delay,
         off_track,
         at,
-        lost == 0,
+        not lost,
         message,
         areas=tuple(area.area for area in request.no_go),
         clearance=plan.settings.clearance,

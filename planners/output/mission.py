@@ -23,7 +23,8 @@ def legs_table(plan: MissionPlan, odds: MissionOdds | None) -> list[dict[str, An
         odds: Odds with ellipses and these bounds; None without samples.
     """
     begins = np.concatenate([[0.0], plan.surfacing_times[:-1]])
-    rows, angles = [], np.deg2rad(plan.glide_angles_deg)
+    rows = []
+    speeds = np.hypot(*plan.vehicle.speeds(np, np.deg2rad(plan.glide_angles_deg)))
     for k, heading in enumerate(plan.headings_deg):
         row: dict[str, Any] = {
             "leg": k + 1,
@@ -31,7 +32,7 @@ def legs_table(plan: MissionPlan, odds: MissionOdds | None) -> list[dict[str, An
             "heading_deg": float(heading),
             "glide_angle_deg": float(plan.glide_angles_deg[k]),
             "pitch_deg": float(plan.pitches_deg[k]),
-            "speed_m_s": round(float(np.hypot(*plan.vehicle.speeds(np, angles[k]))), 9),
+            "speed_m_s": round(float(speeds[k]), 9),
             "depth_m": float(max(plan.yo_depths[k])),
             "dives": sum(bool(depth > before) for before, depth in pairwise(plan.yo_depths[k])),
             "surfacing_s": float(plan.surfacing_times[k]),

@@ -213,8 +213,9 @@ def currents_of_samples(samples: Sequence[Sample]) -> Currents:
     """
     each = [(flow,) if isinstance(flow, FlowEstimate) else flow for flow in flows_of(samples)]
     first, times = each[0][0], [flow.time_ns or 0 for flow in each[0]]
+    key = graph_key(first)
     for k, flows in enumerate(each):
-        if any(graph_key(flow) != graph_key(first) for flow in flows):
+        if any(graph_key(flow) != key for flow in flows):
             raise PlanError(
                 f"sample {k} is not on the nodes, levels, kernel and depth functions of the first"
             )

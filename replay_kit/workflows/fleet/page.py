@@ -52,22 +52,19 @@ def row_of(outcome: Outcome) -> dict[str, Any]:
         "truth_rmse_m_s": truth.get("rmse"),
         "truth_ensemble_mean_rmse_m_s": truth.get("ensemble_mean_rmse"),
         "contradictions": " ".join(sorted({one["name"] for one in answer.get("consistency", ())})),
-        "plan": "; ".join(
-            f"{name}: {one.plan['status']}".removeprefix(": ")
-            for name, one in each.items()
-            if one.plan
-        )
-        or None,
-        "plan_alarm": "; ".join(
-            f"{name}: {one.plan_alarm.text}".removeprefix(": ")
-            for name, one in each.items()
-            if one.plan_alarm
-        )
-        or None,
+        "plan": _named({name: one.plan["status"] for name, one in each.items() if one.plan}),
+        "plan_alarm": _named(
+            {name: one.plan_alarm.text for name, one in each.items() if one.plan_alarm}
+        ),
         "seconds": answer.get("seconds_in_all"),
         "sha256": outcome.sha256,
         "failed": outcome.failed,
     }
+
+
+def _named(texts: Mapping[str, str]) -> str | None:
+    """Return texts of vehicles with their names, without one for a single vehicle; None without texts."""
+    return "; ".join(f"{name}: {text}" if name else text for name, text in texts.items()) or None
 
 
 def _found(outcome: Outcome) -> Replayed | None:

@@ -29,10 +29,16 @@ def _paper(folder: Path, request: pytest.FixtureRequest) -> str:
 
 
 def _fleet(folder: Path, request: pytest.FixtureRequest) -> str:
-    counts = {"observations": {"used": 40, "rejected": 1}, "by_dive": [{}, {}]}
-    answer = {"status": "done", **counts, "rms_innovation": {"prior": 0.1, "before": 0.09}}
-    done = Outcome("glider", {**answer, "nis_per_dof": 1.1, "seconds_in_all": 3.0})
-    return fleet_page([done, Outcome("lost", failed="no log", exit_code=3)])
+    answer = {
+        "status": "done",
+        "observations": {"used": 40, "rejected": 1},
+        "by_dive": [{}, {}],
+        "rms_innovation": {"prior": 0.1, "before": 0.09},
+        "nis_per_dof": 1.1,
+        "seconds_in_all": 3.0,
+    }
+    done = [Outcome(f"glider-{name}", answer) for name in "abcd"]
+    return fleet_page([*done, Outcome("lost", failed="no log", exit_code=3)])
 
 
 #: By the folder of the module that makes it.

@@ -23,7 +23,7 @@ def test_a_page_draws_itself(kind, tmp_path, request):
                 if expected:
                     assert check_drawn(tab, width) == expected
                 assert tab.evaluate("() => document.documentElement.scrollWidth") <= width
-                assert len(tab.locator("main").inner_text()) > 100
+                assert len(tab.locator("main").inner_text()) > 200
                 if expected:
                     check_accessible(tab)
                     unfold(tab)
