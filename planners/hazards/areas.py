@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pyproj import Geod
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.errors import PlanError
-from replay_kit.core.geodesy import to_local, unwrap_longitude
+from replay_kit.core.geodesy import ellipsoid, to_local, unwrap_longitude
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Area
 
@@ -20,7 +19,6 @@ from replay_kit.core.plan import Area
 _FRAME = 1e5
 # Largest distance between the corners of an area's edges [m]: on it a parallel of latitude is straight to a few centimetres.
 _EDGE = 1000.0
-_ELLIPSOID = Geod(ellps="WGS84")
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,10 +177,10 @@ def _densified(corners: Array) -> tuple[Array, ...]:
     """Return a closed outline, shape (n, 2) [degrees], densified along straight edges in degrees and along geodesics."""
     straight, shortest = list[Array](), list[Array]()
     for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        pieces = max(int(np.ceil(_ELLIPSOID.inv(*begin, *end)[2] / _EDGE)), 1)
+        pieces = max(int(np.ceil(ellipsoid().inv(*begin, *end)[2] / _EDGE)), 1)
         straight.append(begin + np.arange(pieces)[:, None] / pieces * (end - begin))
         between = (
-            [] if pieces == 1 else _ELLIPSOID.npts(begin[0], begin[1], end[0], end[1], pieces - 1)
+            [] if pieces == 1 else ellipsoid().npts(begin[0], begin[1], end[0], end[1], pieces - 1)
         )
         shortest.append(np.array([begin, *between]))
     longest = len(corners) < sum(map(len, straight))

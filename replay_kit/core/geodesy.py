@@ -5,23 +5,38 @@ east and north by the meridian convergence, by which vectors are rotated.
 """
 
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from math import atan, cos, radians, sin, sqrt, tan
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pyproj import Geod, Proj
 
 from replay_kit.core.arrays import Array, Indices, Mask
 from replay_kit.core.grid import Grid, Projection
 
-_ELLIPSOID = Geod(ellps="WGS84")
+if TYPE_CHECKING:
+    from pyproj import Geod, Proj
+
+# WGS84: equatorial radius [m], flattening, squared eccentricity
+_RADIUS, _FLATTENING = 6_378_137.0, 1.0 / 298.257223563
+_ECCENTRICITY = 1.0 - (1.0 - _FLATTENING) ** 2
+
+
+@cache
+def ellipsoid() -> "Geod":
+    """Return the geodesics of WGS84."""
+    # loads slowly, and commands that show a result project nothing
+    from pyproj import Geod
+
+    return Geod(ellps="WGS84")
 
 
 # each vehicle of an array has some of its own
 @lru_cache(maxsize=256)
-def _proj(projection: Projection) -> Proj:
+def _proj(projection: Projection) -> "Proj":
+    from pyproj import Proj
+
     return Proj(
         proj="aeqd", lat_0=projection.latitude, lon_0=projection.longitude, ellps="WGS84", units="m"
     )
@@ -156,9 +171,9 @@ def rate_in_frame(
         Karney (2013), Algorithms for geodesics, doi:10.1007/s00190-012-0578-z; Snyder (1987), USGS Professional Paper 1395, p. 195.
     """
     square = (
-        _ELLIPSOID.a**2
-        * (1.0 - _ELLIPSOID.es)
-        / (1.0 - _ELLIPSOID.es * sin(radians(projection.latitude)) ** 2) ** 2
+        _RADIUS**2
+        * (1.0 - _ECCENTRICITY)
+        / (1.0 - _ECCENTRICITY * sin(radians(projection.latitude)) ** 2) ** 2
     )
     # c / sin(c) - 1 of the arc c to the place, over its squared radius
     growth = (1.0 + 7.0 / 60.0 * (east * east + north * north) / square) / (6.0 * square)
@@ -178,10 +193,10 @@ def rate_in_frame(
 
 def _azimuth_of_true_north(projection: Projection, east: Any, north: Any) -> tuple[Any, Any]:
     """Return sine and cosine of the bearing of true north, clockwise from local north, at local positions [m]."""
-    reduced = atan((1.0 - _ELLIPSOID.f) * tan(radians(projection.latitude)))
+    reduced = atan((1.0 - _FLATTENING) * tan(radians(projection.latitude)))
     sine, cosine = sin(reduced), cos(reduced)
-    halfway = sine + 0.5 * cosine * north / _ELLIPSOID.a
-    radius = _ELLIPSOID.a * (1.0 - _ELLIPSOID.es * (1.0 - halfway * halfway)) ** 0.5
+    halfway = sine + 0.5 * cosine * north / _RADIUS
+    radius = _RADIUS * (1.0 - _ECCENTRICITY * (1.0 - halfway * halfway)) ** 0.5
     x, y = east / radius, north / radius
     square = x * x + y * y
     # sin(c) / c and (1 - cos(c)) / c^2 of the arc c, exact to 1e-9 within 1500 km
@@ -198,14 +213,14 @@ def distance(
 ) -> Array:
     """Return geodesic distances [m] on WGS84 between positions [degrees]."""
     places = longitude, latitude, other_longitude, other_latitude
-    return _shaped(_ELLIPSOID.inv, *places)[2]
+    return _shaped(ellipsoid().inv, *places)[2]
 
 
 def offset(
     longitude: Array, latitude: Array, to_longitude: Array, to_latitude: Array
 ) -> tuple[Array, Array]:
     """Return east and north [m], shapes (n,), of positions in the local frames about others: ``to_local`` with a projection per row."""
-    azimuth, _, metres = _shaped(_ELLIPSOID.inv, longitude, latitude, to_longitude, to_latitude)
+    azimuth, _, metres = _shaped(ellipsoid().inv, longitude, latitude, to_longitude, to_latitude)
     angle = np.deg2rad(azimuth)
     return np.asarray(metres * np.sin(angle)), np.asarray(metres * np.cos(angle))
 
@@ -213,7 +228,7 @@ def offset(
 def moved(longitude: Array, latitude: Array, east: Array, north: Array) -> tuple[Array, Array]:
     """Return longitudes and latitudes [degrees], shapes (n,), of local points [m] about positions: ``to_geographic`` by row."""
     azimuth, metres = heading_deg(east, north), np.hypot(east, north)
-    to_longitude, to_latitude, _ = _shaped(_ELLIPSOID.fwd, longitude, latitude, azimuth, metres)
+    to_longitude, to_latitude, _ = _shaped(ellipsoid().fwd, longitude, latitude, azimuth, metres)
     return to_longitude, to_latitude
 
 
@@ -275,7 +290,7 @@ def outline(grid: Grid) -> Array:
 
 def metres_per_degree(latitude: float) -> tuple[float, float]:
     """Return the lengths of a degree of longitude and of latitude on WGS84 [m] at a latitude [degrees north]."""
-    squared = 1.0 - _ELLIPSOID.es * sin(radians(latitude)) ** 2
-    across = _ELLIPSOID.a / sqrt(squared)
-    along = across * (1.0 - _ELLIPSOID.es) / squared
+    squared = 1.0 - _ECCENTRICITY * sin(radians(latitude)) ** 2
+    across = _RADIUS / sqrt(squared)
+    along = across * (1.0 - _ECCENTRICITY) / squared
     return radians(across) * cos(radians(latitude)), radians(along)

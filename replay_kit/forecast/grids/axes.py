@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import scipy.sparse
 from numpy.typing import NDArray
-from scipy.sparse.linalg import spsolve
 
 from replay_kit.core.arrays import Array, Values
 from replay_kit.core.geodesy import to_local, unwrap_longitude
@@ -154,47 +152,39 @@ def divergent_share(east: Array, north: Array, flow: _Complex, wet: NDArray[np.b
         flow: East and north component as one complex number [m/s], shape (E, J, I).
         wet: Water points, shape (J, I).
     """
+    # loads slowly, and most grids lie along true axes
+    from scipy.sparse import diags_array, eye_array, kron, vstack
+    from scipy.sparse.linalg import spsolve
+
+    def bands(n: int, *values: float) -> Any:
+        shape = (n, n + len(values) - 1)
+        return diags_array(values, offsets=range(len(values)), shape=shape, format="csr")
+
     ny, nx = east.shape
-    along_j, along_i = _difference(ny), _difference(nx)
-    mean_j, mean_i = abs(along_j) * 0.5, abs(along_i) * 0.5
-    d_j, d_i = scipy.sparse.kron(along_j, mean_i), scipy.sparse.kron(mean_j, along_i)
+    d_j = kron(bands(ny, -1.0, 1.0), bands(nx, 0.5, 0.5))
+    d_i = kron(bands(ny, 0.5, 0.5), bands(nx, -1.0, 1.0))
     (e_j, e_i), (n_j, n_i) = np.gradient(east), np.gradient(north)
     determinant = e_i * n_j - e_j * n_i
     # derivatives along east and north from those along i and j
-    d_e = _times(n_j / determinant, d_i) - _times(n_i / determinant, d_j)
-    d_n = _times(e_i / determinant, d_j) - _times(e_j / determinant, d_i)
+    d_e, d_n = (
+        diags_array((of_i / determinant).ravel()) @ d_i
+        - diags_array((of_j / determinant).ravel()) @ d_j
+        for of_i, of_j in ((n_j, n_i), (-e_j, -e_i))
+    )
     used = wet.ravel()
-    operator = scipy.sparse.vstack([-d_n.tocsr()[used], d_e.tocsr()[used]]).tocsc()
-    scale = 1.0 / abs(operator).max()
-    rough = scipy.sparse.vstack(
+    operator = vstack([-d_n.tocsr()[used], d_e.tocsr()[used]]).tocsc()
+    operator = operator / abs(operator).max()
+    curved = (1.0, -2.0, 1.0)
+    rough = vstack(
         [
-            scipy.sparse.kron(_second(ny + 1), scipy.sparse.eye(nx + 1)),
-            scipy.sparse.kron(scipy.sparse.eye(ny + 1), _second(nx + 1)),
+            kron(bands(ny - 1, *curved), eye_array(nx + 1)),
+            kron(eye_array(ny + 1), bands(nx - 1, *curved)),
         ]
     )
-    operator = operator * scale
-    normal = (
-        operator.T @ operator
-        + 1e-3 * rough.T @ rough
-        + 1e-9 * scipy.sparse.eye((ny + 1) * (nx + 1))
-    )
+    normal = operator.T @ operator + 1e-3 * rough.T @ rough + 1e-9 * eye_array(operator.shape[1])
     data = np.concatenate([flow.real[:, wet], flow.imag[:, wet]], axis=1).T
     fitted = operator @ spsolve(normal.tocsc(), operator.T @ data).reshape(operator.shape[1], -1)
     return float(np.sum((data - fitted) ** 2) / max(np.sum(data**2), np.finfo(float).tiny))
-
-
-def _difference(n: int) -> scipy.sparse.csr_matrix:
-    return scipy.sparse.diags([-np.ones(n), np.ones(n)], [0, 1], shape=(n, n + 1)).tocsr()
-
-
-def _second(n: int) -> scipy.sparse.csr_matrix:
-    return scipy.sparse.diags(
-        [np.ones(n - 2), -2.0 * np.ones(n - 2), np.ones(n - 2)], [0, 1, 2], shape=(n - 2, n)
-    ).tocsr()
-
-
-def _times(factor: Any, operator: scipy.sparse.spmatrix) -> scipy.sparse.spmatrix:
-    return scipy.sparse.diags(factor.ravel()) @ operator
 
 
 def _phases(

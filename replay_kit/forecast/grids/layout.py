@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pyproj
 import xarray as xr
 
 from replay_kit.core.arrays import Array
@@ -286,6 +285,9 @@ def _projected(ds: xr.Dataset, dims: tuple[str, str]) -> xr.Dataset:
     y, x = dims
     if not (about := _mapping(ds)) or x not in ds.coords or y not in ds.coords:
         return ds
+    # loads slowly, and few files state a projection alone
+    import pyproj
+
     scale = [1e3 if ds[dim].attrs.get("units") == "km" else 1.0 for dim in (x, y)]
     crs = pyproj.CRS.from_cf(about)
     east, north = np.meshgrid(ds[x].values * scale[0], ds[y].values * scale[1])

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import h5py
-from scipy.io import netcdf_file
 
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.files.atomic import sync
@@ -109,6 +108,8 @@ def attributes_of(path: Path) -> dict[str, str]:
             with h5py.File(path, "r") as file:
                 held = {name: file.attrs[name] for name in file.attrs}
         elif mark[:3] == b"CDF":
+            from scipy.io import netcdf_file
+
             with netcdf_file(path, mmap=False) as classic:
                 held = dict(classic._attributes)
     except (OSError, ValueError, LookupError, RuntimeError, TypeError, OverflowError):
