@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -65,13 +65,12 @@ class Field:
         return whole if self.at is None else whole.isel(self.at)
 
     @property
-    def last_time(self) -> xr.Dataset | None:
-        """First member at the last lead or time; None if there is only one."""
-        whole, at = self.load()[0], self.at or {}
-        last = {dim: -1 for dim in at if dim != self.member and whole.sizes[dim] > 1}
-        if not last:
-            return None
-        return whole.isel(last if self.member is None else {**last, self.member: [0]})
+    def at_last_time(self) -> "Field | None":
+        """Field of the first member at the last lead or time; None if there is only one."""
+        whole = self.load()[0]
+        last = {dim: -1 for dim in self.at or () if dim != self.member and whole.sizes[dim] > 1}
+        first = {} if self.member is None else {self.member: slice(1)}
+        return replace(self, at={**last, **first}) if last else None
 
     @property
     def dims(self) -> tuple[Hashable, ...]:

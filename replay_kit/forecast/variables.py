@@ -2,37 +2,62 @@
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from replay_kit.core.arrays import Array, Values
+from replay_kit.core.arrays import Values
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.files.inputs import unpacking
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.grids.horizontal import Index, runs
+from replay_kit.forecast.grids.horizontal import runs
 from replay_kit.forecast.grids.layout import CENTRE, DIRECTION, Layout, U, V
 from replay_kit.forecast.names import LEVEL_COUNTS, sizes_text
 
-# Dimension and positions of levels.
-Levels = tuple[str, Index] | None
 
-
-def component(field: Field, ds: xr.Dataset, layout: Layout, name: str, levels: Levels) -> Values:
-    """Return the component ``U`` or ``V`` at its own points, shape (E, Z, J, I), on some levels, in the file's precision.
+def read(field: Field, layout: Layout, name: str, of: str = CENTRE) -> Values:
+    """Return the used part of a variable, shape (E, Z, J, I), in the file's precision; E or Z is 1 without such a dimension.
 
     Args:
         field: Field of the file.
-        ds: Dataset of the file at one time.
-        layout: Layout of the file.
-        name: Name of the component.
-        levels: Dimension and positions of the levels.
+        layout: Rows, columns and levels used.
+        name: Name of the variable.
+        of: Its points: those of ``U`` or ``V``, or ``CENTRE``.
     """
-    values = _stored(field, ds, layout, name, name, levels)
-    if (turn := ds[name].attrs.get("replay_kit_turn")) is not None:
-        angle = _stored(field, ds, layout, DIRECTION, name, levels).astype(np.float64)
+    ds, dims = field.ds, layout.dims[of]
+    depth, order = layout.levels.get(of, (None, np.zeros(0, np.int64)))
+    part = _on(ds, name, dims)
+    if depth is not None and depth not in part.dims:
+        # masks may have the levels under another name
+        others = [dim for dim in part.dims if dim not in (*dims, field.member)]
+        alike = [dim for dim in others if 1 < part.sizes[dim] == ds.sizes[depth]]
+        part = part.rename(dict.fromkeys(alike[:1], depth))
+    wanted = [dim for dim in (field.member, depth) if dim in part.dims]
+    extra = [dim for dim in part.dims if dim not in (*wanted, *dims)]
+    if any(part.sizes[dim] > 1 for dim in extra) or not set(dims) <= set(part.dims):
+        expected = ", ".join(filter(None, (field.member, depth, *dims)))
+        shown = part.attrs.get("replay_kit_name", name)
+        raise ForecastError(
+            f"{field.where}: {shown} has dimensions {sizes_text(part)}; expected {expected} after choosing a time"
+        )
+    part = part.isel(dict.fromkeys(extra, 0)).transpose(*wanted, *dims)
+    if depth in part.dims:
+        part = part.isel({depth: runs(order)[0] if np.all(np.diff(order) == 1) else order})
+    rows, columns = (runs(index) for index in layout.taken(of))
+    pieces = [unpacked(part.isel({dims[0]: rows[0], dims[1]: piece})) for piece in columns]
+    values = pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=-1)
+    if depth not in wanted:
+        values = np.expand_dims(values, -3)
+    return values if field.member in wanted else values[None]
+
+
+def component(field: Field, layout: Layout, name: str) -> Values:
+    """Return the component ``U`` or ``V`` at its own points as ``read`` does; see there for the arguments."""
+    values = read(field, layout, name, name)
+    if (turn := field.ds[name].attrs.get("replay_kit_turn")) is not None:
+        angle = read(field, layout, DIRECTION, name).astype(np.float64)
         values *= np.cos(np.deg2rad(angle + turn))
     return values
 
@@ -54,51 +79,6 @@ def _on(ds: xr.Dataset, name: str, dims: tuple[str, str]) -> xr.DataArray:
     return part.rename(
         {own: dim for own, dim in other if dim not in part.dims and part.sizes[own] == sizes[dim]}
     )
-
-
-def read(field: Field, layout: Layout, name: str, of: str = CENTRE, levels: Levels = None) -> Array:
-    """Return the used part of a variable, shape (E, Z, J, I); E or Z is 1 without such a dimension.
-
-    Args:
-        field: Field of the file.
-        layout: Layout with the rows and columns used.
-        name: Name of the variable.
-        of: Its points: those of ``U`` or ``V``, or ``CENTRE``.
-        levels: Dimension and positions of the levels.
-    """
-    return _stored(field, field.ds, layout, name, of, levels).astype(np.float64)
-
-
-def _stored(
-    field: Field, ds: xr.Dataset, layout: Layout, name: str, of: str, levels: Levels
-) -> Values:
-    dims, (of_levels, order) = layout.dims[of], levels or (None, np.zeros(0, np.int64))
-    part = _on(ds, name, dims)
-    if of_levels is not None and of_levels not in part.dims:
-        # masks may have the levels under another name
-        alike = [
-            dim
-            for dim in part.dims
-            if dim not in (*dims, field.member) and 1 < part.sizes[dim] == ds.sizes[of_levels]
-        ]
-        part = part.rename(dict.fromkeys(alike[:1], of_levels))
-    wanted = [dim for dim in (field.member, of_levels) if dim in part.dims]
-    extra = [dim for dim in part.dims if dim not in (*wanted, *dims)]
-    if any(part.sizes[dim] > 1 for dim in extra) or not set(dims) <= set(part.dims):
-        expected = ", ".join(filter(None, (field.member, of_levels, *dims)))
-        shown = part.attrs.get("replay_kit_name", name)
-        raise ForecastError(
-            f"{field.where}: {shown} has dimensions {sizes_text(part)}; expected {expected} after choosing a time"
-        )
-    part = part.isel(dict.fromkeys(extra, 0)).transpose(*wanted, *dims)
-    if of_levels in part.dims:
-        part = part.isel({of_levels: runs(order)[0] if np.all(np.diff(order) == 1) else order})
-    rows, columns = (runs(index) for index in layout.taken(of))
-    pieces = [unpacked(part.isel({dims[0]: rows[0], dims[1]: piece})) for piece in columns]
-    values = pieces[0] if len(pieces) == 1 else np.concatenate(pieces, axis=-1)
-    if of_levels not in wanted:
-        values = np.expand_dims(values, -3)
-    return values if field.member in wanted else values[None]
 
 
 def chunk_bytes(part: xr.DataArray) -> int:
@@ -171,25 +151,19 @@ def never_changing(values: Values, constants: Iterable[float]) -> NDArray[np.boo
     return found
 
 
-def mask_at_centres(
-    field: Field, layout: Layout, levels: Levels
-) -> tuple[NDArray[np.bool_] | None, bool]:
+def mask_at_centres(field: Field, layout: Layout) -> tuple[NDArray[np.bool_] | None, bool]:
     """Return the water of mask variables at cell centres, shape (1 or Z, J, I), and whether per level; None without masks."""
     if (name := first_of(field, layout, layout.kind.mask)) is not None:
-        wet = read(field, layout, name, levels=levels)[0] > 0.0
+        wet = read(field, layout, name)[0] > 0.0
         return wet, sum(size > 1 for size in field.ds[name].shape) > 2
     if (name := first_of(field, layout, LEVEL_COUNTS)) is not None:
-        order = np.zeros(1, np.int64) if levels is None else levels[1]
+        _, order = layout.levels.get(CENTRE, ("", np.zeros(1, np.int64)))
         return np.asarray(read(field, layout, name)[0] > order[:, None, None]), True
     return None, False
 
 
 def constant_land(
-    field: Field,
-    layout: Layout,
-    components: Sequence[Values],
-    levels: Mapping[str, Levels],
-    masked: bool,
+    field: Field, layout: Layout, components: Sequence[Values], masked: bool
 ) -> list[NDArray[np.bool_]]:
     """Return the mask of each component's points with a constant for land in all members, shape (Z, J, I).
 
@@ -199,13 +173,12 @@ def constant_land(
     Args:
         field: Field of the file.
         layout: Layout of the file.
-        components: Values of the components, shape (E, Z, J, I).
-        levels: Levels of each component.
+        components: Values of ``U`` and ``V``, shape (E, Z, J, I).
         masked: Whether a mask defines land on each level.
     """
     if not _moves(components):
-        if (last := field.last_time) is not None:
-            components = [component(field, last, layout, name, of) for name, of in levels.items()]
+        if (last := field.at_last_time) is not None:
+            components = [component(last, layout, name) for name in (U, V)]
         if masked and not _moves(components):
             return [np.zeros(values.shape[1:], dtype=bool) for values in components]
     offsets = (float(field.ds[name].attrs.get("replay_kit_offset", 0.0)) for name in (U, V))

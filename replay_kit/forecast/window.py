@@ -2,8 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from replay_kit.core.words.quantities import metres, metres_per_second
 from replay_kit.core.words.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.depths import choose_levels
-from replay_kit.forecast.grids.layout import Layout, U, V
+from replay_kit.forecast.grids.layout import CENTRE, Layout, U, V
 from replay_kit.forecast.grids.s_levels import (
     LEFT_DRY,
     follows_terrain,
@@ -26,7 +26,6 @@ from replay_kit.forecast.grids.s_levels import (
 from replay_kit.forecast.members.rules import WARNING
 from replay_kit.forecast.names import SEA_LEVEL, Axes, find_depth
 from replay_kit.forecast.variables import (
-    Levels,
     chunk_bytes,
     component,
     constant_land,
@@ -90,13 +89,11 @@ def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
         middle = 0.5 * float(latitude.min() + latitude.max())
         levels = choose_levels(ds, tuple(dims.values()), config, middle, where)
         order = levels.position
-    taken: Mapping[str, Levels] = {
-        name: None if dim is None else (dim, order) for name, dim in dims.items()
-    }
-    mask, by_level = mask_at_centres(field, layout, taken[U])
+    of = {**dims, CENTRE: dims[U]}
+    layout = replace(layout, levels={name: (dim, order) for name, dim in of.items() if dim})
+    mask, by_level = mask_at_centres(field, layout)
     # a mask of the surface says nothing of fixed depths, which may lie below the sea bed
-    masked = by_level or (mask is not None and terrain)
-    velocity, counts = _at_centres(field, layout, taken, masked)
+    velocity, counts = _at_centres(field, layout, by_level or (mask is not None and terrain))
     if velocity.shape[-2:] != longitude.shape:
         got, expected = (
             " x ".join(map(str, shape)) for shape in (velocity.shape[-2:], longitude.shape)
@@ -108,7 +105,7 @@ def read_window(field: Field, layout: Layout, config: ForecastConfig) -> Window:
         velocity[..., ~np.broadcast_to(mask, velocity.shape[2:])] = np.nan
     sea_level = _surface(field, layout)
     if terrain:
-        depths = read_terrain(field, layout, str(dims[U]), sea_level)
+        depths = read_terrain(field, layout, sea_level)
         velocity, levels = from_s_levels(velocity, depths, config.levels, where)
     first = None if sea_level is None else np.asarray(sea_level[0])
     notes = (*layout.notes, *counts, *levels.notes)
@@ -154,19 +151,14 @@ def check_claims(fields: Sequence[Field], layout: Layout) -> None:
                 )
 
 
-def _at_centres(
-    field: Field, layout: Layout, levels: Mapping[str, Levels], masked: bool
-) -> tuple[Values, tuple[str, ...]]:
+def _at_centres(field: Field, layout: Layout, masked: bool) -> tuple[Values, tuple[str, ...]]:
     """Return both components at cell centres [m/s], shape (E, 2, Z, J, I), NaN on land, and notes on assumed land."""
-    raw, odd = [], 0
-    for name, of in levels.items():
-        values, undeclared = _speeds(component(field, field.ds, layout, name, of), field, name)
-        odd += undeclared
-        raw.append(values)
-    constant = constant_land(field, layout, raw, levels, masked)
-    notes = (
-        [f"treated as missing: {count_text(odd, 'value')} beyond {_NO_SPEED:g} m/s"] if odd else []
-    )
+    raw, odd = zip(*(_speeds(field, layout, name) for name in (U, V)), strict=True)
+    constant, notes = constant_land(field, layout, raw, masked), list[str]()
+    if any(odd):
+        notes.append(
+            f"treated as missing: {count_text(sum(odd), 'value')} beyond {_NO_SPEED:g} m/s"
+        )
     if layout.first_face is None:
         dry = constant[0] & constant[1]
         exactly = "exactly zero" if np.all(raw[0][:, dry] == 0.0) else "one constant value"
@@ -184,16 +176,16 @@ def _at_centres(
         mask = next((name for name in names if name in field.ds.variables), None)
         valid = np.isfinite(values) & ~dry
         if mask is not None:
-            valid &= read(field, layout, mask, points, levels[U])[0] > 0.0
+            valid &= read(field, layout, mask, points)[0] > 0.0
         means.append(to_centres(values, valid, axis))
     (u, u_wet), (v, v_wet) = means
     wet = u_wet | v_wet
     return np.stack([np.where(wet, u, np.nan), np.where(wet, v, np.nan)], axis=1), tuple(notes)
 
 
-def _speeds(values: Values, field: Field, component: str) -> tuple[Values, int]:
-    """Return velocities in m/s, implausible ones as NaN, and the number of these not declared missing."""
-    about = field.ds[component].attrs
+def _speeds(field: Field, layout: Layout, name: str) -> tuple[Values, int]:
+    """Return a component in m/s, implausible values as NaN, and the number of these not declared missing."""
+    values, about = component(field, layout, name), field.ds[name].attrs
     unit = str(about.get("units", "")).strip()
     scale = metres_per_second(unit) if unit else 1.0
     if scale is None:
@@ -218,4 +210,4 @@ def _surface(field: Field, layout: Layout) -> Array | None:
     if name is None:
         return None
     scale = metres(str(field.ds[name].attrs.get("units", "m")).strip())
-    return read(field, layout, name)[:, 0] * (scale or 1.0)
+    return read(field, layout, name)[:, 0].astype(np.float64) * (scale or 1.0)

@@ -1,7 +1,7 @@
 """Horizontal layout of velocities: dimensions, cell centres, staggering and axes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,7 @@ class Layout:
         axes: Axes of u and v.
         why: Reason for axes.
         notes: Assumptions.
+        levels: Dimension and positions of the levels used, of points with levels.
     """
 
     kind: Coordinates
@@ -65,6 +66,7 @@ class Layout:
     axes: Axes
     why: str
     notes: tuple[str, ...] = ()
+    levels: Mapping[str, tuple[str, Index]] = field(default_factory=dict)
 
     @property
     def places(self) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.words.text import count_text, span_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.grids.depths import Levels, at_depths, depths_text, reach, reach_of
-from replay_kit.forecast.grids.layout import Layout
+from replay_kit.forecast.grids.layout import CENTRE, Layout
 from replay_kit.forecast.members.rules import WARNING, no_water
 from replay_kit.forecast.names import SHARE
 from replay_kit.forecast.variables import read
@@ -70,13 +70,12 @@ def follows_terrain(ds: xr.Dataset, dim: str | None) -> bool:
     return any(dim in ds[name].dims for name in stated) or (not stated and dim in _NAMES["s"])
 
 
-def read_terrain(field: Field, layout: Layout, dim: str, surface: Array | None) -> Terrain:
-    """Return the depths of the levels of a dimension in the used part of a file.
+def read_terrain(field: Field, layout: Layout, surface: Array | None) -> Terrain:
+    """Return the depths of the levels in the used part of a file.
 
     Args:
         field: Members of the file.
         layout: Used part of the file.
-        dim: Dimension of the levels.
         surface: Sea surface height [m], shape (E or 1, J, I); None if absent.
 
     Raises:
@@ -91,15 +90,15 @@ def read_terrain(field: Field, layout: Layout, dim: str, surface: Array | None) 
     }
     missing = [names[key][0] for key, name in found.items() if not name]
     if missing:
+        dim, _ = layout.levels[CENTRE]
         raise ForecastError(
             f"{field.where}: {dim} numbers terrain-following levels, whose depths need {', '.join(missing)} too; give the grid: --ensemble"
         )
     name = found.pop("h")
-    bed = read(field, layout, name)[0, 0]
+    bed = read(field, layout, name)[0, 0].astype(np.float64)
     surface = None if surface is None else np.nan_to_num(surface)
     if SHARE in ds.variables:
-        levels = dim, np.arange(ds.sizes[dim])
-        share = read(field, layout, SHARE, levels=levels)
+        share = read(field, layout, SHARE).astype(np.float64)
         return Terrain(name, bed, share, surface, "sigma")
     s, c, hc, transform = (
         np.asarray(ds[of].values, np.float64).reshape(-1, 1, 1) for of in found.values()
