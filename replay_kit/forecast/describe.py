@@ -76,7 +76,7 @@ def describe_ensemble(
 def _described(
     found: Collection, files: Sequence[Path], config: ForecastConfig, near_ns: int | None
 ) -> Description:
-    if found.rule is None:
+    if not found.rule.kind:
         one = select(replace(found, rule=MemberRule("dim")), config, near_ns)
         reading = read_selections([one], config, None, found.source, found.notes)
         use = f"one field, which --truth takes; no ensemble{ways(found)}"
@@ -105,8 +105,6 @@ def _named(files: Sequence[Path]) -> str:
 
 def _rule(found: Collection) -> str:
     rule = found.rule
-    if rule is None:
-        return ""
     if rule.kind == "dim":
         return f"dim:{found.members[0][0].member}"
     more = rule.name or (f"{rule.days:g}d" if rule.kind == "times" else "")
@@ -215,7 +213,7 @@ def open_extent(
         ForecastError: See ``read_ensemble``.
     """
     with open_collection(path, parse_rule(config.members)) as found:
-        if found.rule is None:
+        if not found.rule.kind:
             yield None
             return
         selection = select(found, config, near_ns)

@@ -85,7 +85,7 @@ def read_members(
     Raises:
         ForecastError: See ``read_ensemble``.
     """
-    if found.rule is None:
+    if not found.rule.kind:
         one = found.members[0][0]
         raise ForecastError(
             f"{one.where}: no member dimension; expected one of {', '.join(MEMBER_NAMES)}, got dimensions {sizes_text(one.ds[U])}"
@@ -131,7 +131,7 @@ def read_truth(
     Raises:
         ForecastError: See ``read_ensemble``; or the member is absent, or required but not named.
     """
-    with open_collection(Path(spec.partition("#")[0]), None) as found:
+    with open_collection(Path(spec.partition("#")[0]), MemberRule("")) as found:
         one = truth_in(found, spec)
         selections = [select(one, config, near_ns)]
         return read_selections(selections, config, place_at, spec, found.notes).series[0]
@@ -151,7 +151,7 @@ def truth_in(found: Collection, spec: str) -> Collection:
         )
     if label:
         fields = tuple(_one_member(field, label) for field in fields)
-    rule = found.rule or MemberRule("dim")
+    rule = found.rule if found.rule.kind else MemberRule("dim")
     return replace(found, members=(fields,), rule=rule, background=())
 
 

@@ -17,7 +17,7 @@ from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import (
     MADE,
     Elsewhere,
-    kind_of,
+    MemberRule,
     parse_rule,
     without_copies,
 )
@@ -88,7 +88,7 @@ def dates_of(found: Collection, config: ForecastConfig) -> Times:
     none, fields = np.zeros(0, np.int64), found.members[0]
     # members are of several times themselves, or nothing says what they are
     both = fields[0].lead is not None and fields[0].time is not None
-    if both or kind_of(found.rule) in ("", *MADE):
+    if both or found.rule.kind in ("", *MADE):
         return none
     by_member = []
     for member in found.members if fields[0].lead is None else [fields]:
@@ -126,7 +126,7 @@ def read_changing_truth(
         ForecastError: See ``read_truth``; or the file has a single time, or leads without a unit of time.
     """
     name = spec.partition("#")[0]
-    with open_collection(Path(name), None) as found:
+    with open_collection(Path(name), MemberRule("")) as found:
         field = found.members[0][0]
         if why := exceeds_claim(Path(name), 16 * field.ds[U].size // field.count):
             raise ForecastError(f"{name}: cannot be read: {why}; mend the file")

@@ -52,7 +52,7 @@ class Layout:
         axes: Axes of u and v.
         why: Reason for axes.
         notes: Assumptions.
-        levels: Dimension and positions of the levels used, of points with levels.
+        levels: Dimension and positions of levels, by points.
     """
 
     kind: Coordinates

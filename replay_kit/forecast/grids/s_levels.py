@@ -103,20 +103,14 @@ def read_terrain(field: Field, layout: Layout, surface: Array | None) -> Terrain
     s, c, hc, transform = (
         np.asarray(ds[of].values, np.float64).reshape(-1, 1, 1) for of in found.values()
     )
-    number = int(transform[0, 0, 0])
+    number, hc = int(transform[0, 0, 0]), hc[:1]
     if number not in (1, 2):
         raise ForecastError(f"{field.where}: Vtransform is {number}; expected 1 or 2")
     # columns on land may have a depth of 0
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = stretched(s, c, hc[:1], bed, number)[None]
+        first, second = (hc * (s - c) + c * bed) / bed, (hc * s + c * bed) / (hc + bed)
+    share = (first if number == 1 else second)[None]
     return Terrain(name, bed, share, surface, f"transform {number}")
-
-
-def stretched(s: Array, c: Array, hc: Array | float, h: Array, transform: int) -> Array:
-    """Return the share of the water above ROMS' levels; for the symbols see the module, for shapes numpy's broadcasting."""
-    if transform == 1:
-        return np.asarray((hc * (s - c) + c * h) / h)
-    return np.asarray((hc * s + c * h) / (hc + h))
 
 
 def from_s_levels(

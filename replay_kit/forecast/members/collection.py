@@ -18,7 +18,6 @@ from replay_kit.forecast.members.rules import (
     WARNING,
     MemberRule,
     is_background,
-    kind_of,
     label_files,
     usual_labels,
 )
@@ -58,7 +57,7 @@ class Collection:
     """Opened files of an ensemble, in order.
 
     Attributes:
-        rule: Definition of a member; None if undefined, with a single field.
+        rule: Definition of a member; without a kind if undefined, with a single field.
         members: Fields of each member, or of members read together, in order of time.
         background: State to which anomaly members are added; empty for members that are states, or without one.
         grids: Files without velocities.
@@ -66,7 +65,7 @@ class Collection:
         notes: Exclusions and assumptions.
     """
 
-    rule: MemberRule | None
+    rule: MemberRule
     members: tuple[tuple[Field, ...], ...]
     background: tuple[Field, ...]
     grids: tuple[Path, ...]
@@ -75,12 +74,12 @@ class Collection:
 
 
 @contextmanager
-def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Iterator[Collection]:
+def open_collection(given: "Paths | Collection", rule: MemberRule) -> Iterator[Collection]:
     """Give an ensemble's files in order; each is opened when used.
 
     Args:
         given: Files, stores, folders, patterns.
-        rule: Definition of a member; None to detect it.
+        rule: Definition of a member; without a kind it is detected.
 
     Raises:
         ForecastError: Files are missing, unreadable, hold no current, or do not belong together.
@@ -98,7 +97,7 @@ def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Ite
                 for path in argument
             ]
             fields, rule = _identified(looked, rule)
-            of_suffix = looked if kind_of(rule) == "suffix" else ()
+            of_suffix = looked if rule.kind == "suffix" else ()
             alone = [f"{file.names}: {name}" for file in of_suffix for name in suffixes(file.ds)[1]]
             notes = sources.notes
             if alone:
@@ -113,16 +112,14 @@ def open_collection(given: "Paths | Collection", rule: MemberRule | None) -> Ite
         ) from error
 
 
-def _identified(
-    files: Sequence[Field], rule: MemberRule | None
-) -> tuple[list[Field], MemberRule | None]:
+def _identified(files: Sequence[Field], rule: MemberRule) -> tuple[list[Field], MemberRule]:
     """Return the files with the names of their components; one field for each suffix if suffixes are members."""
     found: list[Field] = []
-    if rule is None and files and all(len(suffixes(file.like)[0]) > 1 for file in files):
+    if not rule.kind and files and all(len(suffixes(file.like)[0]) > 1 for file in files):
         rule = MemberRule("suffix")
     currents = dict[int, Current | None]()
     for file in files:
-        if kind_of(rule) == "suffix":
+        if rule.kind == "suffix":
             whole = file.load()[0]
             found += [
                 replace(
@@ -135,7 +132,7 @@ def _identified(
         if form not in currents:
             currents[form] = find_current(file.like, file.where)
         one = replace(file, current=currents[form])
-        found += _runs(one) if kind_of(rule) == "lags" else [one]
+        found += _runs(one) if rule.kind == "lags" else [one]
     return found, rule
 
 
@@ -155,26 +152,26 @@ def _axes_of(ds: xr.Dataset, name: str) -> Axes | None:
     return None if current is None else current.axes
 
 
-def _collected(files: Sequence[Field], rule: MemberRule | None, notes: Notes) -> Collection:
+def _collected(files: Sequence[Field], rule: MemberRule, notes: Notes) -> Collection:
     grids = [file for file in files if file.current is None]
     holders = [file for file in files if file.current is not None]
     if not holders:
-        if kind_of(rule) == "suffix":
+        if rule.kind == "suffix":
             raise ForecastError(
                 f"{files[0].where}: --members suffix, but no variables differ by a suffix alone, as uo_glor and uo_oras do"
             )
         datasets = [file.like for file in files]
         raise NoCurrentError(datasets, ", ".join(file.where for file in files))
     states = [file for file in holders if is_background(file.paths[0])]
-    if rule is None and find_member(holders[0].like, holders[0].dims) is not None:
+    if not rule.kind and find_member(holders[0].like, holders[0].dims) is not None:
         rule = MemberRule("dim")
     others = [file.paths[0] for file in holders if file not in states]
-    if rule is None and usual_labels(others) is not None:
+    if not rule.kind and usual_labels(others) is not None:
         rule = MemberRule("files")
-    if rule is None:
+    if not rule.kind:
         rule, more = rule_of(holders)
         notes += more
-    background = states if kind_of(rule) == "files" else []
+    background = states if rule.kind == "files" else []
     holders = _labelled([file for file in holders if file not in background], rule)
     members: list[tuple[Field, ...]] = []
     for label in dict.fromkeys(file.label for file in holders):
@@ -191,10 +188,9 @@ def _collected(files: Sequence[Field], rule: MemberRule | None, notes: Notes) ->
     )
 
 
-def _labelled(holders: list[Field], rule: MemberRule | None) -> list[Field]:
+def _labelled(holders: list[Field], rule: MemberRule) -> list[Field]:
     """Return the files labelled with their members."""
-    kind = kind_of(rule)
-    if rule is not None and kind == "files":
+    if rule.kind == "files":
         labels = label_files([file.paths[0] for file in holders], rule.name)
         us, vs = (
             sorted((file.paths[0] for file in holders if file.holds == one), key=natural)
@@ -207,11 +203,11 @@ def _labelled(holders: list[Field], rule: MemberRule | None) -> list[Field]:
             (replace(file, label=labels[file.paths[0]]) for file in holders),
             key=lambda file: natural(Path(file.label)),
         )
-    if kind == "lags":
+    if rule.kind == "lags":
         return sorted(
             (replace(file, label=start_of(file)) for file in holders), key=lambda file: file.label
         )
-    if kind == "models":
+    if rule.kind == "models":
         several = len({file.argument for file in holders}) > 1
         return [
             replace(file, label=f"model {file.argument}" if several else file.names)
@@ -220,9 +216,9 @@ def _labelled(holders: list[Field], rule: MemberRule | None) -> list[Field]:
     return holders
 
 
-def _members(fields: tuple[Field, ...], rule: MemberRule | None) -> list[tuple[Field, ...]]:
+def _members(fields: tuple[Field, ...], rule: MemberRule) -> list[tuple[Field, ...]]:
     """Return the members of files: those along a dimension are read together, files of several times share theirs."""
-    if rule is None or rule.kind != "dim":
+    if rule.kind != "dim":
         return [fields]
     found = []
     for field in fields:

@@ -14,7 +14,7 @@ from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.grid import Ensemble, component_rms
 from replay_kit.core.words.text import count_text
 
-Kind = Literal["dim", "files", "suffix", "lags", "times", "models"]
+Kind = Literal["", "dim", "files", "suffix", "lags", "times", "models"]
 #: Of these the spread of the members is not their error.
 MADE: tuple[Kind, ...] = ("lags", "times", "models")
 
@@ -29,8 +29,9 @@ class MemberRule:
     """Definition of a member.
 
     Attributes:
-        kind: ``dim``: position along a dimension; ``files``: a file, or the files of one label; ``suffix``: a pair of variables;
-            ``lags``: a forecast with another reference time; ``times``: a field of another time; ``models``: another product.
+        kind: Empty where undefined; ``dim``: position along a dimension; ``files``: a file, or the files of one label;
+            ``suffix``: a pair of variables; ``lags``: a forecast with another reference time; ``times``: a field of another time;
+            ``models``: another product.
         name: Dimension of ``dim``, regular expression of ``files``; empty for the defaults.
         days: Half width of the window of ``times`` [days].
     """
@@ -40,20 +41,13 @@ class MemberRule:
     days: float = 0.0
 
 
-def kind_of(rule: MemberRule | None) -> str:
-    """Return the kind of a rule; empty without a rule."""
-    return "" if rule is None else rule.kind
-
-
-def parse_rule(text: str | None) -> MemberRule | None:
-    """Return the rule of a value of ``--members``; None if it is empty.
+def parse_rule(text: str | None) -> MemberRule:
+    """Return the rule of a value of ``--members``; one without a kind if it is None.
 
     Raises:
         ConfigError: A regular expression is invalid.
     """
-    if text is None:
-        return None
-    kind, _, name = text.partition(":")
+    kind, _, name = (text or "").partition(":")
     if kind == "times":
         return MemberRule("times", days=float(name.removesuffix("d")))
     if kind == "files" and name:

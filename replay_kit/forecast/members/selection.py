@@ -12,7 +12,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.words.text import count_text
 from replay_kit.forecast.field import Field
 from replay_kit.forecast.members.collection import Collection
-from replay_kit.forecast.members.rules import WARNING, kind_of
+from replay_kit.forecast.members.rules import WARNING
 from replay_kit.forecast.members.times import choose_time, date_text, nearest, wanted_time
 
 _DAY_NS = 86_400 * 10**9
@@ -50,10 +50,10 @@ def select(found: Collection, config: ForecastConfig, near_ns: int | None) -> Se
     Raises:
         ForecastError: The files lack fields that the definition of a member requires.
     """
-    kind = kind_of(found.rule)
+    kind = found.rule.kind
     if kind == "lags":
         return _lagged(found, config, near_ns)
-    if found.rule is not None and kind == "times":
+    if kind == "times":
         return _of_season(found, found.rule.days, config, near_ns)
     fields, times, notes = [], [], list[str]()
     for member in found.members:

@@ -252,27 +252,27 @@ def _stated_start(file: Field) -> str:
     return date_text(file.times[0] - round(float(hours[0])) * _DAY_NS // 24)[:-1]
 
 
-def rule_of(holders: Sequence[Field]) -> tuple[MemberRule | None, tuple[str, ...]]:
-    """Return the definition of a member for files with currents, and a note; None if they may be one run, or several products.
+def rule_of(holders: Sequence[Field]) -> tuple[MemberRule, tuple[str, ...]]:
+    """Return the definition of a member for files with currents, and a note; without a kind if they may be one run, or several products.
 
     Files of one grid with the same times are members. So are forecasts of several starts with a common time.
     """
     files = [file for file in holders if file.holds[0]]
     if len(files) < 2 or len({_form(file) for file in files}) > 1:
-        return None, ()
+        return MemberRule(""), ()
     times = [file.stated_times for file in files]
     if all(each.size and np.array_equal(each, times[0]) for each in times):
         note = f"members: the {len(files)} files, as all hold the same times (--members files)"
         return MemberRule("files"), (note,)
     if not all(file.times.size for file in files):
-        return None, ()
+        return MemberRule(""), ()
     runs: dict[str, Times] = {}
     for file in files:
         start = start_of(file)
         runs[start] = np.union1d(runs.get(start, file.times), file.times)
     least = 1 if all(map(_stated_start, files)) else _LEAST_COMMON
     if len(runs) < 2 or reduce(np.intersect1d, runs.values()).size < least:
-        return None, ()
+        return MemberRule(""), ()
     note = (
         f"members: forecasts of {len(runs)} starts, as all hold a time in common (--members lags)"
     )

@@ -22,7 +22,7 @@ from replay_kit.core.words.progress import announce
 from replay_kit.forecast.files import with_dates
 from replay_kit.forecast.grids.horizontal import Index
 from replay_kit.forecast.members.collection import Collection, open_collection
-from replay_kit.forecast.members.rules import kind_of, parse_rule
+from replay_kit.forecast.members.rules import parse_rule
 from replay_kit.forecast.names import SEA_LEVEL, find_depth, find_time
 from replay_kit.forecast.remote.kept import CACHE, RECORD, Kept, key_of
 from replay_kit.forecast.remote.parts import Parts, Wanted, parts_of
@@ -166,7 +166,7 @@ def cuts_of(given: Paths, wanted: Wanted, config: ForecastConfig) -> tuple[Cut, 
 
 def _planned(found: Collection, wanted: Wanted, config: ForecastConfig) -> Iterator[Cut]:
     fields = [field for member in (*found.members, found.background) for field in member]
-    kind, alone = kind_of(found.rule), len({field.paths for field in fields}) == 1
+    kind, alone = found.rule.kind, len({field.paths for field in fields}) == 1
     taken: dict[Address, dict[str, Index]] = {}
     currents: dict[Address, list[str]] = {}
     for field in fields:
