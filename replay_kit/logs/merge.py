@@ -174,12 +174,12 @@ class Merge(Generic[_T]):
     """Stream of several logs, ordered by (time, input, position).
 
     Each log is sorted on its own: a message waits until one is newer by more than the window. A late message, older than one of the same
-    log already yielded, is excluded and counted. Outlier stamps are excluded and counted too, and after a backward jump of a log's clock
-    its times continue (``Settling``). Each iteration reads the logs again; the attributes are complete after it.
+    log already yielded, is excluded and counted; so are outlier stamps. After a backward jump of its clock a log's times continue
+    (``Settling``). Each iteration reads the logs again and completes the attributes.
 
     Attributes:
-        late: Number of excluded late messages by topic.
-        astray: Number of messages excluded for outlier stamps, by topic.
+        late: Number of late messages by topic.
+        astray: Number of messages with outlier stamps by topic.
         jumps: Jumps of the logs' clocks.
     """
 

@@ -30,19 +30,19 @@ OnExtra = Callable[[Attachment | Metadata], None]
 
 
 class LogFile(AbstractContextManager["LogFile"]):
-    """Log opened for reading. Each pass reads the file again; leaving the context closes unfinished passes.
+    """Log opened for reading; each pass reads it again. Leaving the context closes passes.
 
-    Topics are renamed by ``logs.remap`` in messages, copies and the report.
+    ``logs.remap`` renames topics in messages, copies and the report.
 
     Attributes:
         path: Path of the log.
         format: As in ``LogReport.format``.
-        input: Position of the log among the run's inputs.
-        files: Files of the log.
-        mission: Name of the mission; empty if not stated.
+        input: Position among the run's inputs.
+        files: Its files.
+        mission: Name of the mission, if stated.
         statistics: Statistics of the latest pass.
-        unchecked: Part of each message without a checksum; empty if all is covered or the pass counts it.
-        has_own_frames: Whether ``raw_messages`` are in another form than the log, so that a copy also needs ``frames``.
+        unchecked: Part of each message without a checksum; empty where the pass counts it.
+        has_own_frames: Whether a copy needs ``frames`` beside ``raw_messages``.
     """
 
     format: str
@@ -197,7 +197,7 @@ class Told:
         notes: Assumptions.
         skipped: Number of unusable messages by topic and reason.
         losses: Damage.
-        mission: Name of the mission; empty if not stated.
+        mission: Name of the mission, if stated.
     """
 
     notes: list[str] = field(default_factory=list)

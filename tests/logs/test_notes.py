@@ -10,16 +10,13 @@ def test_notes_that_differ_in_numbers_alone_are_one_with_their_ranges():
         "m: declination -1.2 degrees",
         "m: declination 10.25 degrees",
     ]
-    assert gather([*notes, "x: VelocityBeam2 of 3"]) == {
+    # variables read are never merged
+    alone = ["x: VelocityBeam2 of 3", "read as depth: x 1", "read as depth: x 2"]
+    assert gather([*notes, *alone]) == {
         "m: declination -1.2 to 10.25 degrees": [notes[0], notes[2], notes[3]],
-        "x: VelocityBeam1 of 3": [notes[1]],
-        "x: VelocityBeam2 of 3": ["x: VelocityBeam2 of 3"],
+        notes[1]: [notes[1]],
+        **{note: [note] for note in alone},
     }
-
-
-def test_variables_read_are_never_merged():
-    notes = ["read as depth: x 1", "read as depth: x 2"]
-    assert gather(notes) == {note: [note] for note in notes}
 
 
 def test_what_is_said_of_several_variables_is_said_once():
@@ -30,10 +27,5 @@ def test_what_is_said_of_several_variables_is_said_once():
         "depth: computed",
         "plain",
     ]
-
-
-def test_the_variables_read_are_counted_in_a_summary():
-    assert (
-        short("read as time: t, depth: z")
-        == "2 variables were read by their names, which replay-kit info lists"
-    )
+    words = "2 variables were read by their names, which replay-kit info lists"
+    assert short("read as time: t, depth: z") == words

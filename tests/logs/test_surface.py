@@ -108,6 +108,26 @@ def test_radials_of_phased_arrays_state_no_errors_and_no_flags(tmp_path):
     assert set(payload(path)["error"]) == {0.1}
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        "u v dopx dopy qc",
+        "EWCT NSCT EWCS NSCS QCflag",
+        "UCUR VCUR UCUR_sd VCUR_sd UCUR_quality_control",
+    ],
+)
+def test_totals_state_standard_errors_or_dilutions_of_precision(tmp_path, names):
+    whole, dilutes = made.totals(CURRENT, hours=1), "dopx" in names
+    whole["u_err"] = whole["v_err"] = 0.8 + 0.0 * whole.u_err
+    whole["u_err"].attrs = whole["v_err"].attrs = {"units": "1" if dilutes else "cm/s"}
+    whole["flag"] = 1.0 + 3.0 * (whole.lon < 152.05) + 0.0 * whole.v_err
+    own = zip(("u", "v", "u_err", "v_err", "flag"), names.split(), strict=True)
+    whole = whole.rename({old: new for old, new in own if old != new})
+    whole.to_netcdf(path := tmp_path / "a.nc", engine="h5netcdf")
+    assert set(np.round(payload(path)["east_error"], 9)) == {0.08 if dilutes else 0.008}
+    assert payload(path)["north"] == pytest.approx([CURRENT[1]] * 144)
+
+
 _FAILED, _SUSPECT = np.ones((2, 1, 1, 12, 14), np.int32)
 _FAILED[..., 4:6], _SUSPECT[..., 8] = 4, 3
 _OWN = {"flag_values": "0 1 2", "flag_meanings": "fine doubtful_suspect rejected"}

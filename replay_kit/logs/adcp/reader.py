@@ -46,7 +46,7 @@ def open_raw_adcp(
 
     Args:
         paths: The file.
-        input: Ignored; the position among the run's inputs is set when the log is opened.
+        input: Ignored; set when the log is opened.
         config: Settings of log reading.
         wanted: Ignored.
 

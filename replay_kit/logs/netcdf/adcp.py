@@ -298,11 +298,9 @@ def midas_pings(file: NetcdfFile, notes: list[str]) -> Iterator[Entry]:
     ]
     n_cells = columns["velocity"].shape[1]
     if distance.size != n_cells:
-        size, blanking = (
-            float(file.attributes.get(name, 1.0))
-            for name in ("avg_cellSize", "avg_blankingDistance")
+        raise LogError(
+            f"{file.path}: Velocity Range: expected {n_cells} distances, as velocities have cells, got {distance.size}; export it again"
         )
-        distance = blanking + size * np.arange(1.0, n_cells + 1.0)
     cell_size = float(np.median(np.diff(distance))) if n_cells > 1 else None
     common = _RELATIVE | {
         "coordinate_system": "beam",

@@ -20,7 +20,7 @@ _WORDS = (
 )
 # names of flags that sum up all tests, or are an operator's; and of those of single tests
 _SUMS = r"prim|(qc_?)?primary(_?flag)?|qc|qc_?flag|quality_flag|.*aggregate.*|.*operator.*"
-_TESTS = r"q(c_?)?\d{2,3}(_.*)?|.*_qc|.*qartod_.*"
+_TESTS = r"q(c_?)?\d{2,3}(_.*)?|.*_qc|[uv]cur_quality_control|.*qartod_.*"
 #: Pattern of both, in lower case.
 FLAGS = f"{_SUMS}|{_TESTS}"
 # rank of a test that was passed: more than one that was not made

@@ -17,7 +17,7 @@ from replay_kit.core.geodesy import to_local
 from replay_kit.core.grid import Projection
 from replay_kit.core.words.text import count_text
 from replay_kit.logs.netcdf.quality import deciding, is_failed, worst_flag
-from replay_kit.logs.netcdf.surface import LIGHT, RADAR, depth_of
+from replay_kit.logs.netcdf.surface import LIGHT, RADAR, USUAL_ERROR, depth_of
 from replay_kit.logs.payloads import Entry, numbers, stamp
 from replay_kit.logs.reader import LogFile, Told, WholeLog, read_bytes
 
@@ -27,9 +27,9 @@ _COLUMNS = ("LOND", "LATD", "VELO", "HEAD", "RNGE", "BEAR")
 # spatial and temporal standard deviation, and the accuracy that phased arrays state
 _ERRORS = ("ESPC", "ETMP", "EACC")
 _KEYS = ("TimeStamp", "Origin", "TransmitCenterFreqMHz", "TableColumnTypes")
-# cm/s: what stands for no error, the least, and the one taken where a file states none; of flags the one of radials over land
-_NO_ERROR, _LEAST_ERROR, _USUAL_ERROR, _OVER_LAND = 900.0, 3.0, 10.0, 128
-_NO_STATED_ERROR = f"radials state no error; {_USUAL_ERROR:g} cm/s is assumed for each"
+# cm/s: what stands for no error, and the least; of flags the one of radials over land
+_NO_ERROR, _LEAST_ERROR, _OVER_LAND = 900.0, 3.0, 128
+_NO_STATED_ERROR = f"radials state no error; {USUAL_ERROR:g} cm/s is assumed for each"
 _OTHER_UNITS = re.compile(r"\((?:knots?|kn|kts?|m/s)\)", re.IGNORECASE)
 # km by which places may depart from range and bearing
 _NEAR = 3.0
@@ -184,7 +184,7 @@ def _radials(file: Header) -> tuple[dict[str, Array], Counter[str]]:
     _check_station(file, of)
     _check_unit(file, of["VELO"])
     n = of["VELO"].size
-    errors = [of[name] for name in _ERRORS if name in of] or [np.full(n, _USUAL_ERROR)]
+    errors = [of[name] for name in _ERRORS if name in of] or [np.full(n, USUAL_ERROR)]
     std = np.fmax.reduce([np.where(each < _NO_ERROR, each, np.nan) for each in errors])
     flag = of.get("VFLG", np.zeros(n)).astype(np.int64)
     tests = deciding(names)

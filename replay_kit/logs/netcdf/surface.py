@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,8 @@ _PARAMETER = re.compile(r"(\d+)\)\s*([^\n]+)")
 _VARIANCE, _LENGTH = 7, 5
 # times of a file that are read together: a month of a file is 200 MB
 _ROWS = 48
+#: Standard error of a radial, taken where none is stated [cm/s].
+USUAL_ERROR = 10.0
 # of normalised errors; values above are of questionable quality, as the files say
 _MOST_NORMALISED = 0.6
 # m: depth of the middle of the programme's drogue; and of a degree of latitude
@@ -101,7 +103,7 @@ def _vectors(
         "east": values["east"].reshape(shape),
         "north": values["north"].reshape(shape),
     } | {
-        key: _error(file.variables[chosen[key]], variance, dialect, notes).reshape(shape)
+        key: _error(file.variables, chosen[key], variance, dialect, notes).reshape(shape)
         for key in ("east_error", "north_error")
     }
     held = {n: v for n, v in file.variables.items() if v.values.size == math.prod(shape)}
@@ -151,11 +153,18 @@ def _parameters(file: NetcdfFile, name: str) -> tuple[float, float]:
     return variance, length if length > 0.0 else 0.0
 
 
-def _error(stored: Stored, variance: float, dialect: Dialect, notes: list[str]) -> Array:
+def _error(
+    held: Mapping[str, Stored], name: str, variance: float, dialect: Dialect, notes: list[str]
+) -> Array:
     """Return standard errors [m/s], NaN if not stated or of questionable quality."""
+    stored = held[name]
     if stored.units not in ("", "1"):
         return units.in_si("error", stored, units.SPEED, notes)
     values = stored.unpacked()
+    if name.lower() in ("dopx", "dopy"):
+        usual = f"{USUAL_ERROR:g} cm/s, assumed for each radial"
+        notes.append(f"errors: dilutions of precision, times {usual}")
+        return np.where(values > 0.0, 1e-2 * USUAL_ERROR * values, np.nan)
     if not variance > 0.0:
         raise LogError(
             f"{dialect.title}: expected the signal's variance in {dialect.names['parameters']}, by which errors are normalised, got none"
@@ -167,19 +176,19 @@ def _error(stored: Stored, variance: float, dialect: Dialect, notes: list[str]) 
     return np.where(good, np.sqrt(np.where(good, values, 0.0) * (1e-4 * variance)), np.nan)
 
 
-#: Optimally interpolated totals; errors are standard errors, or variances over that of the signal, which have no unit.
+#: Totals; errors are standard errors, variances over that of the signal (optimal interpolation, MARACOOS), or dilutions of precision.
 TOTALS = Dialect(
     "radar-totals",
-    "optimally interpolated totals (Rutgers, MARACOOS)",
-    "u v u_err v_err time lat lon",
+    "totals of HF radars (MARACOOS, HFRNet, European node, IMOS)",
+    "time lat|latitude lon|longitude u|ewct|ucur v|nsct|vcur u_err|dopx|ewcs|ucur_sd v_err|dopy|nscs|vcur_sd",
     {
         "time": "time",
-        "longitude": "lon",
-        "latitude": "lat",
-        "east": "u",
-        "north": "v",
-        "east_error": "u_err",
-        "north_error": "v_err",
+        "longitude": "lon longitude",
+        "latitude": "lat latitude",
+        "east": "u ewct ucur",
+        "north": "v nsct vcur",
+        "east_error": "u_err dopx ewcs ucur_sd",
+        "north_error": "v_err dopy nscs vcur_sd",
         "parameters": "processing_parameters",
     },
     beside=FLAGS,
