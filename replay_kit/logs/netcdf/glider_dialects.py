@@ -153,11 +153,11 @@ _SPRAY = Dialect(
     ascent_share=0.75,
 )
 
-# OceanGliders OG1, as of seagliderOG1, VOTO, BODC and Spray.
+# OceanGliders OG1, as of seagliderOG1, VOTO, BODC and Spray; and EGO before it, of which no real file was tried.
 _OG1 = Dialect(
     "og1",
     "OceanGliders OG1",
-    "time latitude longitude profile_number|divenum|dive_number phase|trajectory",
+    "time latitude longitude profile_number|divenum|dive_number|phase_number phase|trajectory",
     {
         **_USUAL,
         # not depth_z, which has the standard name of a depth and the sign of a height

@@ -179,7 +179,7 @@ def _error(
 #: Totals; errors are standard errors, variances over that of the signal (optimal interpolation, MARACOOS), or dilutions of precision.
 TOTALS = Dialect(
     "radar-totals",
-    "totals of HF radars (MARACOOS, HFRNet, European node, IMOS)",
+    "totals of HF radars",
     "time lat|latitude lon|longitude u|ewct|ucur v|nsct|vcur u_err|dopx|ewcs|ucur_sd v_err|dopy|nscs|vcur_sd",
     {
         "time": "time",

@@ -101,6 +101,13 @@ def _texts(variables):
     return variables | {"latitude": (dims, texts, attributes)}
 
 
+def _ego(path):
+    with h5py.File(made.bodc(path), "a") as file:
+        file.attrs["Conventions"] = "CF-1.4 EGO-1.2"
+        file["PHASE"] = file["PHASE_NUMBER"] = np.zeros(file["TIME"].size)
+    return path
+
+
 def _plain_slocum(path):
     return made.slocum(path, np.asarray)
 
@@ -153,6 +160,7 @@ _STATED_ONCE = "2 profiles of 118 samples: values stated once"
 VARIANTS = {
     "lower case": Form("og1", made.bodc, _lower),
     "packed": Form("og1", made.bodc, _packed),
+    "EGO": Form("og1", _ego),
     "characters": Form("socib", made.socib, _characters),
     "numbers in texts": Form("socib", made.socib, _texts),
     "decimal degrees": Form("slocum", _plain_slocum),
