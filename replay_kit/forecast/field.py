@@ -163,18 +163,18 @@ def _seen(path: Path, forms: Mapping[Any, xr.Dataset]) -> tuple[Any, dict[str, x
     if isinstance(path, Address) or why_no_input(path):
         return None, {}
     try:
-        with h5py.File(path, "r") as file:
-            # of the library's own layer, as its objects take longer to make than to be asked
-            about = [_text(file.id, name.encode()) for name in PRODUCT]
-            items = {name: h5py.h5o.open(file.id, name) for name in file.id}
-            sizes = [
-                (name, item.shape, item.dtype.str, _text(item, b"standard_name"))
-                for name, item in items.items()
-                if isinstance(item, h5py.h5d.DatasetID)
-            ]
-            form = *items, *sizes, h5py.h5a.exists(file.id, b"bulletin_date"), *about
-            time = find_time(forms[form], forms[form].dims) if form in forms else None
-            return form, {} if time is None else {time: _times(file[time], time)}
+        # of the library's own layer, as its objects take longer to make than to be asked
+        file = h5py.h5f.open(bytes(path), h5py.h5f.ACC_RDONLY)
+        about = [_text(file, name.encode()) for name in PRODUCT]
+        items = {name: h5py.h5o.open(file, name) for name in file}
+        sizes = [
+            (name, item.shape, item.dtype.str, _text(item, b"standard_name"))
+            for name, item in items.items()
+            if isinstance(item, h5py.h5d.DatasetID)
+        ]
+        form = *items, *sizes, h5py.h5a.exists(file, b"bulletin_date"), *about
+        time = find_time(forms[form], forms[form].dims) if form in forms else None
+        return form, {} if time is None else {time: _times(items[time.encode()], time)}
     except (OSError, RuntimeError, TypeError, ValueError, LookupError):
         return None, {}
 
@@ -189,11 +189,10 @@ def _text(item: Any, name: bytes) -> str:
     return str(plain_attribute(value))
 
 
-def _times(item: h5py.Dataset, name: str) -> xr.Variable:
+def _times(item: h5py.h5d.DatasetID, name: str) -> xr.Variable:
     """Return the times of a file, as dates if possible."""
-    said = {key: _text(item.id, key.encode()) for key in ("units", "calendar")}
     # an absent calendar is the usual one, an empty one is none
-    about = {key: text for key, text in said.items() if text}
-    variable = xr.Variable((name,), item[...], about)
+    about = {key: text for key in ("units", "calendar") if (text := _text(item, key.encode()))}
+    variable = xr.Variable((name,), h5py.Dataset(item)[...], about)
     found = dated(variable)
     return variable if found is None else found
