@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from replay_kit.config.estimation import GatingConfig, TimeConfig
 from replay_kit.config.run import EstimatorConfig
 from replay_kit.estimator import build, embed_member
-from replay_kit.estimator.update.judge import judged
+from replay_kit.estimator.update.assimilate import judged
 from tests import synthetic
 from tests.estimator.seas import CONFIG, SEA, profiles, relative
 
