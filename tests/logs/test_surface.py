@@ -123,6 +123,11 @@ def test_totals_state_standard_errors_or_dilutions_of_precision(tmp_path, names)
     whole["flag"] = 1.0 + 3.0 * (whole.lon < 152.05) + 0.0 * whole.v_err
     own = zip(("u", "v", "u_err", "v_err", "flag"), names.split(), strict=True)
     whole = whole.rename({old: new for old, new in own if old != new})
+    if "UCUR" in names:
+        # on a curvilinear grid
+        lon, lat = ((("J", "I"), each) for each in np.meshgrid(whole.lon, whole.lat))
+        whole = whole.drop_vars(["lon", "lat"]).rename_dims(lat="J", lon="I")
+        whole = whole.assign(LONGITUDE=lon, LATITUDE=lat)
     whole.to_netcdf(path := tmp_path / "a.nc", engine="h5netcdf")
     assert set(np.round(payload(path)["east_error"], 9)) == {0.08 if dilutes else 0.008}
     assert payload(path)["north"] == pytest.approx([CURRENT[1]] * 144)

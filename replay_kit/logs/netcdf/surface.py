@@ -90,16 +90,18 @@ def _vectors(
     file = open_netcdf(path, lambda held, _: dialect.wanted(held), slice(begin, begin + _ROWS))
     chosen = dialect.chosen(file.variables)
     values = read_values(file, dialect, chosen, notes)
-    longitude, latitude = (values[key].ravel() for key in ("longitude", "latitude"))
-    shape = (len(values["east"]), latitude.size, longitude.size)
-    if values["east"].size != math.prod(shape):
+    longitude, latitude = (np.squeeze(values[key]) for key in ("longitude", "latitude"))
+    if longitude.ndim < 2:
+        longitude, latitude = np.meshgrid(longitude, latitude)
+    shape = (len(values["east"]), *longitude.shape)
+    if values["east"].size != math.prod(shape) or latitude.shape != longitude.shape:
         raise LogError(
             f"{path}: {chosen['east']}: expected {shape[1]} x {shape[2]} values, as lat and lon have, got {values['east'][0].size}"
         )
     variance, length = _parameters(file, chosen.get("parameters", ""))
     columns = {
         "longitude": np.broadcast_to(longitude, shape),
-        "latitude": np.broadcast_to(latitude[:, None], shape),
+        "latitude": np.broadcast_to(latitude, shape),
         "east": values["east"].reshape(shape),
         "north": values["north"].reshape(shape),
     } | {

@@ -1,20 +1,19 @@
 """Payloads of ``replay_kit.AdcpPing`` as tables of pings; fields and units are in ``ADCP_PING.md``.
 
-Columns of a table of pings of m cells, with shapes after (n,):
+Columns of pings of m cells, with shapes after (n,):
 
 * velocity (m, k), k >= 3 [m/s], along beams, or x, y, z, or east, north, up; a fourth is the error velocity or a fourth beam.
 * error_std (m) [m/s]; distance (m) [m], vertical, from the transducer to the cells' centres.
 * heading, pitch, roll, declination [degrees]; pressure [dbar]; transducer_depth [m], below that pressure or the vehicle's depth.
 * bottom (b) [m/s], of the ground relative to the platform, along the ping's axes; bottom_std [m/s]; bottom_range [m], vertical, nearest.
 * platform (2) [m/s], east and north, of the platform over the ground; platform_std [m/s].
-* amplitude, correlation, percent_good, snr (m, b), error_velocity (m, 1 or more), of pings that have them; no_amplitude and so on, why a
-  ping has none, else empty.
-* dive, -1 for none; messages, number of messages of a ping; place (3), longitude, latitude [degrees] and depth [m] of a mooring.
+* amplitude, correlation, percent_good, snr (m, b), error_velocity (m, 1 or more), where stated; no_amplitude and so on, why not.
+* dive, -1 for none; messages, their number; place (3), longitude, latitude [degrees] and depth [m] of a mooring.
 
-Properties of the instrument are in ``fixed``: frame (beam, instrument, ship or earth), reference (earth or platform), orientation (down or
+Of the instrument, in ``fixed``: frame (beam, instrument, ship or earth), reference (earth or platform), orientation (down or
 up), cell_size [m], vectors ((b, 3), unit vectors of beams, or None), bin_mapped, noise_floor ((1 or b,) [dB]), needs_depth,
-correlation_depth [m], derived, convention (teledyne or nortek), gimbal, tilt_applied, declination_applied (or None), and layout, equal for
-tables that can be joined.
+correlation_depth [m], derived, convention (teledyne or nortek), gimbal, tilt_applied, declination_applied (or None), and layout, equal
+in tables to be joined.
 """
 
 import math
