@@ -1,6 +1,6 @@
 """Description of an ensemble's files: contents, interpretation and horizontal grid."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.region import DEGREE, Region, around
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.files import find_sources
+from replay_kit.forecast.files import find_sources, source_of
 from replay_kit.forecast.gather import layout_of
 from replay_kit.forecast.grids.axes import AxesCheck
 from replay_kit.forecast.grids.horizontal import region_block
@@ -67,15 +67,13 @@ def describe_ensemble(
     files = find_sources(path).files
     try:
         with open_collection(path, parse_rule(config.members)) as found:
-            return _described(found, files, config, near_ns)
+            return _described(found, config, near_ns)
     except NoCurrentError as error:
         use = f"no current: a file of the grid or of other variables ({error.variables}); give it with files of velocities"
-        return Description(_named(files), files, "", None, ("", ""), "", None, use)
+        return Description(source_of(files), files, "", None, ("", ""), "", None, use)
 
 
-def _described(
-    found: Collection, files: Sequence[Path], config: ForecastConfig, near_ns: int | None
-) -> Description:
+def _described(found: Collection, config: ForecastConfig, near_ns: int | None) -> Description:
     if not found.rule.kind:
         one = select(replace(found, rule=MemberRule("dim")), config, near_ns)
         reading = read_selections([one], config, None, found.source, found.notes)
@@ -86,7 +84,7 @@ def _described(
     current = reading.field.current
     assert current is not None
     return Description(
-        _named(files),
+        found.source,
         found.grids,
         _rule(found),
         reading.series[0],
@@ -94,12 +92,6 @@ def _described(
         reading.layout.name,
         reading.check,
         use,
-    )
-
-
-def _named(files: Sequence[Path]) -> str:
-    return (
-        str(files[0]) if len(files) == 1 else f"{len(files)} files, {files[0]} to {files[-1].name}"
     )
 
 

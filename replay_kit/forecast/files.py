@@ -87,6 +87,12 @@ def ensemble_files(given: Paths) -> tuple[Path, ...]:
     return find_sources(given).files
 
 
+def source_of(files: Sequence[Path]) -> str:
+    """Return the names of files, for messages."""
+    one, more = files[0], len(files) > 1
+    return f"{len(files)} files, {one} to {files[-1].name}" if more else str(one)
+
+
 def natural(path: Path) -> list[tuple[int, int | str]]:
     """Return a sort key that orders the numbers in a name by value."""
     return [

@@ -265,6 +265,10 @@ def find_coordinates(
         for longitude in _by_standard_name(ds, "longitude")
         for latitude in _by_standard_name(ds, "latitude")
     ]
+    # those that a topology after SGRID 0.3 names as the centres' come first
+    topologies = [of.attrs for of in ds.variables.values() if "face_dimensions" in of.attrs]
+    centres = " ".join(about.get("face_coordinates", "") for about in topologies).split()
+    by_standard_name.sort(key=lambda found: not {*found[:2]} <= {*centres})
     usual = {longitude for longitude, _, kind in by_kind if kind is not COORDINATES[-1]}
     own = [
         found

@@ -8,11 +8,9 @@ import numpy as np
 from replay_kit.config.run import ForecastConfig
 from replay_kit.core.arrays import Times
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.files.inputs import exceeds_claim
 from replay_kit.core.files.paths import Paths
 from replay_kit.core.grid import Ensemble
 from replay_kit.forecast.field import Field
-from replay_kit.forecast.grids.layout import U
 from replay_kit.forecast.members.collection import Collection, open_collection
 from replay_kit.forecast.members.rules import (
     MADE,
@@ -128,8 +126,6 @@ def read_changing_truth(
     name = spec.partition("#")[0]
     with open_collection(Path(name), MemberRule("")) as found:
         field = found.members[0][0]
-        if why := exceeds_claim(Path(name), 16 * field.ds[U].size // field.count):
-            raise ForecastError(f"{name}: cannot be read: {why}; mend the file")
         if config.lead is not None or config.time is not None:
             raise ForecastError(
                 f"{name}: a changing truth uses all leads and times; remove --lead or forecast.time"

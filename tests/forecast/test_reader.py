@@ -40,6 +40,21 @@ def test_chooses_a_lead_and_a_time(tmp_path):
     assert noted(read_with(path, near_ns=start + 10 * DAY_NS), "6.0 days before the log begins")
 
 
+def test_a_topology_says_which_coordinates_are_those_of_the_centres(tmp_path):
+    held = {}
+    for j, i, count in ("q", "p", 6), ("j", "i", 5):
+        for name, values in zip(
+            "xy", np.meshgrid(*[np.arange(count) - 0.1 * count] * 2), strict=True
+        ):
+            about = {"standard_name": "longitude" if name == "x" else "latitude"}
+            held[name + j] = (j, i), values, about
+    u = np.random.default_rng(0).normal(size=(3, 5, 6))
+    held |= {"u": (("member", "j", "p"), u), "v": (("member", "q", "i"), u.swapaxes(1, 2))}
+    held["grid"] = (), 0, {"face_dimensions": "i: p j: q", "face_coordinates": "xj yj"}
+    read = read_with(save(xr.Dataset(held), tmp_path / "e.nc"))
+    assert_array_equal(read.grid.longitude, held["xj"][1])
+
+
 def test_placing_moves_the_grid_and_says_so(tmp_path):
     path = save(synthetic.dataset(), tmp_path / "e.nc")
     here, there = read_with(path), read_ensemble(path, PLAIN, place_at=(86.0, 12.0))

@@ -11,7 +11,7 @@ from replay_kit.core.errors import ForecastError
 from replay_kit.core.files.paths import Paths
 from replay_kit.core.words.text import some_text
 from replay_kit.forecast.field import Field, Files, field_of
-from replay_kit.forecast.files import find_sources, natural
+from replay_kit.forecast.files import find_sources, natural, source_of
 from replay_kit.forecast.grids.layout import U, V
 from replay_kit.forecast.members.pairs import pair_files
 from replay_kit.forecast.members.rules import (
@@ -178,11 +178,7 @@ def _collected(files: Sequence[Field], rule: MemberRule, notes: Notes) -> Collec
         fields = pair_files([file for file in holders if file.label == label], grids)
         members += _members(fields, rule)
     about = pair_files([replace(file, label="background") for file in background], grids)
-    source = (
-        holders[0].where
-        if len({file.paths for file in files}) == 1
-        else f"{len(files)} files ({holders[0].names} ...)"
-    )
+    source = source_of([*dict.fromkeys(file.paths[0] for file in files)])
     return Collection(
         rule, tuple(members), about, tuple(file.paths[0] for file in grids), source, notes
     )
