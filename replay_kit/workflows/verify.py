@@ -23,13 +23,13 @@ from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
     PLAN_RECORD,
     PROVIDED,
+    RIVAL,
     file_hash,
     with_bathymetry,
 )
 from replay_kit.workflows.replay.inputs.region import REGION_RECORD, from_record
+from replay_kit.workflows.replay.plans import PlannerFactory
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.scoring import RIVAL
-from replay_kit.workflows.replay.stages.planner import PlannerFactory
 
 _VERSIONS = "replay_kit.versions"
 

@@ -40,8 +40,7 @@ from replay_kit.workflows.follow.watch import (
     standing,
     write_memory,
 )
-from replay_kit.workflows.replay.inputs.estimator import build
-from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.forecast import Forecasts, build
 from replay_kit.workflows.replay.inputs.job import (
     Following,
     ReplayJob,
@@ -52,8 +51,8 @@ from replay_kit.workflows.replay.inputs.job import (
 from replay_kit.workflows.replay.inputs.provenance import named_hash
 from replay_kit.workflows.replay.inputs.region import from_record
 from replay_kit.workflows.replay.inputs.vehicles import identified
+from replay_kit.workflows.replay.plans import PlannerFactory
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import read_each, write_pages
 

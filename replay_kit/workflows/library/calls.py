@@ -52,8 +52,8 @@ from replay_kit.workflows.library.parts import (
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
+from replay_kit.workflows.replay.plans import Planner, PlannerFactory, PlanQuery
 from replay_kit.workflows.replay.replay import replay as replay_job
-from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory, PlanQuery
 
 #: Settings of a run: tables of keys as in TOML, a TOML file, or a whole configuration; None for the defaults.
 Settings = Mapping[str, Any] | str | Path | RunConfig | None

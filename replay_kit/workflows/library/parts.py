@@ -14,9 +14,8 @@ from replay_kit.core.grid import Ensemble
 from replay_kit.estimator import Estimator
 from replay_kit.estimator.interface import require_estimator
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.replay.inputs.estimator import with_window
-from replay_kit.workflows.replay.inputs.forecast import Forecasts
-from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory
+from replay_kit.workflows.replay.inputs.forecast import Forecasts, with_window
+from replay_kit.workflows.replay.plans import Planner, PlannerFactory
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -20,15 +20,15 @@ from replay_kit.results.mcap.topics import WINDOWS_RECORD
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.result import ResultFile
 from replay_kit.workflows.info.import_check import check_logs
-from replay_kit.workflows.replay.inputs.estimator import build
+from replay_kit.workflows.replay.inputs.forecast import build
 from replay_kit.workflows.replay.inputs.job import forecasts_of
 from replay_kit.workflows.replay.inputs.region import _first_window, window_points
-from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.stages.publishing import (
+from replay_kit.workflows.replay.publishing import (
     PublishingState,
     publish_windows,
     withdraw_windows,
 )
+from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
 from tests import synthetic
 from tests.benchmarks.windows import LEVELS, Sea, Strip, sea

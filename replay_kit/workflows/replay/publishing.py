@@ -22,7 +22,7 @@ from replay_kit.core.observation import LinearMeasurement, VehicleState
 from replay_kit.measurements.surface.residual_field import ResidualField
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.slices import Slice
-from replay_kit.workflows.replay.stages.estimation import Step
+from replay_kit.workflows.replay.steps import Step
 
 # times that say what the covariance is, and vectors that a time has at least to be one
 _TIMES, _LEAST_VECTORS = 2, 20
