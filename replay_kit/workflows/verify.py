@@ -19,6 +19,7 @@ from replay_kit.results.differences import Difference, Recorded, difference, rea
 from replay_kit.results.mcap.schemas import CONTRACT_VERSION
 from replay_kit.results.vehicles import vehicle_records
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
+from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
     PLAN_RECORD,
@@ -28,7 +29,6 @@ from replay_kit.workflows.replay.inputs.provenance import (
     with_bathymetry,
 )
 from replay_kit.workflows.replay.inputs.region import REGION_RECORD, from_record
-from replay_kit.workflows.replay.plans import PlannerFactory
 from replay_kit.workflows.replay.replay import replay
 
 _VERSIONS = "replay_kit.versions"

@@ -90,7 +90,7 @@ def info(
         # the libraries that read a forecast take longer to load than a log's index to read
         if ensemble:
             from replay_kit.forecast import describe_ensemble
-            from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
+            from replay_kit.workflows.info.listing import ensemble_json, print_ensemble
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             if not logs and config.forecast.region is None and addresses_in(ensemble):

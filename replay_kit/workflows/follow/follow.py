@@ -48,10 +48,10 @@ from replay_kit.workflows.replay.inputs.job import (
     forecasts_of,
     logs_of,
 )
+from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.provenance import named_hash
 from replay_kit.workflows.replay.inputs.region import from_record
 from replay_kit.workflows.replay.inputs.vehicles import identified
-from replay_kit.workflows.replay.plans import PlannerFactory
 from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import read_each, write_pages

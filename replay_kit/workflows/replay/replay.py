@@ -37,10 +37,10 @@ from replay_kit.workflows.replay.inputs.job import (
     copy_inputs,
     name_of,
 )
+from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.prepare import Prepared, prepare
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
 from replay_kit.workflows.replay.inputs.vehicles import identified
-from replay_kit.workflows.replay.plans import PlannerFactory
 from replay_kit.workflows.replay.run import Run, follow_up
 
 # Objects made before those are looked for that hold each other: a replay makes none, and to look takes a tenth of its loop.

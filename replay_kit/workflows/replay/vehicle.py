@@ -18,7 +18,8 @@ from replay_kit.measurements.observed import Stream, path_mean
 from replay_kit.workflows.replay.consistency import MonitoringState, tracked, trusting
 from replay_kit.workflows.replay.events import Aside, Events
 from replay_kit.workflows.replay.inputs.forecast import flow_at
-from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState, VehiclePlanner
+from replay_kit.workflows.replay.inputs.planner import VehiclePlanner
+from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
 from replay_kit.workflows.replay.publishing import PublishingState
 from replay_kit.workflows.replay.steps import Counts, Dive, added
 from replay_kit.workflows.replay.surfacings import FlightState, ForecastState

@@ -19,7 +19,7 @@ from replay_kit.workflows.planning.bathymetry import (
     read_bathymetry,
     seabed_of,
 )
-from replay_kit.workflows.replay.plans import PlanQuery
+from replay_kit.workflows.replay.inputs.planner import PlanQuery
 from tests.planners.flow_samples import place, still_flow
 
 LONGITUDE, LATITUDE = np.linspace(151.9, 153.1, 25), np.linspace(-40.5, -39.5, 11)

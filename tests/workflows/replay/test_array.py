@@ -16,7 +16,7 @@ from replay_kit.core.observation import PathMean
 from replay_kit.forecast import read_truth
 from replay_kit.logs import merge, open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.workflows.planning import inputs
+from replay_kit.workflows.planning import request as inputs
 from replay_kit.workflows.planning.request import completed
 from replay_kit.workflows.replay.inputs.forecast import build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle, forecasts_of

@@ -16,7 +16,8 @@ from replay_kit.core.observation import GroupTotals, PathMean
 from replay_kit.core.plan import Place
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
-from replay_kit.workflows.replay.plans import PlanningProblem, PlanResult
+from replay_kit.workflows.replay.inputs.planner import PlanResult
+from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.run import end
 from replay_kit.workflows.replay.steps import Step, Sums
 from tests import synthetic

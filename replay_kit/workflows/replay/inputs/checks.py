@@ -26,8 +26,8 @@ from replay_kit.estimator.update.screening import Screened, columns_of, screened
 from replay_kit.workflows.replay.conclude import useless_of
 from replay_kit.workflows.replay.inputs.forecast import OWN, Forecasts, build
 from replay_kit.workflows.replay.inputs.job import ReplayJob, forecasts_of, logs_of
+from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.prepare import prepare
-from replay_kit.workflows.replay.plans import PlannerFactory
 
 
 def _ignore(*_: Any) -> None: ...

@@ -29,13 +29,14 @@ from replay_kit.workflows.replay.inputs.job import (
     logs_of,
     open_truth,
 )
+from replay_kit.workflows.replay.inputs.planner import HasGrid, Planner, PlannerFactory
 from replay_kit.workflows.replay.inputs.provenance import (
     run_metadata,
     run_options,
 )
 from replay_kit.workflows.replay.inputs.scan import Logs, next_block
 from replay_kit.workflows.replay.inputs.vehicles import first_windows
-from replay_kit.workflows.replay.plans import HasGrid, Planner, PlannerFactory, PlanningProblem
+from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.run import END, Run
 from replay_kit.workflows.replay.vehicle import Setup
 
