@@ -118,7 +118,7 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
             held[window] = replace(dated, span_ns=span_ns) if run.is_pooled else dated
         flows.append(held[window])
     _, *others = held.values()
-    numbers = dict(zip(map(id, others), left_windows(run, iter(others)), strict=True))
+    numbers = dict(zip(map(id, others), left_windows(run, others), strict=True))
     for one in (*others, flows[0]):
         publish(run, one, run.last_ns)
     each = zip(run.of, flows, strict=True)

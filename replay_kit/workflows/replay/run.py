@@ -5,7 +5,7 @@ estimate: each has its own messages, checks, counts and plans, and its observati
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from copy import copy
 from functools import partial
 from operator import itemgetter
@@ -31,8 +31,7 @@ from replay_kit.workflows.replay.publishing import (
     publish_innovations,
     publish_surface,
     publish_track,
-    publish_windows,
-    withdraw_windows,
+    publish_window,
 )
 from replay_kit.workflows.replay.steps import Dive, Given, Step, assimilate, kept
 from replay_kit.workflows.replay.surfacings import (
@@ -228,7 +227,9 @@ class Run:
         for one, own in self._stepped(given)[1]:
             one.counts = one.counts.rebuilt(own)
             one.monitoring = consistency.with_gated(replace(one.monitoring, gated=()), own)
-        self.of[0].publishing = withdraw_windows(self.of[0].publishing)
+        # windows published before
+        publishing = self.of[0].publishing
+        self.of[0].publishing = replace(publishing, withdrawn=publishing.windows)
 
     # ---- events into the estimate
 
@@ -436,12 +437,14 @@ def _expect(run: Run, of: OfVehicle, forecasts: ForecastState) -> None:
     run.write(of, (partial(ResultWriter.dive_outcome, outcome=one) for one in fresh))
 
 
-def left_windows(run: Run, flows: Iterator[FlowEstimate]) -> list[int]:
+def left_windows(run: Run, flows: Iterable[FlowEstimate]) -> list[int]:
     """Publish the last estimates of windows; return their numbers."""
-    of, before = run.of[0], run.of[0].publishing.windows
-    of.publishing, windows = publish_windows(of.publishing, flows)
-    run.write(of, windows)
-    return list(range(before + 1, of.publishing.windows + 1))
+    of, numbers = run.of[0], list[int]()
+    for flow in flows:
+        of.publishing, outputs = publish_window(of.publishing, flow)
+        run.write(of, outputs)
+        numbers.append(of.publishing.windows)
+    return numbers
 
 
 def end(run: Run, of: OfVehicle) -> FlowEstimate:
