@@ -35,7 +35,8 @@ from replay_kit.workflows.replay.inputs.forecast import flow_at
 from replay_kit.workflows.replay.inputs.job import name_of, open_truth
 from replay_kit.workflows.replay.inputs.prepare import Prepared
 from replay_kit.workflows.replay.inputs.provenance import cited
-from replay_kit.workflows.replay.run import Run, end, left_windows, publish
+from replay_kit.workflows.replay.publishing import depth_slices
+from replay_kit.workflows.replay.run import Run, end, left_windows
 from replay_kit.workflows.replay.surfacings import next_surfacing
 
 
@@ -119,8 +120,8 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
         flows.append(held[window])
     _, *others = held.values()
     numbers = dict(zip(map(id, others), left_windows(run, others), strict=True))
-    for one in (*others, flows[0]):
-        publish(run, one, run.last_ns)
+    last = (depth_slices(run.last_ns, one, run.config.output) for one in (*others, flows[0]))
+    run.write(run.of[0], last)
     each = zip(run.of, flows, strict=True)
     return flows, {of.setup.name: numbers[id(own)] for of, own in each if id(own) in numbers}
 
@@ -132,9 +133,8 @@ def so_far(run: Run, inputs: Prepared) -> Outcome:
 
 def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
     accounts = inputs.accounts(run)
-    if not inputs.job.vehicles:
-        return accounts[0].part()
-    return together({of.setup.name: own for of, own in zip(run.of, accounts, strict=True)})
+    each = {of.setup.name: own for of, own in zip(run.of, accounts, strict=True)}
+    return together(each) if inputs.job.vehicles else accounts[0].part()
 
 
 def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:

@@ -247,16 +247,6 @@ class Run:
             each.append((of, [step for other, step in steps if other == number]))
         return steps, each
 
-    def _weight(self, number: int, event: Event) -> int:
-        """Return the number of observations that an event counts for in a block."""
-        if isinstance(event, Track | Aside):
-            return 0
-        size = self.of[number].setup.estimator.block_size
-        # after values at many places the state has a covariance of its own, tens of megabytes: of a block all states are held
-        large = isinstance(event, LinearMeasurement) and not event.at_one_place
-        # each block asks all vehicles
-        return (max(size // _MEANS_TOGETHER, 1) if self.is_pooled else size) if large else 1
-
     def _release(self, close: bool = False) -> None:
         """Pass on the events that no other can precede any more.
 
@@ -264,9 +254,14 @@ class Run:
             close: Whether to close groups of profiles that others might join.
         """
         for item in self._released(close):
-            self._waiting.append((item.vehicle, item.event))
-            self._n_waiting += self._weight(item.vehicle, item.event)
-            size = self.of[item.vehicle].setup.estimator.block_size
+            event, size = item.event, self.of[item.vehicle].setup.estimator.block_size
+            self._waiting.append((item.vehicle, event))
+            if not isinstance(event, Track | Aside):
+                # after values at many places the state has a covariance of its own, tens of megabytes: of a block all states are held
+                large = isinstance(event, LinearMeasurement) and not event.at_one_place
+                # each block asks all vehicles
+                alone = max(size // _MEANS_TOGETHER, 1) if self.is_pooled else size
+                self._n_waiting += alone if large else 1
             if self._n_waiting >= size or len(self._waiting) >= _BUFFERED:
                 self._assimilate()
 
@@ -453,8 +448,3 @@ def end(run: Run, of: OfVehicle) -> FlowEstimate:
     flow = of.flow(run.current, run.last_ns)
     _plan(run, of, plans.plan_at_end, partial(of.flow, run.current), flow, run.last_ns)
     return flow
-
-
-def publish(run: Run, flow: FlowEstimate, time_ns: int) -> None:
-    """Publish the last depth slices of an estimate for a time [ns, UTC]."""
-    run.write(run.of[0], (depth_slices(time_ns, flow, run.config.output),))
