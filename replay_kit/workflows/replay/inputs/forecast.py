@@ -23,7 +23,7 @@ from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.forecast.grids.horizontal import in_frame
 from replay_kit.forecast.members.collection import Collection
 from replay_kit.forecast.members.rules import WARNING
-from replay_kit.workflows.replay.inputs.region import FoundRegion
+from replay_kit.workflows.replay.inputs.region import FoundRegion, estimator_asked
 
 #: Name of the project's own estimator; the others are baselines.
 OWN = "reduced_basis"
@@ -101,16 +101,10 @@ def read_forecasts(
         ForecastError: The ensemble cannot be used, or the region is narrower than a correlation length.
         ConfigError: A setting needs an estimator that changes, or fits the spread.
     """
-    own = config.estimator.name == OWN and config.estimator.preset == "default"
-    asked = config.time.scale not in ("auto", "static") or bool(
-        config.time.oscillators or config.time.biases
-    )
+    own, asked = estimator_asked(config)
     if (asked or config.time.window not in ("auto", 0.0)) and not own:
-        what = (
-            config.estimator.name
-            if config.estimator.name != OWN
-            else f"preset {config.estimator.preset}"
-        )
+        name = config.estimator.name
+        what = name if name != OWN else f"preset {config.estimator.preset}"
         raise ConfigError(
             f"{what} is static and takes each profile alone: it has no time.scale, oscillators, biases or window; leave them out, or the "
             "estimator's name"

@@ -137,7 +137,10 @@ def find_region(
         region = around([*places, *((goal.longitude, goal.latitude) for goal in goals)], margin)
         points, whole = int(np.prod(extent.shape_in(region))), int(np.prod(extent.shape))
         most = settings.window_points or window_points(extent, length, float(places[0, 1]))
-        if points > most and not goals and _is_static(extent, config):
+        # only an estimate that is the project's own and static can be passed from window to window
+        static = config.time.scale == "static" or not extent.has_several_times
+        own, changes = estimator_asked(config)
+        if points > most and not goals and static and own and not changes:
             return _first_window(extent, places[0], margin, length, most)
         if points > _MOST * whole:
             return None
@@ -145,14 +148,11 @@ def find_region(
         return FoundRegion(region, margin, False, extent.box, _note(extent, region, what, margin))
 
 
-def _is_static(extent: Extent, config: RunConfig) -> bool:
-    """Return whether an estimate is the project's own and static; only that can be passed from window to window."""
-    time, own = (
-        config.time,
-        config.estimator.name == "reduced_basis" and config.estimator.preset == "default",
-    )
-    asked = time.oscillators or time.biases or time.scale not in ("auto", "static")
-    return own and not asked and (time.scale == "static" or not extent.has_several_times)
+def estimator_asked(config: RunConfig) -> tuple[bool, bool]:
+    """Return whether settings ask for the project's own estimator as it is by default, and whether for one that changes in time."""
+    own, time = config.estimator, config.time
+    changes = time.scale not in ("auto", "static") or bool(time.oscillators or time.biases)
+    return (own.name, own.preset) == ("reduced_basis", "default"), changes
 
 
 def inside_extent(extent: Extent, places: Array) -> Array:
