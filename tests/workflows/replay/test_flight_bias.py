@@ -36,7 +36,7 @@ def profile(k):
 
 def used(means, state=None):
     """The mean currents as an estimate is given them, and the state after them."""
-    state, out = FlightState() if state is None else state, []
+    state, out = state or FlightState(), []
     for each in means:
         state, after = state.with_mean(each, True)
         out.append(after)

@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -195,8 +196,7 @@ def test_an_estimator_that_supports_path_means_is_given_them_in_order_and_they_a
     assert run.of[0].counts.unsupported == unsupported
 
 
-def step_of(innovation, dive_innovation):
-    return Step(PROFILE, None, None, innovation, dive_innovation)
+step_of = partial(Step, PROFILE, None, None)
 
 
 def test_a_group_counts_as_its_profiles_do():
