@@ -112,7 +112,7 @@ def check_logs(logs: Sequence[Path], ensemble: tuple[Path, ...], config: RunConf
         forecast, region = forecasts.ensemble, forecasts.region
         if forecasts.read is not None and region is not None:
             # a replay would read windows that follow the vehicle
-            forecast = forecasts.read(around(Logs([logs], config).places, region.margin))
+            forecast = forecasts.read(around(Logs([logs], config).reach.places, region.margin))
         compared = check_import(found, build([forecast], config.estimator))
         return replace(compared, findings=findings + compared.findings)
 

@@ -17,6 +17,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
 from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation.evidence import Evidence
+from replay_kit.core.region import bounds_of
 from replay_kit.estimator import embed_member
 from replay_kit.forecast import ensemble_files
 from replay_kit.forecast.members.rules import Elsewhere
@@ -29,7 +30,7 @@ from replay_kit.results.outcome.parts import (
     plan_part,
     surfacings_part,
 )
-from replay_kit.workflows.replay.account import together
+from replay_kit.workflows.replay.account import Account, together
 from replay_kit.workflows.replay.consistency import check_file, conclusions, require_one_vehicle
 from replay_kit.workflows.replay.inputs.forecast import flow_at
 from replay_kit.workflows.replay.inputs.job import name_of, open_truth
@@ -38,6 +39,7 @@ from replay_kit.workflows.replay.inputs.provenance import cited
 from replay_kit.workflows.replay.publishing import depth_slices
 from replay_kit.workflows.replay.run import Run, end, left_windows
 from replay_kit.workflows.replay.surfacings import next_surfacing
+from replay_kit.workflows.replay.vehicle import OfVehicle
 
 
 def conclude(
@@ -53,14 +55,16 @@ def conclude(
     job, useless = inputs.job, useless_of(run, inputs)
     about = cited((*job.log_files, *ensemble_files(job.ensemble)), run.config)
     flows, windows = _last_flows(run, about)
-    found = [_found(run, number, inputs, own, others) for number, own in enumerate(flows)]
+    each = zip(run.of, inputs.accounts(run), flows, strict=True)
+    found = {one[0].setup.name: _found(*one, inputs, others) for one in each}
     if job.vehicles:
-        values = _of_several(run, inputs, flows, found, useless, bool(windows))
+        values = _of_several(run, inputs, flows[0], found, useless, bool(windows))
     else:
-        values = found[0] | {"notes": _notes(run, inputs, flows[0], found[0]["notes"])}
+        (own,) = found.values()
+        values = own | {"notes": _notes(run, inputs, flows[0], own["notes"])}
     outcome = made(values, (*job.logs, *job.forecasts))
     with run.clock.stage("write"):
-        _write(run, inputs, outcome, [each["consistency"] for each in found], flows[0], windows)
+        _write(run, inputs, outcome, found, flows[0], windows)
     score, said = None, list[str]()
     if inputs.truth is not None:
         with run.clock.stage("score"):
@@ -74,15 +78,15 @@ def _write(
     run: Run,
     inputs: Prepared,
     outcome: Outcome,
-    findings: Sequence[Sequence[Mapping[str, Any]]],
+    found: Mapping[str, Mapping[str, Any]],
     flow: FlowEstimate,
     windows: Mapping[str, int],
 ) -> None:
     """Write the end of the result, and the files of the estimate."""
     if (writer := run.writer) is not None:
-        for of, own in zip(run.of, findings, strict=True):
+        for of in run.of:
             with writer.of(of.setup.name):
-                writer.consistency(run.last_ns, own)
+                writer.consistency(run.last_ns, found[of.setup.name]["consistency"])
                 if (flown := of.forecasts.as_flown) is not None:
                     writer.record(AS_FLOWN, flown.to_record())
         writer.summary(run.last_ns, outcome)
@@ -163,14 +167,13 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
 
 
 def _found(
-    run: Run,
-    number: int,
-    inputs: Prepared,
+    of: OfVehicle,
+    account: Account,
     flow: FlowEstimate,
+    inputs: Prepared,
     others: Sequence[tuple[str, Evidence]],
 ) -> dict[str, Any]:
     """Return the values of an outcome for one vehicle."""
-    of, account = run.of[number], inputs.accounts(run)[number]
     setup = of.setup
     of_file = check_file(setup.estimator, of.monitoring.means)
     findings, blind = conclusions(of.monitoring, of.counts, setup.config, of_file)
@@ -196,30 +199,29 @@ def _found(
 def _of_several(
     run: Run,
     inputs: Prepared,
-    flows: Sequence[FlowEstimate],
-    each: Sequence[Mapping[str, Any]],
-    useless: dict[str, str],
+    flow: FlowEstimate,
+    each: Mapping[str, Mapping[str, Any]],
+    useless: Mapping[str, str],
     windowed: bool,
 ) -> dict[str, Any]:
     """Return the values of an outcome for several vehicles together."""
-    names, named = [of.setup.name for of in run.of], inputs.job.vehicles
-    unused = {one.name: one.why_not for one in named if one.why_not} | useless
-    notes = [*_notes(run, inputs, flows[0], ()), *map(": ".join, unused.items())]
+    unused = {one.name: one.why_not for one in inputs.job.vehicles if one.why_not} | {**useless}
+    notes = [*_notes(run, inputs, flow, ()), *map(": ".join, unused.items())]
     if windowed:
         notes.append(
-            f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {names[0]}; "
+            f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {run.of[0].setup.name}; "
             "the result holds all"
         )
     return _counted(run, inputs) | {
-        "vehicles": {name: made(one) for name, one in zip(names, each, strict=True)},
+        "vehicles": {name: made(one) for name, one in each.items()},
         "unused": unused,
         "notes": notes,
         "consistency": [
             found | {"name": f"{name}: {found['name']}"}
-            for name, one in zip(names, each, strict=True)
+            for name, one in each.items()
             for found in one["consistency"]
         ],
-        "outside": each[0]["outside"],
+        "outside": next(one["outside"] for one in each.values()),
     }
 
 
@@ -228,14 +230,11 @@ def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str
     kernel, estimator = flow.horizontal.kernel, run.of[0].setup.estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    no_goal = (
-        []
-        if inputs.job.goals
-        else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
-    )
+    no_goal = "no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"
+    asked = [] if inputs.job.goals else [no_goal]
     # biases are one instrument's
     biases = estimator.remarks(run.current)
-    return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *no_goal]
+    return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *asked]
 
 
 def _score(
@@ -245,7 +244,9 @@ def _score(
     job, forecasts, config = inputs.job, inputs.forecasts, run.config
     box, near_ns = forecasts.box, forecasts.near_ns
     if forecasts.read is not None:
-        forecasts, box = forecasts.in_last_window(flow.grid)
+        # the window that the estimate is of
+        box = bounds_of(flow.grid)
+        forecasts = replace(forecasts, series=(forecasts.read(box),))
     elif forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
         near_ns = flow.time_ns

@@ -12,8 +12,8 @@ from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.files.paths import Paths
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.region import Region, bounds_of
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.region import Region
 from replay_kit.estimator import Estimator, ReducedBasisEstimator
 from replay_kit.estimator import build as build_reduced
 from replay_kit.estimator.baselines import build_named
@@ -62,12 +62,6 @@ class Forecasts:
     def box(self) -> Region | None:
         """West, south, east, north [degrees] of the part found from the logs; None without one."""
         return None if self.region is None else self.region.region
-
-    def in_last_window(self, grid: Grid) -> tuple["Forecasts", Region]:
-        """Return the forecast in the window of a grid, if windows follow the vehicle, and the window's box [degrees]."""
-        box = bounds_of(grid)
-        assert self.read is not None
-        return replace(self, series=(self.read(box),)), box
 
     def nearest(self, time_ns: int | None) -> Ensemble:
         """Return the forecast nearest to a time [ns, UTC]; the first if None."""

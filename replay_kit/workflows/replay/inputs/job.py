@@ -180,7 +180,9 @@ def forecasts_of(job: ReplayJob, config: RunConfig, logs: Logs | None = None) ->
     logs = logs or logs_of(job, config)
     place_at, near_ns = logs.ahead()
     with open_collection(job.ensemble, parse_rule(config.forecast.members)) as found:
-        region = job.region or find_region(logs, found, config, near_ns, job.goals)
+        near = config, near_ns, job.goals
+        # a long log is read only if its places are needed
+        region = job.region or find_region(lambda: logs.reach.places, found, *near)
         return read_forecasts(job.ensemble, config, near_ns, place_at, region, found)
 
 

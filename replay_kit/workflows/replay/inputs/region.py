@@ -1,10 +1,9 @@
 """Part of a forecast that a log needs, found before its currents are read."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -91,17 +90,8 @@ def _numbers(text: str) -> Region:
     return west, south, east, north
 
 
-class HasPlaces(Protocol):
-    """Protocol of logs or their reach."""
-
-    @property
-    def places(self) -> Array:
-        """Places as in ``Reach``."""
-        ...
-
-
 def find_region(
-    where: HasPlaces,
+    places_of: Callable[[], Array],
     ensemble: Paths | Collection,
     config: RunConfig,
     near_ns: int | None,
@@ -113,7 +103,7 @@ def find_region(
     anomalies, measured in a patch of the first level amid the positions.
 
     Args:
-        where: Places of the logs.
+        places_of: Returns the places of the logs, as in ``Reach``.
         ensemble: Ensemble files, opened or not.
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
@@ -129,7 +119,7 @@ def find_region(
     with open_extent(ensemble, settings, near_ns) as extent:
         if extent is None or np.prod(extent.shape) <= _SMALL:
             return None
-        places = inside_extent(extent, where.places)
+        places = inside_extent(extent, places_of())
         if not len(places):
             return None
         length = _length_near(extent, places)
