@@ -98,7 +98,7 @@ def info(
                 return 0
             files = local_ensemble(ensemble, logs, config)
             if logs:
-                from replay_kit.workflows.info.import_check import (
+                from replay_kit.workflows.replay.inputs.checks import (
                     check_logs,
                     import_check_json,
                     print_import_check,

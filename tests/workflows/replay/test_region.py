@@ -19,7 +19,7 @@ from replay_kit.forecast.describe import open_extent
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.result import ResultFile
-from replay_kit.workflows.info.import_check import check_logs
+from replay_kit.workflows.replay.inputs.checks import check_logs
 from replay_kit.workflows.replay.inputs.forecast import build
 from replay_kit.workflows.replay.inputs.job import forecasts_of
 from replay_kit.workflows.replay.inputs.region import _first_window, window_points
