@@ -163,8 +163,12 @@ def difference(one: Path, other: Path) -> Difference:
         tables += _tables(name, first, second)
         changes = _changes(_found(first), _found(second))
         findings += [f"{name}: {text}" if name else text for text in changes]
-    made = _changes(*map(_made, records))
-    return Difference(tuple(made), tuple(_levels(*files)), tuple(tables), tuple(findings))
+    return Difference(
+        tuple(_changes(*map(_made, records))),
+        tuple(_levels(*files)),
+        tuple(tables),
+        tuple(findings),
+    )
 
 
 def _changes(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:

@@ -353,15 +353,13 @@ def read_flow(path: Path) -> FlowFile:
 
         return FlowFile(path, (load(path),))
     from replay_kit.results.reader import ResultReader
-    from replay_kit.show.status.held import read_held
     from replay_kit.workflows.sound import sound_result
+    from replay_kit.workflows.status import read_each
 
     with sound_result(path) as sound:
         reader = ResultReader(sound.path, opened=sound.file)
-        flows = reader.estimates()
-        names = [vehicle.name for vehicle in reader.vehicles] or [""]
-        held = {name: read_held(reader.part(name)) for name in names}
-        return FlowFile(path, flows, held, sound.lines, sound.exit_code)
+        held = read_each(reader)
+        return FlowFile(path, reader.estimates(), held, sound.lines, sound.exit_code)
 
 
 def is_result(path: Path) -> bool:
