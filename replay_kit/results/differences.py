@@ -21,7 +21,7 @@ _TABLES = ("fixes", "observations", "innovations", "surface", "surfacings", "pla
 # records of a plan, each value JSON
 _PLANNED = ("legs", "departures")
 # what of a run may differ without a difference of its values
-_OF_MAKING = ("settings.", "replay_kit.inputs", "replay_kit.options")
+_OF_MAKING = ("settings.", "replay_kit.inputs", "replay_kit.options", "replay_kit.versions")
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Difference:
     """Difference between two results.
 
     Attributes:
-        made: Different inputs and settings, with both values; they alone do not count as a difference.
+        made: Different inputs, settings and versions, with both values; they alone do not count as a difference.
         estimate: Different levels.
         tables: Different tables.
         findings: Different legs, findings, verdicts and exit codes.
@@ -163,8 +163,12 @@ def difference(one: Path, other: Path) -> Difference:
         tables += _tables(name, first, second)
         changes = _changes(_found(first), _found(second))
         findings += [f"{name}: {text}" if name else text for text in changes]
-    made = _changes(*map(_made, records))
-    return Difference(tuple(made), tuple(_levels(*files)), tuple(tables), tuple(findings))
+    return Difference(
+        tuple(_changes(*map(_made, records))),
+        tuple(_levels(*files)),
+        tuple(tables),
+        tuple(findings),
+    )
 
 
 def _changes(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
@@ -177,7 +181,7 @@ def _changes(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _made(recorded: Recorded) -> dict[str, Any]:
-    """Return the inputs, options and settings of a run."""
+    """Return the inputs, options, settings and versions of a run."""
     found = leaves({"settings": tomllib.loads(recorded.config_toml), **recorded.metadata})
     return {name: value for name, value in found if name.startswith(_OF_MAKING)}
 

@@ -223,7 +223,7 @@ def wanted_of(request: Request) -> tuple[Wanted, FoundRegion | None]:
     with open_extent(job.ensemble, config.forecast, reach.first_ns) as extent:
         if extent is not None:
             inside_extent(extent, reach.places)
-    found = find_region(reach, job.ensemble, config, reach.first_ns, job.goals)
+    found = find_region(lambda: reach.places, job.ensemble, config, reach.first_ns, job.goals)
     box = None if found is None else _reached(found, reach)
     return Wanted(box, request.deepest, *span), found
 

@@ -3,56 +3,32 @@
 import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby
 from pathlib import Path
 
 from replay_kit.config.option import PLACE, numbers
 from replay_kit.config.run import RunConfig, load_config
-from replay_kit.core import __version__
 from replay_kit.core.errors import LogError
 from replay_kit.core.plan import Place
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.forecast.remote.kept import CACHE
 from replay_kit.results.differences import Difference, Recorded, difference, read_recorded
-from replay_kit.results.mcap.schemas import CONTRACT_VERSION
 from replay_kit.results.vehicles import vehicle_records
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
+from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,
     PLAN_RECORD,
     PROVIDED,
+    RIVAL,
     file_hash,
     with_bathymetry,
 )
 from replay_kit.workflows.replay.inputs.region import REGION_RECORD, from_record
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.scoring import RIVAL
-from replay_kit.workflows.replay.stages.planner import PlannerFactory
-
-_VERSIONS = "replay_kit.versions"
 
 #: Plans again what a result records, with its configuration and its inputs by their keys, and writes the plan's result.
 PlanAgain = Callable[[Recorded, RunConfig, Mapping[str, Path], Path], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """Comparison of a result with its repetition.
-
-    Attributes:
-        difference: Difference between original and repeated values.
-        notes: Possible reasons of a difference: other versions, a time limit.
-    """
-
-    difference: Difference
-    notes: tuple[str, ...]
-
-    @property
-    def same(self) -> bool:
-        """Whether its values were reproduced."""
-        return self.difference.same
 
 
 def verify(
@@ -61,7 +37,7 @@ def verify(
     planner_of: PlannerFactory,
     progress: Progress = silent,
     plan_again: PlanAgain | None = None,
-) -> Verdict:
+) -> Difference:
     """Return the comparison of a result with a repeated replay or plan of its inputs with its configuration.
 
     Args:
@@ -103,7 +79,7 @@ def verify(
             if BATHYMETRY in found:
                 config = with_bathymetry(config, found[BATHYMETRY])
             replay(_job(recorded, found, again), config, planner_of, progress)
-        return Verdict(difference(result, again), _what_may_differ(recorded))
+        return difference(result, again)
 
 
 def _products(found: Mapping[str, Path], prefix: str) -> tuple[tuple[Path, ...], ...]:
@@ -155,25 +131,3 @@ def _find(result: Path, key: str, recorded: str, folders: Sequence[Path]) -> Pat
     raise LogError(
         f"{result}: its input {key} is {name} with SHA-256 {digest[:12]}...; {what}; give its folder with --inputs"
     )
-
-
-def _what_may_differ(recorded: Recorded) -> tuple[str, ...]:
-    """Return possible reasons of a different result: other package versions, and a search stopped by the clock."""
-    notes = []
-    if "time_limit" in recorded.metadata.get("replay_kit.options", {}):
-        notes.append(
-            "planned with --time-limit: a search stopped by the clock may find another plan"
-        )
-    version_then = recorded.metadata.get("contract", {}).get("version")
-    if version_then != str(CONTRACT_VERSION):
-        notes.append(f"made with contract version {version_then}, here it is {CONTRACT_VERSION}")
-    for package, made_with in recorded.metadata.get(_VERSIONS, {}).items():
-        try:
-            here = __version__ if package == "replay-kit" else version(package)
-        except PackageNotFoundError:
-            here = "none"
-        if here != made_with:
-            notes.append(
-                f"made with {package} {made_with}, here it is {here}: last bits may differ"
-            )
-    return tuple(notes)

@@ -22,7 +22,7 @@ from replay_kit.estimator.next_dive.mixture import Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess
 from replay_kit.logs import merge
 from replay_kit.workflows.replay.inputs.scan import open_readers
-from replay_kit.workflows.replay.surfacings.forecasts import Gathered, dive_mean
+from replay_kit.workflows.replay.surfacings import Gathered, dive_mean
 from tests.benchmarks.measure import Row, row, seconds
 from tests.measurements.samples import events_of
 from tests.places import DATA, SAMPLES
@@ -83,7 +83,7 @@ def _dive(path: PathMean, profiles: Sequence[Observation]) -> Dive:
     state = Gathered()
     for profile in profiles:
         state = state.after(Profiles.of([profile]))
-    found = dive_mean(state, path, np.empty((0, 2)))
+    found = dive_mean(path, np.empty((0, 2)), state.along(path))
     return Dive(begin.time_ns, end.time_ns, np.array(path.velocity), found.way, found.inverted)
 
 

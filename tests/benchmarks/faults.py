@@ -45,9 +45,8 @@ from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.glider import mission as glider_mission
 from replay_kit.studies.twins.messages import Flight, measured_on
 from replay_kit.studies.twins.vehicle import EPOCH_NS, survey
-from replay_kit.workflows.replay.stages.consistency import MonitoringState, conclusions
-from replay_kit.workflows.replay.stages.counts import Counts
-from replay_kit.workflows.replay.stages.forecast_file import check_file
+from replay_kit.workflows.replay.consistency import MonitoringState, check_file, conclusions
+from replay_kit.workflows.replay.steps import Counts
 from tests.benchmarks.fault_kinds import FAULTS, Fault, in_beams
 from tests.benchmarks.knowable import probability
 from tests.benchmarks.measure import Row, row
@@ -227,7 +226,7 @@ def _after(
         at = [int(before[event]) for event, finding, _ in new if finding.name in until]
         named_at, pings = named_at or min(at, default=0), state.pings[0]
     whole = MonitoringState(checks=state, findings=state.findings, means=tuple(means))
-    said = conclusions(whole, Counts(skipped=skipped), RunConfig(measurements=config))
+    said = conclusions(whole, Counts(skipped), RunConfig(measurements=config))
     return state, *said, named_at or pings
 
 

@@ -18,10 +18,10 @@ from replay_kit.config.run import ForecastConfig
 from replay_kit.core.errors import ConfigError, ForecastError, LogError, PlanError
 from replay_kit.forecast import read_ensemble, read_truth
 from replay_kit.logs import open_log
-from replay_kit.workflows.follow.sources import read_goal
+from replay_kit.workflows.follow.watch import read_goal
 from replay_kit.workflows.planning.areas import read_areas
 from replay_kit.workflows.planning.bathymetry import read_bathymetry
-from replay_kit.workflows.replay.state_file import read_state
+from replay_kit.workflows.replay.checkpoint import read_state
 from tests.cli.test_cli_options import OPTIONS, refusal
 from tests.command import invoke, succeed
 from tests.places import SAMPLES

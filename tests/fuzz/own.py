@@ -17,8 +17,8 @@ from replay_kit.config.run import EstimatorConfig, OutputConfig, RunConfig
 from replay_kit.core.errors import ReplayKitError
 from replay_kit.logs import open_log
 from replay_kit.workflows.follow.watch import Memory, read_memory, write_memory
+from replay_kit.workflows.replay.checkpoint import read_state
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.state_file import read_state
 from tests.command import invoke
 from tests.fuzz.mishap import KINDS as DAMAGES
 from tests.fuzz.mishap import Mishap, mishap

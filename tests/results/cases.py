@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from replay_kit.results.outcome.outcome import Outcome, made
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import read_result
 from replay_kit.workflows.replay.account import Account
-from replay_kit.workflows.replay.stages.counts import Counts, Sums
+from replay_kit.workflows.replay.steps import Counts
 from tests.results.result_samples import CONFIG, DEPTHS, METADATA
 from tests.synthetic_flow import synthetic_flow
 
@@ -114,12 +115,11 @@ def write(
 
 def outcome_of(innovations: Sequence[Innovation]) -> Outcome:
     """Return the outcome of measurements, all of them used."""
-    dives = dict[int, Sums]()
-    for one in innovations:
-        sums = dives.get(one.dive, Sums())
-        dives[one.dive] = sums.with_profile(one, np.empty((0, 2)))
-    total = Sums(*map(sum, zip(*dives.values(), strict=True)))
-    part = Account(Counts(total=total, dives=dives), (), merge([], 0.0)).part()
+    nothing = np.empty((0, 2))
+    steps: list[Any] = [
+        SimpleNamespace(event=None, innovation=one, dive_innovation=nothing) for one in innovations
+    ]
+    part = Account(Counts().after(steps), (), merge([], 0.0)).part()
     rows = [row | {"rms_innovation_predicted": None} for row in part["by_dive"]]
     return made(part | {"by_dive": rows, "messages": None})
 

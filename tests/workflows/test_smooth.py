@@ -16,7 +16,7 @@ from replay_kit.show.status.held import read_held
 from replay_kit.workflows.library.calls import settings_of
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corrected, with_block
+from replay_kit.workflows.replay.surfacings import FlightState
 from replay_kit.workflows.smooth import STATIC, published_times, smooth
 from replay_kit.workflows.verify import verify
 from tests.places import SAMPLES
@@ -54,9 +54,9 @@ def test_grids_are_those_of_the_smoother_at_the_published_times(tmp_path):
     measured, flight = [], FlightState()
     for stated in rk.observations(message for message in log.messages() if message.time_ns <= end):
         if isinstance(stated, PathMean):
-            flight, stated = corrected(flight, stated)
+            flight, stated = flight.with_mean(stated, True)
         else:
-            flight = with_block(flight, block_of([stated]), np.zeros(1, np.intp))
+            flight = flight.with_profiles(block_of([stated]), np.zeros(1, np.intp))
         measured.append(stated)
     slices = Contents(result).slices
     states = smooth_states(estimator, measured, slices.time_ns.tolist())

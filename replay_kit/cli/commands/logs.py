@@ -90,7 +90,7 @@ def info(
         # the libraries that read a forecast take longer to load than a log's index to read
         if ensemble:
             from replay_kit.forecast import describe_ensemble
-            from replay_kit.workflows.info.ensemble import ensemble_json, print_ensemble
+            from replay_kit.workflows.info.listing import ensemble_json, print_ensemble
 
             advance(0, 1, "checking against the ensemble" if logs else "reading the forecast")
             if not logs and config.forecast.region is None and addresses_in(ensemble):
@@ -98,7 +98,7 @@ def info(
                 return 0
             files = local_ensemble(ensemble, logs, config)
             if logs:
-                from replay_kit.workflows.info.import_check import (
+                from replay_kit.workflows.replay.inputs.checks import (
                     check_logs,
                     import_check_json,
                     print_import_check,
@@ -203,13 +203,13 @@ def verify(
 
     with progress() as advance, sound_result(result) as sound:
         folders = [*(inputs or ()), result.parent]
-        verdict = verify_result(sound.path, folders, planner_of, advance, plan_again)
-    notes = [*sound.lines, *verdict.notes]
-    said = [f"{result}: {line}" for line in str(verdict.difference).splitlines()]
-    print_lines(console_beside(answer.json_file), [*said, *(f"note: {note}" for note in notes)])
-    found = verdict.difference.to_json()
-    write_json(answer.json_file, {"result": str(result), **found, "notes": notes})
-    return sound.exit_code or (0 if verdict.same else 5)
+        found = verify_result(sound.path, folders, planner_of, advance, plan_again)
+    said = [f"{result}: {line}" for line in str(found).splitlines()]
+    notes = [f"note: {note}" for note in sound.lines]
+    print_lines(console_beside(answer.json_file), [*said, *notes])
+    answered = {"result": str(result), **found.to_json(), "notes": list(sound.lines)}
+    write_json(answer.json_file, answered)
+    return sound.exit_code or (0 if found.same else 5)
 
 
 def compare(

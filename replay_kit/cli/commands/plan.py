@@ -23,7 +23,7 @@ from replay_kit.core.files.paths import check_inputs, check_paths
 
 if TYPE_CHECKING:
     from replay_kit.config.run import RunConfig
-    from replay_kit.workflows.planning.inputs import FlowFile
+    from replay_kit.workflows.planning.request import FlowFile
 
 
 # Exit code of a plan that is not safe enough to be handed to a vehicle.
@@ -120,7 +120,7 @@ def plan(
 
 def _plan(config: "RunConfig", outputs: Outputs, known: "Mapping[Path, FlowFile]") -> int:
     """Plan one mission or one per glider, write the files and return the exit code."""
-    from replay_kit.workflows.planning.inputs import planned_on
+    from replay_kit.workflows.planning.request import planned_on
 
     with progress(config.output.threads):
         on = planned_on(config.plan, config.planner, known)

@@ -19,7 +19,7 @@ from replay_kit.estimator import Estimator, ReducedBasisEstimator, build
 from replay_kit.estimator.baselines import NearestMember, build_named
 from replay_kit.estimator.basis.modes import LENGTH_IN_CELLS, fit_residual
 from replay_kit.estimator.basis.slices import cell_size
-from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length
+from replay_kit.workflows.replay.conclude import ScoredPoints, rms_length
 
 Value = TypeVar("Value")
 

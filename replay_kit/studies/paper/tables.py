@@ -25,7 +25,7 @@ from replay_kit.studies.paper.methods import (
 )
 from replay_kit.studies.paper.rows import ErrorRow, GlideRow, SparseRow
 from replay_kit.studies.twins.truths import Case, Pair
-from replay_kit.workflows.replay.scoring import ScoredPoints, rms_length, scored_points
+from replay_kit.workflows.replay.conclude import ScoredPoints, rms_length, scored_points
 
 # The paper's numbers of modes below the full rank; one for each member comes with them.
 NUMBERS_OF_MODES = (400, 300, 200)

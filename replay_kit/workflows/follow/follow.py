@@ -15,7 +15,7 @@ from replay_kit.core.errors import (
     ReplayKitError,
 )
 from replay_kit.core.files.atomic import claimed, part_of
-from replay_kit.core.files.inputs import Stamp, stamps_of
+from replay_kit.core.files.inputs import stamps_of
 from replay_kit.core.plan import Place
 from replay_kit.core.words.text import count_text, place_text
 from replay_kit.estimator import Estimator
@@ -25,35 +25,34 @@ from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.show.status.held import Held
 from replay_kit.show.status.status import Status, status_of
-from replay_kit.workflows.follow.sources import read_goal, with_goal
 from replay_kit.workflows.follow.watch import (
     Clock,
     FollowOptions,
-    Watched,
     alarm_line,
     key_of,
+    look,
     look_again,
     new_alarms,
     notify,
     of_vehicle,
+    read_goal,
     read_memory,
     standing,
+    with_goal,
     write_memory,
 )
-from replay_kit.workflows.replay.inputs.estimator import build
-from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.inputs.forecast import Forecasts, build
 from replay_kit.workflows.replay.inputs.job import (
     Following,
     ReplayJob,
-    Vehicle,
     forecasts_of,
     logs_of,
 )
+from replay_kit.workflows.replay.inputs.planner import PlannerFactory
 from replay_kit.workflows.replay.inputs.provenance import named_hash
 from replay_kit.workflows.replay.inputs.region import from_record
 from replay_kit.workflows.replay.inputs.vehicles import identified
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.stages.planner import PlannerFactory
 from replay_kit.workflows.report import report
 from replay_kit.workflows.status import read_each, write_pages
 
@@ -84,28 +83,25 @@ def follow(
         ForecastError: The forecast cannot be used for the first replay.
         ConfigError: An output cannot be written, another process follows into it, or the goal's file cannot be read at the beginning.
     """
-    follower = Follower(job, _planned_at_surfacings(config), planner_of, options, clock or Clock())
+    if "when" not in config.planner.model_fields_set:
+        planner = config.planner.model_copy(update={"when": "surfacing"})
+        config = config.model_copy(update={"planner": planner})
+    follower = Follower(job, config, planner_of, options, clock or Clock())
     try:
         with claimed(options.states / "lock", follower.out):
             return follower.run()
     except KeyboardInterrupt:
         # the result of the replay before is whole
-        if job.out is not None:
-            part_of(job.out).unlink(missing_ok=True)
+        part_of(follower.out).unlink(missing_ok=True)
         raise
 
 
-def _planned_at_surfacings(config: RunConfig) -> RunConfig:
-    """Return the settings with a plan at each surfacing, unless they state the times of plans."""
-    if "when" in config.planner.model_fields_set:
-        return config
-    return config.model_copy(
-        update={"planner": config.planner.model_copy(update={"when": "surfacing"})}
-    )
-
-
 class Follower:
-    """State of a followed mission; mutable, changes with each look."""
+    """State of a followed mission; mutable, changes with each look.
+
+    Attributes:
+        out: File of the result.
+    """
 
     def __init__(
         self,
@@ -123,47 +119,33 @@ class Follower:
                 f"{options.states}: cannot create the folder: {error.strerror}; choose another"
             ) from error
         assert job.out is not None
-        self._job, self._config, self._planner_of, self._options, self._clock = (
-            job,
-            config,
-            planner_of,
-            options,
-            clock,
-        )
-        self._out = job.out
+        self.out, self._job, self._config, self._planner_of = job.out, job, config, planner_of
+        self._options, self._clock, self._tell = options, clock, options.tell
         self._memory = read_memory(options.states)
         self._good = set(self._memory.used)
-        self._forecast: tuple[dict[Path, Stamp], Forecasts, object] | None = None
-        self._built: tuple[Forecasts, Estimator[Any]] | None = None
-        self._held: dict[str, Held] = {}
+        # stamps of the forecast's files and the beginning of the logs, the forecast, and the estimator once it is built
+        self._forecast: tuple[Any, Forecasts] | None = None
+        self._built: Estimator[Any] | None = None
+        self._held, self._shown, self._due = dict[str, Held](), dict[str, Status](), False
         self._made: Outcome | None = None
-        if self._good and self._out.is_file():
-            reader = ResultReader(self._out)
+        if self._good and self.out.is_file():
+            reader = ResultReader(self.out)
             self._held, self._made = read_each(reader), reader.outcome
-        self._shown: dict[str, Status] = {}
-        self._due = False
         self._set_goal(job.goal if options.goal_file is None else read_goal(options.goal_file))
-
-    @property
-    def out(self) -> Path:
-        """File of the result."""
-        return self._out
 
     def run(self) -> Outcome | None:
         """Look and replay until the logs have not grown for long enough."""
+        limit, between = self._options.until_idle_s, self._options.interval_s
+        if limit is not None:
+            between = min(between, max(limit, 0.01))
         first, idle_since = True, self._clock.idle_s()
         while True:
             if self.poll(first):
                 idle_since = self._clock.idle_s()
             first = False
-            limit = self._options.until_idle_s
             if limit is not None and self._clock.idle_s() - idle_since >= limit:
                 return self._made
-            self._clock.wait(
-                self._options.interval_s
-                if limit is None
-                else min(self._options.interval_s, max(limit, 0.01))
-            )
+            self._clock.wait(between)
 
     def poll(self, always: bool = False) -> bool:
         """Look once, and return whether the inputs changed.
@@ -175,41 +157,28 @@ class Follower:
         if (moved or changed or always or self._due) and self._memory.used:
             self._replay()
         elif always:
-            self._options.tell("waiting for a log")
+            self._tell("waiting for a log")
         if self._held:
             self._answer()
         return moved or changed
 
     def _look_at_files(self) -> bool:
         """Examine changed files, and return whether the set of used files changed."""
-        own = [
-            self._out,
-            self._options.states,
-            self._options.status,
-            *filter(None, [self._options.report, self._options.goal_file]),
-        ]
-        own += [path for path in (self._job.netcdf, self._job.save_estimate) if path is not None]
-        own += ensemble_files(self._job.ensemble)
-        watched = Watched(
-            self._job.logs,
-            tuple(own),
-            self._config.logs,
-            self._clock,
-            self._options.interval_s,
-            self._vehicle_of,
-        )
-        sources, said, changed = look_again(watched, self._memory.sources)
+        job, options, known = self._job, self._options, self._memory.sources
+        own = (options.report, options.goal_file, job.netcdf, job.save_estimate)
+        ours = [self.out, options.states, options.status, *ensemble_files(job.ensemble)]
+        looked = partial(look, job.logs, [*ours, *filter(None, own)])
+        about = self._config.logs, self._clock, options.interval_s, self._vehicle_of
+        sources, said, changed = look_again(looked, known, *about)
         for text in said:
-            self._options.tell(text)
+            self._tell(text)
         self._remember(sources=sources, said=(*self._memory.said, *said))
         return changed
 
     def _vehicle_of(self, path: Path) -> str:
         """Return the vehicle under whose name a file or its folder is followed; empty without a name."""
-        for vehicle in self._job.vehicles:
-            if path in vehicle.logs or path.parent in vehicle.logs:
-                return vehicle.name
-        return ""
+        each = self._job.vehicles
+        return next((one.name for one in each if {path, path.parent} & {*one.logs}), "")
 
     def _look_at_goal(self) -> bool:
         """Read the goal file, if any, and return whether the goal changed."""
@@ -224,10 +193,8 @@ class Follower:
     def _set_goal(self, goal: Place | None) -> bool:
         if goal is None:
             return False
-        before = self._memory.goals
-        goals = with_goal(
-            before, goal, max((held.last_ns for held in self._held.values()), default=0)
-        )
+        before, last_ns = self._memory.goals, [held.last_ns for held in self._held.values()]
+        goals = with_goal(before, goal, max(last_ns, default=0))
         if not before or before[-1][1] == goal:
             self._remember(goals=goals)
             return False
@@ -239,32 +206,26 @@ class Follower:
         """Replay the used files; new files that make the replay fail are excluded."""
         began, used, self._due = self._clock.idle_s(), self._memory.used, False
         # those that grow may change, up to what is read of them
-        whole = [
-            *(path for path in used if not may_grow(path)),
-            *ensemble_files(self._job.ensemble),
-        ]
+        whole = [path for path in used if not may_grow(path)]
+        whole += ensemble_files(self._job.ensemble)
         stamps = stamps_of(whole)
         try:
-            self._run(used)
+            made = self._run(used)
         except ReplayKitError as error:
             if stamps_of(whole) != stamps:
                 self._due = True
-                self._options.tell(f"a file changed while it was read; it is read again: {error}")
-                return
-            if isinstance(error, _UNUSABLE):
+                self._tell(f"a file changed while it was read; it is read again: {error}")
+            elif isinstance(error, _UNUSABLE):
                 self._without_new(used, error)
-                return
-            if not self._held:
+            elif self._held:
+                self._say(f"not replayed, the previous result is kept: {error}", once=True)
+            else:
                 raise
-            self._say(f"not replayed, the previous result is kept: {error}", once=True)
             return
-        assert self._made is not None
-        each = self._made.vehicles.values() or (self._made,)
+        each = made.vehicles.values() or (made,)
         dives = count_text(sum(len(one.by_dive) for one in each), "dive")
-        took = self._clock.idle_s() - began
-        self._options.tell(
-            f"{count_text(len(self._memory.used), 'file')}, {dives} replayed in {took:.1f} s: {self._out}"
-        )
+        files, took = count_text(len(self._memory.used), "file"), self._clock.idle_s() - began
+        self._tell(f"{files}, {dives} replayed in {took:.1f} s: {self.out}")
 
     def _without_new(self, used: tuple[Path, ...], error: ReplayKitError) -> None:
         """Replay without the new files that made a replay fail, found one by one; the first files of a mission are awaited instead."""
@@ -273,128 +234,105 @@ class Follower:
             self._say(f"not replayed: {error}", once=True)
             return
         for path in fresh:
-            kept = tuple(other for other in used if other in self._good or other == path)
             try:
-                self._run(kept)
+                self._run(tuple(other for other in used if other in self._good or other == path))
             except _UNUSABLE as reason:
                 why = f"makes the replay fail: {reason}"
                 source = replace(self._memory.sources[path], aside=why)
                 sources = {**self._memory.sources, path: source}
                 self._say(f"{path.name} not used: it {why}", sources=sources)
 
-    def _run(self, used: tuple[Path, ...]) -> None:
+    def _run(self, used: tuple[Path, ...]) -> Outcome:
         """Replay files, and read the status of the result."""
-        job = replace(
-            self._job,
-            logs=used,
-            overwrite=True,
-            goal=self._memory.goals[0][1] if self._memory.goals else None,
-            vehicles=self._vehicles(used),
-        )
-        job = identified(job, self._config)
-        forecasts = self._forecasts(job)
-        record = {
-            f"{number:03d}": self._without_folders(text)
-            for number, text in enumerate(self._memory.said)
-        }
-        job = replace(
-            job,
-            following=Following(self._options.states, record, self._memory.goals[1:]),
-            estimator=partial(self._estimator, job),
-            tell=self._options.tell,
-        )
-        self._made, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
-        self._held = read_each(ResultReader(self._out))
-        self._good |= set(used)
-        if self._options.report is not None:
-            report(self._out, self._options.report, overwrite=True, made=self._made)
-
-    def _vehicles(self, used: tuple[Path, ...]) -> tuple[Vehicle, ...]:
-        """Return the vehicles that have used files, with these files."""
-        of = {path: self._vehicle_of(path) for path in used}
-        return tuple(
+        of, goals = {path: self._vehicle_of(path) for path in used}, self._memory.goals
+        vehicles = tuple(
             replace(one, logs=tuple(path for path in used if of[path] == one.name))
             for one in self._job.vehicles
             if one.name in of.values()
         )
+        goal = goals[0][1] if goals else None
+        job = replace(self._job, logs=used, vehicles=vehicles, goal=goal, overwrite=True)
+        job = identified(job, self._config)
+        forecasts = self._forecasts(job)
+        said = (self._without_folders(text) for text in self._memory.said)
+        record = {f"{number:03d}": text for number, text in enumerate(said)}
+        job = replace(
+            job,
+            following=Following(self._options.states, record, goals[1:]),
+            estimator=partial(self._estimator, len(job.each_vehicle)),
+            tell=self._tell,
+        )
+        made, _ = replay(job, self._config, self._planner_of, forecasts=forecasts)
+        self._made, self._held = made, read_each(ResultReader(self.out))
+        self._good |= set(used)
+        if self._options.report is not None:
+            report(self.out, self._options.report, overwrite=True, made=made)
+        return made
 
-    def _estimator(self, job: ReplayJob, forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
+    def _estimator(self, vehicles: int, forecasts: Forecasts, config: RunConfig) -> Estimator[Any]:
         """Return the estimator of a forecast, built once for all replays until the forecast changes."""
-        if self._built is None or self._built[0] is not forecasts:
-            self._built = forecasts, build(forecasts, config, len(job.each_vehicle))
-        return self._built[1]
+        if self._built is None:
+            self._built = build(forecasts, config, vehicles)
+        return self._built
 
     def _without_folders(self, text: str) -> str:
         """Return a text with file names without folders, so that a result does not depend on the folder of its inputs."""
-        for path in (
-            *self._memory.sources,
-            *ensemble_files(self._job.ensemble),
-            *filter(None, [self._options.goal_file]),
-        ):
+        goal = filter(None, [self._options.goal_file])
+        for path in (*self._memory.sources, *ensemble_files(self._job.ensemble), *goal):
             text = text.replace(str(path), path.name)
         return text
 
     def _forecasts(self, job: ReplayJob) -> Forecasts:
         """Return the forecast, read again when its files or the beginning of the logs changed."""
-        stamps = stamps_of(ensemble_files(job.ensemble))
-        ahead = logs_of(job, self._config).ahead()
-        if (
-            self._forecast is not None
-            and self._forecast[0] == stamps
-            and self._forecast[2] == ahead
-        ):
-            return self._forecast[1]
+        files, before, memory = ensemble_files(job.ensemble), self._forecast, self._memory
+        stamps, ahead = stamps_of(files), logs_of(job, self._config).ahead()
+        if before is not None and before[0] == (stamps, ahead):
+            return before[1]
         try:
             # found from the first files, it does not change: states depend on it
-            record = json.loads(self._memory.region or "null")
+            record = json.loads(memory.region or "null")
             region = None if record is None else from_record(record)
             found = forecasts_of(replace(job, region=region), self._config)
         except ReplayKitError as error:
-            if self._forecast is None or self._forecast[2] != ahead:
+            if before is None or before[0][1] != ahead:
                 raise
             self._say(
                 f"the newer forecast cannot be used, the previous one is kept: {error}", once=True
             )
-            return self._forecast[1]
-        name = ", ".join(named_hash(path) for path in ensemble_files(job.ensemble))
-        if (before := self._memory.forecast) and before != name:
+            return before[1]
+        name = ", ".join(map(named_hash, files))
+        if memory.forecast and memory.forecast != name:
             self._say(
-                f"a newer forecast: {name}, before it {before}; all observations so far are used with it"
+                f"a newer forecast: {name}, before it {memory.forecast}; all observations so far are used with it"
             )
         part = None if found.region is None else found.region.to_record()
         self._remember(forecast=name, region=json.dumps(part))
-        self._forecast = stamps, found, ahead
+        self._forecast, self._built = ((stamps, ahead), found), None
         return found
 
     def _answer(self) -> None:
         """Write the status page, and give new alarms."""
-        wall_ns, statuses = self._clock.now_ns(), dict[str, Status]()
+        wall_ns, statuses, options = self._clock.now_ns(), dict[str, Status](), self._options
         for name, held in self._held.items():
             under_way = 0 <= wall_ns - held.last_ns < _UNDER_WAY_NS
             statuses[name] = status_of(held, wall_ns if under_way else None)
         if statuses != self._shown:
-            again_s = max(int(self._options.interval_s), 5)
-            write_pages(statuses, self._made, self._options.status, again_s)
+            write_pages(statuses, self._made, options.status, max(int(options.interval_s), 5))
             self._shown = statuses
         self._remember(given=standing(statuses, self._memory.given))
         for name, status in statuses.items():
-            self._warn(name, status)
-
-    def _warn(self, name: str, status: Status) -> None:
-        """Give the new alarms of a vehicle."""
-        for alarm in new_alarms(status, self._memory.given, name):
-            self._options.tell(f"ALARM: {of_vehicle(name, alarm.kind)}: {alarm.text}")
-            if self._options.command and (
-                failure := notify(self._options.command, alarm_line(alarm, status, name))
-            ):
-                self._options.tell(failure)
-                continue
-            self._remember(given=(*self._memory.given, key_of(alarm, name)))
+            for alarm in new_alarms(status, self._memory.given, name):
+                self._tell(f"ALARM: {of_vehicle(name, alarm.kind)}: {alarm.text}")
+                line = alarm_line(alarm, status, name)
+                if options.command and (failure := notify(options.command, line)):
+                    self._tell(failure)
+                else:
+                    self._remember(given=(*self._memory.given, key_of(alarm, name)))
 
     def _say(self, text: str, once: bool = False, **changes: object) -> None:
         """Report a text and store it with other changes in one write; ``once``: unless reported recently."""
         if not once or text not in self._memory.said[-20:]:
-            self._options.tell(text)
+            self._tell(text)
             self._remember(said=(*self._memory.said, text), **changes)
 
     def _remember(self, **changes: object) -> None:

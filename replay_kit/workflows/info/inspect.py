@@ -1,8 +1,8 @@
-"""Contents of a log and its possible uses."""
+"""Contents of a log and its possible uses: its topics and their times, and what its messages hold."""
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from replay_kit.config.run import RunConfig
+from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.files.inputs import check_unchanged, stamps_of
 from replay_kit.core.geodesy import unwrap_longitude
 from replay_kit.core.message import LogReport, Message
@@ -20,14 +20,102 @@ from replay_kit.core.observation.table import Columns
 from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs import merge, open_logs
 from replay_kit.logs.blocks import Block as RawBlock
+from replay_kit.logs.merge import FAR_NS, Settled, Settling
 from replay_kit.logs.reader import LogFile
 from replay_kit.logs.stamps import doubtful_times
-from replay_kit.logs.tables.schemas import NOT_A_KIND
+from replay_kit.logs.tables.schemas import NOT_A_KIND, may_state
 from replay_kit.logs.tables.suggest import suggested_entries
 from replay_kit.measurements.observed import begun, blocks, taken
 from replay_kit.measurements.profiles.pings import NO_POSITION
-from replay_kit.workflows.info.reading import Spans, TopicInfo, count_alike, may_be_used
 from replay_kit.workflows.replay.inputs.scan import next_block
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """Topic of a log.
+
+    Attributes:
+        schema: Schema or message name.
+        messages: Messages in the log, decoded or not.
+        first_ns: Earliest time of a message [ns, UTC]; None if unknown. If all were read, messages with distant stamps are excluded and
+            clock jumps corrected, as in a replay.
+        last_ns: Latest time of a message [ns, UTC].
+    """
+
+    schema: str = ""
+    messages: int = 0
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+
+class Spans:
+    """Topics of a log with their first and last times, accumulated block by block.
+
+    Attributes:
+        topics: Topics by name, without the number of messages, as some cannot be decoded.
+    """
+
+    def __init__(self) -> None:
+        """Begin without messages."""
+        self.topics: dict[str, TopicInfo] = {}
+        self._settling: Settling[tuple[str, str]] = Settling()
+
+    def add(self, block: RawBlock) -> None:
+        """Add the next block of the log."""
+        if not block.kind.size:
+            return
+        since, times = self._settling.steady_since(), block.time_ns
+        if since is None or np.any(np.abs(np.diff(times, prepend=np.int64(since))) > FAR_NS):
+            for kind, time_ns in zip(block.kind.tolist(), times.tolist(), strict=True):
+                topic, schema = block.kinds[kind]
+                self._add_settled(self._settling.take((topic, schema), time_ns, topic))
+            return
+        self._settling.go_on(int(times[-1]))
+        by_kind = np.argsort(block.kind, kind="stable")
+        begins = np.searchsorted(block.kind[by_kind], found := np.unique(block.kind))
+        ends = (end.reduceat(times[by_kind], begins).tolist() for end in (np.minimum, np.maximum))
+        for kind, *times_ns in zip(found.tolist(), *ends, strict=True):
+            self._extend(block.kinds[kind], *times_ns)
+
+    def finish(self) -> None:
+        """Add the messages still held back at the end of the log."""
+        self._add_settled(self._settling.finish())
+
+    def _add_settled(self, judged: Iterable[Settled[tuple[str, str]]]) -> None:
+        for kind, time_ns, _ in judged:
+            if time_ns is not None:
+                self._extend(kind, time_ns, time_ns)
+
+    def _extend(self, kind: tuple[str, str], *times_ns: int) -> None:
+        """Extend a topic by messages of a kind, topic and schema, at some times."""
+        topic, schema = kind
+        known = self.topics.get(topic, TopicInfo())
+        every = [*times_ns, *(at for at in (known.first_ns, known.last_ns) if at is not None)]
+        self.topics[topic] = TopicInfo(schema, 0, min(every), max(every))
+
+
+def may_be_used(config: MeasurementConfig, topic: str, schema: str) -> bool:
+    """Return whether messages of a topic and schema can hold usable content."""
+    mapped = any(entry.topic == topic for entry in config.map)
+    return mapped or may_state(schema, topic)
+
+
+def count_alike(
+    not_used: Counter[tuple[str, str]], report: LogReport, decoded: Mapping[str, int]
+) -> None:
+    """Add to the reasons the messages not decoded because those of their topic and schema are all alike.
+
+    Args:
+        not_used: Number of messages by (topic, reason).
+        report: Report on the whole log.
+        decoded: Number of messages decoded, by topic.
+    """
+    reasons: dict[str, str] = {}
+    for topic, reason in not_used:
+        reasons.setdefault(topic, reason)
+    for topic, reason in reasons.items():
+        undecodable, _ = report.undecodable.get(topic, (0, ""))
+        not_used[topic, reason] += max(0, report.read[topic] - undecodable - decoded[topic])
 
 
 @dataclass(frozen=True, slots=True)

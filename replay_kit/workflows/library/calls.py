@@ -41,19 +41,20 @@ from replay_kit.estimator import Estimator
 from replay_kit.forecast import read_ensemble
 from replay_kit.forecast.names import MEMBER_NAMES
 from replay_kit.show.notebook import Result, as_pooled
-from replay_kit.workflows.library.observations import is_observed, write_observed
 from replay_kit.workflows.library.parts import (
     EstimatorBuilder,
     given,
     is_forecast,
+    is_observed,
     planner_factory,
     write_forecast,
+    write_observed,
 )
 from replay_kit.workflows.planning.adapters import planner_of
 from replay_kit.workflows.planning.currents import KnownCurrent
 from replay_kit.workflows.replay.inputs.job import ReplayJob, Vehicle
+from replay_kit.workflows.replay.inputs.planner import Planner, PlannerFactory, PlanQuery
 from replay_kit.workflows.replay.replay import replay as replay_job
-from replay_kit.workflows.replay.stages.planner import Planner, PlannerFactory, PlanQuery
 
 #: Settings of a run: tables of keys as in TOML, a TOML file, or a whole configuration; None for the defaults.
 Settings = Mapping[str, Any] | str | Path | RunConfig | None

@@ -25,13 +25,11 @@ from replay_kit.core.plan import Place, Plan
 from replay_kit.core.words.progress import Stopwatch
 from replay_kit.measurements.region import for_region
 from replay_kit.workflows.library.calls import At, Settings, place_of, planned, settings_of
-from replay_kit.workflows.replay.follow_up import follow_up
-from replay_kit.workflows.replay.inputs.estimator import build
-from replay_kit.workflows.replay.inputs.forecast import read_forecasts
-from replay_kit.workflows.replay.run import END, Run
-from replay_kit.workflows.replay.stages.consistency import checked_speeds
-from replay_kit.workflows.replay.stages.planner import PlanQuery
-from replay_kit.workflows.replay.surfacings.forecasts import forecast_end
+from replay_kit.workflows.replay.consistency import checked_speeds
+from replay_kit.workflows.replay.inputs.forecast import build, read_forecasts
+from replay_kit.workflows.replay.inputs.planner import PlanQuery
+from replay_kit.workflows.replay.run import END, Run, follow_up
+from replay_kit.workflows.replay.surfacings import forecast_end
 from replay_kit.workflows.replay.vehicle import Setup
 
 

@@ -23,7 +23,7 @@ from replay_kit.core.plan import ORIGIN, Place, Plan
 from replay_kit.core.surfacing import Ellipse, Surfacing
 from replay_kit.workflows.planning.bathymetry import depth_at, read_bathymetry, seabed_of
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.replay.stages.planner import HasGrid, PlanQuery, PlanResult
+from replay_kit.workflows.replay.inputs.planner import HasGrid, PlanQuery, PlanResult
 
 #: Samples in which a plan is judged where no number is stated.
 JUDGING = 100

@@ -3,7 +3,6 @@
 # xarray, which is slow to load, is needed for a file alone
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,7 +22,8 @@ from replay_kit.core.words.quantities import metres
 if TYPE_CHECKING:
     import xarray as xr
 
-# Standard names before the short ones: of models (NEMO: deptho, Bathymetry, bathy_metry; ROMS: h), positive down.
+# Standard names before the short ones: of models (NEMO: deptho, Bathymetry, bathy_metry; ROMS: h), positive down; and of the world's grids
+# (GEBCO: elevation; ETOPO: z, Band1), positive up.
 _DEPTHS = (
     "sea_floor_depth_below_sea_surface",
     "sea_floor_depth_below_geoid",
@@ -37,7 +37,6 @@ _DEPTHS = (
     "depth",
     "h",
 )
-# Of the world's grids (GEBCO: elevation; ETOPO: z, Band1), positive up.
 _HEIGHTS = (
     "height_above_mean_sea_level",
     "height_above_geoid",
@@ -48,25 +47,18 @@ _HEIGHTS = (
     "topo",
     "band1",
 )
-# Of the water's surface above the level that depths are counted from, positive up (NEMO: zos; ROMS: zeta).
-_LEVELS = (
-    "sea_surface_height_above_geoid",
-    "sea_surface_height_above_mean_sea_level",
-    "water_surface_height_above_reference_datum",
-    "zos",
-    "zeta",
-    "ssh",
-)
+_USUAL = dict.fromkeys(_DEPTHS, "down") | dict.fromkeys(_HEIGHTS, "up")
 # Spacings of a file's points kept beyond the ends of a region.
 _BEYOND = 2.0
+# Most cells along a side of the grid of results.
+_CELLS = 160
 
 
 def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     """Return the bottom depth in a NetCDF file or Zarr store; only the surroundings of a region are read.
 
     The variable is found by standard name, or else by name. The attribute ``positive`` decides the sign; without it heights are positive up
-    and depths down. Units are metres. Of water levels at several times the lowest is used. Land in ``mask_rho`` of ROMS
-    is unknown depth.
+    and depths down. Units are metres. Land in ``mask_rho`` of ROMS is unknown depth.
 
     Args:
         path: The file.
@@ -78,10 +70,7 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     # loads xarray
     from replay_kit.forecast.files import opened_file
 
-    try:
-        with opened_file(path) as dataset:
-            return _in_region(path, dataset.squeeze(), region)
-    except (
+    unreadable = (
         OSError,
         ValueError,
         LookupError,
@@ -89,112 +78,80 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
         TypeError,
         OverflowError,
         MemoryError,
-    ) as error:
+    )
+    try:
+        with opened_file(path) as dataset:
+            return _in_region(path, dataset.squeeze(), region)
+    except unreadable as error:
         raise ForecastError(f"{path}: cannot read the bathymetry: {error}") from error
 
 
 def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     from replay_kit.forecast.names import find_coordinates
-
-    wanted = (*_DEPTHS, *_HEIGHTS)
-    found, names = next(_named(dataset, wanted, lambda one: one.ndim == 2), None), list[str]()
-    if found is not None:
-        dataset = dataset.rename(_degrees(dataset))
-        with suppress(ForecastError):
-            *names, _ = find_coordinates(dataset, dataset[found[1].name].dims, str(path))
-    if found is None or not names:
-        there = ", ".join(map(str, dataset.variables))
-        raise ForecastError(
-            f"{path}: expected one of {', '.join(wanted)} on longitude and latitude, found {there}"
-        )
-    name, variable = found[0], dataset[found[1].name]
-    axes = [dataset[one] for one in names]
-    up, flat = _is_up(path, variable, name), axes[0].ndim == 1
-    dims = (axes[1].dims[0], axes[0].dims[0]) if flat else variable.dims
-    variable = variable.transpose(*dims)
-    axes = axes if flat else [axis.transpose(*dims) for axis in axes]
-    cut = dict(zip(dims, _window(_values(axes[0]), _values(axes[1]), region), strict=True))
-    # the cut is what is read
-    dataset, variable = dataset.isel(cut), variable.isel(cut)
-    _check_claim(path, variable)
-    longitude, latitude = (_values(axis.isel(cut, missing_dims="ignore")) for axis in axes)
-    if flat:
-        longitude, latitude = np.meshgrid(longitude, latitude)
-    values = _values(variable) * _scale(path, variable) * (-1.0 if up else 1.0)
-    low = _lowest_water(path, dataset, variable)
-    values = values if low is None else values + np.where(np.isfinite(low), low, 0.0)
-    if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
-        values = np.where(_values(dataset["mask_rho"]) > 0.5, values, np.nan)
-    if not np.any(values > 0.0):
-        raise ForecastError(
-            f"{path}: {variable.name} as a {'height, positive up' if up else 'depth, positive down'}, has no water; give it the attribute "
-            f'positive = "{"down" if up else "up"}" if its sign is opposite'
-        )
-    # continuous where the region lies across the seam of the file
-    longitude = unwrap_longitude(longitude, float(region.longitude.mean()))
-    lowest = None if low is None else (float(np.nanmin(low)), float(np.nanmax(low)))
-    return Bathymetry(longitude, latitude, values, lowest)
-
-
-def _values(array: xr.DataArray) -> Array:
-    """Return the values of a part of a file."""
-    # xarray loads slowly: without a file it is not needed
     from replay_kit.forecast.variables import unpacked
 
-    return unpacked(array).astype(float)
-
-
-def _check_claim(path: Path, array: xr.DataArray) -> None:
-    """Raise ForecastError for an array too large to be plausible for the file."""
-    if why := exceeds_claim(path, 8 * array.size):
-        raise ForecastError(f"{path}: cannot read {array.name}: {why}; mend the file")
-
-
-def _named(
-    dataset: xr.Dataset, names: Sequence[str], fits: Callable[[xr.DataArray], bool]
-) -> Iterator[tuple[str, xr.DataArray]]:
-    """Yield each name with a fitting variable of that standard name or name, in the order of the names."""
-    for wanted in names:
-        for name in dataset.variables:
-            variable = dataset[name]
-            called = str(variable.attrs.get("standard_name", "")).lower(), str(name).lower()
-            if wanted in called and fits(variable):
-                yield wanted, variable
-
-
-def _is_up(path: Path, variable: xr.DataArray, wanted: str) -> bool:
-    """Return whether a variable found by a name is positive up."""
-    usual = "up" if wanted in _HEIGHTS else "down"
-    positive = str(variable.attrs.get("positive", usual)).lower()
-    if positive not in ("up", "down"):
-        raise ForecastError(
-            f"{path}: {variable.name} has the attribute positive = {positive!r}; expected up or down"
-        )
-    return positive == "up"
-
-
-def _degrees(dataset: xr.Dataset) -> dict[str, str]:
-    """Return new names of axes that are called x and y, if in degrees."""
-    units = {name: str(dataset[name].attrs.get("units", "")).lower() for name in dataset.variables}
-    usual = (("x", "lon"), ("y", "lat"))
-    return {
-        old: new
-        for old, new in usual
-        if units.get(old, "").startswith("degree") and new not in units
+    there, axes = dataset.variables, list[Any]()
+    found = {
+        called.lower(): name
+        for name, one in reversed([*there.items()])
+        for called in (str(name), str(one.attrs.get("standard_name", "")))
+        if one.ndim == 2
     }
+    usual = next((name for name in _USUAL if name in found), None)
+    if usual is not None:
+        # axes that are called x and y, if in degrees
+        units = {name: str(one.attrs.get("units", "")).lower() for name, one in there.items()}
+        degrees = {
+            old: new
+            for old, new in (("x", "lon"), ("y", "lat"))
+            if units.get(old, "").startswith("degree") and new not in units
+        }
+        dataset = dataset.rename(degrees)
+        with suppress(ForecastError):
+            *names, _ = find_coordinates(dataset, dataset[found[usual]].dims, str(path))
+            axes = [dataset[name] for name in names]
+    if usual is None or not axes:
+        raise ForecastError(
+            f"{path}: expected one of {', '.join(_USUAL)} on longitude and latitude, found {', '.join(map(str, there))}"
+        )
+    variable, flat = dataset[found[usual]], axes[0].ndim == 1
+    dims = (axes[1].dims[0], axes[0].dims[0]) if flat else variable.dims
+    ordered = [axis if flat else axis.transpose(*dims) for axis in axes]
+    block = _window(region, *(unpacked(axis).astype(float) for axis in ordered))
+    # the cut is what is read
+    cut = dict(zip(dims, block, strict=True))
+    dataset, variable = dataset.isel(cut), variable.transpose(*dims).isel(cut)
+    if why := exceeds_claim(path, 8 * variable.size):
+        raise ForecastError(f"{path}: cannot read {variable.name}: {why}; mend the file")
+    longitude, latitude = (
+        unpacked(axis.isel(cut, missing_dims="ignore")).astype(float) for axis in ordered
+    )
+    if flat:
+        longitude, latitude = np.meshgrid(longitude, latitude)
+    sign = str(variable.attrs.get("positive", _USUAL[usual])).lower()
+    unit = str(variable.attrs.get("units", "m")).strip().lower()
+    if sign not in ("up", "down"):
+        raise ForecastError(
+            f"{path}: {variable.name} has the attribute positive = {sign!r}; expected up or down"
+        )
+    if (metre := metres(unit)) is None:
+        raise ForecastError(
+            f"{path}: {variable.name} is in {unit!r}; expected metres, km, cm or ft"
+        )
+    values = unpacked(variable).astype(float) * (-metre if sign == "up" else metre)
+    if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
+        values = np.where(unpacked(dataset["mask_rho"]) > 0.5, values, np.nan)
+    if not np.any(values > 0.0):
+        what, other = ("height", "down") if sign == "up" else ("depth", "up")
+        raise ForecastError(
+            f"{path}: {variable.name} as a {what}, positive {sign}, has no water; give it the attribute "
+            f'positive = "{other}" if its sign is opposite'
+        )
+    # continuous where the region lies across the seam of the file
+    return Bathymetry(unwrap_longitude(longitude, float(region.longitude.mean())), latitude, values)
 
 
-def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array | None:
-    """Return the lowest water level at any time, shape of the depths [m]; None if absent at their points."""
-    for _, level in _named(dataset, _LEVELS, lambda one: set(depth.dims) <= set(one.dims)):
-        _check_claim(path, level)
-        times = _values(level.transpose(..., *depth.dims)).reshape(-1, *depth.shape)
-        low = np.fmin.reduce(times, axis=0) * _scale(path, level)
-        return low if np.isfinite(low).any() else None
-    return None
-
-
-def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
+def _window(region: Grid, longitude: Array, latitude: Array) -> tuple[Any, Any]:
     """Return the rows and columns in and around a region, ordered across the file's seam; all if none lies in it."""
     from replay_kit.forecast.grids.horizontal import region_block, runs
 
@@ -212,41 +169,21 @@ def _window(longitude: Array, latitude: Array, region: Grid) -> tuple[Any, Any]:
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
-    """Return notes on a bathymetry in a region: lowest water, gaps, uncovered water."""
-    notes = list[str]()
-    inside = within(bounds_of(grid), bathymetry.longitude, bathymetry.latitude)
-    if bathymetry.lowest_water is not None:
-        low, high = bathymetry.lowest_water
-        notes.append(
-            f"the bottom counts as deep as at the file's lowest water, {low:.1f} to {high:.1f} m above the level of its depths"
-        )
-    gaps = int(np.sum(inside & np.isnan(bathymetry.depth)))
-    if gaps:
+    """Return notes on a bathymetry in a region: gaps, uncovered water."""
+    notes, longitude, latitude = list[str](), bathymetry.longitude, bathymetry.latitude
+    inside = within(bounds_of(grid), longitude, latitude)
+    if gaps := int(np.sum(inside & np.isnan(bathymetry.depth))):
         notes.append(
             f"the bathymetry has no depth at {gaps} of its {int(inside.sum())} points in the region; they count as land"
         )
-    west = unwrap_longitude(grid.longitude, float(bathymetry.longitude.mean()))
-    covered = (bathymetry.longitude, west), (bathymetry.latitude, grid.latitude)
-    if any(
-        theirs.min() < ours.min() - 1e-9 or theirs.max() > ours.max() + 1e-9
-        for ours, theirs in covered
-    ):
+    west = unwrap_longitude(grid.longitude, float(longitude.mean()))
+    covered = all(
+        ours.min() <= theirs.min() + 1e-9 and theirs.max() <= ours.max() + 1e-9
+        for ours, theirs in ((longitude, west), (latitude, grid.latitude))
+    )
+    if not covered:
         notes.append("the bathymetry does not cover the whole region; missions stay inside it")
     return tuple(notes)
-
-
-def _scale(path: Path, variable: xr.DataArray) -> float:
-    """Return the metres per unit of a variable."""
-    unit = str(variable.attrs.get("units", "m")).strip().lower()
-    if (found := metres(unit)) is None:
-        raise ForecastError(
-            f"{path}: {variable.name} is in {unit!r}; expected metres, km, cm or ft"
-        )
-    return found
-
-
-# Most cells along a side of the grid.
-_CELLS = 160
 
 
 def seabed_of(bathymetry: Bathymetry, region: Grid) -> Seabed:
@@ -256,7 +193,8 @@ def seabed_of(bathymetry: Bathymetry, region: Grid) -> Seabed:
         bathymetry: Bathymetry of the region.
         region: Region to cover.
     """
-    spacing = _spacing(*to_local(region.projection, bathymetry.longitude, bathymetry.latitude))
+    at = to_local(region.projection, bathymetry.longitude, bathymetry.latitude)
+    spacing = float(np.nanmedian(np.hypot(*np.diff(at, axis=2))))
     axes = []
     for values in (region.east, region.north):
         least, most = float(values.min()), float(values.max())
@@ -288,8 +226,3 @@ def depth_at(bathymetry: Bathymetry, projection: Projection, east: Array, north:
         return found
     cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     return bilinear(bathymetry.depth[cut], *find_cells(x[cut], y[cut], east, north))
-
-
-def _spacing(east: Array, north: Array) -> float:
-    """Return the distance between points along the rows of a grid [m]."""
-    return float(np.nanmedian(np.hypot(np.diff(east, axis=1), np.diff(north, axis=1))))

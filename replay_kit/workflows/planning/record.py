@@ -21,9 +21,8 @@ from replay_kit.results.outcome.outcome import made
 from replay_kit.results.outcome.parts import plan_part
 from replay_kit.workflows.planning.adapters import over_bottom
 from replay_kit.workflows.planning.bathymetry import seabed_of
-from replay_kit.workflows.planning.inputs import planned_on
 from replay_kit.workflows.planning.outputs import departures_table
-from replay_kit.workflows.planning.request import checked
+from replay_kit.workflows.planning.request import checked, planned_on
 from replay_kit.workflows.planning.run import PlannedMission, make_plans, mission_settings
 from replay_kit.workflows.replay.inputs.provenance import (
     BATHYMETRY,

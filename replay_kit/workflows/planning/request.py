@@ -1,117 +1,36 @@
-"""Request of ``plan``: incompatible options are refused, values converted to those of the planners.
+"""Request of ``plan`` and its inputs: incompatible options are refused, values converted to those of the planners, files read.
 
-Planners are imported on use only, so that errors in options appear quickly.
+Planners and what reads results are imported on use only, so that errors in options appear quickly.
 """
 
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from replay_kit.config.plan import PlanRequest
+from replay_kit.config.planner import PlannerConfig
 from replay_kit.config.removed import refuse_value
 from replay_kit.core.errors import ConfigError, PlanError
 from replay_kit.core.extensions import is_objective, objective_names
+from replay_kit.core.files.inputs import open_input
+from replay_kit.core.words.progress import announce
 
 if TYPE_CHECKING:
+    from planners.hazards.areas import NoGo
+    from planners.hazards.bottom import Bathymetry
     from planners.request import Line, Mooring, Weights
-    from replay_kit.workflows.planning.inputs import FlowFile
-
-
-def completed(request: PlanRequest) -> "tuple[PlanRequest, dict[Path, FlowFile]]":
-    """Return a request with a missing start and goal from its result, and the files read for them.
-
-    They are the last fix, and the goal of the run. Of a result of several vehicles those with a goal are planned together, each from its
-    last fix.
-
-    Raises:
-        ReplayKitError: The result cannot be read.
-    """
-    if request.glider or not request.flows or (request.start is not None and request.goal):
-        return request, {}
-    from replay_kit.workflows.planning.inputs import is_result, read_flow
-
-    if not is_result(request.flows[-1]):
-        return request, {}
-    file = read_flow(request.flows[-1])
-    several, starts, goals = len(file.held) > 1, dict[str, str](), dict[str, str]()
-    if several and (request.start is not None or request.goal):
-        raise ConfigError(
-            f"--start and --goal: expected both, or neither, for a result of several vehicles ({', '.join(file.held)}), got one of them"
-        )
-    for name, held in file.held.items():
-        if several and not (held.fixes and held.goal):
-            continue
-        if held.fixes:
-            starts[name] = f"{held.fixes[-1].longitude},{held.fixes[-1].latitude},0"
-        if held.goal:
-            goals[name] = ",".join(map(str, held.goal))
-    found: dict[str, Any] = {}
-    if len(starts) > 1:
-        found["glider"] = tuple(f"{name}={start}" for name, start in starts.items())
-        found["goal"] = tuple(f"{name}={goal}" for name, goal in goals.items())
-    else:
-        found["start"] = request.start or next(iter(starts.values()), None)
-        found["goal"] = request.goal or tuple(goals.values())
-        found["of_glider"] = next(iter(starts), "") or None
-    return request.model_copy(update=found), {file.path: file}
-
-
-def checked(request: PlanRequest) -> PlanRequest:
-    """Return a request checked before any file is read, with default weight and width of its line.
-
-    Raises:
-        ConfigError: Options are incompatible, or a value is invalid.
-    """
-    _check(request)
-    if request.objective is not None:
-        objective_of(request.objective)
-    if not request.line:
-        return request
-    from planners.request import Line
-
-    usual = {"line_weight": Line().weight, "line_width": Line().width}
-    return request.model_copy(
-        update={name: value for name, value in usual.items() if getattr(request, name) is None}
-    )
-
-
-def _check(request: PlanRequest) -> None:
-    """Raise ConfigError for values out of range and incompatible options.
-
-    Raises:
-        ConfigError: Two options exclude each other, one needs another, or a value is invalid.
-    """
-    if not request.goal:
-        raise ConfigError(
-            "--goal is missing; expected --goal LON,LAT,DEPTH, or the result of a replay with a goal"
-        )
-    # read once, so that what is wrong with them is said before anything is loaded
-    _ = (
-        *(
-            (request.glider_places, request.goals_of_gliders)
-            if request.glider
-            else (request.start_place, request.goals)
-        ),
-        request.start_time_ns,
-        request.departures_ns,
-        request.arrive_by_s(request.start_time_ns or 0),
-    )
-    _check_together(request)
-    if request.risk is not None and not 0.0 <= request.risk < 1.0:
-        raise ConfigError(f"--risk: expected a fraction from 0 to below 1, got {request.risk:g}")
-    if not 0.0 <= request.arrive <= 1.0:
-        raise ConfigError(f"--arrive: expected a fraction from 0 to 1, got {request.arrive:g}")
-    for name in (
-        "time_limit",
-        "battery",
-        "separation",
-        "horizon_s",
-        "line_width",
-    ):
-        if (value := getattr(request, name)) is not None and not 0.0 < value < inf:
-            option = name.removesuffix("_s").replace("_", "-")
-            raise ConfigError(f"--{option}: expected a number above 0, got {value:g}")
-
+    from replay_kit.core.as_flown import AsFlown
+    from replay_kit.core.flow.estimate import FlowEstimate
+    from replay_kit.core.grid import Grid
+    from replay_kit.core.plan import Place
+    from replay_kit.show.status.held import Held
+    from replay_kit.workflows.planning.currents import KnownCurrent
 
 # Options that need another, and those that exclude others.
 _NEEDS = {
@@ -129,30 +48,98 @@ _EXCLUDES = {
     "glider": "start depart horizon mooring line risk arrive_by",
     "objective odds": "mooring line depart risk glider",
 }
+_POSITIVE = ("time_limit", "battery", "separation", "horizon_s", "line_width")
+
+
+def completed(request: PlanRequest) -> tuple[PlanRequest, dict[Path, FlowFile]]:
+    """Return a request with a missing start and goal from its result, and the files read for them.
+
+    They are the last fix, and the goal of the run. Of a result of several vehicles those with a goal are planned together, each from its
+    last fix.
+
+    Raises:
+        ReplayKitError: The result cannot be read.
+    """
+    asked = request.start, request.goal
+    if request.glider or not request.flows or all(asked) or not is_result(request.flows[-1]):
+        return request, {}
+    file = read_flow(request.flows[-1])
+    several = len(file.held) > 1
+    if several and any(asked):
+        raise ConfigError(
+            f"--start and --goal: expected both, or neither, for a result of several vehicles ({', '.join(file.held)}), got one of them"
+        )
+    used = {name: one for name, one in file.held.items() if not several or (one.fixes and one.goal)}
+    goals = {name: ",".join(map(str, one.goal)) for name, one in used.items() if one.goal}
+    starts = {
+        name: f"{one.fixes[-1].longitude},{one.fixes[-1].latitude},0"
+        for name, one in used.items()
+        if one.fixes
+    }
+    if len(starts) > 1:
+        named = [tuple(map("=".join, of.items())) for of in (starts, goals)]
+        found: dict[str, Any] = dict(zip(("glider", "goal"), named, strict=True))
+    else:
+        name, start = next(iter(starts.items()), ("", None))
+        found = {"start": request.start or start, "of_glider": name or None}
+        found["goal"] = request.goal or tuple(goals.values())
+    return request.model_copy(update=found), {file.path: file}
+
+
+def checked(request: PlanRequest) -> PlanRequest:
+    """Return a request checked before any file is read, with default weight and width of its line.
+
+    Raises:
+        ConfigError: Two options exclude each other, one needs another, or a value is invalid.
+    """
+    if not request.goal:
+        raise ConfigError(
+            "--goal is missing; expected --goal LON,LAT,DEPTH, or the result of a replay with a goal"
+        )
+    # read once, so that what is wrong with them is said before anything is loaded
+    places = "glider_places goals_of_gliders" if request.glider else "start_place goals"
+    for name in (*places.split(), "start_time_ns", "departures_ns"):
+        getattr(request, name)
+    request.arrive_by_s(request.start_time_ns or 0)
+    _check_together(request)
+    if request.risk is not None and not 0.0 <= request.risk < 1.0:
+        raise ConfigError(f"--risk: expected a fraction from 0 to below 1, got {request.risk:g}")
+    if not 0.0 <= request.arrive <= 1.0:
+        raise ConfigError(f"--arrive: expected a fraction from 0 to 1, got {request.arrive:g}")
+    for name in _POSITIVE:
+        if (value := getattr(request, name)) is not None and not 0.0 < value < inf:
+            option = _option(name.removesuffix("_s"))
+            raise ConfigError(f"{option}: expected a number above 0, got {value:g}")
+    if request.objective is not None:
+        objective_of(request.objective)
+    if not request.line:
+        return request
+    from planners.request import Line
+
+    usual = {"line_weight": Line().weight, "line_width": Line().width}
+    unstated = {name: value for name, value in usual.items() if getattr(request, name) is None}
+    return request.model_copy(update=unstated)
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
 def _check_together(request: PlanRequest) -> None:
-    """Raise ConfigError for options that need another or exclude each other.
-
-    Raises:
-        ConfigError: Options are incompatible.
-    """
+    """Raise ConfigError for options that need another or exclude each other."""
 
     def given(name: str) -> bool:
         value = getattr(request, name, request.objective == name.rpartition(" ")[2])
         return value is not None and value is not False and value != ()
 
-    def words(name: str) -> str:
-        return f"--{name.replace('_', '-')}"
-
     for option, other in _NEEDS.items():
         if given(option) and not given(other):
-            raise ConfigError(f"{words(option)}: expected {words(other)} too")
+            raise ConfigError(f"{_option(option)}: expected {_option(other)} too")
     for option, others in _EXCLUDES.items():
-        beside = ", ".join(words(other) for other in others.split() if given(other))
+        beside = ", ".join(map(_option, filter(given, others.split())))
         if given(option) and beside:
             raise ConfigError(
-                f"{words(option)}: cannot be combined with {beside}; leave one of them out"
+                f"{_option(option)}: cannot be combined with {beside}; leave one of them out"
             )
     if (request.mooring or request.line) and len(request.goal) > 1:
         raise ConfigError("--goal: expected one with --mooring and --line")
@@ -191,7 +178,7 @@ def check_samples(request: PlanRequest, count: int, knows_errors: bool) -> None:
         raise ConfigError(f"{asked}: expected --samples above 0, got 0")
 
 
-def objective_of(text: str) -> "str | Weights":
+def objective_of(text: str) -> str | Weights:
     """Return an objective's name, or its weights such as ``time=1,energy=0.02,closest=5``.
 
     Raises:
@@ -214,7 +201,7 @@ def objective_of(text: str) -> "str | Weights":
         ) from error
 
 
-def shape_of(request: PlanRequest) -> "Line | Mooring | None":
+def shape_of(request: PlanRequest) -> Line | Mooring | None:
     """Return the line or mooring of a checked request; None for other missions."""
     from planners.request import Line, Mooring
 
@@ -223,3 +210,160 @@ def shape_of(request: PlanRequest) -> "Line | Mooring | None":
         return Mooring(radius, 3600.0 * hours, request.surfacings_only)
     weight, width = request.line_weight, request.line_width
     return None if weight is None or width is None else Line(weight=weight, width=width)
+
+
+# ---- inputs
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedOn:
+    """Inputs of a plan.
+
+    Attributes:
+        known: Current.
+        flown: Known flight parameters by vehicle name, empty for a single one.
+        no_go: No-go areas.
+        bathymetry: Bottom depth; None without one.
+        notes: Notes on the files.
+        exit_code: 4 if part of a file was lost, else 0.
+    """
+
+    known: KnownCurrent
+    flown: Mapping[str, AsFlown]
+    no_go: tuple[NoGo, ...]
+    bathymetry: Bathymetry | None
+    notes: tuple[str, ...]
+    exit_code: int = 0
+
+    @property
+    def region(self) -> Grid:
+        """Region of the estimate."""
+        return self.known.first.grid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlowFile:
+    """Content of a file with an estimate.
+
+    Attributes:
+        path: The file.
+        flows: Estimates of its windows in order; the last one is that of its end.
+        held: Other content of a result by vehicle, empty name for a single one; empty for a pure estimate.
+        notes: Losses of the file, or a missing checksum.
+        exit_code: Exit code of a command that uses it: 4 if something was lost, else 0.
+    """
+
+    path: Path
+    flows: tuple[FlowEstimate, ...]
+    held: Mapping[str, Held] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    exit_code: int = 0
+
+    def at(self, places: Sequence[Place] = ()) -> FlowEstimate:
+        """Return the estimate of the last window that holds places; of the last one if none does."""
+        from replay_kit.core.region import bounds_of, inside
+
+        for flow in reversed(self.flows):
+            box = bounds_of(flow.grid)
+            if all(inside(box, place.longitude, place.latitude) for place in places):
+                return flow
+        return self.flows[-1]
+
+    @property
+    def flown(self) -> dict[str, AsFlown]:
+        """Flight parameters in the file by vehicle name, empty for a single one."""
+        from replay_kit.core.as_flown import AS_FLOWN, AsFlown
+
+        metadata = {name: held.metadata for name, held in self.held.items()}
+        if saved := self.flows[-1].about.get(AS_FLOWN):
+            metadata[""] = {AS_FLOWN: json.loads(saved)}
+        found = {name: AsFlown.in_metadata(records) for name, records in metadata.items()}
+        return {name: flown for name, flown in found.items() if flown is not None}
+
+
+def planned_on(
+    request: PlanRequest, config: PlannerConfig, known: Mapping[Path, FlowFile] | None = None
+) -> PlannedOn:
+    """Return the inputs of a plan, read from the files of its request.
+
+    Args:
+        request: Request of the plan.
+        config: ``[planner]``.
+        known: Files that were read already.
+
+    Raises:
+        ReplayKitError: A file cannot be read, the estimates are not in order of time, or a place is outside their water.
+    """
+    from planners.hazards.domain import Region, locate_all
+
+    announce("reading the estimate")
+    files = [(known or {}).get(path) or read_flow(path) for path in request.flows]
+    places = () if request.glider else (request.start_place, *request.goals)
+    region, bottom = files[0].at(places).grid, None
+    if not (request.glider or request.mooring):
+        locate_all(Region(region, config.depth_limit), request.start_place, request.goals)
+    current, flown = read_known(files, config.flow_step, places)
+    areas: tuple[NoGo, ...] = ()
+    notes = tuple(note for file in files for note in file.notes)
+    if request.no_go is not None:
+        from replay_kit.workflows.planning.areas import area_notes, read_areas
+
+        areas = read_areas(request.no_go)
+        notes += area_notes(request.no_go, areas, region)
+    if request.bathymetry is not None:
+        from replay_kit.workflows.planning.bathymetry import bathymetry_notes, read_bathymetry
+
+        bottom = read_bathymetry(request.bathymetry, region)
+        notes += bathymetry_notes(bottom, region)
+    return PlannedOn(current, flown, areas, bottom, notes, max(file.exit_code for file in files))
+
+
+def read_known(
+    files: Sequence[FlowFile], flow_step: float, places: Sequence[Place] = ()
+) -> tuple[KnownCurrent, dict[str, AsFlown]]:
+    """Return the current in one or more files, and the latest flight parameters in them by vehicle name.
+
+    The time of the last fix is known for a single result.
+
+    Args:
+        files: Files, several in order of time.
+        flow_step: Time between the flows of a changing estimate [s].
+        places: Positions that select the window of a result.
+
+    Raises:
+        ReplayKitError: The files are not in order of time.
+    """
+    from replay_kit.workflows.planning.currents import known_current
+
+    known = known_current([(file.path, file.at(places)) for file in files], flow_step)
+    ends = [held.fixes[-1].time_ns for held in files[0].held.values() if held.fixes]
+    if len(files) == 1 and ends:
+        known = replace(known, last_fix_ns=max(ends))
+    return known, {name: flown for file in files for name, flown in file.flown.items()}
+
+
+def read_flow(path: Path) -> FlowFile:
+    """Return the content of a NetCDF file of ``--save-estimate`` or a result MCAP, recognised by its first bytes.
+
+    Raises:
+        ReplayKitError: The file is missing or has no estimate.
+    """
+    if not is_result(path):
+        from replay_kit.core.flow.file import load
+
+        return FlowFile(path, (load(path),))
+    from replay_kit.results.reader import ResultReader
+    from replay_kit.workflows.sound import sound_result
+    from replay_kit.workflows.status import read_each
+
+    with sound_result(path) as sound:
+        reader = ResultReader(sound.path, opened=sound.file)
+        held = read_each(reader)
+        return FlowFile(path, reader.estimates(), held, sound.lines, sound.exit_code)
+
+
+def is_result(path: Path) -> bool:
+    """Return whether a file is a result, by its first bytes."""
+    with suppress(OSError), open_input(path) as file:
+        return file.read(5) == b"\x89MCAP"
+    return False

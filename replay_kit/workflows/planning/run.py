@@ -34,8 +34,7 @@ from replay_kit.workflows.planning.adapters import (
     without_odds,
 )
 from replay_kit.workflows.planning.currents import KnownCurrent
-from replay_kit.workflows.planning.inputs import PlannedOn
-from replay_kit.workflows.planning.request import check_samples, objective_of, shape_of
+from replay_kit.workflows.planning.request import PlannedOn, check_samples, objective_of, shape_of
 
 # An area counts that holds within so many times the duration of a mission, as samples of it may last longer.
 _LATE = 1.2

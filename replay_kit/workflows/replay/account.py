@@ -9,13 +9,14 @@ from typing import Any
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.grid import Grid
 from replay_kit.core.message import NO_MEANS, LogReport, Message
+from replay_kit.core.observation.evidence import Evidence
 from replay_kit.logs.merge import Merge
 from replay_kit.logs.payloads import gather, short
 from replay_kit.logs.tables.schemas import NOT_A_KIND
 from replay_kit.measurements.step import left_out_rules
 from replay_kit.results.losses import coded, loss_json
 from replay_kit.results.outcome.parts import evidence_part
-from replay_kit.workflows.replay.stages.counts import Counts, SourceCounts, summed
+from replay_kit.workflows.replay.steps import Counts, added
 
 # Of a topic's pings; when more are lost, the summary begins with it.
 _MANY_LOST = 0.2
@@ -54,14 +55,17 @@ class Account:
 
     def topics(self) -> list[dict[str, Any]]:
         """Return a row per topic of the logs: number of messages read, used and skipped, and skipped by reason."""
-        read: Counter[str] = Counter()
+        read, used = Counter[str](), Counter[str]()
         reasons: dict[str, Counter[str]] = defaultdict(Counter)
         for report in self.reports:
             read.update(report.read)
             for topic, (count, why) in report.undecodable.items():
                 reasons[topic][f"cannot be decoded: {why}"] += count
-        for (topic, reason), count in self.counts.skipped.items():
-            reasons[topic][reason] += count
+        for (topic, reason), count in self.counts.messages.items():
+            if reason:
+                reasons[topic][reason] += count
+            else:
+                used[topic] = count
         for excluded, why in (
             (self.merged.late, "later than the reorder window allows"),
             (self.merged.astray, "its stamp is far from its neighbours'"),
@@ -70,29 +74,23 @@ class Account:
                 reasons[topic][why] += count
         rows = []
         for topic in sorted(read):
-            used = self.counts.used.get(topic, 0)
-            unexplained = read[topic] - used - reasons[topic].total()
-            if unexplained > 0:
-                reasons[topic]["not needed by the estimator, or outside the time span"] += (
-                    unexplained
-                )
-            counts = {"read": read[topic], "used": used, "skipped": read[topic] - used}
-            rows.append({"topic": topic, **counts, "reasons": reasons[topic]})
+            skipped, known = read[topic] - used[topic], reasons[topic]
+            if (unexplained := skipped - known.total()) > 0:
+                known["not needed by the estimator, or outside the time span"] += unexplained
+            counts = {"read": read[topic], "used": used[topic], "skipped": skipped}
+            rows.append({"topic": topic, **counts, "reasons": known})
         return rows
 
     def require_left_out(self, rules: Sequence[str]) -> None:
         """Raise MeasurementError if a rule of ``measurements.without`` withheld nothing: the result would be that of the whole log."""
-        applied = {rule for _, reason in self.counts.skipped for rule in left_out_rules(reason)}
+        applied = {rule for _, reason in self.counts.messages for rule in left_out_rules(reason)}
+        dives = sorted(dive for dive in self.counts.dives if dive > 0)
+        held = f"dives {dives[0]}..{dives[-1]} with" if dives else "no dive with"
         for rule in rules:
             if rule not in applied:
-                dives = sorted(dive for dive in self.counts.dives if dive > 0)
-                held = (
-                    f"dives {dives[0]}..{dives[-1]} with measurements"
-                    if dives
-                    else "no dive with measurements"
-                )
                 raise MeasurementError(
-                    f"--without {rule}: the log holds nothing of that; it has {held}; leave the rule out, or name dives of the log"
+                    f"--without {rule}: the log holds nothing of that; it has {held} measurements; leave the rule out, or name dives "
+                    "of the log"
                 )
 
     def require_usable(self, grid: Grid) -> None:
@@ -108,38 +106,35 @@ class Account:
                 f"{grid.longitude.min():.3f}..{grid.longitude.max():.3f} E, {grid.latitude.min():.3f}..{grid.latitude.max():.3f} N. "
                 "Use another ensemble, or --place-ensemble for a study"
             )
-        if counts.rejected:
+        if rejected := counts.total.rejected:
             why = ", ".join(f"{count} bins {name}" for name, count in counts.bins_rejected.items())
-            raise MeasurementError(f"{names}: {counts.rejected} ADCP pings, none usable: {why}")
+            raise MeasurementError(f"{names}: {rejected} ADCP pings, none usable: {why}")
         found = _describe(self.topics()) or "no messages at all"
         lost = self.lost_pings()
         notes = (note for report in self.reports for note in report.notes)
-        means = [note for note in notes if note.startswith(NO_MEANS)]
-        hints = "".join([self._mapping_hint(), *(f". {note}" for note in means)])
+        means = "".join(f". {note}" for note in notes if note.startswith(NO_MEANS))
         raise MeasurementError(
             f"{names}: {lost}{'. ' if lost else ''}no usable ADCP ping and no mean current of a dive; "
             "expected pings (AdcpPing, ADCP_* frames, PD0, AD2CP, [[measurements.map]]) with positions, or mean currents between fixes. "
-            f"Found: {found}{hints}"
+            f"Found: {found}{self._mapping_hint()}{means}"
         )
 
     def _mapping_hint(self) -> str:
-        unknown = {topic for topic, reason in self.counts.skipped if reason == NOT_A_KIND}
+        unknown = {topic for topic, reason in self.counts.messages if reason == NOT_A_KIND}
         if not unknown:
             return ""
-        variables = "".join(
-            f". {note}"
-            for report in self.reports
-            if report.format == "netcdf"
-            for note in report.notes[:1]
-        )
-        name = self.reports[0].path
+        netcdf = (report.notes[:1] for report in self.reports if report.format == "netcdf")
+        variables = "".join(f". {note}" for notes in netcdf for note in notes)
         return (
-            f"{variables}. {len(unknown)} topics are of unknown types: replay-kit info {name} --suggest map.toml writes a mapping "
-            "of them to complete, for --config map.toml"
+            f"{variables}. {len(unknown)} topics are of unknown types: replay-kit info {self.reports[0].path} --suggest map.toml writes a "
+            "mapping of them to complete, for --config map.toml"
         )
 
     def notes(self) -> list[str]:
         """Return notes on log clocks and unused observations; ``topics`` has the reasons of unused messages."""
+        jumps = (
+            (self.reports[one.input - self.first_input].path, one) for one in self.merged.jumps
+        )
         return [
             *filter(None, [self.merged.doubtful_times]),
             *(
@@ -148,10 +143,7 @@ class Account:
                 if report.without_stamp
             ),
             *_notes_of(self.reports),
-            *(
-                f"{self.reports[jump.input - self.first_input].path}: {jump}"
-                for jump in self.merged.jumps
-            ),
+            *(f"{path}: {jump}" for path, jump in jumps),
             *self.counts.notes(),
             *(
                 f"{count} mean currents ({kind}): not supported by this estimator"
@@ -192,8 +184,13 @@ class Account:
 
 def together(each: Mapping[str, Account]) -> dict[str, Any]:
     """Return the part of an outcome on messages and observations of several vehicles by name; dives are counted per vehicle."""
-    parts = {name: of.part() for name, of in each.items()}
-    whole = summed([of.counts for of in each.values()])
+    parts, whole = {name: of.part() for name, of in each.items()}, Counts()
+    for k, one in enumerate(of.counts for of in each.values()):
+        bins = added(whole.bins_rejected, one.bins_rejected.items())
+        evidence = {**whole.evidence}
+        if one.evidence:
+            evidence[-k] = Evidence(one.evidence).total
+        whole = Counts(bins_rejected=bins, total=whole.total.plus(one.total), evidence=evidence)
     return _measured(whole) | {
         "messages": [
             row | {"topic": f"{name} {row['topic']}"}
@@ -208,16 +205,29 @@ def together(each: Mapping[str, Account]) -> dict[str, Any]:
 def _measured(counts: Counts) -> dict[str, Any]:
     """Return the part of an outcome on observations."""
     total = counts.total
-    sources = {kind: _source(kind, found) for kind, found in sorted(counts.sources.items())}
+    sources = [
+        {
+            "kind": kind,
+            "used": sums.profiles,
+            "rejected": sums.rejected,
+            "values": sums.dof,
+            **_named("rms_", sums.rms_of("before", "after", "prior")),
+            "nis_per_dof": sums.nis_per_dof,
+            "doubts": [
+                f"{n} with {doubt}" for (of, doubt), n in counts.doubts.items() if of == kind
+            ],
+        }
+        for kind, sums in sorted(counts.sources.items())
+    ]
     return {
         "observations": {
             "used": total.profiles,
-            "rejected": counts.rejected,
+            "rejected": total.rejected,
             "bins_used": total.bins,
-            "mean_currents": sum(counts.path_means.values()),
+            "mean_currents": total.means,
             "bins_rejected": counts.bins_rejected,
             # of a run without any nothing needs to be said
-            **({"sources": [*sources.values()]} if sources else {}),
+            **({"sources": sources} if sources else {}),
         },
         "rms_innovation": total.rms_of("before", "after", "prior"),
         "nis_per_dof": total.nis_per_dof,
@@ -235,19 +245,6 @@ def _measured(counts: Counts) -> dict[str, Any]:
     }
 
 
-def _source(kind: str, found: SourceCounts) -> dict[str, Any]:
-    sums = found.sums
-    return {
-        "kind": kind,
-        "used": sums.profiles,
-        "rejected": found.rejected,
-        "values": sums.dof,
-        **_named("rms_", sums.rms_of("before", "after", "prior")),
-        "nis_per_dof": sums.nis_per_dof,
-        "doubts": [f"{number} with {doubt}" for doubt, number in found.doubts.items()],
-    }
-
-
 def _named(begin: str, figures: Mapping[str, float]) -> dict[str, float]:
     return {f"{begin}{name}": value for name, value in figures.items()}
 
@@ -256,17 +253,12 @@ def _notes_of(reports: Sequence[LogReport]) -> list[str]:
     """Return the readers' notes with their logs; a note of several logs is given once, with their number."""
     paths = {note: report.path for report in reports for note in report.notes}
     gathered = gather(note for report in reports for note in report.notes)
-    notes = [
+    missions = dict.fromkeys(report.mission for report in reports if report.mission)
+    merged = f"the logs are of {len(missions)} missions, merged as those of one vehicle: {', '.join(missions)}"
+    return [merged] * (len(missions) > 1) + [
         f"{paths[found[0]] if len(found) == 1 else f'{len(found)} logs'}: {short(note)}"
         for note, found in gathered.items()
     ]
-    missions = dict.fromkeys(report.mission for report in reports if report.mission)
-    if len(missions) > 1:
-        notes.insert(
-            0,
-            f"the logs are of {len(missions)} missions, merged as those of one vehicle: {', '.join(missions)}",
-        )
-    return notes
 
 
 def _describe(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -277,13 +269,9 @@ def _describe(rows: Sequence[Mapping[str, Any]]) -> str:
         passed = ("not needed", NOT_A_KIND)
         relevant = row["used"] or any(not one.startswith(passed) for one in row["reasons"])
         each = (f"{count} x {reason}" for reason, count in row["reasons"].items())
-        return ", ".join(each) if relevant else ""
+        return ": " * bool(row["reasons"]) + ", ".join(each) if relevant else ""
 
     some = sorted(rows, key=lambda row: (not (row["used"] or why(row)), -row["read"]))
-    words = [
-        f"{row['topic']} ({row['read']}{': ' if said else ''}{said})"
-        for row in some[:_TOPICS_SHOWN]
-        for said in [why(row)]
-    ]
+    words = [f"{row['topic']} ({row['read']}{why(row)})" for row in some[:_TOPICS_SHOWN]]
     more = f", and {len(rows) - _TOPICS_SHOWN} more topics" if len(rows) > _TOPICS_SHOWN else ""
     return "; ".join(words) + more

@@ -2,15 +2,23 @@
 
 import json
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from replay_kit.config.run import EstimatorConfig
+from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AS_FLOWN
 from replay_kit.core.errors import MeasurementError, finding_json
 from replay_kit.core.flow.dataset import write_grid
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble
+from replay_kit.core.geodesy import inside_grid, rotate_to_geographic, rotate_to_local, to_local
+from replay_kit.core.grid import Ensemble, Grid
 from replay_kit.core.observation.evidence import Evidence
+from replay_kit.core.region import bounds_of
+from replay_kit.estimator import embed_member
 from replay_kit.forecast import ensemble_files
 from replay_kit.forecast.members.rules import Elsewhere
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
@@ -22,20 +30,16 @@ from replay_kit.results.outcome.parts import (
     plan_part,
     surfacings_part,
 )
-from replay_kit.workflows.replay.account import together
-from replay_kit.workflows.replay.follow_up import end, left_windows, publish
-from replay_kit.workflows.replay.inputs.estimator import flow_at
-from replay_kit.workflows.replay.inputs.job import open_truth
+from replay_kit.workflows.replay.account import Account, together
+from replay_kit.workflows.replay.consistency import check_file, conclusions, require_one_vehicle
+from replay_kit.workflows.replay.inputs.forecast import flow_at
+from replay_kit.workflows.replay.inputs.job import name_of, open_truth
+from replay_kit.workflows.replay.inputs.prepare import Prepared
 from replay_kit.workflows.replay.inputs.provenance import cited
-from replay_kit.workflows.replay.prepare import Prepared
-from replay_kit.workflows.replay.run import Run
-from replay_kit.workflows.replay.scoring import (
-    name_of,
-    score_against_truth,
-)
-from replay_kit.workflows.replay.stages.consistency import conclusions, require_one_vehicle
-from replay_kit.workflows.replay.stages.forecast_file import check_file
-from replay_kit.workflows.replay.surfacings.forecasts import next_surfacing
+from replay_kit.workflows.replay.publishing import depth_slices
+from replay_kit.workflows.replay.run import Run, end, left_windows
+from replay_kit.workflows.replay.surfacings import next_surfacing
+from replay_kit.workflows.replay.vehicle import OfVehicle
 
 
 def conclude(
@@ -51,14 +55,16 @@ def conclude(
     job, useless = inputs.job, useless_of(run, inputs)
     about = cited((*job.log_files, *ensemble_files(job.ensemble)), run.config)
     flows, windows = _last_flows(run, about)
-    found = [_found(run, number, inputs, own, others) for number, own in enumerate(flows)]
+    each = zip(run.of, inputs.accounts(run), flows, strict=True)
+    found = {one[0].setup.name: _found(*one, inputs, others) for one in each}
     if job.vehicles:
-        values = _of_several(run, inputs, flows, found, useless, bool(windows))
+        values = _of_several(run, inputs, flows[0], found, useless, bool(windows))
     else:
-        values = found[0] | {"notes": _notes(run, inputs, flows[0], found[0]["notes"])}
+        (own,) = found.values()
+        values = own | {"notes": _notes(run, inputs, flows[0], own["notes"])}
     outcome = made(values, (*job.logs, *job.forecasts))
     with run.clock.stage("write"):
-        _write(run, inputs, outcome, [each["consistency"] for each in found], flows[0], windows)
+        _write(run, inputs, outcome, found, flows[0], windows)
     score, said = None, list[str]()
     if inputs.truth is not None:
         with run.clock.stage("score"):
@@ -72,15 +78,15 @@ def _write(
     run: Run,
     inputs: Prepared,
     outcome: Outcome,
-    findings: Sequence[Sequence[Mapping[str, Any]]],
+    found: Mapping[str, Mapping[str, Any]],
     flow: FlowEstimate,
     windows: Mapping[str, int],
 ) -> None:
     """Write the end of the result, and the files of the estimate."""
     if (writer := run.writer) is not None:
-        for of, own in zip(run.of, findings, strict=True):
+        for of in run.of:
             with writer.of(of.setup.name):
-                writer.consistency(run.last_ns, own)
+                writer.consistency(run.last_ns, found[of.setup.name]["consistency"])
                 if (flown := of.forecasts.as_flown) is not None:
                     writer.record(AS_FLOWN, flown.to_record())
         writer.summary(run.last_ns, outcome)
@@ -117,9 +123,9 @@ def _last_flows(run: Run, about: Mapping[str, str]) -> tuple[list[FlowEstimate],
             held[window] = replace(dated, span_ns=span_ns) if run.is_pooled else dated
         flows.append(held[window])
     _, *others = held.values()
-    numbers = dict(zip(map(id, others), left_windows(run, iter(others)), strict=True))
-    for one in (*others, flows[0]):
-        publish(run, one, run.last_ns)
+    numbers = dict(zip(map(id, others), left_windows(run, others), strict=True))
+    last = (depth_slices(run.last_ns, one, run.config.output) for one in (*others, flows[0]))
+    run.write(run.of[0], last)
     each = zip(run.of, flows, strict=True)
     return flows, {of.setup.name: numbers[id(own)] for of, own in each if id(own) in numbers}
 
@@ -131,9 +137,8 @@ def so_far(run: Run, inputs: Prepared) -> Outcome:
 
 def _counted(run: Run, inputs: Prepared) -> dict[str, Any]:
     accounts = inputs.accounts(run)
-    if not inputs.job.vehicles:
-        return accounts[0].part()
-    return together({of.setup.name: own for of, own in zip(run.of, accounts, strict=True)})
+    each = {of.setup.name: own for of, own in zip(run.of, accounts, strict=True)}
+    return together(each) if inputs.job.vehicles else accounts[0].part()
 
 
 def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
@@ -162,14 +167,13 @@ def useless_of(run: Run, inputs: Prepared) -> dict[str, str]:
 
 
 def _found(
-    run: Run,
-    number: int,
-    inputs: Prepared,
+    of: OfVehicle,
+    account: Account,
     flow: FlowEstimate,
+    inputs: Prepared,
     others: Sequence[tuple[str, Evidence]],
 ) -> dict[str, Any]:
     """Return the values of an outcome for one vehicle."""
-    of, account = run.of[number], inputs.accounts(run)[number]
     setup = of.setup
     of_file = check_file(setup.estimator, of.monitoring.means)
     findings, blind = conclusions(of.monitoring, of.counts, setup.config, of_file)
@@ -195,31 +199,29 @@ def _found(
 def _of_several(
     run: Run,
     inputs: Prepared,
-    flows: Sequence[FlowEstimate],
-    each: Sequence[Mapping[str, Any]],
-    useless: dict[str, str],
+    flow: FlowEstimate,
+    each: Mapping[str, Mapping[str, Any]],
+    useless: Mapping[str, str],
     windowed: bool,
 ) -> dict[str, Any]:
     """Return the values of an outcome for several vehicles together."""
-    names, named = [of.setup.name for of in run.of], inputs.job.vehicles
-    unused = {one.name: one.why_not for one in named if one.why_not} | useless
-    notes = [*_notes(run, inputs, flows[0], ()), *map(": ".join, unused.items())]
+    unused = {one.name: one.why_not for one in inputs.job.vehicles if one.why_not} | {**useless}
+    notes = [*_notes(run, inputs, flow, ()), *map(": ".join, unused.items())]
     if windowed:
         notes.append(
-            f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {names[0]}; "
+            f"estimate.npz, --netcdf, --save-estimate and a score against a truth are of the window of {run.of[0].setup.name}; "
             "the result holds all"
         )
-    notes += [f"{one.name}: {text}" for one in named for text in one.notes]
     return _counted(run, inputs) | {
-        "vehicles": {name: made(one) for name, one in zip(names, each, strict=True)},
+        "vehicles": {name: made(one) for name, one in each.items()},
         "unused": unused,
         "notes": notes,
         "consistency": [
             found | {"name": f"{name}: {found['name']}"}
-            for name, one in zip(names, each, strict=True)
+            for name, one in each.items()
             for found in one["consistency"]
         ],
-        "outside": each[0]["outside"],
+        "outside": next(one["outside"] for one in each.values()),
     }
 
 
@@ -228,14 +230,11 @@ def _notes(run: Run, inputs: Prepared, flow: FlowEstimate, of_logs: Sequence[str
     kernel, estimator = flow.horizontal.kernel, run.of[0].setup.estimator
     lengths = f"{kernel.length_east / 1e3:.1f} x {kernel.length_north / 1e3:.1f} km"
     basis = f"{flow.n_modes} modes a level, kernel lengths {lengths}, mu {kernel.speed:.3f} m/s"
-    no_goal = (
-        []
-        if inputs.job.goals
-        else ["no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"]
-    )
+    no_goal = "no goal was given (--goal LON,LAT,DEPTH), so nothing was planned"
+    asked = [] if inputs.job.goals else [no_goal]
     # biases are one instrument's
     biases = estimator.remarks(run.current)
-    return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *no_goal]
+    return [*inputs.forecasts.notes, *of_logs, basis, *estimator.notes(), *biases, *asked]
 
 
 def _score(
@@ -245,7 +244,9 @@ def _score(
     job, forecasts, config = inputs.job, inputs.forecasts, run.config
     box, near_ns = forecasts.box, forecasts.near_ns
     if forecasts.read is not None:
-        forecasts, box = forecasts.in_last_window(flow.grid)
+        # the window that the estimate is of
+        box = bounds_of(flow.grid)
+        forecasts = replace(forecasts, series=(forecasts.read(box),))
     elif forecasts.evolves:
         # the estimate is of the log's end, and so is what it is compared with
         near_ns = flow.time_ns
@@ -256,3 +257,112 @@ def _score(
         return score_against_truth(flow, ensemble, truth, config.estimator), []
     except MeasurementError as error:
         return None, [f"no score: {error}"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoredPoints:
+    """Wet grid points of the truth inside a region and its levels.
+
+    Attributes:
+        points: shape (P, 2) [m], local east and north of the region's frame.
+        depth: shape (P,) [m].
+        velocity: shape (P, 2) [m/s], truth along the region's axes.
+        index: Level, row and column in the truth's grid, each shape (P,).
+    """
+
+    points: Array
+    depth: Array
+    velocity: Array
+    index: tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
+
+    @property
+    def place(self) -> tuple[Array, Array, Array]:
+        """East, north and depth [m], the arguments of a flow."""
+        return self.points[:, 0], self.points[:, 1], self.depth
+
+
+def score_against_truth(
+    flow: FlowEstimate,
+    ensemble: Ensemble,
+    truth: Ensemble,
+    config: EstimatorConfig,
+) -> dict[str, float]:
+    """Return the scores of an outcome.
+
+    The truth is compared at its own grid points that lie inside the ensemble's region and levels: RMSE is the root mean square
+    length of the error vector, unweighted, and the relative error is over the truth's RMS speed there.
+
+    Args:
+        flow: Estimate.
+        ensemble: Ensemble, whose mean is scored too.
+        truth: An ensemble of one.
+        config: Settings of the embedding of the ensemble's mean.
+
+    Raises:
+        MeasurementError: No grid point of the truth can be scored.
+    """
+    at = scored_points(flow.grid, truth)
+    mean = _ensemble_mean_at(ensemble, truth, config, at)
+    rmse, speed = rms_length(flow.velocity(*at.place) - at.velocity), rms_length(at.velocity)
+    return {
+        "rmse": rmse,
+        "rel_error": rmse / speed,
+        "ensemble_mean_rmse": rms_length(mean - at.velocity),
+        "points": int(at.depth.size),
+    }
+
+
+def scored_points(grid: Grid, truth: Ensemble) -> ScoredPoints:
+    """Return the points at which a truth is compared with an estimate, and the truth along the grid's axes.
+
+    Args:
+        grid: Grid of the estimate.
+        truth: An ensemble of one; its frame may have another centre, and its vectors are turned.
+
+    Raises:
+        MeasurementError: No wet point of the truth can be scored.
+    """
+    east, north = to_local(grid.projection, truth.grid.longitude, truth.grid.latitude)
+    levels = truth.grid.levels
+    deep = (levels >= grid.levels[0] - 1e-6) & (levels <= grid.levels[-1] + 1e-6)
+    scored = truth.grid.wet & deep[:, None, None] & inside_grid(grid, east, north)
+    z, j, i = np.nonzero(scored)
+    if z.size == 0:
+        raise MeasurementError(
+            f"{truth.source}: no wet point of the truth lies in the ensemble's region and levels; is it of another place?"
+        )
+    u, v = truth.velocity[0][:, z, j, i]
+    at = truth.grid.longitude[j, i], truth.grid.latitude[j, i]
+    turned = rotate_to_local(
+        grid.projection, *at, *rotate_to_geographic(truth.grid.projection, *at, u, v)
+    )
+    return ScoredPoints(
+        np.column_stack([east[j, i], north[j, i]]), levels[z], np.column_stack(turned), (z, j, i)
+    )
+
+
+def rms_length(vectors: Array) -> float:
+    """Return the root mean square length of vectors, shape (P, 2)."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))
+
+
+def _ensemble_mean_at(
+    ensemble: Ensemble, truth: Ensemble, config: EstimatorConfig, at: ScoredPoints
+) -> Array:
+    """Return the ensemble mean at scored points: directly if the grids agree, else through its embedding."""
+    same = ensemble.grid.wet.shape == truth.grid.wet.shape and np.allclose(
+        ensemble.grid.levels, truth.grid.levels
+    )
+    if (
+        same
+        and np.allclose(ensemble.grid.longitude, truth.grid.longitude)
+        and np.allclose(ensemble.grid.latitude, truth.grid.latitude)
+    ):
+        return np.asarray(ensemble.velocity.mean(axis=0)[:, *at.index].T)
+    mean = Ensemble(
+        ensemble.grid,
+        ensemble.velocity.mean(axis=0, keepdims=True),
+        ensemble.time_ns,
+        ensemble.source,
+    )
+    return embed_member(mean, 0, config).velocity(*at.place)

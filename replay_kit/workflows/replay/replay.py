@@ -28,22 +28,20 @@ from replay_kit.core.words.progress import Progress, silent
 from replay_kit.logs.reader import reading
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome, failed
-from replay_kit.workflows.replay.checkpoint import States, run_identity
+from replay_kit.workflows.replay.checkpoint import StateError, States, run_identity
 from replay_kit.workflows.replay.conclude import conclude, so_far
-from replay_kit.workflows.replay.follow_up import follow_up
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
     check_outputs,
     copy_inputs,
+    name_of,
 )
+from replay_kit.workflows.replay.inputs.planner import PlannerFactory
+from replay_kit.workflows.replay.inputs.prepare import Prepared, prepare
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
 from replay_kit.workflows.replay.inputs.vehicles import identified
-from replay_kit.workflows.replay.prepare import Prepared, prepare
-from replay_kit.workflows.replay.run import Run
-from replay_kit.workflows.replay.scoring import name_of
-from replay_kit.workflows.replay.stages.planner import PlannerFactory
-from replay_kit.workflows.replay.state_file import StateError
+from replay_kit.workflows.replay.run import Run, follow_up
 
 # Objects made before those are looked for that hold each other: a replay makes none, and to look takes a tenth of its loop.
 _COLLECTED = 50_000

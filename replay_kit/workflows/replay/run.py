@@ -1,4 +1,4 @@
-"""Running replay: messages in, events in order of time into the estimate, steps out.
+"""Running replay: messages in, events in order of time into the estimate, and what follows from its steps out.
 
 The stages are functions of frozen states, independent of writer and clock; their outputs go to the writer. Several vehicles share one
 estimate: each has its own messages, checks, counts and plans, and its observations are assimilated in order of time.
@@ -7,36 +7,38 @@ estimate: each has its own messages, checks, counts and plans, and its observati
 from bisect import bisect_right
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from copy import copy
+from functools import partial
 from operator import itemgetter
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from replay_kit.config.run import MeasurementConfig, RunConfig
 from replay_kit.core.arrays import replace
-from replay_kit.core.errors import Finding, finding_json
+from replay_kit.core.errors import finding_json
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.message import Message
-from replay_kit.core.observation import LinearMeasurement, Profiles
+from replay_kit.core.observation import LinearMeasurement, Profiles, VehicleState
 from replay_kit.core.observation.block import LINEAR, PING, Block
 from replay_kit.core.words.progress import Stopwatch
-from replay_kit.estimator import Estimator
 from replay_kit.measurements.observed import begun, taken
 from replay_kit.results.mcap.writer import ResultWriter
-from replay_kit.workflows.replay.events import Aside, Event, Item, Track, items
-from replay_kit.workflows.replay.stages import consistency
-from replay_kit.workflows.replay.stages.consistency import FoundWith
-from replay_kit.workflows.replay.stages.estimation import (
-    Dive,
-    Given,
-    Step,
-    assimilate,
-    kept,
-)
-from replay_kit.workflows.replay.stages.publishing import (
+from replay_kit.workflows.replay import consistency, plans
+from replay_kit.workflows.replay.events import Aside, Event, Events, Item, Track, items
+from replay_kit.workflows.replay.publishing import (
     Output,
+    depth_slices,
     publish_innovations,
-    withdraw_windows,
+    publish_surface,
+    publish_track,
+    publish_window,
+)
+from replay_kit.workflows.replay.steps import Dive, Given, Step, assimilate, kept
+from replay_kit.workflows.replay.surfacings import (
+    ForecastState,
+    forecast_end,
+    forecast_step,
+    forecast_track,
 )
 from replay_kit.workflows.replay.vehicle import OfVehicle, Setup
 
@@ -118,10 +120,6 @@ class Run:
         """Whether there are several vehicles."""
         return len(self.of) > 1
 
-    @property
-    def _estimators(self) -> list[Estimator[Any]]:
-        return [of.estimator for of in self.of]
-
     # ---- messages in
 
     def take(self, messages: Sequence[Message]) -> None:
@@ -133,40 +131,34 @@ class Run:
         at = dict[int, list[int]]()
         for place, message in enumerate(messages):
             at.setdefault(self._owners[message.input] if self._owners else 0, []).append(place)
-        measured = dict[int, tuple[Block, Sequence[int]]]()
-        cuts = list[tuple[int, int, int, FoundWith]]()
+        measured = dict[int, tuple[Block, list[int]]]()
+        # the last passes on what is left
+        cuts: list[tuple[int, int, int, consistency.FoundWith]] = [(len(messages), -1, 0, ())]
         for number, places in at.items():
-            own = [messages[place] for place in places]
-            block, found, places_of = self._measured(number, own, places)
-            measured[number] = block, places_of
-            cuts += [(places_of[event], number, event, each) for event, each in found.items()]
+            block, found, due = self._measured(number, [messages[k] for k in places])
+            measured[number] = block, [places[k] for k in due]
+            cuts += [(places[due[event]], number, event, each) for event, each in found.items()]
         given = dict.fromkeys(measured, 0)
         for place, number, event, told in sorted(cuts, key=itemgetter(0, 1, 2)):
-            for other, (block, places_of) in measured.items():
-                end = event if other == number else bisect_right(places_of, place - 1)
+            for other, (block, places) in measured.items():
+                end = event if other == number else bisect_right(places, place - 1)
                 self.give(other, block, given[other], end)
                 given[other] = max(end, given[other])
-                self._reach(other, [messages[k] for k in at[other] if k < place])
-            self._act_on(self.of[number], told, messages[place].time_ns)
-        for number, (block, _) in measured.items():
-            self.give(number, block, given[number], len(block.events))
-            self._reach(number, [messages[k] for k in at[number]])
+                of, seen = self.of[other], [messages[k] for k in at[other] if k < place]
+                if seen:
+                    of.due_ns = seen[0].time_ns if of.due_ns is None else of.due_ns
+                    of.ended = of.ended or seen[-1].schema == END
+            if told:
+                self._act_on(self.of[number], told, messages[place].time_ns)
         self.messages += len(messages)
         if messages:
             self.last_ns = messages[-1].time_ns
         self._release()
 
-    def _reach(self, number: int, messages: Sequence[Message]) -> None:
-        """Mark a vehicle as begun with the first of some messages, until when others need not wait for it, or as ended."""
-        if messages:
-            of = self.of[number]
-            of.due_ns = messages[0].time_ns if of.due_ns is None else of.due_ns
-            of.ended = of.ended or messages[-1].schema == END
-
     def _measured(
-        self, number: int, own: Sequence[Message], places: Sequence[int]
-    ) -> tuple[Block, Mapping[int, FoundWith], Sequence[int]]:
-        """Return the block measured by messages of a vehicle, the findings by event, and the position of each event's message."""
+        self, number: int, own: Sequence[Message]
+    ) -> tuple[Block, Mapping[int, consistency.FoundWith], list[int]]:
+        """Return the block measured by messages of a vehicle, the findings by event, and the number of each event's message."""
         of, read = self.of[number], [message for message in own if message.schema != END]
         first = of.stream.order
         with self.clock.stage("measure"):
@@ -177,82 +169,83 @@ class Run:
             )
         of.counts = of.counts.after_messages(block.counts())
         # what waited for the end of the logs comes with it
-        due = np.minimum(block.events[:, 0] - first, len(places) - 1)
-        return block, found, [places[k] for k in due.tolist()]
+        return block, found, np.minimum(block.events[:, 0] - first, len(own) - 1).tolist()
 
     def give(self, number: int, block: Block, begin: int, end: int) -> None:
         """Process events of a vehicle, from ``begin`` to before ``end`` of a checked block."""
         if end > begin:
             self.of[number].admit(block, block.events[begin:end])
 
-    def _act_on(self, of: OfVehicle, found: FoundWith, time_ns: int) -> None:
+    def _act_on(self, of: OfVehicle, found: consistency.FoundWith, time_ns: int) -> None:
         """Apply findings: rebuild the estimate without a faulty instrument, or open the gate between two sources.
 
         Raises:
             MeasurementError: The log is unusable, or a contradiction is set to stop the run.
         """
-        others, monitoring = [one for one in self.of if one is not of], of.monitoring
-        if any(contradict for _, contradict in found) and not all(
-            one.monitoring.left_out for one in others
-        ):
-            monitoring, found = consistency.left_out(monitoring, found)
-        of.monitoring = consistency.noted(monitoring, found, of.setup.config)
-        named = [finding for finding, _ in found]
+        others = [one.monitoring.left_out for one in self.of if one is not of]
+        if any(contradict for _, contradict in found) and not all(others):
+            of.monitoring, found = consistency.left_out(of.monitoring, found)
+        of.monitoring = consistency.noted(of.monitoring, found, of.setup.config)
         self._release(close=True)
         self._assimilate()
-        if any(finding.distrusts for finding in named):
+        if any(finding.distrusts for finding, _ in found):
             self._rebuild(of)
         self.current, of.monitoring, of.counts = consistency.readmitted(
             of.estimator, self.current, of.monitoring, of.counts
         )
-        self.write(of, map(_warning, named))
         every = [*map(finding_json, of.monitoring.findings)]
-        self.write(of, (lambda writer: writer.consistency(time_ns, every),))
+
+        def write(writer: ResultWriter) -> None:
+            for finding, _ in found:
+                writer.log(finding.since_ns, "warning", str(finding))
+            writer.consistency(time_ns, every)
+
+        self.write(of, (write,))
 
     def _rebuild(self, of: OfVehicle) -> None:
         """Rebuild the estimate without the profiles of a vehicle, or without all its observations if excluded.
 
         With a single vehicle only its DACs remain.
         """
-        number = self.of.index(of)
-        given: list[Given] = [(number, mean) for mean in of.monitoring.means]
+        number, every = self.of.index(of), of.monitoring.left_out
         if self.is_pooled:
-            every = of.monitoring.left_out
             self.kept = [
-                one
-                for one in self.kept
-                if one[0] != number or not (every or isinstance(one[1], Profiles))
+                (other, event)
+                for other, event in self.kept
+                if other != number or not (every or isinstance(event, Profiles))
             ]
-            unused = of.waiting.kind == PING
-            if every:
-                unused |= of.waiting.kind == LINEAR
-            of.waiting = of.waiting.without(unused)
+            kinds = (PING, LINEAR) if every else (PING,)
+            of.waiting = of.waiting.without(np.isin(of.waiting.kind, kinds))
             given = self.kept
-        elif not of.estimator.supports_path_means:
-            given = []
+        else:
+            means = of.monitoring.means if of.estimator.supports_path_means else ()
+            given = [(number, mean) for mean in means]
         prior = self.of[0].setup.estimator.initial()
-        with self.clock.stage("estimate"):
-            self.current, dives, steps = assimilate(
-                self._estimators, prior, [Dive(prior)] * len(self.of), given
-            )
-        for other, (one, dive) in enumerate(zip(self.of, dives, strict=True)):
-            own = [step for of_step, step in steps if of_step == other]
-            one.dive, one.counts = dive, one.counts.rebuilt(own)
-            fresh = replace(one.monitoring, gated=(), decisions={})
-            one.monitoring = consistency.with_gated(fresh, own)
-        self.of[0].publishing = withdraw_windows(self.of[0].publishing)
+        self.current = prior
+        for one in self.of:
+            one.dive = Dive(prior)
+        for one, own in self._stepped(given)[1]:
+            one.counts = one.counts.rebuilt(own)
+            one.monitoring = consistency.with_gated(replace(one.monitoring, gated=()), own)
+        # windows published before
+        publishing = self.of[0].publishing
+        self.of[0].publishing = replace(publishing, withdrawn=publishing.windows)
 
     # ---- events into the estimate
 
-    def _weight(self, number: int, event: Event) -> int:
-        """Return the number of observations that an event counts for in a block."""
-        if isinstance(event, Track | Aside):
-            return 0
-        size = self.of[number].setup.estimator.block_size
-        # after values at many places the state has a covariance of its own, tens of megabytes: of a block all states are held
-        large = isinstance(event, LinearMeasurement) and not event.at_one_place
-        # each block asks all vehicles
-        return (max(size // _MEANS_TOGETHER, 1) if self.is_pooled else size) if large else 1
+    def _stepped(
+        self, given: Sequence[Given]
+    ) -> tuple[list[tuple[int, Step]], list[tuple[OfVehicle, list[Step]]]]:
+        """Assimilate events, and return the steps in order, and those of each vehicle."""
+        with self.clock.stage("estimate"):
+            self.current, dives, steps = assimilate(
+                [of.estimator for of in self.of], self.current, [of.dive for of in self.of], given
+            )
+        each = list[tuple[OfVehicle, list[Step]]]()
+        for number, (of, dive) in enumerate(zip(self.of, dives, strict=True)):
+            of.dive = dive
+            each.append((of, [step for other, step in steps if other == number]))
+        return steps, each
 
     def _release(self, close: bool = False) -> None:
         """Pass on the events that no other can precede any more.
@@ -261,9 +254,14 @@ class Run:
             close: Whether to close groups of profiles that others might join.
         """
         for item in self._released(close):
-            self._waiting.append((item.vehicle, item.event))
-            self._n_waiting += self._weight(item.vehicle, item.event)
-            size = self.of[item.vehicle].setup.estimator.block_size
+            event, size = item.event, self.of[item.vehicle].setup.estimator.block_size
+            self._waiting.append((item.vehicle, event))
+            if not isinstance(event, Track | Aside):
+                # after values at many places the state has a covariance of its own, tens of megabytes: of a block all states are held
+                large = isinstance(event, LinearMeasurement) and not event.at_one_place
+                # each block asks all vehicles
+                alone = max(size // _MEANS_TOGETHER, 1) if self.is_pooled else size
+                self._n_waiting += alone if large else 1
             if self._n_waiting >= size or len(self._waiting) >= _BUFFERED:
                 self._assimilate()
 
@@ -275,18 +273,17 @@ class Run:
             if of.due_ns is not None and not of.ended
         ]
         (until_ns, first), last = min(running, default=(_NEVER, 0)), not running or close
-        free = [
-            np.searchsorted(of.waiting.due, until_ns, side="right" if number <= first else "left")
-            for number, of in enumerate(self.of)
-        ]
-        some = [of.waiting.part(0, int(n)) for of, n in zip(self.of, free, strict=True)]
-        due = [(at, number) for number, one in enumerate(some) for at in one.due.tolist()]
-        due = sorted(due) if self.is_pooled else []
-        found = list[Item]()
+        some, due, found = list[Events](), list[tuple[int, int]](), list[Item]()
+        for number, of in enumerate(self.of):
+            side: Literal["left", "right"] = "right" if number <= first else "left"
+            free = np.searchsorted(of.waiting.due, until_ns, side=side)
+            some.append(of.waiting.part(0, int(free)))
+            due += [(at, number) for at in some[-1].due.tolist()] if self.is_pooled else []
+        due.sort()
         for number, (of, events) in enumerate(zip(self.of, some, strict=True)):
             beside = [one for one in due if one[1] != number]
-            of_vehicle, n = items(events, of.setup.estimator.grouping, number, beside, last)
-            found += of_vehicle
+            own, n = items(events, of.setup.estimator.grouping, number, beside, last)
+            found += own
             if n:
                 of.waiting = of.waiting.part(n, len(of.waiting))
         if self.is_pooled:
@@ -297,19 +294,15 @@ class Run:
     def _assimilate(self) -> None:
         """Assimilate the waiting items, then publish all in the order of the events."""
         given, self._waiting, self._n_waiting = self._waiting, [], 0
-        with self.clock.stage("estimate"):
-            self.current, dives, steps = assimilate(
-                self._estimators, self.current, [of.dive for of in self.of], given
-            )
+        steps, each = self._stepped(given)
         if self.is_pooled:
             self.kept += [
                 (number, _light(event))
                 for number, event in given
                 if not isinstance(event, Track | Aside)
             ]
-        for number, (of, dive) in enumerate(zip(self.of, dives, strict=True)):
-            own = [step for other, step in steps if other == number]
-            of.dive, of.counts = dive, of.counts.after(own) if own else of.counts
+        for of, own in each:
+            of.counts = of.counts.after(own) if own else of.counts
             of.monitoring = consistency.with_gated(of.monitoring, own)
             self.write(of, publish_innovations(own))
         self.follow_up(self, steps)
@@ -360,5 +353,98 @@ def _light(event: Event) -> Event:
     return event
 
 
-def _warning(finding: Finding) -> Output:
-    return lambda writer: writer.log(finding.since_ns, "warning", str(finding))
+# ---- what follows from a step
+
+
+def follow_up(run: Run, steps: Sequence[tuple[int, Step]]) -> None:
+    """Publish a block of steps by vehicle with their consequences, then the last estimates of finished windows."""
+    for number, step in steps:
+        of, track = run.of[number], step.event
+        if not isinstance(track, Track):
+            _follow(run, of, step)
+        elif not _passed(run, of, step, track):
+            for position in track:
+                _follow(run, of, replace(step, event=position))
+    if run.writer is not None:
+        left_windows(run, map(run.dated, run.of[0].estimator.left_flows(run.current)))
+
+
+def _passed(run: Run, of: OfVehicle, step: Step, track: Track) -> bool:
+    """Publish consecutive positions without further consequences, and return whether the step was that."""
+    depth = of.setup.config.measurements.surface_depth
+    forecasts = forecast_track(of.forecasts, track, depth)
+    if of.setup.problem or run.is_pooled or forecasts is None:
+        return False
+    of.forecasts = forecasts
+    _publish(run, of, step, partial(of.flow, step.after))
+    return True
+
+
+def _follow(run: Run, of: OfVehicle, step: Step) -> None:
+    """Publish a position or observation with its consequences."""
+    before, after = partial(of.flow, step.before), partial(of.flow, step.after)
+    depth, event = of.setup.config.measurements.surface_depth, step.event
+    used = not isinstance(event, Aside)
+    if used:
+        _plan(run, of, plans.before_event, event, before)
+        _publish(run, of, step, after)
+    _expect(run, of, forecast_step(of.forecasts, step, before, depth, of.flight.inverted))
+    if used:
+        _plan(run, of, plans.after_event, event, after)
+
+
+def _publish(
+    run: Run, of: OfVehicle, step: Step, flow_after: Callable[[int], FlowEstimate]
+) -> None:
+    """Publish positions, or the surface current and due depth slices after an observation."""
+    if run.writer is None:
+        return
+    if isinstance(event := step.event, Track | VehicleState):
+        track = event if isinstance(event, Track) else [event]
+        of.publishing, outputs = publish_track(of.publishing, track, flow_after)
+    else:
+        of.publishing, outputs = publish_surface(of.publishing, step, flow_after)
+    # vehicles share the slices of a window
+    window = of.estimator.window(step.after) if run.is_pooled else None
+    due_ns, settings, now_ns = run.next_slices_ns.get(window), of.setup.config.output, event.time_ns
+    if step.innovation is not None and (due_ns is None or now_ns >= due_ns):
+        run.next_slices_ns[window] = now_ns + int(settings.interval * 1e9)
+        outputs += (depth_slices(now_ns, flow_after(now_ns), settings),)
+    run.write(of, outputs)
+
+
+def _plan(
+    run: Run,
+    of: OfVehicle,
+    stage: Callable[..., tuple[plans.PlanningState, tuple[Output, ...]]],
+    *arguments: Any,
+) -> None:
+    """Run one step of the planning stage, if there is a goal."""
+    if (problem := of.problem) is not None:
+        with run.clock.stage("plan"):
+            of.planning, outputs = stage(problem, of.planning, *arguments)
+        run.write(of, outputs)
+
+
+def _expect(run: Run, of: OfVehicle, forecasts: ForecastState) -> None:
+    """Store the state of the surfacing forecasts, and write the outcomes that are new."""
+    fresh, of.forecasts = forecasts.outcomes[len(of.forecasts.outcomes) :], forecasts
+    run.write(of, (partial(ResultWriter.dive_outcome, outcome=one) for one in fresh))
+
+
+def left_windows(run: Run, flows: Iterable[FlowEstimate]) -> list[int]:
+    """Publish the last estimates of windows; return their numbers."""
+    of, numbers = run.of[0], list[int]()
+    for flow in flows:
+        of.publishing, outputs = publish_window(of.publishing, flow)
+        run.write(of, outputs)
+        numbers.append(of.publishing.windows)
+    return numbers
+
+
+def end(run: Run, of: OfVehicle) -> FlowEstimate:
+    """Finish a surfacing of a vehicle and plan from its last position; return the estimate used."""
+    _expect(run, of, forecast_end(of.forecasts))
+    flow = of.flow(run.current, run.last_ns)
+    _plan(run, of, plans.plan_at_end, partial(of.flow, run.current), flow, run.last_ns)
+    return flow

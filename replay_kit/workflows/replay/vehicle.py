@@ -10,21 +10,19 @@ from replay_kit.core.arrays import replace
 from replay_kit.core.as_flown import FlownDive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.observation import PathMean, kind_of
-from replay_kit.core.observation.block import LINEAR, MEAN, PING, POSITION, Block
+from replay_kit.core.observation.block import MEAN, PING, POSITION, Block
 from replay_kit.core.observation.table import Integers
 from replay_kit.estimator import Estimator
 from replay_kit.measurements.checks.profile import EnsembleSpeeds
 from replay_kit.measurements.observed import Stream, path_mean
+from replay_kit.workflows.replay.consistency import MonitoringState, tracked, trusting
 from replay_kit.workflows.replay.events import Aside, Events
-from replay_kit.workflows.replay.inputs.estimator import flow_at
-from replay_kit.workflows.replay.stages.consistency import MonitoringState, tracked, trusting
-from replay_kit.workflows.replay.stages.counts import Counts, added
-from replay_kit.workflows.replay.stages.estimation import Dive, inputs_of
-from replay_kit.workflows.replay.stages.planner import VehiclePlanner
-from replay_kit.workflows.replay.stages.plans import PlanningProblem, PlanningState
-from replay_kit.workflows.replay.stages.publishing import PublishingState
-from replay_kit.workflows.replay.surfacings.flight_bias import FlightState, corrected, with_block
-from replay_kit.workflows.replay.surfacings.forecasts import ForecastState
+from replay_kit.workflows.replay.inputs.forecast import flow_at
+from replay_kit.workflows.replay.inputs.planner import VehiclePlanner
+from replay_kit.workflows.replay.plans import PlanningProblem, PlanningState
+from replay_kit.workflows.replay.publishing import PublishingState
+from replay_kit.workflows.replay.steps import Counts, Dive, added
+from replay_kit.workflows.replay.surfacings import FlightState, ForecastState
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,26 +117,23 @@ class OfVehicle:
             block: Checked block.
             rows: shape (n, 3), rows of ``block.events``.
         """
-        config, kinds = self.setup.config, inputs_of(self.setup.estimator)
+        config, accepts = self.setup.config, self.setup.estimator.supports_path_means
         if config.consistency.on_failure != "ignore":
             self.monitoring = tracked(self.monitoring, block, rows)
-        unused, left_out = list[str](), self.monitoring.left_out
-        bias, kind, others, before = config.measurements.flight_bias, rows[:, 1], list[Any](), 0
-        is_ping, kept = kind == PING, np.ones(len(rows), np.bool_)
-        for k in np.flatnonzero((kind == MEAN) | (kind == LINEAR)).tolist():
+        bias, left_out = config.measurements.flight_bias, self.monitoring.left_out
+        kind, others, unused, means = rows[:, 1], list[Any](), list[str](), self.monitoring.means
+        is_ping, keep, before = kind == PING, np.ones(len(rows), np.bool_), 0
+        for k in np.flatnonzero(kind >= MEAN).tolist():
             row = int(rows[k, 2])
             event: Any = path_mean(block, row) if kind[k] == MEAN else block.linear[row]
-            is_mean = isinstance(event, PathMean)
-            if is_mean:
-                if bias:
-                    pings = rows[before:k][is_ping[before:k], 2]
-                    flight = with_block(self.flight, block, pings)
-                    (self.flight, event), before = corrected(flight, event), k
-                means = (*self.monitoring.means, event)
-                self.monitoring = replace(self.monitoring, means=means)
+            if is_mean := isinstance(event, PathMean):
+                pings, before = rows[before:k][is_ping[before:k], 2], k
+                flight = self.flight.with_profiles(block, pings)
+                self.flight, event = flight.with_mean(event, bias)
+                means += (event,)
             # profiles beside a mean current were computed from it
             beside = is_mean and event.beside_profiles
-            fits = isinstance(event, kinds) and (bias or not beside)
+            fits = accepts and (bias or not beside)
             if not (fits or beside or left_out):
                 unused.append(kind_of(event))
             if fits and not left_out:
@@ -146,18 +141,16 @@ class OfVehicle:
             elif is_mean:
                 others.append(Aside(event))
             else:
-                kept[k] = False
-        if bias:
-            pings = rows[before:][is_ping[before:], 2]
-            self.flight = with_block(self.flight, block, pings)
-        counts = self.counts
+                keep[k] = False
+        self.flight = self.flight.with_profiles(block, rows[before:][is_ping[before:], 2])
+        self.monitoring = replace(self.monitoring, means=means)
         if left_out:
-            kept &= ~is_ping
-            rejected = counts.rejected + int(np.count_nonzero(kind != POSITION))
-            counts = replace(counts, rejected=rejected)
-        unsupported = added(counts.unsupported, ((name, 1) for name in unused))
-        self.counts = replace(counts, unsupported=unsupported)
-        events = Events.of(replace(block, events=rows[kept]), others)
+            keep &= ~is_ping
+            self.counts = self.counts.without(rejected=-int(np.count_nonzero(kind != POSITION)))
+        if unused:
+            unsupported = added(self.counts.unsupported, ((name, 1) for name in unused))
+            self.counts = replace(self.counts, unsupported=unsupported)
+        events = Events.of(replace(block, events=rows[keep]), others)
         self.waiting = self.waiting.followed_by(events, self.due_ns)
         if len(self.waiting):
             self.due_ns = int(self.waiting.due[-1])

@@ -29,7 +29,7 @@ from replay_kit.studies.twins.adcp import (
 )
 from replay_kit.studies.twins.field import build_field
 from replay_kit.studies.twins.truths import Case, draw_pairs, leave_out
-from replay_kit.workflows.replay.scoring import scored_points
+from replay_kit.workflows.replay.conclude import scored_points
 from tests import synthetic
 from tests.command import invoke
 from tests.show.page.checks import check_figures

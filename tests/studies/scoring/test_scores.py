@@ -8,7 +8,7 @@ import pytest
 from replay_kit.core.errors import MeasurementError
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.observation.evidence import coverage, crps_gaussian
-from replay_kit.workflows.replay.scoring import rms_length, scored_points
+from replay_kit.workflows.replay.conclude import rms_length, scored_points
 from tests import synthetic
 from tests.reference import baselines as slow
 

@@ -2,6 +2,7 @@
 
 import hashlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,27 +14,24 @@ from replay_kit.core.plan import Place
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.results.outcome.verdict import Alarm
 from replay_kit.show.status.status import Status
-from replay_kit.workflows.follow.sources import (
-    Source,
-    change_words,
-    examine,
-    judged,
-    look,
-    read_goal,
-    settled,
-    with_goal,
-)
 from replay_kit.workflows.follow.watch import (
     Clock,
     Memory,
-    Watched,
+    Source,
     alarm_line,
+    change_words,
+    examine,
+    judged,
     key_of,
+    look,
     look_again,
     new_alarms,
     notify,
+    read_goal,
     read_memory,
+    settled,
     standing,
+    with_goal,
     write_memory,
 )
 from tests.command import invoke
@@ -77,14 +75,14 @@ def test_files_of_another_mission_are_taken_when_those_that_came_before_them_go(
     for name, day in (("a.mcap", 600), ("b.mcap", 0), ("c.mcap", 1)):
         write_mcap_log(tmp_path / name, [Message(day * DAY_NS, *fix)])
     clock = Clock(now_ns=lambda: NOW_NS, wait=lambda _: None)
-    watched = Watched((tmp_path,), (), RunConfig().logs, clock, 1.0)
-    known, said, _ = look_again(watched, {})
+    looked, about = partial(look, [tmp_path], []), (RunConfig().logs, clock, 1.0)
+    known, said, _ = look_again(looked, {}, *about)
     # nothing was replayed before the first look
     assert said[0] == "a.mcap new"
     assert all("not used: it begins at" in text for text in said[1:])
-    assert look_again(watched, known) == (known, [], False)
+    assert look_again(looked, known, *about) == (known, [], False)
     (tmp_path / "a.mcap").unlink()
-    known, said, changed = look_again(watched, known)
+    known, said, changed = look_again(looked, known, *about)
     assert changed
     assert said[1:] == ["b.mcap new", "c.mcap new"]
     assert not any(source.aside for source in known.values())

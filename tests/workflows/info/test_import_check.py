@@ -19,14 +19,14 @@ from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.measurements.checks.slips import Sounding, declination_of
 from replay_kit.show.text import SafeConsole
 from replay_kit.studies.twins.make import Twin, make_twin
-from replay_kit.workflows.info.import_check import (
+from replay_kit.workflows.replay.inputs.checks import (
     ImportCheck,
     check_import,
+    check_inputs,
     check_logs,
     import_check_json,
     print_import_check,
 )
-from replay_kit.workflows.replay.inputs.checks import check_inputs
 from replay_kit.workflows.replay.inputs.job import ReplayJob
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke

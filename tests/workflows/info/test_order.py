@@ -8,8 +8,8 @@ import pytest
 from replay_kit.core.message import Message
 from replay_kit.logs import merge
 from replay_kit.logs.blocks import blocks_of
+from replay_kit.workflows.info.inspect import Spans
 from replay_kit.workflows.info.listing import asks_for_replay
-from replay_kit.workflows.info.reading import Spans
 
 SECOND, DAY = 10**9, 86_400.0
 

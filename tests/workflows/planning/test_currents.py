@@ -36,7 +36,7 @@ from replay_kit.core.words.text import time_text
 from replay_kit.estimator import build
 from replay_kit.results import ResultWriter
 from replay_kit.workflows.planning.currents import KnownCurrent, known_current
-from replay_kit.workflows.planning.inputs import read_flow, read_known
+from replay_kit.workflows.planning.request import read_flow, read_known
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.planners.flow_samples import eddying_flow, fitted_flow, place, still_flow, uniform_flow

@@ -8,8 +8,7 @@ from replay_kit.core.observation.block import LINEAR, PING, POSITION, Block
 from replay_kit.core.words.progress import Stopwatch
 from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
-from replay_kit.workflows.replay.follow_up import follow_up
-from replay_kit.workflows.replay.run import Run
+from replay_kit.workflows.replay.run import Run, follow_up
 from replay_kit.workflows.replay.vehicle import Setup
 
 

@@ -22,9 +22,9 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.show.notebook import Result, read_result
 from replay_kit.show.report.sections.answer import found_warnings
 from replay_kit.studies.twins.make import Twin
+from replay_kit.workflows.replay.consistency import MonitoringState, conclusions
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.stages.consistency import MonitoringState, conclusions
-from replay_kit.workflows.replay.stages.counts import Counts, Sums
+from replay_kit.workflows.replay.steps import Counts, Sums
 from tests.benchmarks.fault_kinds import FAULTS
 from tests.command import invoke
 from tests.faulty import Faults, write_glider
@@ -244,7 +244,7 @@ def test_a_forecast_that_does_not_fit_is_told_apart_from_a_fault_of_the_log(
     ],
 )
 def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, used, name):
-    counts = Counts(gated=gated, total=Sums(profiles=used))
+    counts = Counts(total=Sums(profiles=used, gated=gated))
     found, _ = conclusions(MonitoringState(), counts, RunConfig())
     assert [finding.name for finding in found] == ([] if name is None else [name])
     # what the log says against itself explains it
@@ -264,7 +264,10 @@ def test_two_thirds_of_the_observations_beyond_the_gate_are_a_misfit(gated, used
     ],
 )
 def test_a_gate_that_rejects_most_of_one_source_names_both(decisions, named):
-    found, _ = conclusions(MonitoringState(decisions=decisions), Counts(), RunConfig())
+    kinds = {
+        kind: Sums(asked - refused, refused=refused) for kind, (asked, refused) in decisions.items()
+    }
+    found, _ = conclusions(MonitoringState(), Counts(kinds=kinds), RunConfig())
     assert [one.name for one in found] == [findings.PREFERRED] * named
     assert all("the profiles" in one.cause and "mean currents" in one.cause for one in found)
 
@@ -278,7 +281,7 @@ def test_a_gate_that_rejects_most_of_one_source_names_both(decisions, named):
     ],
 )
 def test_messages_of_which_too_many_are_skipped_are_named(reason, used, named):
-    counts = Counts({"/x": used}, {("/x", reason): 12, ("/y", "other"): 3})
+    counts = Counts({("/x", ""): used, ("/x", reason): 12, ("/y", "other"): 3})
     found, _ = conclusions(MonitoringState(), counts, RunConfig())
     assert [one.name for one in found] == [*named]
     assert all(one.evidence.startswith(named[one.name]) for one in found)

@@ -11,8 +11,8 @@ from replay_kit.core.grid import Projection
 from replay_kit.core.observation import Fix, Observation, PathMean, Profiles, Source
 from replay_kit.core.surfacing import ellipse_of
 from replay_kit.results.outcome.parts import expected_part
-from replay_kit.workflows.replay.stages.estimation import Step
-from replay_kit.workflows.replay.surfacings.forecasts import (
+from replay_kit.workflows.replay.steps import Step
+from replay_kit.workflows.replay.surfacings import (
     _CELL,
     ForecastState,
     Gathered,
@@ -65,7 +65,7 @@ def test_profiles_are_averaged_by_depth_along_the_dive():
 
 def test_a_dives_mean_is_what_its_fixes_and_current_say():
     said = mean(0)
-    found = dive_mean(Gathered(), said, np.empty((0, 2)))
+    found = dive_mean(said, np.empty((0, 2)))
     np.testing.assert_allclose(found.way, WAY, atol=1e-6)
     assert (found.seconds, found.inverted) == (7200.0, None)
     assert found.time_ns == sum(fix.time_ns for fix in said.fixes) // 2
@@ -178,7 +178,7 @@ def followed(events, flow_at):
     state = ForecastState()
     for event in events:
         given = Profiles.of([event]) if isinstance(event, Observation) else event
-        state = forecast_step(state, Step(given, None, None), flow_at, BELOW)
+        state = forecast_step(state, Step(given, None, None), flow_at, BELOW, {})
     return forecast_end(state), state.outcomes
 
 

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 import replay_kit as rk
-from replay_kit.workflows.replay.surfacings.flight_bias import (
-    FlightState,
-    corrected,
-    with_block,
-)
+from replay_kit.workflows.replay.surfacings import FlightState
 from tests.workflows.replay.given import block_of
 from tests.workflows.replay.test_dive_forecasts import mean
 
@@ -40,9 +36,9 @@ def profile(k):
 
 def used(means, state=None):
     """The mean currents as an estimate is given them, and the state after them."""
-    state, out = FlightState() if state is None else state, []
+    state, out = state or FlightState(), []
     for each in means:
-        state, after = corrected(state, each)
+        state, after = state.with_mean(each, True)
         out.append(after)
     return out, state
 
@@ -52,7 +48,7 @@ def test_a_biased_flight_model_is_found_and_taken_from_the_mean_currents(with_pr
     state, found = FlightState(), []
     for k in range(8):
         if with_profiles:
-            state = with_block(state, block_of([profile(k)]), np.zeros(1, np.intp))
+            state = state.with_profiles(block_of([profile(k)]), np.zeros(1, np.intp))
         (after,), state = used([replace(dive(k), beside_profiles=with_profiles)], state)
         assert (after.velocity, after.error_std) == (dive(k).velocity, dive(k).error_std)
         found.append(after)
@@ -75,7 +71,7 @@ def test_a_dives_own_mean_current_does_not_correct_itself():
     means, state = used(map(dive, range(8)))
     assert means[-1].corrected is not None
     plain, other = (
-        corrected(state, replace(dive(8), velocity=velocity))[1]
+        state.with_mean(replace(dive(8), velocity=velocity), True)[1]
         for velocity in (dive(8).velocity, (1.0, 1.0))
     )
     way = complex(*other.velocity) - complex(*dive(8).velocity)
@@ -84,8 +80,8 @@ def test_a_dives_own_mean_current_does_not_correct_itself():
     assert complex(*other.velocity) - complex(*other.corrected) == pytest.approx(
         error - share * way, abs=1e-4
     )
-    begun = with_block(state, block_of([profile(8)]), np.zeros(1, np.intp))
-    assert corrected(begun, dive(8))[1].corrected == plain.corrected
+    begun = state.with_profiles(block_of([profile(8)]), np.zeros(1, np.intp))
+    assert begun.with_mean(dive(8), True)[1].corrected == plain.corrected
 
 
 def test_a_sound_flight_model_corrects_nothing():
@@ -115,5 +111,5 @@ def test_beside_profiles_a_mean_current_without_a_correction_has_the_flight_mode
 def test_what_has_no_way_through_water_is_used_as_stated():
     _, state = used(map(dive, range(8)))
     stated = replace(dive(8), fixes=None)
-    assert corrected(state, stated)[1] is stated
-    assert corrected(state, dive(8))[1].corrected is not None
+    assert state.with_mean(stated, True)[1] is stated
+    assert state.with_mean(dive(8), True)[1].corrected is not None

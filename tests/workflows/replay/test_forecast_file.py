@@ -10,7 +10,7 @@ from replay_kit.config.run import EstimatorConfig
 from replay_kit.core.geodesy import to_geographic
 from replay_kit.core.observation import PathMean, Source
 from replay_kit.estimator import build
-from replay_kit.workflows.replay.stages.forecast_file import _density, _under_prior, check_file
+from replay_kit.workflows.replay.consistency import _density, _under_prior, check_file
 from tests import synthetic
 
 SEA = synthetic.ensemble(n_members=8, shape=(6, 7))
@@ -45,23 +45,23 @@ def dives(count=12):
 )
 def test_a_file_with_skill_is_warned_of_when_it_is_wrong(change, words):
     wrong = replace(SKILLED, velocity=np.ascontiguousarray(change(SKILLED.velocity)))
-    found = check_file(build([wrong], CONFIG), dives())
-    assert (found.finding is None) == (words is None)
+    found, _ = check_file(build([wrong], CONFIG), dives())
+    assert len(found) == (words is not None)
     if words:
-        assert (words in found.finding.evidence, found.finding.severity) == (True, "warning")
+        assert (words in found[0].evidence, found[0].severity) == (True, "warning")
 
 
 def test_what_a_file_without_skill_may_be_is_said_and_not_warned_of():
-    found = check_file(build([NO_SKILL], CONFIG), dives())
-    assert found.finding is None
-    assert found.note.startswith("cannot be known here: some faults of the forecast's file")
+    found, (note,) = check_file(build([NO_SKILL], CONFIG), dives())
+    assert not found
+    assert note.startswith("cannot be known here: some faults of the forecast's file")
     # of those that these dives do not exclude
-    assert min(int(each) for each in re.findall(r"e\^(-?\d+)", found.note)) >= -3
+    assert min(int(each) for each in re.findall(r"e\^(-?\d+)", note)) >= -3
 
 
 def test_few_dives_and_other_priors_say_nothing():
-    assert check_file(build([SKILLED], CONFIG), dives(7)) == (None, "")
-    assert check_file(object(), dives()) == (None, "")
+    assert check_file(build([SKILLED], CONFIG), dives(7)) == ((), ())
+    assert check_file(object(), dives()) == ((), ())
 
 
 def test_the_density_is_that_of_the_filter_one_by_one():

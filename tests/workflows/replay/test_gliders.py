@@ -10,7 +10,7 @@ from replay_kit.core.message import LogReport
 from replay_kit.logs import merge
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.workflows.replay.account import Account
-from replay_kit.workflows.replay.stages.counts import Counts
+from replay_kit.workflows.replay.steps import Counts
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.logs.netcdf import glider_samples as made

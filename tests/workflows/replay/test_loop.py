@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -16,10 +17,10 @@ from replay_kit.core.observation import GroupTotals, PathMean
 from replay_kit.core.plan import Place
 from replay_kit.estimator import Estimator, Stepped
 from replay_kit.estimator.update.screening import screened
-from replay_kit.workflows.replay.follow_up import end
-from replay_kit.workflows.replay.stages.counts import Sums
-from replay_kit.workflows.replay.stages.planner import PlanResult
-from replay_kit.workflows.replay.stages.plans import PlanningProblem
+from replay_kit.workflows.replay.inputs.planner import PlanResult
+from replay_kit.workflows.replay.plans import PlanningProblem
+from replay_kit.workflows.replay.run import end
+from replay_kit.workflows.replay.steps import Step, Sums
 from tests import synthetic
 from tests.benchmarks.windows import QUICK, TINY, mission, sea, windowed
 from tests.planners.flow_samples import CENTRE, uniform_flow
@@ -195,6 +196,9 @@ def test_an_estimator_that_supports_path_means_is_given_them_in_order_and_they_a
     assert run.of[0].counts.unsupported == unsupported
 
 
+step_of = partial(Step, PROFILE, None, None)
+
+
 def test_a_group_counts_as_its_profiles_do():
     rng, names = np.random.default_rng(0), ("innovation", "residual", "prior_innovation")
     n = PROFILE.depth.size
@@ -202,11 +206,12 @@ def test_a_group_counts_as_its_profiles_do():
     for nis in rng.random(5).tolist():
         values = {name: rng.standard_normal((n, 2)) for name in names}
         members.append(replace(UNUSED, nis=nis, dof=2 * n, accepted=True, **values))
-        one_by_one = one_by_one.with_profile(members[-1], members[-1].residual)
+        one_by_one = one_by_one.plus(Sums.of(step_of(members[-1], members[-1].residual)))
     squares = [float(sum(np.sum(getattr(each, name) ** 2) for each in members)) for name in names]
     nis, totals = sum(each.nis for each in members), GroupTotals(5 * n, *squares)
     group = replace(UNUSED, nis=nis, dof=10 * n, accepted=True, profiles=5, totals=totals)
-    total = Sums(bins=3).with_profile(group, np.concatenate([each.residual for each in members]))
+    residuals = np.concatenate([each.residual for each in members])
+    total = Sums(bins=3).plus(Sums.of(step_of(group, residuals)))
     np.testing.assert_allclose(total, one_by_one, rtol=1e-12)
     assert total.rms_of("before")["before"] == np.sqrt(total.before / (10 * n))
     assert np.isnan(Sums().rms_of("prior")["prior"])

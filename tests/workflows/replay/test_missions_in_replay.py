@@ -23,9 +23,9 @@ from replay_kit.show.status.held import read_held
 from replay_kit.show.status.lines import detail_lines
 from replay_kit.show.status.status import status_of
 from replay_kit.workflows.planning.adapters import MissionPlanner, planner_of
+from replay_kit.workflows.replay.inputs.planner import PlanQuery
 from replay_kit.workflows.replay.inputs.provenance import run_settings_toml
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.stages.planner import PlanQuery
 from replay_kit.workflows.verify import verify
 from tests import synthetic
 from tests.command import invoke, succeed

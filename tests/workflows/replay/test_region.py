@@ -19,16 +19,15 @@ from replay_kit.forecast.describe import open_extent
 from replay_kit.results.mcap.topics import WINDOWS_RECORD
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.result import ResultFile
-from replay_kit.workflows.info.import_check import check_logs
-from replay_kit.workflows.replay.inputs.estimator import build
+from replay_kit.workflows.replay.inputs.checks import check_logs
+from replay_kit.workflows.replay.inputs.forecast import build
 from replay_kit.workflows.replay.inputs.job import forecasts_of
 from replay_kit.workflows.replay.inputs.region import _first_window, window_points
-from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.stages.publishing import (
+from replay_kit.workflows.replay.publishing import (
     PublishingState,
-    publish_windows,
-    withdraw_windows,
+    publish_window,
 )
+from replay_kit.workflows.replay.replay import replay
 from replay_kit.workflows.smooth import smooth
 from tests import synthetic
 from tests.benchmarks.windows import LEVELS, Sea, Strip, sea
@@ -186,12 +185,12 @@ def test_windows_follow_the_vehicle_and_every_place_visited_stays_known(followed
 
 def test_windows_of_an_estimate_that_was_rebuilt_do_not_count(followed, tmp_path):
     flows = ResultFile(followed[0]).estimates
-    state, first = publish_windows(PublishingState(), iter(flows[:2]))
-    state, second = publish_windows(withdraw_windows(state), iter(flows[1:2]))
-    writer = ResultWriter(tmp_path / "rebuilt.mcap")
-    for window in (*first, *second):
+    state, writer = PublishingState(), ResultWriter(tmp_path / "rebuilt.mcap")
+    # those before the last are of an estimate that was rebuilt
+    for flow in (*flows[:2], flows[1]):
+        state, (window,) = publish_window(state, flow)
         window(writer)
-    writer.write_metadata(WINDOWS_RECORD, {"withdrawn": str(state.withdrawn)})
+    writer.write_metadata(WINDOWS_RECORD, {"withdrawn": str(state.windows - 1)})
     writer.finish(flows[-1])
     found = ResultFile(tmp_path / "rebuilt.mcap").estimates
     assert len(found) == 2

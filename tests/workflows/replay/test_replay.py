@@ -18,11 +18,11 @@ from replay_kit.logs import open_log
 from replay_kit.logs.mcap.writer import write_mcap_log
 from replay_kit.studies.twins.make import Twin, make_twin
 from replay_kit.workflows.planning.adapters import planner_of
+from replay_kit.workflows.replay.conclude import score_against_truth
 from replay_kit.workflows.replay.inputs import checks
+from replay_kit.workflows.replay.inputs.prepare import with_planner_kind
 from replay_kit.workflows.replay.inputs.scan import open_readers
-from replay_kit.workflows.replay.prepare import with_planner_kind
 from replay_kit.workflows.replay.replay import replay
-from replay_kit.workflows.replay.scoring import score_against_truth
 from tests import synthetic
 from tests.command import invoke, succeed
 from tests.logs.mavlink.telemetry_samples import write_tlog

@@ -12,7 +12,7 @@ from replay_kit.core.observation import Reason
 from replay_kit.core.plan import Place
 from replay_kit.logs.mcap.writer import McapLogWriter
 from replay_kit.measurements.observed import Stream
-from replay_kit.workflows.replay.state_file import StateError, read_state, write_state
+from replay_kit.workflows.replay.checkpoint import StateError, read_state, write_state
 
 RNG = np.random.default_rng(3)
 LOWER = np.asfortranarray(np.tril(RNG.normal(size=(9, 9))))

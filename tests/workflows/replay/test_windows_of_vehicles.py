@@ -18,7 +18,7 @@ from replay_kit.show.notebook import read_result
 from replay_kit.workflows.follow.follow import follow
 from replay_kit.workflows.follow.watch import FollowOptions
 from replay_kit.workflows.planning.adapters import planner_of
-from replay_kit.workflows.planning.inputs import read_flow
+from replay_kit.workflows.planning.request import read_flow
 from replay_kit.workflows.replay.inputs.job import Following, ReplayJob, Vehicle, forecasts_of
 from replay_kit.workflows.replay.replay import replay
 from tests.benchmarks.windows import Strip, sea

@@ -3,20 +3,27 @@
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, Literal
 
 import numpy as np
 
 from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ConfigError, ForecastError
 from replay_kit.core.files.paths import Paths
-from replay_kit.core.grid import Ensemble, Grid
-from replay_kit.core.region import Region, bounds_of
+from replay_kit.core.flow.estimate import FlowEstimate
+from replay_kit.core.grid import Ensemble
+from replay_kit.core.region import Region
+from replay_kit.estimator import Estimator, ReducedBasisEstimator
+from replay_kit.estimator import build as build_reduced
+from replay_kit.estimator.baselines import build_named
 from replay_kit.estimator.basis.slices import correlation_length
+from replay_kit.estimator.windows.filter import WindowedEstimator
 from replay_kit.forecast import read_ensemble, read_series
 from replay_kit.forecast.grids.horizontal import in_frame
 from replay_kit.forecast.members.collection import Collection
 from replay_kit.forecast.members.rules import WARNING
-from replay_kit.workflows.replay.inputs.region import FoundRegion
+from replay_kit.workflows.replay.inputs.region import FoundRegion, estimator_asked
 
 #: Name of the project's own estimator; the others are baselines.
 OWN = "reduced_basis"
@@ -56,12 +63,6 @@ class Forecasts:
         """West, south, east, north [degrees] of the part found from the logs; None without one."""
         return None if self.region is None else self.region.region
 
-    def in_last_window(self, grid: Grid) -> tuple["Forecasts", Region]:
-        """Return the forecast in the window of a grid, if windows follow the vehicle, and the window's box [degrees]."""
-        box = bounds_of(grid)
-        assert self.read is not None
-        return replace(self, series=(self.read(box),)), box
-
     def nearest(self, time_ns: int | None) -> Ensemble:
         """Return the forecast nearest to a time [ns, UTC]; the first if None."""
         if time_ns is None:
@@ -94,16 +95,10 @@ def read_forecasts(
         ForecastError: The ensemble cannot be used, or the region is narrower than a correlation length.
         ConfigError: A setting needs an estimator that changes, or fits the spread.
     """
-    own = config.estimator.name == OWN and config.estimator.preset == "default"
-    asked = config.time.scale not in ("auto", "static") or bool(
-        config.time.oscillators or config.time.biases
-    )
+    own, asked = estimator_asked(config)
     if (asked or config.time.window not in ("auto", 0.0)) and not own:
-        what = (
-            config.estimator.name
-            if config.estimator.name != OWN
-            else f"preset {config.estimator.preset}"
-        )
+        name = config.estimator.name
+        what = name if name != OWN else f"preset {config.estimator.preset}"
         raise ConfigError(
             f"{what} is static and takes each profile alone: it has no time.scale, oscillators, biases or window; leave them out, or the "
             "estimator's name"
@@ -194,3 +189,63 @@ def _too_few(config: RunConfig, n_members: int) -> tuple[str, ...]:
         f"{WARNING}{n_members} members are too few to state errors, expected {_LEAST_MEMBERS} or more; "
         "set estimator.representation_error_std [m/s], such as to the RMS innovation that this replay prints",
     )
+
+
+def build(forecasts: Forecasts, config: RunConfig, vehicles: int = 1) -> Estimator[Any]:
+    """Return the estimator of a run.
+
+    Args:
+        forecasts: Forecast to build from.
+        config: The run's settings.
+        vehicles: Largest number of vehicles that windows follow.
+
+    Raises:
+        ConfigError: The estimator's name is unknown.
+    """
+    made: Estimator[Any]
+    if forecasts.region is not None and forecasts.read is not None:
+        made = _windowed(forecasts, forecasts.region, forecasts.read, config, vehicles)
+    elif config.estimator.name != OWN:
+        made = build_named(forecasts.ensemble, config.estimator)
+    else:
+        series, time = [forecasts.ensemble], None
+        if forecasts.evolves:
+            series, time = [*forecasts.series], config.time
+        made = build_reduced(series, config.estimator, config.gating, time)
+    return with_window(made, config.time.window)
+
+
+def with_window(estimator: Estimator[Any], window: float | Literal["auto"]) -> Estimator[Any]:
+    """Return an estimator that combines profiles within a time [s]; auto keeps its own value, 0 combines none."""
+    grouping = estimator.grouping
+    if grouping is None or window == "auto":
+        return estimator
+    # Any: those that have a grouping are dataclasses
+    grouped: Any = estimator
+    changed: Estimator[Any] = replace(
+        grouped, grouping=grouping.by_hand(window) if window > 0.0 else None
+    )
+    return changed
+
+
+def _windowed(
+    forecasts: Forecasts,
+    found: FoundRegion,
+    read: Callable[[Region], Ensemble],
+    config: RunConfig,
+    vehicles: int,
+) -> WindowedEstimator:
+    """Return the estimator of windows that follow vehicles; keeps one window more than vehicles."""
+
+    @lru_cache(maxsize=vehicles + 1)
+    def estimator_of(region: Region) -> ReducedBasisEstimator:
+        ensemble = forecasts.ensemble if region == found.region else read(region)
+        return build_reduced([ensemble], config.estimator, config.gating)
+
+    grouping = estimator_of(found.region).grouping
+    return WindowedEstimator(found.region, found.margin, found.bounds, estimator_of, grouping)
+
+
+def flow_at(estimator: Estimator[Any], state: Any, time_ns: int) -> FlowEstimate:
+    """Return the current estimate of a state at or after its last observation [ns, UTC]; a static one is unchanged."""
+    return estimator.flow(estimator.predict(state, time_ns))

@@ -7,7 +7,7 @@ from typing import Any
 
 from replay_kit.config.run import LogConfig, RunConfig
 from replay_kit.core.errors import ForecastError
-from replay_kit.core.files.paths import check_paths, truth_path
+from replay_kit.core.files.paths import Paths, check_paths, truth_path
 from replay_kit.core.grid import Ensemble
 from replay_kit.core.plan import Place
 from replay_kit.core.region import Region
@@ -55,7 +55,6 @@ class Vehicle:
         goal: Goal; None plans nothing for it.
         why_not: Reason that it contributes nothing to the estimate; empty otherwise.
         places: Longitude and latitude of some positions [degrees].
-        notes: Notes on its times compared with other vehicles.
     """
 
     name: str
@@ -63,7 +62,6 @@ class Vehicle:
     goal: Place | None = None
     why_not: str = ""
     places: tuple[tuple[float, float], ...] = ()
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +180,9 @@ def forecasts_of(job: ReplayJob, config: RunConfig, logs: Logs | None = None) ->
     logs = logs or logs_of(job, config)
     place_at, near_ns = logs.ahead()
     with open_collection(job.ensemble, parse_rule(config.forecast.members)) as found:
-        region = job.region or find_region(logs, found, config, near_ns, job.goals)
+        near = config, near_ns, job.goals
+        # a long log is read only if its places are needed
+        region = job.region or find_region(lambda: logs.reach.places, found, *near)
         return read_forecasts(job.ensemble, config, near_ns, place_at, region, found)
 
 
@@ -217,3 +217,9 @@ def open_truth(
         return read_truth(job.truth, part, near_ns=near_ns, place_at=place_at)
     except ForecastError:
         return read_truth(job.truth, settings, near_ns=near_ns, place_at=place_at)
+
+
+def name_of(ensemble: Paths) -> str:
+    """Return the name of an ensemble's file without its folder; for several the first name and their number."""
+    files = ensemble_files(ensemble)
+    return files[0].name if len(files) == 1 else f"{files[0].name} and {len(files) - 1} more"

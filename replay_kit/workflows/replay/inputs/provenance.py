@@ -13,16 +13,19 @@ from replay_kit.core import __version__
 from replay_kit.core.errors import ConfigError
 from replay_kit.core.files.inputs import Stamp, open_input, stamps_of
 from replay_kit.core.flow.estimate import FlowEstimate
-from replay_kit.core.grid import Ensemble
 from replay_kit.core.plan import Place
+from replay_kit.forecast import ensemble_files, find_sources
 from replay_kit.forecast.remote.kept import attributes_of, record_of
+from replay_kit.logs.reader import LogFile
 from replay_kit.results.losses import iso_time
 from replay_kit.results.vehicles import VEHICLES_RECORD, VehicleRecord, vehicle_records
 from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import ReplayJob
-from replay_kit.workflows.replay.inputs.region import REGION_RECORD, FoundRegion
+from replay_kit.workflows.replay.inputs.region import REGION_RECORD
 
 _BLOCK = 1 << 20
+#: Begin the keys of the files of competing forecasts among the inputs.
+RIVAL = "against"
 #: Key of the bathymetry among the inputs.
 BATHYMETRY = "bathymetry"
 #: Option of a result that names the parts that a script gave, without which it cannot be made again.
@@ -72,76 +75,79 @@ def named_hash(path: Path) -> str:
 
 
 def run_metadata(
-    logs: Sequence[Path],
-    arguments: Sequence[Sequence[Path]],
-    ensemble: Ensemble,
+    job: ReplayJob,
+    forecasts: Forecasts,
+    readers: Iterable[LogFile],
     options: Mapping[str, str],
     bathymetry: Path | None = None,
-    found: FoundRegion | None = None,
 ) -> dict[str, Mapping[str, str]]:
     """Return the metadata records of a result; names without folders, so that the bytes do not depend on the place.
 
     Args:
-        logs: Input logs.
-        arguments: Files and stores of the ensemble by argument; those of one argument belong together if members are models.
-        ensemble: Ensemble read.
+        job: The run; its logs are hashed.
+        forecasts: Forecast read.
+        readers: Its logs, opened, whose notes are recorded.
         options: Options of the run apart from its configuration.
         bathymetry: Bathymetry file; None without one.
-        found: Part of the forecast found from the logs.
 
     Raises:
         ConfigError: Two logs hold the same bytes.
     """
-    grid = ensemble.grid
-    hashes = [input_hash(path) for path in logs]
-    for i, digest in enumerate(hashes):
-        if digest in hashes[:i]:
-            raise ConfigError(f"{logs[i]}: identical to {logs[hashes.index(digest)]}; remove one")
-    inputs = {
-        f"log{i}": f"{path.name} sha256:{digest}"
-        for i, (path, digest) in enumerate(zip(logs, hashes, strict=True))
-    }
+    ensemble, hashes = forecasts.ensemble, dict[str, Path]()
+    for path in job.logs:
+        if (other := hashes.setdefault(input_hash(path), path)) is not path:
+            raise ConfigError(f"{path}: identical to {other}; remove one")
+    grid, arguments = ensemble.grid, find_sources(job.ensemble).arguments
+    files = _keyed("ensemble", [path for argument in arguments for path in argument])
     if ensemble.made_from == "models":
-        named = {
+        files = {
             f"ensemble{number}_{i}": path
             for number, argument in enumerate(arguments)
             for i, path in enumerate(argument)
         }
-    else:
-        files = [path for argument in arguments for path in argument]
-        named = {
-            "ensemble" if len(files) == 1 else f"ensemble{number}": path
-            for number, path in enumerate(files)
-        }
-    inputs |= {key: named_hash(path) for key, path in named.items()}
-    if bathymetry is not None:
-        inputs[BATHYMETRY] = named_hash(bathymetry)
-    region = {
-        "projection": "azimuthal equidistant, WGS84",
-        "centre_longitude": repr(grid.projection.longitude),
-        "centre_latitude": repr(grid.projection.latitude),
-        "levels": ", ".join(repr(float(level)) for level in grid.levels),
-        "grid": " x ".join(str(n) for n in grid.east.shape),
-        "members": str(ensemble.n_members),
-    }
-    members = {str(number): label for number, label in enumerate(ensemble.members)}
     fetched = {
         key: json.dumps(record, sort_keys=True)
-        for key, path in named.items()
+        for key, path in files.items()
         if (record := record_of(path))
     }
-    return {
-        "replay_kit.inputs": inputs,
-        **({"replay_kit.fetched": fetched} if fetched else {}),
+    named = {f"log{i}": path for i, path in enumerate(job.logs)} | files
+    if bathymetry is not None:
+        named[BATHYMETRY] = bathymetry
+    for number, each in enumerate(job.against):
+        named |= _keyed(f"{RIVAL}{number}", ensemble_files(each), "_")
+    reports = {Path(log.path).name: log.report().notes for log in readers}
+    records = {
+        "replay_kit.inputs": {key: named_hash(path) for key, path in named.items()},
+        "replay_kit.fetched": fetched,
         "replay_kit.options": options,
-        "replay_kit.region": region,
-        "replay_kit.members": members,
+        "replay_kit.region": {
+            "projection": "azimuthal equidistant, WGS84",
+            "centre_longitude": repr(grid.projection.longitude),
+            "centre_latitude": repr(grid.projection.latitude),
+            "levels": ", ".join(repr(float(level)) for level in grid.levels),
+            "grid": " x ".join(str(n) for n in grid.east.shape),
+            "members": str(ensemble.n_members),
+        },
+        "replay_kit.members": {str(k): label for k, label in enumerate(ensemble.members)},
         "replay_kit.versions": package_versions(),
-        **({} if found is None else {REGION_RECORD: found.to_record()}),
+        REGION_RECORD: {} if forecasts.region is None else forecasts.region.to_record(),
+        VEHICLES_RECORD: _vehicles_record(job),
+        "replay_kit.reading": {name: "; ".join(notes) for name, notes in reports.items() if notes},
+        "replay_kit.forecast": _forecast_times(forecasts),
+        FOLLOWED: {} if job.following is None else job.following.record,
     }
+    always = "replay_kit.members", FOLLOWED if job.following is not None else ""
+    return {name: record for name, record in records.items() if record or name in always}
 
 
-def vehicles_record(job: ReplayJob) -> dict[str, str]:
+def _keyed(key: str, files: Sequence[Path], mark: str = "") -> dict[str, Path]:
+    """Return files by input key, with a mark and a number for several."""
+    if len(files) == 1:
+        return {key: files[0]}
+    return {f"{key}{mark}{number}": path for number, path in enumerate(files)}
+
+
+def _vehicles_record(job: ReplayJob) -> dict[str, str]:
     """Return the record of a job's vehicles by name: keys of their logs, and goals."""
     found, number = {}, 0
     for vehicle in job.vehicles:
@@ -156,7 +162,7 @@ def _goal_text(goal: Place | None) -> str:
     return "" if goal is None else f"{goal.longitude!r},{goal.latitude!r},{goal.depth!r}"
 
 
-def forecast_times(forecasts: Forecasts) -> dict[str, str]:
+def _forecast_times(forecasts: Forecasts) -> dict[str, str]:
     """Return the first and last time of the used forecast, and whether the estimate changes in time; empty without times."""
     times = [ensemble.time_ns for ensemble in forecasts.series if ensemble.time_ns is not None]
     if not times:

@@ -1,10 +1,9 @@
 """Part of a forecast that a log needs, found before its currents are read."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -91,17 +90,8 @@ def _numbers(text: str) -> Region:
     return west, south, east, north
 
 
-class HasPlaces(Protocol):
-    """Protocol of logs or their reach."""
-
-    @property
-    def places(self) -> Array:
-        """Places as in ``Reach``."""
-        ...
-
-
 def find_region(
-    where: HasPlaces,
+    places_of: Callable[[], Array],
     ensemble: Paths | Collection,
     config: RunConfig,
     near_ns: int | None,
@@ -113,7 +103,7 @@ def find_region(
     anomalies, measured in a patch of the first level amid the positions.
 
     Args:
-        where: Places of the logs.
+        places_of: Returns the places of the logs, as in ``Reach``.
         ensemble: Ensemble files, opened or not.
         config: The run's settings.
         near_ns: Time of the logs' first message [ns, UTC].
@@ -129,7 +119,7 @@ def find_region(
     with open_extent(ensemble, settings, near_ns) as extent:
         if extent is None or np.prod(extent.shape) <= _SMALL:
             return None
-        places = inside_extent(extent, where.places)
+        places = inside_extent(extent, places_of())
         if not len(places):
             return None
         length = _length_near(extent, places)
@@ -137,7 +127,10 @@ def find_region(
         region = around([*places, *((goal.longitude, goal.latitude) for goal in goals)], margin)
         points, whole = int(np.prod(extent.shape_in(region))), int(np.prod(extent.shape))
         most = settings.window_points or window_points(extent, length, float(places[0, 1]))
-        if points > most and not goals and _is_static(extent, config):
+        # only an estimate that is the project's own and static can be passed from window to window
+        static = config.time.scale == "static" or not extent.has_several_times
+        own, changes = estimator_asked(config)
+        if points > most and not goals and static and own and not changes:
             return _first_window(extent, places[0], margin, length, most)
         if points > _MOST * whole:
             return None
@@ -145,14 +138,11 @@ def find_region(
         return FoundRegion(region, margin, False, extent.box, _note(extent, region, what, margin))
 
 
-def _is_static(extent: Extent, config: RunConfig) -> bool:
-    """Return whether an estimate is the project's own and static; only that can be passed from window to window."""
-    time, own = (
-        config.time,
-        config.estimator.name == "reduced_basis" and config.estimator.preset == "default",
-    )
-    asked = time.oscillators or time.biases or time.scale not in ("auto", "static")
-    return own and not asked and (time.scale == "static" or not extent.has_several_times)
+def estimator_asked(config: RunConfig) -> tuple[bool, bool]:
+    """Return whether settings ask for the project's own estimator as it is by default, and whether for one that changes in time."""
+    own, time = config.estimator, config.time
+    changes = time.scale not in ("auto", "static") or bool(time.oscillators or time.biases)
+    return (own.name, own.preset) == ("reduced_basis", "default"), changes
 
 
 def inside_extent(extent: Extent, places: Array) -> Array:

@@ -124,11 +124,6 @@ class Logs:
         first_ns = min((message.time_ns for message in each if message is not None), default=None)
         return None, first_ns if first_ns is None else max(first_ns, settings.start_ns or first_ns)
 
-    @property
-    def places(self) -> Array:
-        """Places of ``reach``."""
-        return self.reach.places
-
     @cached_property
     def reach(self) -> Reach:
         """Places, depth and period of the vehicles and observations of a replay, from one pass over all messages."""

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from heapq import merge as merged_by
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,13 +17,11 @@ from replay_kit.core.message import Message
 from replay_kit.core.plan import Place
 from replay_kit.core.words.progress import Progress, Stopwatch
 from replay_kit.estimator import Estimator
-from replay_kit.forecast import find_sources
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.region import for_region
-from replay_kit.results.vehicles import VEHICLES_RECORD
 from replay_kit.workflows.replay.account import Account
-from replay_kit.workflows.replay.inputs.estimator import build
-from replay_kit.workflows.replay.inputs.forecast import Forecasts
+from replay_kit.workflows.replay.consistency import checked_speeds
+from replay_kit.workflows.replay.inputs.forecast import Forecasts, build
 from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
     Vehicle,
@@ -32,21 +29,15 @@ from replay_kit.workflows.replay.inputs.job import (
     logs_of,
     open_truth,
 )
+from replay_kit.workflows.replay.inputs.planner import HasGrid, Planner, PlannerFactory
 from replay_kit.workflows.replay.inputs.provenance import (
-    FOLLOWED,
-    forecast_times,
-    named_hash,
     run_metadata,
     run_options,
-    vehicles_record,
 )
 from replay_kit.workflows.replay.inputs.scan import Logs, next_block
 from replay_kit.workflows.replay.inputs.vehicles import first_windows
+from replay_kit.workflows.replay.plans import PlanningProblem
 from replay_kit.workflows.replay.run import END, Run
-from replay_kit.workflows.replay.scoring import rival_inputs
-from replay_kit.workflows.replay.stages.consistency import checked_speeds
-from replay_kit.workflows.replay.stages.planner import HasGrid, Planner, PlannerFactory
-from replay_kit.workflows.replay.stages.plans import PlanningProblem
 from replay_kit.workflows.replay.vehicle import Setup
 
 
@@ -172,7 +163,10 @@ def prepare(
         setups.append(Setup(follows, own, problem, expected, vehicle.name))
     # without a goal nothing reads the bathymetry
     bathymetry = config.planner.bathymetry_path if any(one.problem for one in setups) else None
-    metadata = _metadata(job, forecasts, logs.all, prior_flow, bathymetry)
+    metadata = dict[str, Mapping[str, str]]()
+    if job.out is not None:
+        options = run_options(job, prior_flow)
+        metadata = run_metadata(job, forecasts, logs.all, options, bathymetry)
     measured_by = for_region(setups[0].config, ensemble).measurements
     owners = [number for number, of_vehicle in enumerate(logs.by_vehicle) for _ in of_vehicle]
     run = Run(setups, measured_by, clock, owners)
@@ -195,40 +189,6 @@ def _problem(
     goals = () if job.following is None else job.following.goals
     surface = config.measurements.surface_depth
     return PlanningProblem(planner, goal, config.planner, surface, goals)
-
-
-def _metadata(
-    job: ReplayJob,
-    forecasts: Forecasts,
-    readers: Sequence[LogFile],
-    prior_flow: FlowEstimate,
-    bathymetry: Path | None,
-) -> dict[str, Mapping[str, str]]:
-    """Return the metadata records of a result; empty if no result is written."""
-    if job.out is None:
-        return {}
-    metadata = run_metadata(
-        job.logs,
-        find_sources(job.ensemble).arguments,
-        forecasts.ensemble,
-        run_options(job, prior_flow),
-        bathymetry,
-        forecasts.region,
-    )
-    if job.vehicles:
-        metadata[VEHICLES_RECORD] = vehicles_record(job)
-    if assumed := {
-        Path(log.path).name: "; ".join(log.report().notes) for log in readers if log.report().notes
-    }:
-        metadata["replay_kit.reading"] = assumed
-    if times := forecast_times(forecasts):
-        metadata["replay_kit.forecast"] = times
-    if job.following is not None:
-        metadata[FOLLOWED] = job.following.record
-    if job.against:
-        named = {key: named_hash(path) for key, path in rival_inputs(job.against).items()}
-        metadata["replay_kit.inputs"] = {**metadata["replay_kit.inputs"], **named}
-    return metadata
 
 
 def with_planner_kind(vehicle: Vehicle, readers: Sequence[LogFile], config: RunConfig) -> RunConfig:

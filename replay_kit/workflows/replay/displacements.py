@@ -4,8 +4,6 @@ A dive's mean velocity over ground is the sum of its velocity through the water 
 estimate predicts the current before the dive, halfway along a dive like the last one. The remainder of earlier dives is their velocity
 through the water, assumed to persist unless the pilot steers elsewhere. Outside the estimate's region the velocity over ground persists
 instead.
-
-A dive is concluded when the next one begins, as its DAC may be logged until then.
 """
 
 from dataclasses import dataclass, field
@@ -60,57 +58,50 @@ class Between:
         latest: Last fix at the surface; None before the first.
         path: Path since the fix before the dive; None at the surface.
         ahead: Current predicted before the dive; None outside the estimate.
-        surfaced: Path of a dive, its last fix and its number, 0 if unknown, until all observations of that time have arrived.
     """
 
     detection: SurfacingState = field(default_factory=SurfacingState)
     latest: VehicleState | None = None
     path: Path | None = None
     ahead: Ahead | None = None
-    surfaced: tuple[Path, VehicleState, int] | None = None
 
 
 def watched(
-    state: Between, event: VehicleState | Profiles, surface_depth: float
-) -> tuple[Between, bool]:
-    """Return the state after the surfacing that an event shows, if any, and whether a dive begins.
+    state: Between, event: VehicleState | Profiles, surface_depth: float, last: Dive | None
+) -> tuple[Between, Dive | None, bool]:
+    """Return the state after the surfacing that an event shows, the dive ended by it, if any, and whether another dive begins.
 
     Args:
         state: State before the event.
         event: Position or profile, in log order.
         surface_depth: Depth above which the vehicle is at the surface [m].
-    """
-    detection, end = detect_surfacing(state.detection, event, surface_depth)
-    begins = _in_dive(detection) and (end is not None or not _in_dive(state.detection))
-    if end is not None:
-        # a dive's profiles may have waited for the fix after it
-        number = detection.dive if first_ns(event) <= end.time_ns else state.detection.dive
-        path = state.path
-        ended = None if path is None or end.time_ns <= path.start.time else (path, end, number)
-        state = replace(state, path=None, surfaced=ended)
-    return replace(state, detection=detection), begins
-
-
-def dived(state: Between, flow: FlowEstimate, last: Dive | None) -> Between:
-    """Return the state at the beginning of a dive from the last fix.
-
-    Args:
-        state: State at the surface.
-        flow: Estimate at the time of the last fix.
         last: Last dive.
     """
-    assert state.latest is not None
-    return replace(state, path=begun(_spot(state.latest)), ahead=ahead_of(state.latest, flow, last))
+    detection, end = detect_surfacing(state.detection, event, surface_depth)
+    before, path, dive = state.detection, state.path, None
+    begins = _in_dive(detection) and (end is not None or not _in_dive(before))
+    state = replace(state, detection=detection)
+    if end is None:
+        return state, None, begins
+    if path is not None and end.time_ns > path.start.time:
+        # a dive's profiles may have waited for the fix after it
+        first_ns = int(event["time"][0]) if isinstance(event, Profiles) else event.time_ns
+        number = (detection if first_ns <= end.time_ns else before).dive
+        dive = _surfaced(path, end, number, state.ahead, last)
+    return replace(state, path=None), dive, begins
+
+
+def dived(state: Between, fix: VehicleState, flow: FlowEstimate, last: Dive | None) -> Between:
+    """Return the state at the beginning of a dive from a fix, with the estimate of that time; ``last`` is the last dive."""
+    return replace(state, path=begun(_spot(fix)), ahead=ahead_of(fix, flow, last))
 
 
 def moved(state: Between, event: VehicleState | Profiles, surface_depth: float) -> Between:
     """Return the state after a position, or after the depth of a profile's first bin if positions have none."""
     path = state.path
     if isinstance(event, Profiles):
-        if path is None or path.reckoned:
-            return state
         known = event["depth"][0][np.isfinite(event["depth"][0])]
-        if not known.size:
+        if path is None or path.reckoned or not known.size:
             return state
         return replace(state, path=extended(path, _NOWHERE, known.min(keepdims=True)))
     if not event.dead_reckoned and not event.depth > surface_depth:
@@ -124,20 +115,21 @@ def moved(state: Between, event: VehicleState | Profiles, surface_depth: float) 
 def adrift(state: Between, track: Track, surface_depth: float) -> Between | None:
     """Return the state after fixes at the surface between dives; None for other positions."""
     below = track.columns["dead_reckoned"].any() or (track.columns["depth"] > surface_depth).any()
-    if below or state.surfaced is not None or _in_dive(state.detection):
+    if below or _in_dive(state.detection):
         return None
-    return replace(state, detection=replace(state.detection, fix=track[-1]), latest=track[-1])
+    latest = track[-1]
+    return replace(state, detection=replace(state.detection, fix=latest), latest=latest)
 
 
-def surfaced(state: Between, last: Dive | None) -> Dive:
-    """Return the dive that has ended; ``last`` is the one before it."""
-    assert state.surfaced is not None
-    path, end, number = state.surfaced
+def _surfaced(
+    path: Path, end: VehicleState, number: int, ahead: Ahead | None, last: Dive | None
+) -> Dive:
+    """Return the dive along a path to a fix."""
     mean = path_mean(path, _spot(end), (0.0, 0.0), 0.0)
     depth, weight = mean["path_depth"], mean["weight"]
     start, fix = (Fix(at.time, at.longitude, at.latitude) for at in (path.start, _spot(end)))
     seconds, velocity = over_ground(start, fix)
-    current, basis = predicted(state.ahead, last, depth, weight)
+    current, basis = predicted(ahead, last, depth, weight)
     dive = DiveMean(
         time_ns=(start.time_ns + fix.time_ns) // 2,
         seconds=seconds,
@@ -146,8 +138,7 @@ def surfaced(state: Between, last: Dive | None) -> Dive:
         backgrounds=current[None],
         position_std=FIXES_STD,
     )
-    known = state.ahead is not None
-    flown = flown_dive(seconds, velocity - current, depth, path.deepest) if known else None
+    flown = flown_dive(seconds, velocity - current, depth, path.deepest) if ahead else None
     return Dive(dive, (start, fix), number, basis, flown, (depth, weight))
 
 
@@ -164,11 +155,6 @@ def _spot(position: VehicleState) -> Spot:
 
 def _in_dive(detection: SurfacingState) -> bool:
     return detection.submerged or not detection.reported
-
-
-def first_ns(event: VehicleState | Profiles) -> int:
-    """Return the time of a position, or of the first of some profiles [ns, UTC]."""
-    return int(event["time"][0]) if isinstance(event, Profiles) else event.time_ns
 
 
 def ahead_of(fix: VehicleState, flow: FlowEstimate, last: Dive | None) -> Ahead | None:

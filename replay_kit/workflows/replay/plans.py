@@ -14,8 +14,8 @@ from replay_kit.core.observation import VehicleState
 from replay_kit.core.plan import Place
 from replay_kit.core.surfacing import Surfacing, SurfacingOutcome, surfacing_outcome
 from replay_kit.measurements.track.surfacings import SurfacingState, detect_surfacing
-from replay_kit.workflows.replay.stages.planner import Planner, PlanQuery, PlanResult
-from replay_kit.workflows.replay.stages.publishing import Output
+from replay_kit.workflows.replay.inputs.planner import Planner, PlanQuery, PlanResult
+from replay_kit.workflows.replay.publishing import Output
 
 #: Returns the estimate for a time [ns, UTC].
 FlowAt = Callable[[int], FlowEstimate]
@@ -39,13 +39,6 @@ class PlanningProblem:
     surface_depth: float
     later_goals: tuple[tuple[int, Place], ...] = ()
 
-    def goal_at(self, time_ns: int) -> Place:
-        """Return the goal of a plan that begins at a given time [ns, UTC]."""
-        return next(
-            (goal for since_ns, goal in reversed(self.later_goals) if time_ns >= since_ns),
-            self.goal,
-        )
-
     @property
     def interval_ns(self) -> int:
         """Time between plans [ns]."""
@@ -54,17 +47,8 @@ class PlanningProblem:
     @property
     def waits_ns(self) -> int:
         """Longest wait of a due plan for a surfacing, at which a glider can receive a mission [ns]; 0 for no wait."""
-        return (
-            self.interval_ns
-            if (self.settings.kind, self.settings.when) == ("mission", "interval")
-            else 0
-        )
-
-    def plans_at(self, surfaced_ns: int, due_ns: int | None) -> bool:
-        """Return whether a plan is made at a surfacing, given the due time of the next plan [ns, UTC]."""
-        return self.settings.when == "surfacing" or (
-            self.waits_ns > 0 and due_ns is not None and surfaced_ns >= due_ns
-        )
+        waits = (self.settings.kind, self.settings.when) == ("mission", "interval")
+        return self.interval_ns if waits else 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,9 +76,13 @@ class PlanningState:
     next_plan_ns: int | None = None
 
 
+#: A state and what is published with it.
+Planned = tuple[PlanningState, tuple[Output, ...]]
+
+
 def before_event(
     problem: PlanningProblem, state: PlanningState, event: Any, flow_at: FlowAt
-) -> tuple[PlanningState, tuple[Output, ...]]:
+) -> Planned:
     """Return the state before an event; finishes a surfacing once all its observations are assimilated.
 
     Args:
@@ -105,12 +93,12 @@ def before_event(
     """
     if state.surfaced is None or event.time_ns <= state.surfaced.time_ns:
         return state, ()
-    return finish_surfacing(problem, state, flow_at)
+    return _surfaced(problem, state, state.surfaced, flow_at)
 
 
 def after_event(
     problem: PlanningProblem, state: PlanningState, event: Any, flow_at: FlowAt
-) -> tuple[PlanningState, tuple[Output, ...]]:
+) -> Planned:
     """Return the state after an event; makes a due plan at an observation, and detects surfacings.
 
     Args:
@@ -120,54 +108,58 @@ def after_event(
         flow_at: Estimate after the event.
     """
     outputs: tuple[Output, ...] = ()
+    now_ns, due_ns = event.time_ns, state.next_plan_ns
     if isinstance(event, VehicleState):
         state = replace(state, position=event)
-    else:
-        now_ns, due_ns = event.time_ns, state.next_plan_ns
-        if due_ns is None or now_ns >= due_ns + problem.waits_ns:
-            state = replace(state, next_plan_ns=now_ns + problem.interval_ns)
-        if due_ns is not None and now_ns >= due_ns + problem.waits_ns:
-            state, outputs = make_plan(problem, state, flow_at(now_ns), now_ns)
+    elif due_ns is None or now_ns >= due_ns + problem.waits_ns:
+        state = replace(state, next_plan_ns=now_ns + problem.interval_ns)
+        if due_ns is not None:
+            state, outputs = _planned(problem, state, flow_at(now_ns), now_ns)
     detection, fix = detect_surfacing(state.detection, event, problem.surface_depth)
     return replace(state, detection=detection, surfaced=fix or state.surfaced), outputs
 
 
-def finish_surfacing(
-    problem: PlanningProblem, state: PlanningState, flow_at: FlowAt
-) -> tuple[PlanningState, tuple[Output, ...]]:
-    """Return the state after a surfacing, if any; compares its prediction, and makes a plan from there if due.
+def _surfaced(
+    problem: PlanningProblem, state: PlanningState, fix: VehicleState, flow_at: FlowAt
+) -> Planned:
+    """Return the state after a surfacing; compares its prediction, and makes a plan from there if due.
 
     Args:
         problem: Planning problem.
-        state: State with the fix of the surfacing.
+        state: State before it.
+        fix: Fix of the surfacing.
         flow_at: Estimate with all observations of that time.
     """
-    fix = state.surfaced
-    outputs: tuple[Output, ...] = ()
-    if fix is None:
-        return state, ()
+    outputs, settings, due_ns = list[Output](), problem.settings, state.next_plan_ns
     if state.expected is not None:
         outcome = surfacing_outcome(*state.expected, fix)
         state = replace(state, expected=None, outcomes=(*state.outcomes, outcome))
-        outputs = (lambda writer: writer.outcome(outcome),)
+        outputs.append(lambda writer: writer.outcome(outcome))
     state = replace(state, surfaced=None)
-    if not problem.plans_at(fix.time_ns, state.next_plan_ns):
-        return state, outputs
-    flow, seconds = flow_at(fix.time_ns), problem.settings.surface_time or 0.0
+    due = problem.waits_ns > 0 and due_ns is not None and fix.time_ns >= due_ns
+    if not (due or settings.when == "surfacing"):
+        return state, (*outputs,)
     state = replace(state, next_plan_ns=fix.time_ns + problem.interval_ns)
-    state, plan = make_plan(
-        problem, state, flow, fix.time_ns + int(seconds * 1e9), _after_drift(flow, fix, seconds)
-    )
+    flow, seconds = flow_at(fix.time_ns), settings.surface_time or 0.0
+    longitude, latitude = fix.longitude, fix.latitude
+    if seconds:
+        # where the current takes it at the surface
+        east, north = to_local(flow.grid.projection, longitude, latitude)
+        u, v = flow.velocity(east, north, 0.0)
+        drifted = to_geographic(flow.grid.projection, east + seconds * u, north + seconds * v)
+        longitude, latitude = map(float, drifted)
+    begin_ns, start = fix.time_ns + int(seconds * 1e9), Place(longitude, latitude, 0.0)
+    state, plan = _planned(problem, state, flow, begin_ns, start)
     return state, (*outputs, *plan)
 
 
-def make_plan(
+def _planned(
     problem: PlanningProblem,
     state: PlanningState,
     flow: FlowEstimate,
     start_time_ns: int,
     start: Place | None = None,
-) -> tuple[PlanningState, tuple[Output, ...]]:
+) -> Planned:
     """Return the state with a new plan, and the plan; outside the region a warning instead.
 
     Args:
@@ -179,10 +171,10 @@ def make_plan(
     """
     if state.position is None:
         return state, ()
-    start, goal = start or _place_of(state.position), problem.goal_at(start_time_ns)
-    query = PlanQuery(start, goal, start_time_ns, state.result)
+    later = (goal for since_ns, goal in reversed(problem.later_goals) if start_time_ns >= since_ns)
+    goal, start = next(later, problem.goal), start or _place_of(state.position)
     try:
-        result = problem.planner.plan(flow, query)
+        result = problem.planner.plan(flow, PlanQuery(start, goal, start_time_ns, state.result))
     except PlanError as error:
         failure = str(error)
         return replace(state, result=None, failure=failure, expected=None), (
@@ -200,7 +192,7 @@ def plan_at_end(
     flow_at: FlowAt,
     flow: FlowEstimate,
     last_ns: int,
-) -> tuple[PlanningState, tuple[Output, ...]]:
+) -> Planned:
     """Return the state at the end of a log, with a finished surfacing and the odds of the last plan, the one to fly.
 
     Odds of all plans would take as long as the plans. A plan with odds at a final surfacing is the last plan.
@@ -212,39 +204,20 @@ def plan_at_end(
         flow: Estimate at ``last_ns``.
         last_ns: Time of the last message [ns, UTC].
     """
-    before = state.result
-    state, outputs = finish_surfacing(problem, state, flow_at)
-    result, position = state.result, state.position
-    if (
-        problem.settings.samples
-        and result is not None
-        and position is not None
-        and result is not before
-        and (result.plan.start, result.plan.start_time_ns) == (_place_of(position), last_ns)
-    ):
-        return state, (*outputs, outputs[-1])
+    before, outputs, position = state.result, tuple[Output, ...](), state.position
+    if state.surfaced is not None:
+        state, outputs = _surfaced(problem, state, state.surfaced, flow_at)
+    result = state.result
+    if problem.settings.samples and position and result is not None and result is not before:
+        plan = result.plan
+        if (plan.start, plan.start_time_ns) == (_place_of(position), last_ns):
+            return state, (*outputs, outputs[-1])
     judging = replace(problem, planner=problem.planner.with_odds())
-    state, more = make_plan(judging, state, flow, last_ns)
+    state, more = _planned(judging, state, flow, last_ns)
     return state, (*outputs, *more)
 
 
 def _place_of(position: VehicleState) -> Place:
     """Return the place of a position; at the surface if its depth is unknown."""
-    return Place(
-        position.longitude,
-        position.latitude,
-        max(position.depth, 0.0) if np.isfinite(position.depth) else 0.0,
-    )
-
-
-def _after_drift(flow: FlowEstimate, fix: VehicleState, seconds: float) -> Place:
-    """Return the place at which a vehicle leaves the surface after drifting for a given time from a fix."""
-    if seconds == 0.0:
-        return Place(fix.longitude, fix.latitude, 0.0)
-    projection = flow.grid.projection
-    east, north = to_local(projection, fix.longitude, fix.latitude)
-    current = flow.velocity(east, north, 0.0)
-    longitude, latitude = to_geographic(
-        projection, east + seconds * current[0], north + seconds * current[1]
-    )
-    return Place(float(longitude), float(latitude), 0.0)
+    depth = max(position.depth, 0.0) if np.isfinite(position.depth) else 0.0
+    return Place(position.longitude, position.latitude, depth)

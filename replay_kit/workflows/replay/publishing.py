@@ -5,9 +5,8 @@ maximum-likelihood covariance of the field is fitted to the first two times, unt
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import starmap
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from replay_kit.core.observation import LinearMeasurement, VehicleState
 from replay_kit.measurements.surface.residual_field import ResidualField
 from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.results.slices import Slice
-from replay_kit.workflows.replay.stages.estimation import Step
+from replay_kit.workflows.replay.steps import Step
 
 # times that say what the covariance is, and vectors that a time has at least to be one
 _TIMES, _LEAST_VECTORS = 2, 20
@@ -146,36 +145,24 @@ def publish_track(
     return after, (write,)
 
 
-def publish_windows(
-    state: PublishingState, flows: Iterator[FlowEstimate]
+def publish_window(
+    state: PublishingState, flow: FlowEstimate
 ) -> tuple[PublishingState, tuple[Output, ...]]:
-    """Return the state after publication of windows left since, with their last estimates and numbers as outputs."""
-    left = tuple(starmap(_window, enumerate(flows, state.windows + 1)))
-    return replace(state, windows=state.windows + len(left)), left
-
-
-def _window(number: int, flow: FlowEstimate) -> Output:
-    return lambda writer: writer.window(number, flow)
-
-
-def withdraw_windows(state: PublishingState) -> PublishingState:
-    """Return the state after a rebuild of the estimate; windows published before are withdrawn."""
-    return replace(state, withdrawn=state.windows)
-
-
-def published_depths(flow: FlowEstimate, settings: OutputConfig) -> tuple[float, ...]:
-    """Return the published depths of a flow [m]: those of the settings, or the first, middle and last level."""
-    levels = flow.levels
-    return settings.depths or tuple(
-        float(levels[i]) for i in sorted({0, levels.size // 2, levels.size - 1})
-    )
+    """Return the state after publication of a window left, with its last estimate and number as output."""
+    number = state.windows + 1
+    return replace(state, windows=number), (lambda writer: writer.window(number, flow),)
 
 
 def depth_slices(time_ns: int, flow: FlowEstimate, settings: OutputConfig) -> Output:
-    """Return a flow at some depths as output, followed by a digest of the messages so far."""
+    """Return a flow at some depths as output, followed by a digest of the messages so far.
+
+    The depths are those of the settings, or the first, middle and last level.
+    """
+    levels = flow.levels.tolist()
+    usual = dict.fromkeys((levels[0], levels[len(levels) // 2], levels[-1]))
 
     def write(writer: ResultWriter) -> None:
-        writer.grids(time_ns, flow, published_depths(flow, settings))
+        writer.grids(time_ns, flow, settings.depths or tuple(usual))
         writer.digest(time_ns)
 
     return write

@@ -1,19 +1,32 @@
-"""Consistency stage: events are checked before use, and findings change the input of the estimate."""
+"""Consistency stage: events are checked before use, findings change the input of the estimate, and DACs check the forecast's file.
 
-from collections.abc import Mapping, Sequence
+The file is checked by the joint density of DACs under the prior, as it is and with each fault undone. The prior gives the means p of the
+currents along dive paths and their covariance C; R is the observation-error covariance. A file with currents M f in place of f gives means
+M p and covariance M C M'. The densities N(M p, M C M' + R) of the DACs compare the faults. C accounts for dives in one eddy; for a forecast
+without skill no fault is found or excluded.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from scipy.linalg import solve_triangular
+
 from replay_kit.config.run import RunConfig
-from replay_kit.core.arrays import replace
+from replay_kit.core.arrays import Array, replace
 from replay_kit.core.errors import Finding, ForecastError, MeasurementError
 from replay_kit.core.grid import Ensemble
-from replay_kit.core.observation import PathMean, kind_of
+from replay_kit.core.observation import PathMean
 from replay_kit.core.observation.block import POSITION, Block
 from replay_kit.core.observation.table import Integers
+from replay_kit.estimator import ReducedBasisEstimator
+from replay_kit.estimator.update.screening import screened
 from replay_kit.measurements.checks import concluded as findings
 from replay_kit.measurements.checks.causes import SCALE
 from replay_kit.measurements.checks.check import Checked, check, unknowable
+from replay_kit.measurements.checks.likelihood import LEAST_GAIN
 from replay_kit.measurements.checks.place import FROZEN, REPEATED, LogTracks
 from replay_kit.measurements.checks.profile import (
     ENSEMBLE,
@@ -23,16 +36,16 @@ from replay_kit.measurements.checks.profile import (
     ensemble_speeds,
     odd_ensemble_speeds,
 )
+from replay_kit.measurements.checks.slips import slips
 from replay_kit.measurements.means import TOO_FAST
 from replay_kit.measurements.track.reach import COLUMNS, THROWN
-from replay_kit.workflows.replay.stages.counts import Counts
-from replay_kit.workflows.replay.stages.estimation import Dive, Step, assimilate
-from replay_kit.workflows.replay.stages.forecast_file import FileCheck
+from replay_kit.workflows.replay.steps import Counts, Dive, Step, Sums, assimilate
 
 _UNDETERMINED = (
     "nothing here can tell whether directions are right; profiles beside mean currents that they were not computed from, or a bottom track "
     "would"
 )
+_SHEAR_ALONE = "all profiles are relative to the platform, and give the shear only"
 # Observations before which nothing is said of the forecast.
 _LEAST_OBSERVATIONS = 3
 # Rejected measurements of one source, and positions out of reach, before which nothing is said.
@@ -41,7 +54,15 @@ _LEAST_REJECTED = 5
 _LEAST_VALUES, _MOST_NIS = 20, 3.0
 # Measurements beyond the gate that are remembered.
 _MOST_GATED = 256
-_SHEAR_ALONE = "all profiles are relative to the platform, and give the shear only"
+# Dives before which nothing is said of the file, and those that are compared at most, evenly spread.
+_LEAST_DIVES, _MOST_DIVES = 8, 40
+# Logarithm of the likelihood ratio of a fault below which it is excluded; faults whose gains differ by less are named together.
+_EXCLUDED, _ALIKE = -3.0, 3.0
+
+#: Findings, and sentences on what cannot be known.
+Concluded = tuple[tuple[Finding, ...], tuple[str, ...]]
+#: What was found with an event, each with whether two sources of the current contradict each other since.
+FoundWith = Sequence[tuple[Finding, bool]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +76,6 @@ class MonitoringState:
         means: DACs so far, to rebuild an estimate without profiles.
         gated: Latest observations rejected by the gate, before a contradiction of two sources.
         tracks: Positions by log.
-        decisions: Number of observations gated and rejected, by kind.
         left_out: Whether this vehicle of several is excluded.
     """
 
@@ -65,20 +85,13 @@ class MonitoringState:
     means: tuple[PathMean, ...] = ()
     gated: tuple[Any, ...] = ()
     tracks: LogTracks = field(default_factory=LogTracks)
-    decisions: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     left_out: bool = False
 
     @property
     def explains_no_profile(self) -> bool:
         """Whether a finding can explain that no profile is used: such a run has a result, the estimate without profiles."""
-        return any(
-            finding.distrusts or (finding.name in (FROZEN, REPEATED) and self.checks.pings[0] > 0)
-            for finding in self.findings
-        )
-
-
-#: What was found with an event, each with whether two sources of the current contradict each other since.
-FoundWith = Sequence[tuple[Finding, bool]]
+        of_positions = (FROZEN, REPEATED) if self.checks.pings[0] > 0 else ()
+        return any(one.distrusts or one.name in of_positions for one in self.findings)
 
 
 def checked(
@@ -94,11 +107,14 @@ def checked(
     """
     if config.consistency.on_failure == "ignore":
         return state, block, {}
-    through_water = config.measurements.dead_reckoning == "through_water"
+    settings, found = config.measurements, dict[int, FoundWith]()
+    through_water = settings.dead_reckoning == "through_water"
     checks, block, new = check(state.checks, block, speeds, through_water)
-    found: dict[int, FoundWith] = {}
     for event, finding, contradict in new:
-        found[event] = (*found.get(event, ()), (_as_stated(finding, config), contradict))
+        # a run survives a contradiction of the unit that the log states
+        if finding.name == UNIT and settings.velocity_unit is not None:
+            finding = replace(finding, severity="inconsistent")
+        found[event] = (*found.get(event, ()), (finding, contradict))
     return replace(state, checks=checks), block, found
 
 
@@ -118,9 +134,9 @@ def noted(state: MonitoringState, found: FoundWith, config: RunConfig) -> Monito
         MeasurementError: The log is unusable, or a contradiction is set to stop the run.
     """
     named = state.findings + tuple(finding for finding, _ in found)
+    stops = ["unusable", *["inconsistent"] * (config.consistency.on_failure == "stop")]
     for finding, _ in found:
-        stops = finding.severity == "inconsistent" and config.consistency.on_failure == "stop"
-        if finding.severity == "unusable" or stops:
+        if finding.severity in stops:
             raise MeasurementError(str(finding), named)
     return replace(state, findings=named, contradict=found[-1][1])
 
@@ -133,20 +149,15 @@ def require_one_vehicle(state: MonitoringState, names: Sequence[str]) -> None:
 
 
 def with_gated(state: MonitoringState, steps: Sequence[Step]) -> MonitoringState:
-    """Return the state with the gate's decisions in some steps."""
-    gated, decisions = [*state.gated], dict(state.decisions)
-    for step in steps:
-        if (found := step.innovation) is None:
-            continue
-        # Any: what has an innovation is a measurement
-        event: Any = step.event
-        if found.gate_statistic > found.gate and not found.accepted:
-            gated.append(event)
-        if found.decision != "unusable":
-            asked, rejected = decisions.get(kind_of(event), (0, 0))
-            again = rejected + found.profiles * (not found.accepted)
-            decisions[kind_of(event)] = asked + found.profiles, again
-    return replace(state, gated=tuple(gated[-_MOST_GATED:]), decisions=decisions)
+    """Return the state with the observations of some steps that the gate rejected."""
+    gated = [
+        step.event
+        for step in steps
+        if (one := step.innovation) is not None
+        and one.gate_statistic > one.gate
+        and not one.accepted
+    ]
+    return replace(state, gated=(*state.gated, *gated)[-_MOST_GATED:]) if gated else state
 
 
 def readmitted(
@@ -162,18 +173,11 @@ def readmitted(
     """
     if not (state.contradict and state.gated):
         return current, state, counts
-    given = [(0, event) for event in state.gated]
     # they belong to dives before this one
+    given = [(0, event) for event in state.gated]
     after, _, steps = assimilate([estimator], current, [Dive(current)], given)
-    again = len(state.gated)
-    before = replace(counts, rejected=counts.rejected - again, gated=counts.gated - again)
+    before = counts.without(rejected=len(given), gated=len(given))
     return after, replace(state, gated=()), before.after([step for _, step in steps])
-
-
-def _as_stated(finding: Finding, config: RunConfig) -> Finding:
-    """Return a finding on units as a contradiction that the run survives, if the log states its unit."""
-    stated = finding.name == UNIT and config.measurements.velocity_unit is not None
-    return replace(finding, severity="inconsistent") if stated else finding
 
 
 def checked_speeds(ensemble: Ensemble, config: RunConfig) -> EnsembleSpeeds | None:
@@ -207,11 +211,8 @@ def trusting(estimator: Any, state: MonitoringState) -> Any:
 
 
 def conclusions(
-    state: MonitoringState,
-    counts: Counts,
-    config: RunConfig,
-    of_file: FileCheck = FileCheck(),  # noqa: B008 - a frozen value
-) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    state: MonitoringState, counts: Counts, config: RunConfig, of_file: Concluded = ((), ())
+) -> Concluded:
     """Return all findings of a run, and questions that its observations cannot decide.
 
     Args:
@@ -222,30 +223,28 @@ def conclusions(
     """
     if config.consistency.on_failure == "ignore":
         return (), ("no consistency check was made (consistency.on_failure)",)
-    found, blind = state.findings, []
-    fast = sum(count for (_, reason), count in counts.skipped.items() if reason == TOO_FAST)
+    found, blind, messages = state.findings, list[str](), counts.messages
+    fast = sum(count for (_, reason), count in messages.items() if reason == TOO_FAST)
     used = len(state.means)
     if fast > 2 * used and not any(finding.name == SCALE for finding in found):
         found += (findings.too_fast(TOO_FAST, fast, fast + used),)
-    thrown = {topic: n for (topic, reason), n in counts.skipped.items() if reason == THROWN}
-    out, total = sum(thrown.values()), sum(counts.used.get(topic, 0) for topic in thrown)
+    thrown = {topic: n for (topic, reason), n in messages.items() if reason == THROWN}
+    out, total = sum(thrown.values()), sum(messages.get((topic, ""), 0) for topic in thrown)
     if out >= _LEAST_REJECTED and 3 * out > total:
         found += (findings.mixed_tracks(out, out + total),)
-    if not found and (of_gate := _preferred(state)) is not None:
-        found += (of_gate,)
+    found = found or _preferred(counts)
     if not found:
-        found += () if of_file.finding is None else (of_file.finding,)
-        blind += [of_file.note] if of_file.note else []
-    if not found:
-        found += tuple(
-            findings.source_misfit(kind, each.sums.nis_per_dof, each.sums.dof)
-            for kind, each in counts.sources.items()
-            if each.sums.dof >= _LEAST_VALUES and each.sums.nis_per_dof > _MOST_NIS
-        )
-    of_forecast = _of_forecast(counts, config.forecast.place)
+        found, notes = of_file
+        blind += notes
+    found = found or tuple(
+        findings.source_misfit(kind, sums.nis_per_dof, sums.dof)
+        for kind, sums in counts.sources.items()
+        if sums.dof >= _LEAST_VALUES and sums.nis_per_dof > _MOST_NIS
+    )
     # faults of the log explain that it does not fit
     if all(finding.name in (ENSEMBLE, findings.FORECAST) for finding in found):
-        found += tuple(finding for finding in of_forecast if not found or finding.name != ENSEMBLE)
+        of_forecast = _of_forecast(counts.total, config.forecast.place)
+        found += tuple(one for one in of_forecast if not found or one.name != ENSEMBLE)
     if not state.checks.can_tell_directions:
         blind.append(_UNDETERMINED)
     if state.checks.pings[0] and not state.checks.pings[1]:
@@ -253,22 +252,78 @@ def conclusions(
     return found, (*blind, *unknowable(state.checks))
 
 
-def _preferred(state: MonitoringState) -> Finding | None:
-    """Return a finding if the gate rejected most observations of one source in favour of another; None otherwise."""
-    shares = {kind: rejected / asked for kind, (asked, rejected) in state.decisions.items()}
-    for kind, (asked, rejected) in state.decisions.items():
+def _preferred(counts: Counts) -> tuple[Finding, ...]:
+    """Return a finding if the gate rejected most observations of one source in favour of another."""
+    asked = {kind: n for kind, sums in counts.kinds.items() if (n := sums.profiles + sums.refused)}
+    shares = {kind: counts.kinds[kind].refused / n for kind, n in asked.items()}
+    for kind, share in shares.items():
+        rejected = counts.kinds[kind].refused
         others = [other for other in shares if other != kind and shares[other] < 0.5]
-        if rejected >= _LEAST_REJECTED and 2 * rejected > asked and others:
-            evidence = f"{rejected} of {asked} rejected"
-            return findings.preferred(kind, min(others, key=lambda other: shares[other]), evidence)
-    return None
+        if rejected >= _LEAST_REJECTED and share > 0.5 and others:
+            evidence = f"{rejected} of {asked[kind]} rejected"
+            return (findings.preferred(kind, min(others, key=shares.__getitem__), evidence),)
+    return ()
 
 
-def _of_forecast(counts: Counts, moved: bool) -> tuple[Finding, ...]:
+def _of_forecast(sums: Sums, moved: bool) -> tuple[Finding, ...]:
     """Return a finding if two thirds of the observations exceed the gate: the forecast does not fit."""
-    beyond, total = counts.gated, counts.total.profiles + counts.gated
+    beyond, total = sums.gated, sums.profiles + sums.gated
     evidence = f"{beyond} of {total} observations exceeded the gate"
     if total >= _LEAST_OBSERVATIONS and 3 * beyond >= 2 * total:
         return (findings.forecast_misfit(evidence, moved),)
     least = 0.2 if beyond >= _LEAST_REJECTED else 0.5
     return (ensemble_contradicts(evidence),) if beyond > least * total else ()
+
+
+def check_file(estimator: Any, means: Iterable[PathMean]) -> Concluded:
+    """Return the check of a forecast's file by DACs: a warning, or a sentence on faults neither found nor excluded.
+
+    Args:
+        estimator: Estimator with the prior; the check is empty if that is not a single Gaussian of weights.
+        means: DACs of dives.
+    """
+    own = isinstance(estimator, ReducedBasisEstimator)
+    dives = [*filter(estimator.usable, means)] if own else []
+    if len(dives) < _LEAST_DIVES:
+        return (), ()
+    dives = dives[:: math.ceil(len(dives) / _MOST_DIVES)]
+    measured, predicted, covariance, variance = _under_prior(estimator, dives)
+    as_is, _ = _density(measured, predicted, covariance, variance)
+    gains = dict[str, float]()
+    for each in slips():
+        turn = np.kron(np.eye(len(dives)), each.matrix)
+        density, misfit = _density(measured, turn @ predicted, turn @ covariance @ turn.T, variance)
+        # of a forecast that is too sure of itself all gains count for less
+        gain = (density - as_is) / max(1.0, misfit)
+        gains[each.name] = max(gain, gains.get(each.name, -math.inf))
+    best = max(gains.values())
+    if best >= LEAST_GAIN:
+        likely = [name for name, gain in gains.items() if gain > best - _ALIKE]
+        return (findings.forecast_fault(likely, best, len(dives)),), ()
+    left = sorted(name for name, gain in gains.items() if gain > _EXCLUDED)
+    listed = ", ".join(f"{name} e^{gains[name]:z.0f}" for name in left)
+    about = f"(likelihood ratios to none by {len(dives)} mean currents: {listed})"
+    note = f"cannot be known here: some faults of the forecast's file {about}"
+    return (), (note,) if left else ()
+
+
+def _under_prior(
+    estimator: ReducedBasisEstimator, dives: Sequence[PathMean]
+) -> tuple[Array, Array, Array, Array]:
+    """Return measured and predicted DACs, shape (2 k,) [m/s], the covariance of the prediction, and the observation-error variances."""
+    columns = estimator.observer.columns(screened(dives, estimator.grid)[0])
+    design = np.concatenate([column.design for column in columns])
+    parts = [column.parts[0] for column in columns]
+    innovation = np.concatenate([part.about[0].ravel() for part in parts])
+    variance = np.repeat([part.layout.std[0] ** 2 for part in parts], 2)
+    measured = np.concatenate([mean.used for mean in dives])
+    return measured, measured - innovation, design @ design.T, variance
+
+
+def _density(
+    measured: Array, predicted: Array, covariance: Array, variance: Array
+) -> tuple[float, float]:
+    """Return the log density without the constant of 2 pi, and the normalised innovation squared per value."""
+    lower = np.linalg.cholesky(covariance + np.diag(variance))
+    nis = float(np.sum(solve_triangular(lower, measured - predicted, lower=True) ** 2))
+    return -0.5 * nis - float(np.log(np.diag(lower)).sum()), nis / len(measured)

@@ -1,19 +1,31 @@
-"""Predicted surfacings: the end of each dive is predicted from earlier dives, and scored with its fix.
+"""Predicted surfacings: the end of each dive is predicted from earlier dives, and scored with its fix; and the flight model's error.
 
 A dive's velocity through the water is that of its flight model after the dive; the fix after the dive is not used in its prediction. For a
 log without DACs dives are predicted from displacements (``displacements.py``).
+
+DACs are corrected for the flight-model error before assimilation. A DAC is the distance of a surfacing from its dead-reckoned position over
+the dive's duration. A relative error of the flight model is thus an error of the DAC: w (a + i b), with the velocity through the water w.
+An error estimated from earlier dives (``estimator/next_dive/flight.py``) is subtracted, its uncertainty added to the observation error. A
+dive's own DAC and profiles contribute from the next dive on.
+
+Only profiles inverted from the dive's pings and DAC determine the flight model. Others are compared with uncorrected DACs to check the
+instrument (``measurements/checks``): a rotated one would look like a flight-model error. A DAC with inverted profiles is not new to the
+estimate: without a correction its error includes the remaining uncertainty of the flight model.
 """
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from replay_kit.core.arrays import Array, replace
-from replay_kit.core.as_flown import AsFlown, FlownDive, flown_dive
+from replay_kit.core.arrays import Array, Indices, replace
+from replay_kit.core.as_flown import AsFlown, FlightCorrection, FlownDive, flown_dive
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.local import LocalCurrent
 from replay_kit.core.observation import Fix, PathMean, Profiles, VehicleState, usable
+from replay_kit.core.observation.block import Block
+from replay_kit.core.observation.table import Columns
 from replay_kit.core.surfacing import (
     SHARES,
     DiveForecast,
@@ -22,25 +34,24 @@ from replay_kit.core.surfacing import (
     forecast_place,
     usual_seconds,
 )
+from replay_kit.estimator.next_dive.flight import FlightBias
 from replay_kit.estimator.next_dive.local import local_step
 from replay_kit.estimator.next_dive.mixture import Mixture, Persistence
 from replay_kit.estimator.next_dive.process import DiveMean, MeanCurrentProcess, ProcessState
-from replay_kit.workflows.replay.events import Aside, Track
-from replay_kit.workflows.replay.stages.estimation import Step
-from replay_kit.workflows.replay.surfacings.displacements import (
+from replay_kit.workflows.replay.displacements import (
     Between,
     Dive,
     adrift,
     ahead_of,
     dived,
-    first_ns,
     moved,
     over_ground,
     path_average,
     predicted,
-    surfaced,
     watched,
 )
+from replay_kit.workflows.replay.events import Aside, Track
+from replay_kit.workflows.replay.steps import Step
 
 # The ensemble alone, and the estimate before the dive.
 _BACKGROUNDS = 2
@@ -65,7 +76,7 @@ class Gathered:
     dive: int = 0
     sums: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
-    def after(self, profiles: Profiles) -> "Gathered":
+    def after(self, profiles: Columns) -> "Gathered":
         """Return the sums with absolute profiles of dives; others change nothing."""
         dives, absolute = profiles["dive"], np.isfinite(profiles["common_std"])
         used = usable(profiles["flags"]) & np.isfinite(profiles["velocity"]).all(axis=2)
@@ -87,11 +98,71 @@ class Gathered:
         known = np.flatnonzero(self.sums[:, 0])
         if self.dive != mean.dive or known.size == 0:
             return None
-        depth, velocity = (
-            np.asarray(each, np.float64)
-            for each in ((known + 0.5) * _CELL, self.sums[known, 1:] / self.sums[known, :1])
-        )
+        velocity = self.sums[known, 1:] / self.sums[known, :1]
+        depth = np.asarray((known + 0.5) * _CELL, np.float64)
         return path_average(mean.depth, mean.weight, depth, velocity)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightState:
+    """State of the flight-model correction.
+
+    Attributes:
+        bias: Flight-model error, from the dives so far.
+        gathered: Profiles of the present dive.
+        inverted: Profiles of each dive with a DAC along its path, by dive number, as in ``Gathered.along``.
+    """
+
+    bias: FlightBias = field(default_factory=FlightBias)
+    gathered: Gathered = field(default_factory=Gathered)
+    inverted: Mapping[int, Array | None] = field(default_factory=dict)
+
+    def with_profiles(self, block: Block, rows: Indices) -> "FlightState":
+        """Return the state after profiles of a block."""
+        names = ("dive", "common_std", "depth", "velocity", "flags")
+        if not rows.size:
+            return self
+        gathered = self.gathered.after({name: block.ping[name][rows] for name in names})
+        return self if gathered is self.gathered else replace(self, gathered=gathered)
+
+    def with_mean(self, mean: PathMean, corrects: bool) -> tuple["FlightState", PathMean]:
+        """Return the state after a DAC, and the DAC, corrected if asked for and earlier dives determine a correction.
+
+        A DAC without fixes or velocity through the water is unchanged.
+        """
+        if mean.fixes is None:
+            return self, mean
+        along, bias = self.gathered.along(mean), self.bias
+        after = replace(self, inverted={**self.inverted, mean.dive: along})
+        if not corrects:
+            return after, mean
+        # an instrument that is turned would look like a flight model that errs
+        dive = dive_mean(mean, np.empty((0, 2)), along if mean.beside_profiles else None)
+        after = replace(after, bias=bias.after(dive))
+        if not (bias.is_believed or mean.beside_profiles):
+            return after, mean
+        (share, std), velocity = bias.share, None
+        if bias.is_believed:
+            error = complex(*share) * complex(*dive.way)
+            velocity = mean.velocity[0] - error.real, mean.velocity[1] - error.imag
+        else:
+            std = np.hypot(share, std)
+        # of a way in any direction: the mean of both parts' variances
+        flight_std = float(np.hypot(*dive.way)) * math.sqrt(float(np.mean(std**2)))
+        return after, replace(mean, corrected=velocity, flight_std=flight_std)
+
+    def correction(self, sizes: Sequence[float]) -> FlightCorrection | None:
+        """Return the correction at the end of a log; None if no DAC was corrected.
+
+        Args:
+            sizes: Magnitude of the correction of each DAC [m/s].
+        """
+        if not sizes:
+            return None
+        (along, across), (along_std, across_std) = (part.tolist() for part in self.bias.share)
+        return FlightCorrection(
+            tuple(sizes), along, across, along_std, across_std, self.bias.dives, self.bias.evidence
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +177,6 @@ class ForecastState:
         pending: Outcome of the last dive between fixes, until the next one begins, as its DAC may be logged until then.
         outcomes: Outcomes of the dives so far.
         dives: Flight of each dive with known flight.
-        gathered: Profiles of the dive.
         local: State of the local correction; None before the first dive.
     """
 
@@ -117,7 +187,6 @@ class ForecastState:
     pending: DiveOutcome | None = None
     outcomes: tuple[DiveOutcome, ...] = ()
     dives: tuple[FlownDive, ...] = ()
-    gathered: Gathered = field(default_factory=Gathered)
     local: LocalCurrent | None = None
 
     @property
@@ -146,6 +215,7 @@ def forecast_step(
     step: Step,
     flow_at: FlowAt,
     surface_depth: float,
+    inverted: Mapping[int, Array | None],
 ) -> ForecastState:
     """Return the state after an event; its outcomes grow where a dive is ended by it.
 
@@ -154,18 +224,24 @@ def forecast_step(
         step: Step of a position, an observation, or a DAC that is not assimilated.
         flow_at: Function of the estimate before the event at a time [ns, UTC].
         surface_depth: Depth above which the vehicle is at the surface [m].
+        inverted: As in ``FlightState``.
     """
-    event = step.event
-    if isinstance(event, Aside):
-        return forecast_mean(state, event.mean)
-    if isinstance(event, PathMean):
-        state = _beside_estimate(state, event, step)
-        return forecast_mean(state, event, _backgrounds(event, step))
-    if state.between is not None and isinstance(event, VehicleState | Profiles):
-        state = _between_fixes(state, state.between, event, flow_at, surface_depth)
-    if isinstance(event, Profiles) and (more := state.gathered.after(event)) is not state.gathered:
-        state = replace(state, gathered=more)
-    return state
+    event, between, backgrounds = step.event, state.between, _UNKNOWN
+    mean = event.mean if isinstance(event, Aside) else event
+    if isinstance(mean, PathMean):
+        if mean is event:
+            state, backgrounds = _beside_estimate(state, mean, step), _backgrounds(mean, step)
+        return forecast_mean(state, mean, backgrounds, inverted.get(mean.dive))
+    if between is None or not isinstance(event, VehicleState | Profiles):
+        return state
+    between, dive, begins = watched(between, event, surface_depth, state.last)
+    if dive is not None:
+        state = _scored(state, replace(dive, number=dive.number or state.known.dives + 1))
+    if begins:
+        state = forecast_end(state)
+        if (fix := between.latest) is not None:
+            between = dived(between, fix, flow_at(fix.time_ns), state.last)
+    return replace(state, between=moved(between, event, surface_depth))
 
 
 def forecast_track(
@@ -178,39 +254,37 @@ def forecast_track(
     return None if between is None else replace(state, between=between)
 
 
-def forecast_end(state: ForecastState) -> ForecastState:
-    """Return the state at the end of a log, with the outcome of a last dive without a DAC."""
-    return _told(_concluded(state))
-
-
-def _between_fixes(
+def forecast_mean(
     state: ForecastState,
-    between: Between,
-    event: VehicleState | Profiles,
-    flow_at: FlowAt,
-    surface_depth: float,
+    mean: PathMean,
+    backgrounds: Array = _UNKNOWN,
+    inverted: Array | None = None,
 ) -> ForecastState:
-    """Return the state after a position or profile; the last dive has its outcome when the next one begins."""
-    if between.surfaced is not None and first_ns(event) > between.surfaced[1].time_ns:
-        # all observations of its end have arrived
-        state = _concluded(state)
-    between, begins = watched(state.between or between, event, surface_depth)
-    if begins:
-        state = _told(_concluded(replace(state, between=between)))
-        between = state.between or between
-        if (fix := between.latest) is not None:
-            between = dived(between, flow_at(fix.time_ns), state.last)
-    return replace(state, between=moved(between, event, surface_depth))
+    """Return the state after a DAC, with the outcome of its dive; unchanged by a DAC without fixes.
 
-
-def _concluded(state: ForecastState) -> ForecastState:
-    """Return the state after the last dive between fixes, if ended, with its outcome and the updated model."""
-    if state.between is None or state.between.surfaced is None:
+    Args:
+        state: State before it.
+        mean: The DAC.
+        backgrounds: shape (2, 2) [m/s], true east and north, DAC predicted by the prior and by the estimate before the dive; NaN where
+            unknown.
+        inverted: shape (2,) [m/s], the dive's own profiles along its path; None without any.
+    """
+    if mean.fixes is None:
         return state
-    dive = surfaced(state.between, state.last)
-    dive = replace(dive, number=dive.number or state.known.dives + 1)
-    between = replace(state.between, surfaced=None, ahead=None)
-    return replace(_scored(state, dive), between=between)
+    if not state.states_means:
+        # dives without a mean current are known less well
+        state = ForecastState(None, outcomes=state.outcomes, local=state.local)
+    dive = dive_mean(mean, backgrounds, inverted)
+    return forecast_end(_scored(state, Dive(dive, mean.fixes, mean.dive, flown=flown_of(mean))))
+
+
+def forecast_end(state: ForecastState) -> ForecastState:
+    """Return the state with the pending outcome among the others, as at the end of a log with a last dive without a DAC."""
+    if state.pending is None:
+        return state
+    flown = () if state.last is None or state.last.flown is None else (state.last.flown,)
+    outcomes, dives = (*state.outcomes, state.pending), (*state.dives, *flown)
+    return replace(state, pending=None, outcomes=outcomes, dives=dives)
 
 
 def _scored(state: ForecastState, dive: Dive) -> ForecastState:
@@ -234,23 +308,12 @@ def _scored(state: ForecastState, dive: Dive) -> ForecastState:
     )
 
 
-def _told(state: ForecastState) -> ForecastState:
-    """Return the state with the pending outcome among the others."""
-    if state.pending is None:
-        return state
-    flown = () if state.last is None or state.last.flown is None else (state.last.flown,)
-    outcomes, dives = (*state.outcomes, state.pending), (*state.dives, *flown)
-    return replace(state, pending=None, outcomes=outcomes, dives=dives)
-
-
 def _placed(state: ForecastState, expected: Mixture, dive: Dive) -> DiveForecast:
     """Return the predicted end of a dive after its first fix."""
     start, seconds = dive.fixes[0], dive.mean.seconds
     longitude, latitude = forecast_place(start, seconds, dive.mean.way + expected.mean)
-    cov = seconds**2 * expected.cov
-    inner, outer = (
-        ellipse_of(longitude, latitude, cov, radius) for radius in expected.radii(SHARES)
-    )
+    cov, radii = seconds**2 * expected.cov, expected.radii(SHARES)
+    inner, outer = (ellipse_of(longitude, latitude, cov, radius) for radius in radii)
     return DiveForecast(
         dive=dive.number,
         earlier=state.known.dives,
@@ -263,27 +326,6 @@ def _placed(state: ForecastState, expected: Mixture, dive: Dive) -> DiveForecast
         persistence_radius=state.persistence.radius(SHARES[1]) * seconds,
         basis=dive.basis,
     )
-
-
-def forecast_mean(
-    state: ForecastState, mean: PathMean, backgrounds: Array = _UNKNOWN
-) -> ForecastState:
-    """Return the state after a DAC, with the outcome of its dive; unchanged by a DAC without fixes.
-
-    Args:
-        state: State before it.
-        mean: The DAC.
-        backgrounds: shape (2, 2) [m/s], true east and north, DAC predicted by the prior and by the estimate before the dive; NaN where
-            unknown.
-    """
-    if mean.fixes is None:
-        return state
-    if not state.states_means:
-        # dives without a mean current are known less well
-        fresh = ForecastState(None)
-        state = replace(fresh, outcomes=state.outcomes, gathered=state.gathered, local=state.local)
-    dive = dive_mean(state.gathered, mean, backgrounds)
-    return _told(_scored(state, Dive(dive, mean.fixes, mean.dive, flown=flown_of(mean))))
 
 
 def next_surfacing(
@@ -299,17 +341,16 @@ def next_surfacing(
     longer = 1.0 if depth is None or not state.dives else depth / state.dives[-1].depth
     if (last := state.last) is None:
         return None
+    fix, basis, backgrounds, seconds = last.fixes[1], last.basis, _UNKNOWN, last.mean.seconds
     if state.between is None:
-        fix, basis, backgrounds = last.fixes[1], last.basis, _UNKNOWN
-        seconds = longer * usual_seconds(state.outcomes)
+        seconds = usual_seconds(state.outcomes)
+    elif flow is None or (at := state.between.latest) is None:
+        return None
     else:
-        if flow is None or (at := state.between.latest) is None:
-            return None
-        fix = Fix(at.time_ns, at.longitude, at.latitude)
-        depths, weight = last.path
-        ahead = ahead_of(at, flow, last)
-        current, basis = predicted(ahead, last, longer * depths, weight)
-        seconds, backgrounds = longer * last.mean.seconds, current[None]
+        fix, (depths, weight) = Fix(at.time_ns, at.longitude, at.latitude), last.path
+        current, basis = predicted(ahead_of(at, flow, last), last, longer * depths, weight)
+        backgrounds = current[None]
+    seconds *= longer
     coming = replace(
         last.mean,
         time_ns=fix.time_ns + int(0.5e9 * seconds),
@@ -321,8 +362,8 @@ def next_surfacing(
     return _placed(state, state.process.forecast(state.known, coming), dive)
 
 
-def dive_mean(gathered: Gathered, mean: PathMean, backgrounds: Array) -> DiveMean:
-    """Return the dive of a DAC with fixes, with the dive's own profiles and its predictions by ensemble and estimate."""
+def dive_mean(mean: PathMean, backgrounds: Array, inverted: Array | None = None) -> DiveMean:
+    """Return the dive of a DAC with fixes, with its predictions by ensemble and estimate and its own profiles along its path."""
     assert mean.fixes is not None
     start, end = mean.fixes
     (seconds, moved), velocity = over_ground(start, end), np.array(mean.velocity)
@@ -331,7 +372,7 @@ def dive_mean(gathered: Gathered, mean: PathMean, backgrounds: Array) -> DiveMea
         seconds=seconds,
         way=moved - velocity,
         velocity=velocity,
-        inverted=gathered.along(mean),
+        inverted=inverted,
         backgrounds=backgrounds,
     )
 
@@ -340,18 +381,15 @@ def flown_of(mean: PathMean) -> FlownDive | None:
     """Return the flight of a DAC's dive; None for an unknown velocity through the water."""
     if mean.fixes is None:
         return None
-    start, end = mean.fixes
-    seconds, moved = over_ground(start, end)
-    way = moved - np.array(mean.velocity)
-    about = mean.deepest, start.time_ns, mean.radius, mean.declination
-    return flown_dive(seconds, way, mean.depth, *about)
+    dive, start_ns = dive_mean(mean, _UNKNOWN), mean.fixes[0].time_ns
+    about = mean.deepest, start_ns, mean.radius, mean.declination
+    return flown_dive(dive.seconds, dive.way, mean.depth, *about)
 
 
 def _beside_estimate(state: ForecastState, mean: PathMean, step: Step) -> ForecastState:
     """Return the state with the local correction updated by a DAC; unchanged where the estimate does not predict it."""
     innovation, std = step.dive_innovation, step.dive_std
-    known = std is not None and innovation.shape == (1, 2)
-    if std is None or not known or not np.isfinite([*innovation, *std]).all():
+    if std is None or innovation.shape != (1, 2) or not np.isfinite([*innovation, *std]).all():
         return state
     middle_ns = (int(mean.path_time_ns[0]) + mean.time_ns) // 2
     return replace(state, local=local_step(state.local, middle_ns, innovation[0], std[0]))
@@ -363,9 +401,10 @@ def _backgrounds(mean: PathMean, step: Step) -> Array:
     if found is None or used is None or not np.any(used):
         return _UNKNOWN
     # the mean on both axes turns local ones to true ones
-    turn, each = complex(*mean.used) / complex(*used), list[Array]()
-    for innovation in (found.prior_innovation, step.dive_innovation):
-        each.append(used - (innovation[0] if innovation.shape == (1, 2) else np.nan))
-    predicted = np.stack(each)
+    turn, each = (
+        complex(*mean.used) / complex(*used),
+        (found.prior_innovation, step.dive_innovation),
+    )
+    predicted = np.stack([used - (one[0] if one.shape == (1, 2) else np.nan) for one in each])
     turned = (predicted[:, 0] + 1j * predicted[:, 1]) * turn
     return np.column_stack([turned.real, turned.imag])

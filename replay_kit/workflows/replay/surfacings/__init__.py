@@ -1,1 +1,0 @@
-"""Predicted surfacings, their scores, and the flight-model error behind them."""
