@@ -10,6 +10,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import shapely
 
 from planners.hazards.areas import NoGo
 from replay_kit.core.arrays import Array
@@ -59,7 +60,7 @@ def read_areas(path: Path) -> tuple[NoGo, ...]:
 
 
 def area_notes(path: Path, areas: Sequence[NoGo], grid: Grid) -> tuple[str, ...]:
-    """Return notes on the areas of a file in a region: times, distant areas.
+    """Return notes on the areas of a file in a region: open or crossing outlines, times, distant areas.
 
     Raises:
         PlanError: An area lies in the region only with latitude and longitude exchanged.
@@ -67,6 +68,12 @@ def area_notes(path: Path, areas: Sequence[NoGo], grid: Grid) -> tuple[str, ...]
     notes = []
     for area in areas:
         name, corners = area.name, np.array(area.polygon)
+        if area.polygon[0] != area.polygon[-1]:
+            notes.append(
+                f"{name}: its outline is open; it is closed from the last corner to the first"
+            )
+        if len(corners) > 3 and not shapely.is_valid(shapely.Polygon(corners)):
+            notes.append(f"{name}: its outline crosses itself; filled by the even-odd rule")
         if area.is_timed:
             notes.append(f"{name}: a mission that overlaps its time avoids it throughout")
         if not _overlaps(corners, grid):

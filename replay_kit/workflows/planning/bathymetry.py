@@ -47,6 +47,15 @@ _HEIGHTS = (
     "topo",
     "band1",
 )
+# Of the water's surface above the level that depths are counted from, positive up (NEMO: zos; ROMS: zeta).
+_LEVELS = {
+    "sea_surface_height_above_geoid",
+    "sea_surface_height_above_mean_sea_level",
+    "water_surface_height_above_reference_datum",
+    "zos",
+    "zeta",
+    "ssh",
+}
 _USUAL = dict.fromkeys(_DEPTHS, "down") | dict.fromkeys(_HEIGHTS, "up")
 # Spacings of a file's points kept beyond the ends of a region.
 _BEYOND = 2.0
@@ -58,7 +67,8 @@ def read_bathymetry(path: Path, region: Grid) -> Bathymetry:
     """Return the bottom depth in a NetCDF file or Zarr store; only the surroundings of a region are read.
 
     The variable is found by standard name, or else by name. The attribute ``positive`` decides the sign; without it heights are positive up
-    and depths down. Units are metres. Land in ``mask_rho`` of ROMS is unknown depth.
+    and depths down. Units are metres. Of water levels at several times the lowest is used.
+    Land in ``mask_rho`` of ROMS is unknown depth.
 
     Args:
         path: The file.
@@ -129,16 +139,12 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
     if flat:
         longitude, latitude = np.meshgrid(longitude, latitude)
     sign = str(variable.attrs.get("positive", _USUAL[usual])).lower()
-    unit = str(variable.attrs.get("units", "m")).strip().lower()
     if sign not in ("up", "down"):
         raise ForecastError(
             f"{path}: {variable.name} has the attribute positive = {sign!r}; expected up or down"
         )
-    if (metre := metres(unit)) is None:
-        raise ForecastError(
-            f"{path}: {variable.name} is in {unit!r}; expected metres, km, cm or ft"
-        )
-    values = unpacked(variable).astype(float) * (-metre if sign == "up" else metre)
+    values = unpacked(variable).astype(float) * _metre(path, variable)
+    values = -values if sign == "up" else values
     if "mask_rho" in dataset and dataset["mask_rho"].dims == variable.dims:
         values = np.where(unpacked(dataset["mask_rho"]) > 0.5, values, np.nan)
     if not np.any(values > 0.0):
@@ -148,7 +154,35 @@ def _in_region(path: Path, dataset: xr.Dataset, region: Grid) -> Bathymetry:
             f'positive = "{other}" if its sign is opposite'
         )
     # continuous where the region lies across the seam of the file
-    return Bathymetry(unwrap_longitude(longitude, float(region.longitude.mean())), latitude, values)
+    longitude, lowest = unwrap_longitude(longitude, float(region.longitude.mean())), None
+    if (low := _lowest_water(path, dataset, variable)) is not None:
+        values, lowest = values + np.nan_to_num(low), (float(np.nanmin(low)), float(np.nanmax(low)))
+    return Bathymetry(longitude, latitude, values, lowest)
+
+
+def _lowest_water(path: Path, dataset: xr.Dataset, depth: xr.DataArray) -> Array | None:
+    """Return the lowest water level at any time, shape of the depths [m]; None if absent at their points."""
+    from replay_kit.forecast.variables import unpacked
+
+    for name, level in dataset.data_vars.items():
+        called = {str(name).lower(), str(level.attrs.get("standard_name", "")).lower()}
+        if called & _LEVELS and set(depth.dims) <= set(level.dims):
+            if why := exceeds_claim(path, 8 * level.size):
+                raise ForecastError(f"{path}: cannot read {name}: {why}; mend the file")
+            times = unpacked(level.transpose(..., *depth.dims)).reshape(-1, *depth.shape)
+            low = np.fmin.reduce(times.astype(float), axis=0) * _metre(path, level)
+            return low if np.isfinite(low).any() else None
+    return None
+
+
+def _metre(path: Path, variable: xr.DataArray) -> float:
+    """Return the metres per unit of a variable."""
+    unit = str(variable.attrs.get("units", "m")).strip().lower()
+    if (found := metres(unit)) is None:
+        raise ForecastError(
+            f"{path}: {variable.name} is in {unit!r}; expected metres, km, cm or ft"
+        )
+    return found
 
 
 def _window(region: Grid, longitude: Array, latitude: Array) -> tuple[Any, Any]:
@@ -169,8 +203,13 @@ def _window(region: Grid, longitude: Array, latitude: Array) -> tuple[Any, Any]:
 
 
 def bathymetry_notes(bathymetry: Bathymetry, grid: Grid) -> tuple[str, ...]:
-    """Return notes on a bathymetry in a region: gaps, uncovered water."""
+    """Return notes on a bathymetry in a region: lowest water, gaps, uncovered water."""
     notes, longitude, latitude = list[str](), bathymetry.longitude, bathymetry.latitude
+    if bathymetry.lowest_water is not None:
+        low, high = bathymetry.lowest_water
+        notes.append(
+            f"the bottom counts as deep as at the file's lowest water, {low:.1f} to {high:.1f} m above the level of its depths"
+        )
     inside = within(bounds_of(grid), longitude, latitude)
     if gaps := int(np.sum(inside & np.isnan(bathymetry.depth))):
         notes.append(
