@@ -226,6 +226,13 @@ def measured_of(
     return Measured(*tables_of(joined(kept)), _sums(pd.concat(sums, ignore_index=True)))
 
 
+def thinned(count: int, most: int) -> NDArray[np.intp]:
+    """Return at most ``most`` of ``count`` indices, evenly spread, including the first and the last."""
+    if count <= most:
+        return np.arange(count)
+    return np.unique(np.rint(np.linspace(0, count - 1, most)).astype(np.intp))
+
+
 def of_dives(sums: "pd.DataFrame") -> "pd.DataFrame":
     """Return the rows of ``Measured.sums`` on profiles and mean currents used of dives; shear, radar and sensors are of no dive."""
     own = sums["mean_current_kind"].isin(("", "dac", "drift"))

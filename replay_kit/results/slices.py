@@ -4,22 +4,27 @@ The grid is along the local axes, with about the ensemble's spacing and centres 
 estimate is in the attachment ``estimate.npz``.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
+from zlib import crc32
 
 import foxglove.messages as fox
 import numpy as np
 
 from replay_kit.core.arrays import Array
+from replay_kit.core.errors import ReplayKitError
 from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.flow.points import known_at
 from replay_kit.core.geodesy import rotate_to_geographic, to_geographic
 from replay_kit.core.grid import Grid, Projection, Seabed
-from replay_kit.results.mcap.messages import FRAME, orientation, pose, stamp
 
 if TYPE_CHECKING:
     import pandas as pd
 
+#: Frame of all poses: local east, local north, up, so z = -depth.
+FRAME = "map"
 # The longest arrow of the first slices is this many arrow spacings long.
 _ARROW_CELLS = 1.5
 
@@ -30,6 +35,43 @@ _MAX_ARROWS_A_SIDE = 40
 FIELDS = ("u", "v", "speed", "u_standard_error", "v_standard_error")
 _SURFACE = ["time", "longitude", "latitude", "depth", "u", "v", *FIELDS[3:]]
 _COLOR = fox.Color(r=0.05, g=0.2, b=0.5, a=1.0)
+
+
+def stamp(time_ns: int) -> fox.Timestamp:
+    """Return a Foxglove timestamp.
+
+    Raises:
+        ReplayKitError: The time lies outside 1970..2106, the range of the message.
+    """
+    try:
+        return fox.Timestamp(*divmod(time_ns, 10**9))
+    except OverflowError as error:
+        raise ReplayKitError(
+            f"time {time_ns} ns cannot be written: result files hold times from 1970 to 2106; check the log's clock"
+        ) from error
+
+
+def pose(x: float, y: float, z: float, rotation: fox.Quaternion) -> fox.Pose:
+    """Return a pose in the frame ``map``."""
+    return fox.Pose(position=fox.Vector3(x=x, y=y, z=z), orientation=rotation)
+
+
+# a vehicle keeps its heading from one position to the next
+@lru_cache(maxsize=8)
+def orientation(east: float, north: float, up: float) -> fox.Quaternion:
+    """Return the rotation of the x axis to a direction, without roll: yaw 0 = east, counter-clockwise, then nose up."""
+    yaw, down = 0.5 * math.atan2(north, east), -0.5 * math.atan2(up, math.hypot(east, north))
+    return fox.Quaternion(
+        x=-math.sin(yaw) * math.sin(down),
+        y=math.cos(yaw) * math.sin(down),
+        z=math.sin(yaw) * math.cos(down),
+        w=math.cos(yaw) * math.cos(down),
+    )
+
+
+def basis_of(flow: FlowEstimate) -> int:
+    """Return a number that identifies the modes of an estimate's window."""
+    return crc32(flow.modes.astype("<f4").tobytes())
 
 
 class Slice(NamedTuple):

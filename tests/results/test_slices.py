@@ -9,7 +9,7 @@ from replay_kit.core.flow.estimate import FlowEstimate
 from replay_kit.core.geodesy import inside_grid, to_local
 from replay_kit.results import ResultReader, ResultWriter
 from replay_kit.results.slices import depth_slices
-from replay_kit.results.views.slices import published_slices
+from replay_kit.results.views.current import published_slices
 from tests.results.cases import on, turned
 
 

@@ -227,7 +227,7 @@ def export(
     check_paths([result], [out], replacing.overwrite)
     places = [numbers(text, "--at", PLACE.form) for text in at or ()]
 
-    from replay_kit.show.export.export import export as write
+    from replay_kit.show.export import export as write
     from replay_kit.workflows.report import opened
 
     with opened(result) as contents:

@@ -57,7 +57,7 @@ class ResultFile:
         last_time_ns: Latest time of a message [ns, UTC].
     """
 
-    def __init__(self, path: Path, overwrite: bool, goes_on: bool = False) -> None:
+    def __init__(self, path: Path, overwrite: bool = False, goes_on: bool = False) -> None:
         """Open ``path`` + ``.part``; an existing part is replaced.
 
         Args:

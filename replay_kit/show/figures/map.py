@@ -14,19 +14,15 @@ from replay_kit.core.geodesy import rotate_to_geographic, to_geographic, to_loca
 from replay_kit.core.plan import ORIGIN, Plan
 from replay_kit.core.region import Feature
 from replay_kit.core.words.text import time_text
-from replay_kit.results.geojson import ROLES, features_of, until
-from replay_kit.results.plans import line_of, placed
+from replay_kit.results.geojson import ROLES, features_of, line_of, placed, until
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.history import typical_depth
-from replay_kit.results.views.slices import CurrentSlices, slices_of
+from replay_kit.results.views.current import At, CurrentSlices, slices_of, typical_depth
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
 from replay_kit.show.figures.plan import profile_figure
 from replay_kit.show.figures.style import ON_MAP
 from replay_kit.show.numbers import nice
 from replay_kit.show.sentences import energy_sentence, odds_sentence
 
-#: A place: longitude, latitude [degrees] and depth [m].
-At = tuple[float, float, float]
 # Most arrows along the longer side of a map; of fewer side by side each is still no longer than this share of the width.
 _ARROWS, _FEW = 24, 10.0
 # Contours of the bottom are about this many.

@@ -6,9 +6,9 @@ import numpy as np
 
 from replay_kit.core.arrays import Array
 from replay_kit.core.plan import Plan
-from replay_kit.results.plans import thinned
+from replay_kit.results.innovations import thinned
+from replay_kit.results.views.along_track import along
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.track import along
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 
 _POINTS = 1000

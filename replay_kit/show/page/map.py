@@ -16,7 +16,7 @@ from replay_kit.core.words.colors import scale
 from replay_kit.core.words.text import time_text
 from replay_kit.results.geojson import POSITIONS, features_of
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.slices import CurrentSlices
+from replay_kit.results.views.current import CurrentSlices
 from replay_kit.show.figures.draw import column
 from replay_kit.show.figures.map import Extent, around, bottom_lines, dry_text, places_of
 from replay_kit.show.figures.style import ON_MAP

@@ -11,8 +11,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.geodesy import distance, heading_deg, to_geographic
 from replay_kit.core.words.quantities import parse_time
 from replay_kit.results.views.contents import Contents
-from replay_kit.results.views.history import series_at
-from replay_kit.results.views.slices import KEPT, CurrentSlices
+from replay_kit.results.views.current import KEPT, CurrentSlices, published_at
 from replay_kit.show.figures.draw import panels_svg
 from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
 from replay_kit.show.numbers import (
@@ -194,12 +193,12 @@ def _at_vehicle(contents: Contents, slices: CurrentSlices, mean: Array) -> Array
         return np.empty((4, 0))
     at = track.longitude[-1], track.latitude[-1]
     flat = replace(slices, depths=np.zeros(1), time_ns=slices.time_ns[-1:], fields=mean[None, None])
-    found: Any = (
-        series_at(flat, contents.projection, (*at, 0.0))
-        if flow is None
-        else flow.velocity_at(*at, np.linspace(0.0, min(contents.dive_depth, flow.levels[-1])))
-    )
-    each = np.stack([getattr(found, name) for name in KEPT])
+    if flow is None:
+        each = published_at(flat, contents.projection, (*at, 0.0))[1].T
+    else:
+        deep = np.linspace(0.0, min(contents.dive_depth, flow.levels[-1]))
+        found = flow.velocity_at(*at, deep)
+        each = np.stack([getattr(found, name) for name in KEPT])
     return each[:, np.isfinite(each[0])]
 
 

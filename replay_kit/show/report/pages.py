@@ -113,7 +113,7 @@ def along_track_section(contents: Contents) -> Section:
     figures = [figure for figure in each if figure.panels[0].marks]
     missing = [figure.panels[0].note for figure in each if figure not in figures]
     title = "How does it change along the track, with depth and time?"
-    profiles, dives = contents.bins.profiles, contents.mean_currents.time_ns.size
+    profiles, dives = contents.bins.profiles, len(contents.mean_currents)
     answer = f"{profiles:,} profiles and {dives:,} DACs, compared with the estimate."
     return Section("section", title, "", figures, missing, "Section", answer)
 

@@ -13,11 +13,11 @@ from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Plan
 from replay_kit.core.words.quantities import parse_time
+from replay_kit.results.geojson import plan_of
 from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.mcap.schemas import decode
 from replay_kit.results.mcap.topics import CONFIG_NAME, complete
 from replay_kit.results.outcome.outcome import Outcome
-from replay_kit.results.plans import plan_of
 from replay_kit.results.reader import ResultReader, check_result
 from replay_kit.show.sentences import SOURCES
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from replay_kit.core.plan import Plan
-from replay_kit.results.plans import thinned
+from replay_kit.results.innovations import thinned
 from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.plan import profile_figure, surfacing_figure
 from replay_kit.show.numbers import sentence
