@@ -62,7 +62,7 @@ def plan_of(message: Any, areas: tuple[Area, ...] = ()) -> Plan:
     """
     fields = MESSAGES["Plan"]
     same = [each.name for each in fields if not (each.repeated or each.type.startswith("."))]
-    found = {name: getattr(message, name) for name in same}
+    found: dict[str, Any] = {name: getattr(message, name) for name in same}
     # a field that a message of 0.3 does not have reads as 0
     found |= {name: found[name] or np.nan for name in ("energy", "battery")}
     lists = {
@@ -70,7 +70,7 @@ def plan_of(message: Any, areas: tuple[Area, ...] = ()) -> Plan:
         for each in fields
         if each.type == "double" and each.repeated
     }
-    parts = {
+    parts: dict[str, Any] = {
         name: kind(
             *(getattr(getattr(message, name), each.name) for each in MESSAGES[kind.__name__])
         )
@@ -143,11 +143,11 @@ def plan_features(plan: Plan, projection: Projection) -> Iterator[Feature]:
     kept = thinned(len(plan.track), _PLANNED)
     times = plan.start_time_ns + np.rint(1e9 * plan.track_time[kept])
     at = line_of(plan.track[kept, :2], projection)
-    about = made | {"status": plan.status, "message": plan.message} | _numbers(plan)
-    yield from _line(at, times, plan.track[kept, 2], "plan", "last plan", about)
+    about: dict[str, Any] = {**made, "status": plan.status, "message": plan.message}
+    yield from _line(at, times, plan.track[kept, 2], "plan", "last plan", about | _numbers(plan))
     for area in plan.areas:
         closed = (np.array([*ring, ring[0]]) for ring in (area.corners, *area.holes))
-        rings = [positions(*ring.T, projection.longitude) for ring in closed]
+        rings = [positions(ring[:, 0], ring[:, 1], projection.longitude) for ring in closed]
         of_area: dict[str, Any] = {"area": area.name, "surface_only": area.surface_only}
         of_area |= {"description": "surface only"} if area.surface_only else {}
         role, what = ("fence", "fence") if area.fence else ("no_go", "no-go area")
@@ -214,7 +214,7 @@ def _of_surfacings(contents: "Contents") -> Iterator[Feature]:
             for kind in ("predicted", "actual")
         }
         time, far = {"time": time_text(row["time"])}, row["distance"]
-        about = time | {"distance_m": known(far), "description": f"{far:.0f} m apart"}
+        about = {**time, "distance_m": known(far), "description": f"{far:.0f} m apart"}
         # a line joins each predicted surfacing to the actual one
         yield placed("LineString", [*at.values()], "apart", "surfacing, apart", about)
         for kind, place in at.items():
@@ -235,8 +235,8 @@ def _line(
     """Yield a line through positions with times and depths; a line of fewer than two positions is not GeoJSON."""
     if len(at) > 1:
         times, depths = times_of(times_ns), [known(each) for each in np.round(depth, 1)]
-        along = {"begin": times[0], "end": times[-1], "coordTimes": times, "depth_m": depths}
-        yield placed("LineString", at, role, name, along | about)
+        along = {"begin": times[0], "end": times[-1], "coordTimes": times, **about}
+        yield placed("LineString", at, role, name, {**along, "depth_m": depths})
 
 
 def _ring(

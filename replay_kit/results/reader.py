@@ -28,18 +28,72 @@ from replay_kit.results.mcap.topics import (
     message_counts,
 )
 from replay_kit.results.outcome.outcome import Outcome, outcome_from
-from replay_kit.results.vehicles import (
-    VEHICLES_RECORD,
-    VehicleRecord,
-    part_path,
-    topic_of,
-    vehicle_records,
-)
 
 if TYPE_CHECKING:
     from mcap.summary import Summary
 
     from replay_kit.core.flow.estimate import FlowEstimate
+
+
+#: Record of a result of several vehicles: name to logs and goal, as JSON.
+VEHICLES_RECORD = "replay_kit.vehicles"
+#: Names that no vehicle may have, as topics begin with them.
+RESERVED = ("flow", "input", "log", "plan", "tf", "vehicle")
+_SHARED = ("/flow/estimate", "/flow/grid/", "/flow/arrows/", "/flow/surface", "/plan/seabed")
+_SHORT = {
+    "/vehicle/fix": "fix",
+    "/flow/innovation": "innovation",
+    "/flow/consistency": "consistency",
+    "/flow/surfacing": "surfacing",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleRecord:
+    """Record of one vehicle in a result of several.
+
+    Attributes:
+        name: Name of the vehicle.
+        logs: Keys of its logs among the inputs.
+        goal: Goal as in the option; empty without one.
+        why_not: Why its measurements were not used; else empty.
+    """
+
+    name: str
+    logs: tuple[str, ...]
+    goal: str = ""
+    why_not: str = ""
+
+    def to_text(self) -> str:
+        """Return the text of the record."""
+        return json.dumps({"logs": self.logs, "goal": self.goal, "why_not": self.why_not})
+
+
+def vehicle_records(metadata: Mapping[str, Mapping[str, str]]) -> tuple[VehicleRecord, ...]:
+    """Return the vehicles in a result's metadata in order of their names; empty for a single vehicle."""
+    held = {name: json.loads(text) for name, text in metadata.get(VEHICLES_RECORD, {}).items()}
+    return tuple(
+        VehicleRecord(name, tuple(one["logs"]), one["goal"], one["why_not"])
+        for name, one in sorted(held.items())
+    )
+
+
+def topic_of(vehicle: str, topic: str) -> str:
+    """Return the topic of a vehicle's messages; unchanged for a single vehicle (empty name) and for the estimate."""
+    if not vehicle or topic.startswith(_SHARED):
+        return topic
+    return f"/{vehicle}/{_SHORT.get(topic, topic[1:])}"
+
+
+def name_of(vehicle: str, name: str) -> str:
+    """Return the name of a vehicle's record or attachment; unchanged for a single vehicle."""
+    return f"{vehicle}/{name}" if vehicle else name
+
+
+def part_path(path: Path, vehicle: str, folder: Path) -> Path:
+    """Return the file of one vehicle in a folder, such as ``out.sg1.mcap`` for ``out.mcap``."""
+    return folder / f"{path.stem}.{vehicle}{path.suffix}"
+
 
 _INPUTS, _OPTIONS = "replay_kit.inputs", "replay_kit.options"
 # The first contract version that is read, of 0.3.

@@ -25,7 +25,7 @@ from replay_kit.results.geojson import ROLES, features_of, place_features
 from replay_kit.results.views.along_track import pairs, times_in
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import KEPT, At
-from replay_kit.show.figures.style import ON_MAP
+from replay_kit.show.figures.figure import ON_MAP
 
 if TYPE_CHECKING:
     import xarray as xr

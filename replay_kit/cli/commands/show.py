@@ -251,7 +251,7 @@ def layout(
     """
     check_paths([result], [out], replacing.overwrite)
 
-    from replay_kit.results.layout.layout import write_layout
+    from replay_kit.results.layout import write_layout
 
     count = write_layout(result, out)
     console_beside().print(

@@ -26,7 +26,7 @@ from replay_kit.core.region import collection_text
 from replay_kit.core.surfacing import DiveOutcome, Ellipse, SurfacingOutcome
 from replay_kit.results.geojson import plan_features
 from replay_kit.results.innovations import TOPIC, block_of
-from replay_kit.results.layout.layout import layout_of, layout_text
+from replay_kit.results.layout import layout_of, layout_text
 from replay_kit.results.mcap.file import Definition, ResultFile, Written
 from replay_kit.results.mcap.schemas import (
     CONTRACT_VERSION,
@@ -44,6 +44,7 @@ from replay_kit.results.mcap.topics import (
     WINDOW_NAME,
 )
 from replay_kit.results.outcome.outcome import Outcome
+from replay_kit.results.reader import name_of, topic_of
 from replay_kit.results.slices import (
     FRAME,
     Slice,
@@ -57,7 +58,6 @@ from replay_kit.results.slices import (
     seabed_message,
     stamp,
 )
-from replay_kit.results.vehicles import name_of, topic_of
 
 ROOT_FRAME = "earth"
 VEHICLE_FRAME = "vehicle"

@@ -16,8 +16,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from matplotlib.transforms import ScaledTranslation
 
 from replay_kit.core.words.colors import LIGHT, PRINT, scale
-from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel
-from replay_kit.show.figures.style import (
+from replay_kit.show.figures.figure import (
     BEHIND,
     DASHES,
     GRID,
@@ -27,6 +26,10 @@ from replay_kit.show.figures.style import (
     SMALL,
     THIN,
     WIDTHS,
+    Axis,
+    Figure,
+    Mark,
+    Panel,
 )
 from replay_kit.show.numbers import nice
 

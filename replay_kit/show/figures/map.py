@@ -17,9 +17,8 @@ from replay_kit.core.words.text import time_text
 from replay_kit.results.geojson import ROLES, features_of, line_of, placed, until
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import At, CurrentSlices, slices_of, typical_depth
-from replay_kit.show.figures.figure import Axis, Figure, Mark, Panel, missing
-from replay_kit.show.figures.plan import profile_figure
-from replay_kit.show.figures.style import ON_MAP
+from replay_kit.show.figures.figure import ON_MAP, Axis, Figure, Mark, Panel, missing
+from replay_kit.show.figures.section import profile_figure
 from replay_kit.show.numbers import nice
 from replay_kit.show.sentences import energy_sentence, odds_sentence
 

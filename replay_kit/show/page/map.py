@@ -18,8 +18,8 @@ from replay_kit.results.geojson import POSITIONS, features_of
 from replay_kit.results.views.contents import Contents
 from replay_kit.results.views.current import CurrentSlices
 from replay_kit.show.figures.draw import column
+from replay_kit.show.figures.figure import ON_MAP
 from replay_kit.show.figures.map import Extent, around, bottom_lines, dry_text, places_of
-from replay_kit.show.figures.style import ON_MAP
 from replay_kit.show.page.page import Map, pack
 
 #: Of one step of the packed current [m/s].

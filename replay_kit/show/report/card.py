@@ -23,8 +23,7 @@ from replay_kit.show.numbers import (
     nice,
     sentence,
 )
-from replay_kit.show.page.page import legend
-from replay_kit.show.page.parts import compass
+from replay_kit.show.page.page import compass, legend
 from replay_kit.show.status.held import Values, read_held
 from replay_kit.show.status.lines import BASIS
 from replay_kit.show.status.status import status_of
@@ -69,7 +68,7 @@ def _why(contents: Contents) -> str:
     first = f'<p class="below">{escape(said[:1].upper() + said[1:])}.</p>' if texts else ""
     if verdict.word == "trust":
         return first
-    from replay_kit.show.report.sections.answer import next_steps
+    from replay_kit.show.report.answer import next_steps
 
     return f'{first}<p class="below">Next step: {next_steps(contents)[0]}</p>'
 
@@ -220,7 +219,7 @@ def _least_known(contents: Contents, slices: CurrentSlices, mean: Array) -> str:
 
 
 def _lights(contents: Contents) -> str:
-    from replay_kit.show.report.sections.trust import lights
+    from replay_kit.show.report.answer import lights
 
     each = (
         f'<a href="#trust" class="{light.color}">{escape(light.name)}</a>'

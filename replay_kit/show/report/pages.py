@@ -15,14 +15,11 @@ from replay_kit.results.views.contents import Contents
 from replay_kit.show.figures.section import dives_figure, section_figure
 from replay_kit.show.numbers import Sentence, clock_text, number
 from replay_kit.show.page.map import map_of
-from replay_kit.show.page.page import Section, page_html
-from replay_kit.show.page.parts import items_html, table_html
+from replay_kit.show.page.page import Section, items_html, page_html, table_html
+from replay_kit.show.report.answer import trust_section, words_section
 from replay_kit.show.report.card import card_html
-from replay_kit.show.report.sections.answer import words_section
-from replay_kit.show.report.sections.plan import plan_section
-from replay_kit.show.report.sections.trust import trust_section
-from replay_kit.show.sentences import estimate_sentences
-from replay_kit.show.vehicles import COLUMNS, vehicle_cells, vehicle_sentences
+from replay_kit.show.report.plan import plan_section
+from replay_kit.show.sentences import COLUMNS, estimate_sentences, vehicle_cells, vehicle_sentences
 
 # Entries of a list of the summary that are shown.
 _LONG = 12

@@ -21,7 +21,7 @@ from replay_kit.estimator import Estimator
 from replay_kit.forecast import find_sources
 from replay_kit.logs.reader import LogFile
 from replay_kit.measurements.region import for_region
-from replay_kit.results.vehicles import VEHICLES_RECORD
+from replay_kit.results.reader import VEHICLES_RECORD
 from replay_kit.workflows.replay.account import Account
 from replay_kit.workflows.replay.inputs.estimator import build
 from replay_kit.workflows.replay.inputs.forecast import Forecasts

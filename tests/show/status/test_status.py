@@ -17,8 +17,7 @@ from replay_kit.results import ResultWriter
 from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import ResultReader
 from replay_kit.show.status.held import Fix, read_held
-from replay_kit.show.status.lines import WIDTH, detail_lines, lines, title
-from replay_kit.show.status.page import status_page
+from replay_kit.show.status.lines import WIDTH, detail_lines, lines, status_page, title
 from replay_kit.show.status.status import status_of
 from tests.cli.test_cli_settings import loaded
 from tests.command import invoke

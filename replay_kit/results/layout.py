@@ -37,7 +37,7 @@ def write_layout(result: Path, out: Path) -> int:
 def layout_of(topics: Iterable[str]) -> dict[str, Any]:
     """Return the layout of a result with the given topics."""
     has = frozenset(topics)
-    text = files("replay_kit.results.layout").joinpath("panels.json").read_text(encoding="utf-8")
+    text = files("replay_kit.results").joinpath("panels.json").read_text(encoding="utf-8")
     layout: dict[str, Any] = _of_topics(json.loads(text), has)
     panels, below = layout["configById"], layout["layout"]["second"]
     for axis, end in (("u", "east"), ("v", "north")):

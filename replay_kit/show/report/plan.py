@@ -11,10 +11,9 @@ import numpy as np
 from replay_kit.core.plan import Plan
 from replay_kit.results.innovations import thinned
 from replay_kit.results.views.contents import Contents
-from replay_kit.show.figures.plan import profile_figure, surfacing_figure
+from replay_kit.show.figures.section import profile_figure, surfacing_figure
 from replay_kit.show.numbers import sentence
-from replay_kit.show.page.page import Section
-from replay_kit.show.page.parts import table_html
+from replay_kit.show.page.page import Section, table_html
 from replay_kit.show.sentences import energy_sentence, odds_sentence, outcomes_sentence
 
 _STATUS = {
