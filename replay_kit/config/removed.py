@@ -42,7 +42,10 @@ SETTINGS: dict[str, dict[str, str]] = {
             _CONSTANT,
         ),
     },
-    "replay": {"truth_radius": "all points of the truth are scored"},
+    "replay": {
+        "truth_radius": "all points of the truth are scored",
+        "include_inputs": "a viewer opens the logs beside the result",
+    },
     "planner": {"flight_model": "a script plans with Glider(flight=fit_flight(...))"},
     "plan": {
         **dict.fromkeys(

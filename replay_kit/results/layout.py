@@ -5,7 +5,7 @@ topics only those of the result are kept; one that ends in ``/`` stands for thos
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from copy import deepcopy
 from importlib.resources import files
 from pathlib import Path
@@ -28,7 +28,10 @@ def write_layout(result: Path, out: Path) -> int:
         ConfigError: The layout cannot be written.
     """
     topics = [*ResultReader(result).topics]
-    require_topics(topics, str(result))
+    if not any(topic.startswith(("/flow/", "/plan/")) for topic in topics):
+        raise LogError(
+            f"{result}: expected a result of replay-kit replay, it has no topic /flow/ or /plan/; give a result"
+        )
     layout = layout_of(topics)
     write_whole(out, layout_text(layout))
     return len(layout["configById"])
@@ -74,11 +77,3 @@ def _of_topics(value: Any, has: frozenset[str]) -> Any:
 def layout_text(layout: Mapping[str, Any]) -> str:
     """Return a layout as the text of its file."""
     return json.dumps(layout, indent=1, allow_nan=False) + "\n"
-
-
-def require_topics(topics: Sequence[str], name: str) -> None:
-    """Raise LogError if a file has no topic of a result."""
-    if not any(topic.startswith(("/flow/", "/plan/")) for topic in topics):
-        raise LogError(
-            f"{name}: expected a result of replay-kit replay, it has no topic /flow/ or /plan/; give a result"
-        )

@@ -71,11 +71,9 @@ class VehicleRecord:
 
 def vehicle_records(metadata: Mapping[str, Mapping[str, str]]) -> tuple[VehicleRecord, ...]:
     """Return the vehicles in a result's metadata in order of their names; empty for a single vehicle."""
-    held = {name: json.loads(text) for name, text in metadata.get(VEHICLES_RECORD, {}).items()}
-    return tuple(
-        VehicleRecord(name, tuple(one["logs"]), one["goal"], one["why_not"])
-        for name, one in sorted(held.items())
-    )
+    held = sorted(metadata.get(VEHICLES_RECORD, {}).items())
+    parts = [(name, json.loads(text)) for name, text in held]
+    return tuple(VehicleRecord(name, **one | {"logs": tuple(one["logs"])}) for name, one in parts)
 
 
 def topic_of(vehicle: str, topic: str) -> str:
@@ -153,18 +151,14 @@ class ResultReader:
         """Records by name, without digests; for a vehicle its own and the common ones, with its logs and goal alone."""
         if not self.vehicle:
             return {name: values for name, values in self.records if name != DIGEST_NAME}
-        found = dict[str, dict[str, str]]()
-        for full, values in self.records:
-            owner, _, name = full.rpartition("/")
-            if name not in (DIGEST_NAME, VEHICLES_RECORD) and owner in ("", self.vehicle):
-                found[name] = values
+        split = [(*full.rpartition("/")[::2], values) for full, values in self.records]
+        found = {name: values for owner, name, values in split if owner in ("", self.vehicle)}
+        for name in (DIGEST_NAME, VEHICLES_RECORD):
+            found.pop(name, None)
         (own,) = (one for one in vehicle_records(dict(self.records)) if one.name == self.vehicle)
-        found[_INPUTS] = {
-            key: text
-            for key, text in found.get(_INPUTS, {}).items()
-            if not key.startswith("log") or key in own.logs
-        }
-        return found | {_OPTIONS: {**found.get(_OPTIONS, {}), "goal": own.goal}}
+        inputs = found.get(_INPUTS, {}).items()
+        kept = {k: text for k, text in inputs if not k.startswith("log") or k in own.logs}
+        return found | {_INPUTS: kept, _OPTIONS: {**found.get(_OPTIONS, {}), "goal": own.goal}}
 
     @property
     def projection(self) -> Projection:
@@ -185,7 +179,11 @@ class ResultReader:
         found = dict[str, Attachment]()
         for one in self.summary.attachment_indexes:
             owner, _, name = one.name.rpartition("/")
-            if self.vehicle and owner != self.vehicle and not _is_common(name):
+            if (
+                self.vehicle
+                and owner != self.vehicle
+                and not (name == CONFIG_NAME or name.startswith("estimate"))
+            ):
                 continue
             if not self.vehicle:
                 name = one.name
@@ -290,10 +288,6 @@ def check_result(reader: ResultReader) -> None:
         raise LogError(
             f"{path}: expected a result of version 0.3.0 or later, got one of contract version {version}; replay the log again"
         )
-
-
-def _is_common(name: str) -> bool:
-    return name == CONFIG_NAME or name.startswith("estimate")
 
 
 def _estimate(path: Path, held: Attachment) -> "FlowEstimate":

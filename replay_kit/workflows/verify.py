@@ -127,7 +127,6 @@ def _job(recorded: Recorded, found: Mapping[str, Path], out: Path) -> ReplayJob:
         _products(found, "ensemble"),
         out,
         goal=_place(options.get("goal")),
-        include_inputs=options.get("include_inputs") == "true",
         region=from_record(region) if region else None,
         against=_products(found, RIVAL),
         vehicles=tuple(

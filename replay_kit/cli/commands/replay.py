@@ -63,7 +63,6 @@ class Outputs(Answer):
         netcdf: Estimate and standard error on the forecast's grid, CF NetCDF.
         save_estimate: Lossless estimate, for plan and scripts.
         checkpoint: State from which an interrupted run resumes.
-        include_inputs: Copy the logs' messages unchanged into the result.
         report: Also write the report, an HTML page named as the result.
     """
 
@@ -71,7 +70,6 @@ class Outputs(Answer):
     netcdf: Annotated[Path | None, option("GRID.nc"), NETCDF] = None
     save_estimate: Annotated[Path | None, option("FLOW.nc"), NETCDF] = None
     checkpoint: Annotated[Path | None, option("FILE")] = None
-    include_inputs: Annotated[bool, FLAG] = False
     report: Annotated[bool, FLAG] = False
 
     @property
@@ -200,7 +198,6 @@ def _job(logs: tuple[Path, ...], inputs: Inputs, outputs: Outputs) -> "ReplayJob
         truth=inputs.truth,
         checkpoint=outputs.checkpoint,
         overwrite=outputs.overwrite,
-        include_inputs=outputs.include_inputs,
         tell=console_beside(outputs.json_file).print,
     )
 

@@ -9,7 +9,6 @@ import os
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, NamedTuple, Self
@@ -19,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.files.atomic import open_part, part_of, sync
-from replay_kit.core.message import OutChannels, RawChannel, RawMessage
+from replay_kit.core.message import OutChannels, RawChannel
 from replay_kit.results.mcap.topics import DAMAGED, DIGEST_NAME, Digest, check_written, records
 
 #: Name, encoding and definition of a schema.
@@ -27,9 +26,6 @@ Definition = tuple[str, str, bytes]
 
 #: Input number of the result's own channels.
 _OURS = -1
-#: Topics of the result itself, and the beginnings of others.
-_OWN_TOPICS = ("/tf", "/vehicle/fix", "/log")
-_OWN_FOLDERS = ("/flow/", "/plan/")
 
 
 class Written(NamedTuple):
@@ -156,24 +152,6 @@ class ResultFile:
         """Write a metadata record."""
         with self._storing(f"write the metadata {name}"):
             self._writer.add_metadata(name, dict(values))
-
-    def copy(self, source: Iterator[RawMessage]) -> None:
-        """Write the inputs' messages unchanged; topics that are also the result's own get the prefix ``/input``.
-
-        Args:
-            source: Messages of all logs.
-        """
-        renamed: dict[RawChannel, RawChannel] = {}
-        with self._storing("copy the inputs"):
-            for message in source:
-                channel = renamed.get(message.channel) or renamed.setdefault(
-                    message.channel, _renamed(message.channel)
-                )
-                number = self._out.number(message.input, channel)
-                self._writer.add_message(
-                    number, message.log_ns, message.data, message.publish_ns, message.sequence
-                )
-                self._counts[channel.topic] += 1
 
     def flush(self) -> None:
         """Flush all data to disk as whole chunks, which ``convert`` recovers after a power cut."""
@@ -312,10 +290,3 @@ class ResultFile:
             raise ConfigError(
                 f"{self.path}: exists already; pass --overwrite to replace it, or write elsewhere"
             )
-
-
-def _renamed(channel: RawChannel) -> RawChannel:
-    """Return an input's channel, with ``/input`` before a topic that is also the result's own."""
-    if channel.topic not in _OWN_TOPICS and not channel.topic.startswith(_OWN_FOLDERS):
-        return channel
-    return replace(channel, topic=f"/input{channel.topic}")

@@ -174,17 +174,13 @@ def _files(as_bytes: bool) -> tuple[FileDescriptorProto, FileDescriptorProto]:
     return times, file
 
 
-def _classes() -> dict[str, type[Message]]:
-    # A pool of our own: the names stay free for a reader that decodes a result in the same process.
-    pool = DescriptorPool()
-    for file in _files(as_bytes=True):
-        pool.Add(file)
-    return {
-        name: GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in MESSAGES
-    }
-
-
-_CLASSES = _classes()
+# A pool of our own: the names stay free for a reader that decodes a result in the same process.
+_POOL = DescriptorPool()
+for _own in _files(as_bytes=True):
+    _POOL.Add(_own)
+_CLASSES: dict[str, type[Message]] = {
+    name: GetMessageClass(_POOL.FindMessageTypeByName(f"{_PACKAGE}.{name}")) for name in MESSAGES
+}
 
 DESCRIPTOR_SET: bytes = FileDescriptorSet(file=_files(as_bytes=False)).SerializeToString(
     deterministic=True

@@ -205,10 +205,16 @@ def profile_figure(contents: Contents, plan: Plan) -> Figure:
     kept = thinned(len(plan.track), _POINTS)
     far, depth = along(*plan.track[:, :2].T)[kept] / 1e3, plan.track[kept, 2]
     ground = None if plan.bottom is None else plan.bottom[kept]
-    floor, marks, below = profile_floor(depth, ground), [], ""
+    deepest = max(float(depth.max()), 1.0)
+    lowest = deepest if ground is None else min(float(np.nanmax(ground)), _BELOW * deepest)
+    floor, marks, below = 1.05 * max(deepest, lowest), [], ""
     if ground is not None:
         look: Any = {"color": "ink", "width": 1.5, "base": np.full(far.size, floor)}
-        marks, below = [Mark("line", far, ground, "bottom", **look)], _over(ground, floor)
+        marks = [Mark("line", far, ground, "bottom", **look)]
+        below = "Filled: the bottom of the bathymetry, interpolated linearly; plans keep above the shallowest of the four points around."
+        if (ground > floor).any():
+            least, most = np.nanmin(ground), np.nanmax(ground)
+            below += f" Where it is not shown it is deeper than {floor:.0f} m: it is {least:.0f} to {most:.0f} m deep."
     elif (level := _deepest_wet(contents, plan.track[kept])) is not None:
         floor = max(floor, 1.05 * float(level.max()))
         marks = [Mark("line", far, level, "deepest wet level", "ink", width=1.5)]
@@ -227,25 +233,6 @@ def profile_figure(contents: Contents, plan: Plan) -> Figure:
         f"Depth of the last plan along its predicted track, {far[-1]:.1f} km in {hours:.1f} hours. {below}",
         f"Depth against distance along the last plan, {far[-1]:.0f} km long{over}.",
     )
-
-
-def profile_floor(depth: Array, ground: Array | None) -> float:
-    """Return the lower limit of a depth profile [m]: below the bottom, unless that is far below the plan.
-
-    Args:
-        depth: Depth of the plan, shape (n,) [m].
-        ground: Depth of the bottom, shape (n,) [m]; NaN if unknown, None without a bathymetry.
-    """
-    deepest = max(float(depth.max()), 1.0)
-    lowest = deepest if ground is None else min(float(np.nanmax(ground)), _BELOW * deepest)
-    return 1.05 * max(deepest, lowest)
-
-
-def _over(ground: Array, floor: float) -> str:
-    text = "Filled: the bottom of the bathymetry, interpolated linearly; plans keep above the shallowest of the four points around."
-    if (ground > floor).any():
-        text += f" Where it is not shown it is deeper than {floor:.0f} m: it is {np.nanmin(ground):.0f} to {np.nanmax(ground):.0f} m deep."
-    return text
 
 
 def _deepest_wet(contents: Contents, track: Array) -> Any:

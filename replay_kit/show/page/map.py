@@ -47,7 +47,14 @@ def map_of(contents: Contents) -> Map | None:
         "marks": [*marks_of(lines, contents.projection), *marks],
     }
     title = "The current, the track and the plan"
-    choices = {} if slices is None else _choices(contents, slices)
+    choices = dict[str, Sequence[str]]()
+    if slices is not None:
+        depths = [f"{depth:g} m" for depth in slices.depths]
+        choices = {
+            "Show": ("speed", "standard error"),
+            "Depth": [f"mean to {contents.dive_depth:.0f} m", *depths],
+            "Time": [time_text(int(time))[:16] for time in slices.time_ns],
+        }
     texts = _caption(contents, slices), _alternative(contents)
     return Map("current-map", title, *texts, choices, packed, drawn)
 
@@ -58,12 +65,13 @@ def marks_of(features: Sequence[Feature], projection: Projection) -> list[dict[s
     for one in features:
         about = one["properties"]
         role, at = about["role"], places_of(one["geometry"])
-        east, north = (np.round(each / 1e3, 3).tolist() for each in to_local(projection, *at.T))
+        east, north = (np.round(axis / 1e3, 3).tolist() for axis in to_local(projection, *at.T))
         made = [about["time"]] * len(at) if "time" in about else about.get("coordTimes", [])
         said = [] if role in _SILENT else _said(about, len(at))
+        each = np.array([time.rstrip("Z") for time in made], "datetime64[ms]").astype(np.int64)
         mark = {"symbol": "", "width": 2.0, "size": 6.0, **ON_MAP[role]}
         place = {"role": role, "label": _label(about), "x": east, "y": north}
-        marks.append(mark | place | {"text": said or None, "when": _milliseconds(made) or None})
+        marks.append(mark | place | {"text": said or None, "when": each.tolist() or None})
     return marks
 
 
@@ -94,22 +102,6 @@ def _said(about: Mapping[str, Any], count: int) -> list[str]:
     time = about["time"] if about["role"] in ("begin", "vehicle", "predicted", "actual") else ""
     said = f"{name} {time[:16].replace('T', ' ')}".strip()
     return ["<br>".join(filter(None, [said, escape(about.get("description", ""))]))] * count
-
-
-def _milliseconds(times: Sequence[str]) -> list[int]:
-    each = np.array([time.rstrip("Z") for time in times], "datetime64[ms]")
-    return list(each.astype(np.int64).tolist())
-
-
-def _choices(contents: Contents, slices: CurrentSlices) -> dict[str, Sequence[str]]:
-    return {
-        "Show": ("speed", "standard error"),
-        "Depth": [
-            f"mean to {contents.dive_depth:.0f} m",
-            *(f"{depth:g} m" for depth in slices.depths),
-        ],
-        "Time": [time_text(int(time))[:16] for time in slices.time_ns],
-    }
 
 
 def _views(

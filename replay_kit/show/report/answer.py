@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replay_kit.core.arrays import Array
 from replay_kit.core.errors import severity_word
 from replay_kit.core.words.text import count_text, time_text
 from replay_kit.results.outcome.outcome import Outcome
@@ -19,17 +18,6 @@ from replay_kit.show.page.page import Section, items_html, table_html
 from replay_kit.show.sentences import estimate_sentences, flown_sentences, trust_sentences
 
 _KINDS = {"stop": "Stop", "care": "Care", "note": "Note"}
-
-
-def warnings_html(contents: Contents) -> str:
-    """Return the alarms, warnings and notes as HTML, in this order."""
-    rows = [
-        f'<li class="{kind}"><b>{_KINDS[kind]}</b> {text}</li>'
-        for wanted in _KINDS
-        for kind, text in found_warnings(contents)
-        if kind == wanted
-    ]
-    return f'<ul class="warnings">{"".join(rows)}</ul>' if rows else "<p>No problems detected.</p>"
 
 
 def found_warnings(contents: Contents) -> list[tuple[str, str]]:
@@ -84,16 +72,9 @@ def next_steps(contents: Contents) -> list[str]:
             "Recover the log from the vehicle again if possible: the losses are listed above."
         )
     if contents.estimate is None and contents.measured.count:
-        out.append(
-            "Replay the log again without <code>--no-estimate</code>, or to its end, for the current and its uncertainty."
-        )
-    return out or [_advice(outcome)]
-
-
-def _advice(outcome: Outcome) -> str:
-    """Return the next step for a complete result."""
+        out.append("Replay the log again, to its end, for the current and its uncertainty.")
     reasons = "; ".join(map(escape, outcome.verdict.reasons))
-    return f"Check before use: {reasons}." if reasons else "No action needed."
+    return out or [f"Check before use: {reasons}." if reasons else "No action needed."]
 
 
 def _sentence(text: str) -> str:
@@ -131,9 +112,13 @@ def words_section(contents: Contents) -> Section:
     """Return the report section in words."""
     outcome = contents.outcome
     used = estimate_sentences(outcome) if outcome.complete else ()
+    lacks = (
+        "The result holds only a plan." if len(contents.result.plans) else "Nothing was estimated."
+    )
+    found = [] if contents.slices is not None else [Sentence([lacks])]
     parts = {
         "What was measured": [Sentence([_measured(contents)]), *used],
-        "What was found": [*_lacking(contents), *flown_sentences(outcome)],
+        "What was found": [*found, *flown_sentences(outcome)],
         "What was not used, and why": [*_not_used(contents)],
     }
     lists = (
@@ -174,20 +159,10 @@ def _measured(contents: Contents) -> str:
         parts.append(f"{track.distance[-1] / 1e3:.1f} km travelled")
     for what, depth in (("positions", track.depth), ("bins used", contents.bins.depth)):
         if np.isfinite(depth).any():
-            parts.append(f"{what} at {_depths(depth)}")
+            # whole numbers have no negative zero
+            least, most = round(float(np.nanmin(depth))), round(float(np.nanmax(depth)))
+            parts.append(f"{what} at {least} to {most} m")
     return "; ".join(parts)
-
-
-def _depths(depth: Array) -> str:
-    # whole numbers have no negative zero
-    return f"{round(float(np.nanmin(depth)))} to {round(float(np.nanmax(depth)))} m"
-
-
-def _lacking(contents: Contents) -> Iterator[Sentence]:
-    """Yield the sentence on a result without a current."""
-    if contents.slices is None:
-        plans = len(contents.result.plans)
-        yield Sentence(["The result holds only a plan." if plans else "Nothing was estimated."])
 
 
 def _not_used(contents: Contents) -> Iterator[Sentence]:
@@ -287,7 +262,13 @@ def trust_section(contents: Contents) -> Section:
     """Return the section on innovations, calibration, error over time and gate decisions."""
     outcome, figures, parts = contents.outcome, dict[str, Figure](), {}
     missing = ["The result holds no measurement to compare the estimate with."]
-    html = warnings_html(contents)
+    warnings = [
+        f'<li class="{kind}"><b>{_KINDS[kind]}</b> {text}</li>'
+        for kind, text in sorted(found_warnings(contents), key=lambda one: [*_KINDS].index(one[0]))
+    ]
+    html = "<p>No problems detected.</p>"
+    if warnings:
+        html = f'<ul class="warnings">{"".join(warnings)}</ul>'
     if contents.measured.count:
         figures, missing = trust_figures(contents)
         told = [each.html for each in trust_sentences(outcome)]

@@ -156,8 +156,9 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
         pages: File names of the vehicles' pages by vehicle.
     """
     outcome, span = contents.outcome, contents.span_ns
+    links = {name: f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in pages.items()}
     rows = [
-        (_link(str(name), pages), *(Sentence([cell]).html for cell in rest))
+        (links.get(str(name), escape(str(name))), *(Sentence([cell]).html for cell in rest))
         for name, *rest in vehicle_cells(outcome)
     ]
     briefs = [f"{name}: {used} observations; {verdict}" for name, used, *_, verdict in rows]
@@ -180,8 +181,3 @@ def several_html(contents: Contents, pages: Mapping[str, str]) -> str:
     ]
     title = f"Report on {contents.result.reader.name}"
     return page_html(title, [*sections, again_section(contents)], " · ".join(parts))
-
-
-def _link(name: str, pages: Mapping[str, str]) -> str:
-    page = pages.get(name)
-    return escape(name) if page is None else f'<a href="{escape(page)}">{escape(name)}</a>'

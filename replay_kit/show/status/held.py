@@ -12,7 +12,6 @@ import numpy as np
 from replay_kit.core.geodesy import heading_deg
 from replay_kit.core.grid import Projection
 from replay_kit.core.plan import Plan
-from replay_kit.core.words.quantities import parse_time
 from replay_kit.results.geojson import plan_of
 from replay_kit.results.innovations import Columns, blocks_in, joined, picked
 from replay_kit.results.mcap.schemas import decode
@@ -87,14 +86,6 @@ class Held:
     def fix_error(self) -> float:
         """Standard error of a fix [m]; 0 if not set."""
         return float(self.settings.get("measurements", {}).get("fix_std", 0.0))
-
-    @property
-    def forecast_ns(self) -> tuple[int, int] | None:
-        """First and last time of the forecast [ns, UTC]; None without times."""
-        record = self.metadata.get("replay_kit.forecast", {})
-        if "first" not in record:
-            return None
-        return parse_time(record["first"]), parse_time(record["last"])
 
 
 def course(velocity: Mapping[str, float]) -> tuple[float, float]:

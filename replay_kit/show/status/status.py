@@ -11,6 +11,7 @@ from replay_kit.core.arrays import Array
 from replay_kit.core.as_flown import AsFlown
 from replay_kit.core.geodesy import distance, rotate_to_geographic
 from replay_kit.core.plan import ORIGIN, share_interval
+from replay_kit.core.words.quantities import parse_time
 from replay_kit.core.words.text import count_text, time_text
 from replay_kit.results.mcap.schemas import attributes
 from replay_kit.results.outcome.verdict import Alarm
@@ -285,9 +286,10 @@ def _time_after(begin_ns: int, seconds: float) -> str | None:
 
 
 def _forecast(held: Held, now_ns: int) -> Values:
-    if (times := held.forecast_ns) is None:
+    record = held.metadata.get("replay_kit.forecast", {})
+    if "first" not in record:
         return {}
-    (first, last), record = times, held.metadata["replay_kit.forecast"]
+    first, last = (parse_time(record[end]) for end in ("first", "last"))
     evolves = record.get("evolves") == "true"
     return {
         "since": time_text(first),

@@ -35,7 +35,6 @@ from replay_kit.workflows.replay.inputs.forecast import Forecasts
 from replay_kit.workflows.replay.inputs.job import (
     ReplayJob,
     check_outputs,
-    copy_inputs,
 )
 from replay_kit.workflows.replay.inputs.provenance import lasting, run_settings_toml
 from replay_kit.workflows.replay.inputs.vehicles import identified
@@ -196,5 +195,4 @@ def _begin_result(run: Run, inputs: Prepared, time_ns: int) -> None:
         beds = (one.planner.seabed for one in problems if one is not None)
         for seabed in [bed for bed in beds if bed is not None][:1]:
             writer.seabed(time_ns, seabed)
-        copy_inputs(writer, inputs.job, run.config.logs)
         writer.digest(time_ns)

@@ -55,7 +55,7 @@ WINDOW = CONFIG.model_copy(
         pytest.param(WINDOW, {}, marks=pytest.mark.full),
         pytest.param(
             CONFIG,
-            {"logs": ("glider.mcap", "survey.mcap"), "include_inputs": True},
+            {"logs": ("glider.mcap", "survey.mcap")},
             marks=pytest.mark.full,
         ),
         pytest.param(CONFIG, {"truth": "truth.nc"}, marks=pytest.mark.full),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from replay_kit.config.run import LogConfig, RunConfig
+from replay_kit.config.run import RunConfig
 from replay_kit.core.errors import ForecastError
 from replay_kit.core.files.paths import check_paths, truth_path
 from replay_kit.core.grid import Ensemble
@@ -15,9 +15,7 @@ from replay_kit.estimator import Estimator
 from replay_kit.forecast import ensemble_files, read_truth
 from replay_kit.forecast.members.collection import open_collection
 from replay_kit.forecast.members.rules import parse_rule
-from replay_kit.logs import open_logs
 from replay_kit.logs.opening import logs_in
-from replay_kit.results.mcap.writer import ResultWriter
 from replay_kit.workflows.replay.inputs.forecast import Forecasts, read_forecasts
 from replay_kit.workflows.replay.inputs.region import FoundRegion, find_region
 from replay_kit.workflows.replay.inputs.scan import Logs
@@ -80,7 +78,6 @@ class ReplayJob:
         truth: ``PATH`` or ``PATH#MEMBER`` to score against.
         checkpoint: File from which an interrupted run continues, deleted at its end.
         overwrite: Whether existing outputs are replaced.
-        include_inputs: Whether the logs' messages are copied.
         following: For growing logs; None for finished ones.
         region: Part of the forecast found by an earlier run; None finds it, unless the settings state it.
         against: Competing ensembles.
@@ -99,7 +96,6 @@ class ReplayJob:
     truth: str | None = None
     checkpoint: Path | None = None
     overwrite: bool = False
-    include_inputs: bool = False
     following: Following | None = None
     region: FoundRegion | None = None
     against: tuple[Against, ...] = ()
@@ -158,17 +154,6 @@ def logs_of(job: ReplayJob, config: RunConfig) -> Logs:
         LogError: A file is missing or is not a log.
     """
     return Logs([vehicle.logs for vehicle in job.each_vehicle], config)
-
-
-def copy_inputs(writer: ResultWriter, job: ReplayJob, config: LogConfig) -> None:
-    """Copy the logs' messages unchanged into the result, if the job asks for it; frames of a telemetry log."""
-    if job.include_inputs:
-        logs = open_logs(job.logs, config)
-        writer.copy(
-            message
-            for log in logs
-            for message in (log.frames() if log.has_own_frames else log.raw_messages())
-        )
 
 
 def forecasts_of(job: ReplayJob, config: RunConfig, logs: Logs | None = None) -> Forecasts:

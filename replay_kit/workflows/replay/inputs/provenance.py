@@ -178,7 +178,6 @@ def run_options(job: ReplayJob, flow: FlowEstimate) -> dict[str, str]:
     """
     return {
         "goal": _goal_text(job.goal),
-        "include_inputs": str(job.include_inputs).lower(),
         **({PROVIDED: ", ".join(job.provided)} if job.provided else {}),
         "truth": "" if job.truth is None else Path(job.truth).name,
         "modes": str(flow.n_modes),
