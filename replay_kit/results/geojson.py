@@ -31,13 +31,11 @@ POSITIONS, _PLANNED = 3000, 1000
 # More fixes than these hide the track.
 _FIXES = 150
 #: The roles of features from the lowest on a map to the highest, with the table of an export whose rows they are of.
-ROLES: Mapping[str, str] = {
-    **{"bottom": "", "no_go": "plans", "between": "plans", "ellipse": "plans"},
-    **{"past": "surfacings", "track": "track"},
-    **{"apart": "surfacings", "fix": "track", "begin": "track", "predicted": "surfacings"},
-    **{"actual": "surfacings", "plan": "plans", "planned": "plans", "start": "plans"},
-    **{"vehicle": "track", "goal": "plans", "place": "series"},
-}
+_TABLES = """
+bottom- no_go-plans between-plans ellipse-plans past-surfacings track-track apart-surfacings fix-track begin-track predicted-surfacings
+actual-surfacings plan-plans planned-plans start-plans vehicle-track goal-plans place-series
+"""
+ROLES = {role: table for role, _, table in (each.partition("-") for each in _TABLES.split())}
 _ELLIPSE = [f"ellipse_{name}" for name in ("longitude", "latitude", "major", "minor", "bearing")]
 # Figures of a plan, and whence they are.
 _FIGURES = "heading_deg glide_angle_deg duration_s=duration closest_approach_m=closest_approach energy_j=energy battery_j=battery"

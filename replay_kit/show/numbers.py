@@ -88,26 +88,36 @@ def _value(fields: Mapping[str, Any], name: str) -> Any:
     return held
 
 
+# Forms of numbers: factor, Python's format, unit.
+_TABLE = """
+cm 100/1 .2f cm/s
+cm/s 100/1 .1f
+share 100/1 .0f %
+% 100/1 .0f
+min 1/60 +.0f min
+hours 1/3600 .1f
+far 1/1000 .1f
+kJ 1/1000 ,.0f kJ
+MJ 1/1000000 g MJ
+"""
+_FORMS = {name: form for name, *form in (row.split() for row in _TABLE.strip().split("\n"))}
+
+
 def _part(key: str, value: Any, form: str) -> str | Shown | None:
     if value is None or isinstance(value, str):
         return clock(value) if value and form == "clock" else value or None
-    own = {
-        "cm": lambda: f"{100.0 * value:.2f} cm/s",
-        "cm/s": lambda: f"{100.0 * value:.1f}",
-        "share": lambda: f"{100.0 * value:.0f} %",
-        "%": lambda: f"{100.0 * value:.0f}",
-        "min": lambda: f"{value / 60.0:+.0f} min",
-        "hours": lambda: f"{value / 3600.0:.1f}",
+    if form in _FORMS:
+        factor, own, *unit = _FORMS[form]
+        times, over = map(float, factor.split("/"))
+        return Shown(key, value, " ".join([f"{times * value / over:{own}}", *unit]))
+    special = {
         "span": lambda: hours_text(value),
         "days": lambda: hours_text(86_400.0 * value),
         "size": lambda: f"{abs(value):,.1f}",
         "km": lambda: f"{value / 1e3:,.1f} km" if value >= 1e3 else f"{value:.0f} m",
-        "far": lambda: f"{value / 1e3:.1f}",
         "course": lambda: f"{round(value) % 360:03d}",
-        "kJ": lambda: f"{value / 1e3:,.0f} kJ",
-        "MJ": lambda: f"{value / 1e6:g} MJ",
     }
-    return Shown(key, value, own[form]() if form in own else f"{value:{form or ','}}")
+    return Shown(key, value, special[form]() if form in special else f"{value:{form or ','}}")
 
 
 def number(key: str, value: float | int | None, text: str) -> str:

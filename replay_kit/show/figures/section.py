@@ -21,14 +21,15 @@ _LEAST_NS = 600_000_000_000
 COMPONENTS = {"u": "eastward", "v": "northward"}
 _TIME = Axis("time (UTC)")
 #: Quantities of a section: key in ``BinsAlongTrack.values``, name, name in a smoothed result, and what it shares its colours with.
-QUANTITIES = (
-    ("measured", "measured", "measured", "velocity"),
-    ("replayed", "", "estimated before smoothing", "velocity"),
-    ("estimated", "estimated", "smoothed", "velocity"),
-    ("before", "", "measured minus before", "difference"),
-    ("residual", "measured minus estimated", "measured minus smoothed", "difference"),
-    ("error", "standard error", "standard error", "error"),
-)
+_TABLE = """
+measured|measured|measured|velocity
+replayed||estimated before smoothing|velocity
+estimated|estimated|smoothed|velocity
+before||measured minus before|difference
+residual|measured minus estimated|measured minus smoothed|difference
+error|standard error|standard error|error
+"""
+QUANTITIES = [line.split("|") for line in _TABLE.split("\n") if line]
 
 
 def limits_of(kinds: list[str], values: Array) -> list[float]:
