@@ -74,26 +74,26 @@ def basis_of(flow: FlowEstimate) -> int:
     return crc32(flow.modes.astype("<f4").tobytes())
 
 
-class Slice(NamedTuple):
-    """Flow at one depth on a regular local grid.
+class Slices(NamedTuple):
+    """Flow at some depths on a regular local grid.
 
     Attributes:
-        depth: [m], positive down.
+        depths: shape (D,) [m], positive down.
         east: shape (I,) [m], cell centres.
         north: shape (J,) [m], cell centres.
-        fields: shape (4, J, I), or (2, J, I) without an uncertainty [m/s]: velocity along local east and north, and its standard errors;
-            NaN where dry, outside the ensemble's outline and below its last level.
+        fields: shape (D, 4, J, I), or (D, 2, J, I) without an uncertainty [m/s]: velocity along local east and north, and its standard
+            errors; NaN where dry, outside the ensemble's outline and below its last level.
     """
 
-    depth: float
+    depths: Array
     east: Array
     north: Array
     fields: Array
 
     @property
-    def cell(self) -> tuple[float, float]:
-        """Cell size (east, north) [m]."""
-        return float(self.east[1] - self.east[0]), float(self.north[1] - self.north[0])
+    def cell(self) -> float:
+        """Length of the shorter side of a cell [m]."""
+        return float(min(self.east[1] - self.east[0], self.north[1] - self.north[0]))
 
     @property
     def arrow_stride(self) -> int:
@@ -101,17 +101,15 @@ class Slice(NamedTuple):
         return -(-max(self.east.size, self.north.size) // _MAX_ARROWS_A_SIDE)
 
 
-def depth_slices(flow: FlowEstimate, depths: Sequence[float]) -> list[Slice]:
+def depth_slices(flow: FlowEstimate, depths: Sequence[float]) -> Slices:
     """Return slices of a flow at depths [m] on a regular grid near the ensemble's own."""
-    east, north = slice_axes(flow.grid)
+    axes, down = slice_axes(flow.grid), np.array(depths, np.float64)
     # what depends on the place alone is computed once for all depths
-    at = (*np.meshgrid(east, north), np.array(depths, np.float64)[:, None, None])
+    at = (*np.meshgrid(*axes), down[:, None, None])
     parts = [flow.velocity(*at), *([flow.standard_error(*at)] if flow.n_modes else [])]
     known = known_at(flow.grid, *at)[..., None]
-    fields = np.moveaxis(np.where(known, np.concatenate(parts, axis=-1), np.nan), -1, 1)
-    return [
-        Slice(float(depth), east, north, each) for depth, each in zip(depths, fields, strict=True)
-    ]
+    fields = np.where(known, np.concatenate(parts, axis=-1), np.nan)
+    return Slices(down, *axes, np.moveaxis(fields, -1, 1))
 
 
 def slice_axes(grid: Grid) -> tuple[Array, Array]:
@@ -119,14 +117,14 @@ def slice_axes(grid: Grid) -> tuple[Array, Array]:
     return _axis(grid, grid.east), _axis(grid, grid.north)
 
 
-def grid_message(time_ns: int, value: Slice) -> fox.Grid:
-    """Return a slice as packed float32 cells of u, v, speed and standard errors of u and v [m/s]; rows go north, columns east.
+def grid_message(time_ns: int, value: Slices, level: int = 0) -> fox.Grid:
+    """Return one depth as packed float32 cells of u, v, speed and standard errors of u and v [m/s]; rows go north, columns east.
 
     Without an uncertainty there are no standard errors.
     """
-    velocity, errors = value.fields[:2], value.fields[2:]
-    cells = dict(zip(FIELDS, (*velocity, np.hypot(*velocity), *errors), strict=False))
-    return _packed_grid(time_ns, value.east, value.north, -value.depth, cells)
+    u, v, *errors = value.fields[level]
+    cells = dict(zip(FIELDS, (u, v, np.hypot(u, v), *errors), strict=False))
+    return _packed_grid(time_ns, value.east, value.north, -float(value.depths[level]), cells)
 
 
 def seabed_message(time_ns: int, value: Seabed) -> fox.Grid:
@@ -188,38 +186,34 @@ def surface_table(messages: Iterable[tuple[int, Any]], projection: Projection) -
     return rows.set_index("time")
 
 
-def arrow_scale(slices: list[Slice]) -> float | None:
+def arrow_scale(slices: Slices) -> float | None:
     """Return the arrow length for 1 m/s [m], so that the fastest arrow spans 1.5 arrow spacings; None for a flow at rest."""
-    speeds = [np.hypot(*value.fields[:2]) for value in slices]
-    fastest = max(
-        (float(np.max(one, where=one >= 0.0, initial=0.0)) for one in speeds), default=0.0
-    )
-    if fastest == 0.0:
-        return None
-    return _ARROW_CELLS * min(min(value.cell) * value.arrow_stride for value in slices) / fastest
+    speed = np.hypot(slices.fields[:, 0], slices.fields[:, 1])
+    fastest = float(np.max(speed, where=speed >= 0.0, initial=0.0))
+    return _ARROW_CELLS * (slices.cell * slices.arrow_stride) / fastest if fastest else None
 
 
-def arrows_message(time_ns: int, value: Slice, scale: float) -> fox.SceneUpdate:
-    """Return a slice as one entity of arrows, which replaces the previous one of this depth.
+def arrows_message(time_ns: int, value: Slices, level: int, scale: float) -> fox.SceneUpdate:
+    """Return one depth as one entity of arrows, which replaces the previous one of this depth.
 
     Args:
         time_ns: [ns, UTC].
-        value: Slice.
+        value: Slices.
+        level: Row of the depth.
         scale: Length of an arrow for 1 m/s [m]; also in the entity's metadata.
     """
-    step = value.arrow_stride
-    start = step // 2
-    width = 0.08 * _ARROW_CELLS * min(value.cell) * step
+    step, depth = value.arrow_stride, float(value.depths[level])
+    start, width = step // 2, 0.08 * _ARROW_CELLS * value.cell * step
     arrows = []
     for j in range(start, value.north.size, step):
         for i in range(start, value.east.size, step):
-            u, v = value.fields[:2, j, i].tolist()
+            u, v = value.fields[level, :2, j, i].tolist()
             length = scale * float(np.hypot(u, v))
             # Dry cells are NaN, which compares false.
             if length > 0.0:
                 arrows.append(
                     _arrow(
-                        pose(value.east[i], value.north[j], -value.depth, orientation(u, v, 0.0)),
+                        pose(value.east[i], value.north[j], -depth, orientation(u, v, 0.0)),
                         length,
                         width,
                     )
@@ -227,10 +221,10 @@ def arrows_message(time_ns: int, value: Slice, scale: float) -> fox.SceneUpdate:
     entity = fox.SceneEntity(
         timestamp=stamp(time_ns),
         frame_id=FRAME,
-        id=f"flow {value.depth:g} m",
+        id=f"flow {depth:g} m",
         metadata=[
             fox.KeyValuePair(key="arrow_metres_per_m_s", value=repr(scale)),
-            fox.KeyValuePair(key="depth_m", value=repr(value.depth)),
+            fox.KeyValuePair(key="depth_m", value=repr(depth)),
         ],
         arrows=arrows,
     )

@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 from replay_kit.core.errors import ConfigError, LogError, ReplayKitError
 from replay_kit.core.files.atomic import open_part, part_of, sync
 from replay_kit.core.message import OutChannels, RawChannel
-from replay_kit.results.mcap.topics import DAMAGED, DIGEST_NAME, Digest, check_written, records
+from replay_kit.results.mcap.topics import DAMAGED, DIGEST_NAME, check_written, records
 
 #: Name, encoding and definition of a schema.
 Definition = tuple[str, str, bytes]
@@ -159,7 +159,7 @@ class ResultFile:
             self._writer.flush()  # type: ignore[no-untyped-call]
             os.fsync(self._file.fileno())
 
-    def digest(self, time_ns: int) -> Digest:
+    def digest(self, time_ns: int) -> None:
         """End the chunk and write the digest of the messages so far as a metadata record, for ``verify``.
 
         Args:
@@ -167,11 +167,13 @@ class ResultFile:
         """
         with self._storing("write"):
             self._writer.flush()  # type: ignore[no-untyped-call]
-        value = Digest(time_ns, self._counts.total(), self._digest.hexdigest())
-        text = {"time_ns": str(time_ns), "messages": str(value.messages), "sha256": value.sha256}
-        self.write_metadata(DIGEST_NAME, text)
+        values = {
+            "time_ns": str(time_ns),
+            "messages": str(self._counts.total()),
+            "sha256": self._digest.hexdigest(),
+        }
+        self.write_metadata(DIGEST_NAME, values)
         self._digests += 1
-        return value
 
     @property
     def written(self) -> Written:

@@ -47,7 +47,7 @@ from replay_kit.results.outcome.outcome import Outcome
 from replay_kit.results.reader import name_of, topic_of
 from replay_kit.results.slices import (
     FRAME,
-    Slice,
+    Slices,
     arrow_scale,
     arrows_message,
     basis_of,
@@ -183,16 +183,16 @@ class ResultWriter(ResultFile):
         """
         slices = depth_slices(flow, depths)
         self._arrow_scale = self._arrow_scale or arrow_scale(slices)
-        for value in slices:
-            arrows = arrows_message(time_ns, value, self._arrow_scale or 0.0)
-            self._log(f"/flow/grid/{value.depth:g}m", grid_message(time_ns, value), time_ns)
-            self._log(f"/flow/arrows/{value.depth:g}m", arrows, time_ns)
+        for level, depth in enumerate(depths):
+            arrows = arrows_message(time_ns, slices, level, self._arrow_scale or 0.0)
+            self._log(f"/flow/grid/{depth:g}m", grid_message(time_ns, slices, level), time_ns)
+            self._log(f"/flow/arrows/{depth:g}m", arrows, time_ns)
         if flow.unknowns is not None:
             values = {"timestamp": time_ns, "basis": basis_of(flow), "x": flow.unknowns.x}
             self._log_own("/flow/estimate", "Estimate", None, time_ns, values)
         self.flush()
 
-    def surface(self, time_ns: int, value: Slice) -> None:
+    def surface(self, time_ns: int, value: Slices) -> None:
         """Write the surface current from radar and estimate at a time [ns, UTC] to ``/flow/surface``."""
         self._log("/flow/surface", grid_message(time_ns, value), time_ns)
 

@@ -100,11 +100,11 @@ def published_slices(
 
 def slices_of(flow: FlowEstimate, depths: Array) -> CurrentSlices:
     """Return slices of an estimate at its own time at depths [m]."""
-    each, time_ns = depth_slices(flow, depths.tolist()), np.array([flow.time_ns or 0])
-    found = np.stack([one.fields for one in each])
-    fields = np.full((len(each), 1, len(KEPT), *found.shape[2:]), np.nan)
+    down, east, north, found = depth_slices(flow, depths.tolist())
+    fields = np.full((len(down), 1, len(KEPT), *found.shape[2:]), np.nan)
     fields[:, 0, : found.shape[1]] = found
-    return on_grid(CurrentSlices(depths, time_ns, each[0].east, each[0].north, fields), flow.grid)
+    times = np.array([flow.time_ns or 0])
+    return on_grid(CurrentSlices(down, times, east, north, fields), flow.grid)
 
 
 def on_grid(slices: CurrentSlices, grid: Grid) -> CurrentSlices:
