@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mcap.records import Attachment, Schema
 from mcap_protobuf.decoder import DecoderFactory
@@ -48,8 +48,7 @@ _SHORT = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleRecord:
+class VehicleRecord(NamedTuple):
     """Record of one vehicle in a result of several.
 
     Attributes:

@@ -164,5 +164,5 @@ def test_without_profiles_a_section_is_the_estimate_once_there_is_one(flow):
     for unknown in (estimated[~known], bins.values["residual"]):
         assert np.isnan(unknown).all()
     # nor has a track outside its region
-    far = replace(track, east=east + 9e6)
+    far = track._replace(east=east + 9e6)
     assert estimate_along_track(far, _History(flow), flow).values["estimated"].shape == (0, 2)

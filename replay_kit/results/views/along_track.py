@@ -1,7 +1,7 @@
 """Track of the vehicle, and measurements along it with the estimate at their time: bins of profiles, mean currents of dives."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,8 +18,7 @@ from replay_kit.results.views.current import EstimateHistory
 _SECTION = 160, 40
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class Track(NamedTuple):
     """Positions of the vehicle through time; all arrays have the shape (n,).
 
     Attributes:
@@ -81,8 +80,7 @@ def along(east: Array, north: Array) -> Array:
     return np.concatenate([np.zeros(min(1, east.size)), np.cumsum(steps)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BinsAlongTrack:
+class BinsAlongTrack(NamedTuple):
     """Used bins of profiles along a track, one row each.
 
     Attributes:

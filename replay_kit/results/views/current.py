@@ -1,10 +1,10 @@
 """Estimate through time: on depth slices as published, from published unknowns, and at a position."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import repeat
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -32,8 +32,7 @@ _STEPS, _CHUNK = 24, 512
 At = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CurrentSlices:
+class CurrentSlices(NamedTuple):
     """Current on a regular grid of the local frame at some depths and times.
 
     Attributes:
@@ -111,7 +110,7 @@ def on_grid(slices: CurrentSlices, grid: Grid) -> CurrentSlices:
     """Return slices with the mask of cells off the forecast's grid; unchanged if another grid has a current there."""
     outside = ~inside_grid(grid, *np.meshgrid(slices.east, slices.north))
     known = np.isfinite(slices.fields[..., outside]).any()
-    return slices if known else replace(slices, outside=outside)
+    return slices if known else slices._replace(outside=outside)
 
 
 class EstimateHistory:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from numpy.typing import NDArray
 
@@ -12,8 +12,7 @@ from replay_kit.core.words.colors import LIGHT, SYMBOLS
 Values = NDArray[Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Axis:
+class Axis(NamedTuple):
     """Axis of a panel.
 
     Attributes:
@@ -35,8 +34,7 @@ class Axis:
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Mark:
+class Mark(NamedTuple):
     """Data series in one style; sizes in pixels of a page, colours by role.
 
     Attributes:
@@ -78,8 +76,7 @@ class Mark:
     scale: tuple[str, float, float, str] | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Panel:
+class Panel(NamedTuple):
     """Panel of marks on common axes.
 
     Attributes:

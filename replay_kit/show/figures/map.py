@@ -1,7 +1,6 @@
 """Maps for papers: current and standard error at a depth, with the features of a result."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -30,8 +29,7 @@ _CONTOURS = 7
 _LEAST = 4.0
 
 
-@dataclass(frozen=True, slots=True)
-class Chosen:
+class Chosen(NamedTuple):
     """Selection of the data of a figure; None for its default.
 
     Attributes:
@@ -131,7 +129,7 @@ def plan_figure(contents: Contents, chosen: Chosen) -> Figure:
     roles = [role for role, table in ROLES.items() if table in ("plans", "surfacings")]
     panels = [_map_panel(contents, title, extent, chosen, marks, 0.85, roles)]
     if flown:
-        panels.append(replace(profile_figure(contents, plan).panels[0], height=0.85))
+        panels.append(profile_figure(contents, plan).panels[0]._replace(height=0.85))
     return Figure("plan", "Plan", panels, notes=notes)
 
 
@@ -251,7 +249,7 @@ def slices_at(contents: Contents, chosen: Chosen) -> CurrentSlices | None:
         raise ConfigError(f"--time: no current was published before {said}")
     fields = published.fields[k : k + 1, end - 1 : end]
     depths, time = published.depths[k : k + 1], times[end - 1 : end]
-    return replace(published, depths=depths, time_ns=time, fields=fields)
+    return published._replace(depths=depths, time_ns=time, fields=fields)
 
 
 def without_current(slices: CurrentSlices, extent: Extent) -> list[str]:

@@ -195,20 +195,21 @@ def coast_near(projection: Projection, longitude: Array, latitude: Array) -> lis
         latitude: Limits of the box [degrees].
     """
     (west, east), (south, north) = longitude, latitude
-    least = float(max(east - west, north - south)) / _POINTS
-    near = [shapely.Polygon(ring) for ring in _rings_in(west, east, south, north)]
-    cut = shapely.clip_by_rect(near, west, south, east, north)
-    parts = shapely.get_parts(shapely.simplify(cut, 0.5 * least))
-    # what of a ring beside the box is cut to a line has no area
-    return [
-        np.column_stack(to_local(projection, *part.exterior.coords.xy))
-        for part in parts
-        if part.area > least**2
-    ]
+    least, land, found = float(max(east - west, north - south)) / _POINTS, _land(), list[Array]()
+    tree = shapely.STRtree(land)
+    for turn in (-360.0, 0.0, 360.0):
+        box = west - turn, south, east - turn, north
+        near = land[np.sort(tree.query(shapely.box(*box)))]
+        cut = shapely.clip_by_rect(near, *box)
+        parts = shapely.get_parts(shapely.simplify(cut, 0.5 * least))
+        # what of a ring beside the box is cut to a line has no area
+        rings = (part.exterior.coords.xy for part in parts if part.area > least**2)
+        found += (np.column_stack(to_local(projection, *ring)) for ring in rings)
+    return found
 
 
-def _rings_in(west: float, east: float, south: float, north: float) -> list[Array]:
-    """Return the rings of land that may intersect a box, each shape (n, 2), unwrapped longitude and latitude [degrees]."""
+def _land() -> Any:
+    """Return the rings of land as polygons, longitude and latitude [degrees]."""
     path = files("replay_kit.show.page").joinpath("coast.npz")
     with path.open("rb") as file, np.load(file) as kept:
         # each ring is its first point and the steps from it
@@ -217,16 +218,8 @@ def _rings_in(west: float, east: float, south: float, north: float) -> list[Arra
         first = np.cumsum(counts) - counts
         at = np.insert(steps, first - np.arange(first.size), 0, axis=0).cumsum(axis=0)
         at += np.repeat(kept["starts"] - at[first], counts, axis=0)
-    places = origin + unit * at
-    (left, low), (right, high) = (
-        reach.reduceat(places, first).T for reach in (np.minimum, np.maximum)
-    )
-    near = []
-    for turn in (-360.0, 0.0, 360.0):
-        across = (right >= west - turn) & (left <= east - turn)
-        for k in np.flatnonzero(across & (high >= south) & (low <= north)).tolist():
-            near.append(places[first[k] : first[k] + counts[k]] + np.array([turn, 0.0]))
-    return near
+    number = np.repeat(np.arange(counts.size), counts)
+    return shapely.polygons(shapely.linearrings(origin + unit * at, indices=number))
 
 
 def _caption(contents: Contents, slices: CurrentSlices | None) -> str:

@@ -5,11 +5,11 @@ import json
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
 from textwrap import shorten
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +35,7 @@ _SCRIPTS = ("page", "map", "explore")
 _DASHES = {"dash": "dashed", "dot": "dotted", "dashdot": "dashed", "longdash": "dashed"}
 
 
-@dataclass(frozen=True, slots=True)
-class Map:
+class Map(NamedTuple):
     """Map of a page, at most one.
 
     Attributes:
@@ -58,8 +57,7 @@ class Map:
     drawn: Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """Section of a page.
 
     Attributes:
@@ -82,7 +80,7 @@ class Section:
     menu: str = ""
     answer: str = ""
     beside: str = ""
-    parts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    parts: Mapping[str, Sequence[str]] = MappingProxyType({})
 
 
 def page_html(title: str, sections: Sequence[Section], subtitle: str = "") -> str:

@@ -1,7 +1,6 @@
 """Summary card of a report: verdict, command, next surfacing, odds and current at the vehicle."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from html import escape
 from typing import Any
 
@@ -174,7 +173,7 @@ def _at_vehicle(contents: Contents, slices: CurrentSlices, mean: Array) -> Array
     if not track.time_ns.size:
         return np.empty((4, 0))
     at = track.longitude[-1], track.latitude[-1]
-    flat = replace(slices, depths=np.zeros(1), time_ns=slices.time_ns[-1:], fields=mean[None, None])
+    flat = slices._replace(depths=np.zeros(1), time_ns=slices.time_ns[-1:], fields=mean[None, None])
     if flow is None:
         each = published_at(flat, contents.projection, (*at, 0.0))[1].T
     else:

@@ -3,9 +3,8 @@
 import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,8 +25,7 @@ Values = dict[str, Any]
 _PLANS, _OUTCOMES = 2, 50
 
 
-@dataclass(frozen=True, slots=True)
-class Fix:
+class Fix(NamedTuple):
     """Position of the vehicle.
 
     Attributes:
@@ -43,8 +41,7 @@ class Fix:
     reckoned: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class Held(NamedTuple):
     """Data at the end of a result.
 
     Attributes:

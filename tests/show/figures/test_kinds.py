@@ -1,6 +1,5 @@
 """Figures: what they show and say of whole results and of such that lack something; the same bytes from the same result."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -81,7 +80,7 @@ def test_the_library_draws_a_panel_into_axes_of_its_own(contents):
         ("trust", AT_77, "--at: applies to map, series, plan, not to trust"),
         ("series", Chosen(depth=9.0), "--depth: applies to map, plan, not to series"),
         ("plan", Chosen(time_ns=1), "--time: applies to map, not to plan"),
-        ("map", replace(AT_77, depth=9.0), "--depth: --at states a depth already"),
+        ("map", AT_77._replace(depth=9.0), "--depth: --at states a depth already"),
     ],
 )
 def test_what_a_figure_does_not_have_is_refused(contents, kind, chosen, said):
