@@ -2,7 +2,7 @@
 
 from replay_kit.core.errors import ConfigError
 
-_SAMPLING = "without adaptive sampling, choose the places yourself, and plan to them with --goal"
+_SAMPLING = "choose the places yourself, and plan to them with --goal"
 _BLIND = "it assumed that headings are held: see --held"
 _CONSTANT = "its default now always applies"
 _GATE = "what exceeds the gate is rejected, and where most is, the ensemble is taken to be too narrow: softening let faults in"
@@ -44,7 +44,7 @@ SETTINGS: dict[str, dict[str, str]] = {
     },
     "replay": {
         "truth_radius": "all points of the truth are scored",
-        "include_inputs": "a viewer opens the logs beside the result",
+        "include_inputs": "open the logs in a viewer",
     },
     "planner": {"flight_model": "a script plans with Glider(flight=fit_flight(...))"},
     "plan": {
